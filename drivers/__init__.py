@@ -1,0 +1,1 @@
+"""From a scene file to an engine's raw output: scene -> chain -> elements -> deck -> run."""

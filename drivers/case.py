@@ -1,0 +1,45 @@
+"""A case: one scene made ready for any engine."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.chain import Array, Chain, build_chain
+from drivers.elements import Element, choose_elements
+from drivers.scene import Scene
+
+
+@dataclass(frozen=True)
+class Case:
+    """What every engine's deck is rendered from, and what its raw output is read with."""
+
+    scene: Scene
+    chain: Chain
+    elements: tuple[Element, ...]
+
+    @property
+    def sample_times_s(self) -> Array:
+        """Times of the samples as multiples of the time step. Shape (samples,)."""
+        return np.arange(self.scene.samples) * self.scene.steps_per_sample * self.scene.time_step_s
+
+    @property
+    def sample_steps(self) -> range:
+        """Time steps at which samples are taken."""
+        every = self.scene.steps_per_sample
+        return range(0, self.scene.steps + 1, every)
+
+    @property
+    def summary(self) -> str:
+        """The case in words, for a deck's head: free of names, since equal decks are one run."""
+        chain, striker = self.chain, self.scene.striker
+        beads = f"{chain.beads} bead{'s' if chain.beads != 1 else ''}"
+        words = f"{beads} on a {chain.wall} wall" if chain.wall else f"{beads} in a free chain"
+        if striker is not None:
+            words += f", struck by a {striker.material} {'face' if striker.shape == 'flat' else 'sphere'} at {striker.speed:g} m/s"
+        return words
+
+
+def build_case(scene: Scene) -> Case:
+    """The case of a scene."""
+    chain = build_chain(scene)
+    return Case(scene, chain, choose_elements(scene, chain))

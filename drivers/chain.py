@@ -1,0 +1,196 @@
+"""The chain: a scene as arrays of masses, radii, contact stiffnesses, overlaps and start values.
+
+Bodies are the beads 1 to n from the wall upwards, then the striker; contact j lies under body j, so that
+all arrays have one entry a body. A contact that does not exist (under bead 1 of a free chain) has stiffness 0.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf, pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.scene import RIGID, Material, Scene
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Everything that determines the motion, in SI units; arrays of shape (bodies,), read only.
+
+    Attributes:
+        materials: the material's name of each body.
+        radius_m: inf for a flat striker.
+        stiffness: k of each contact in F = k overlap^(3/2), N m^-3/2.
+        overlap_m: at time 0; a gap is negative.
+        velocity_m_s: at time 0, upwards positive.
+        load_N: constant force on each body, upwards positive: weight and precompression.
+        beads: how many of the bodies are beads.
+        wall: the wall's material, None for a free chain.
+        wall_height_m: height of the wall (of a free chain: of bead 1's underside).
+    """
+
+    materials: tuple[str, ...]
+    mass_kg: Array
+    radius_m: Array
+    stiffness: Array
+    overlap_m: Array
+    velocity_m_s: Array
+    load_N: Array
+    beads: int
+    wall: str | None
+    wall_height_m: float
+    gravity_m_s2: float
+    precompression_N: float
+
+    @property
+    def bodies(self) -> int:
+        """Beads, and the striker where there is one."""
+        return len(self.mass_kg)
+
+    @cached_property
+    def height_m(self) -> Array:
+        """Heights of the centres at time 0; of a flat striker: of its face. Shape (bodies,)."""
+        radius = np.where(np.isinf(self.radius_m), 0.0, self.radius_m)
+        below = np.concatenate([[0.0], radius[:-1]])
+        return np.asarray(self.wall_height_m + np.cumsum(below + radius - self.overlap_m))
+
+    @cached_property
+    def force_N(self) -> Array:
+        """Contact forces at time 0. Shape (bodies,)."""
+        return np.asarray(self.stiffness * np.maximum(self.overlap_m, 0.0) ** 1.5)
+
+    @cached_property
+    def acceleration_m_s2(self) -> Array:
+        """At time 0, exactly zero where a bead rests in equilibrium. Shape (bodies,)."""
+        above = np.append(self.force_N[1:], 0.0)
+        net = self.force_N - above + self.load_N
+        rounding = 1e-12 * (self.force_N + above + np.abs(self.load_N))
+        return np.asarray(np.where(np.abs(net) <= rounding, 0.0, net) / self.mass_kg)
+
+
+def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
+    """Hertz stiffness k of F = k overlap^(3/2), in N m^-3/2.
+
+    ``k = (4/3) E* sqrt(R*)`` with ``1/E* = (1-nu1^2)/E1 + (1-nu2^2)/E2`` and ``1/R* = 1/R1 + 1/R2``: the general
+    form of the paper's Eq. (7). A radius of inf is a flat face, a material of None is rigid.
+    """
+    yielding = sum((1 - m.poisson_ratio**2) / m.youngs_modulus for m in (first, second) if m is not None)
+    curvature = 1 / radius_1_m + 1 / radius_2_m
+    return 4 / 3 / yielding / sqrt(curvature)
+
+
+def build_chain(scene: Scene) -> Chain:
+    """The chain of a scene.
+
+    Beads that rest on the wall start in static equilibrium: contact j carries the precompression and the weight
+    of beads j to n. Beads above a gap, and those of a free chain, start touching without force. The striker just
+    touches; it is no part of the equilibrium.
+    """
+    table = scene.chain
+    count, striker = table.count, scene.striker
+    special = {bead.from_wall: bead for bead in table.bead}
+    materials = [table.material] * count
+    diameters = np.full(count, table.diameter)
+    velocity = np.zeros(scene.bodies)
+    gaps: dict[int, float] = {}
+    for place, bead in special.items():
+        materials[place - 1] = bead.material or table.material
+        diameters[place - 1] = bead.diameter or table.diameter
+        velocity[place - 1] = bead.velocity or 0.0
+        if bead.gap_below is not None:
+            gaps[place] = bead.gap_below
+    radii = [*(diameters / 2)]
+    masses = [*_bead_masses(scene, materials, diameters)]
+    if striker is not None:
+        materials.append(striker.material)
+        radii.append(inf if striker.diameter is None else striker.diameter / 2)
+        masses.append(striker.mass or _sphere_mass(scene, striker.material, 2 * radii[-1]))
+        velocity[-1] = -striker.speed
+    mass, radius = np.array(masses), np.array(radii)
+
+    stiffness = _stiffnesses(scene, materials, radius)
+    load = -scene.gravity * mass
+    if count:
+        load[count - 1] -= table.precompression
+    return Chain(
+        materials=tuple(materials),
+        mass_kg=_frozen(mass),
+        radius_m=_frozen(radius),
+        stiffness=_frozen(stiffness),
+        overlap_m=_frozen(_overlaps(stiffness, load[:count], gaps, resting=scene.wall is not None)),
+        velocity_m_s=_frozen(velocity),
+        load_N=_frozen(load),
+        beads=count,
+        wall=scene.wall.material if scene.wall else None,
+        wall_height_m=table.origin,
+        gravity_m_s2=scene.gravity,
+        precompression_N=table.precompression,
+    )
+
+
+def _bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:
+    """Masses of the beads: given one by one, or the chain's with its scatter, or the material's."""
+    table = scene.chain
+    own = {bead.from_wall: bead for bead in table.bead}
+    if table.mass_scatter:
+        # drawn for every place, so that one bead's own mass does not change its neighbours'
+        scatter = np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
+    else:
+        scatter = np.zeros(table.count)
+    given = {sensor.from_wall: sensor.mass for sensor in table.sensors if sensor.mass is not None}
+    given |= {place: bead.mass for place, bead in own.items() if bead.mass is not None}
+    masses = np.empty(table.count)
+    for place in range(1, table.count + 1):
+        bead = own.get(place)
+        unlike = bead is not None and (bead.material is not None or bead.diameter is not None)
+        if place in given:
+            masses[place - 1] = given[place]
+        elif table.mass is None or unlike:
+            masses[place - 1] = _sphere_mass(scene, materials[place - 1], diameters[place - 1])
+            masses[place - 1] += scatter[place - 1]
+        else:
+            masses[place - 1] = table.mass + scatter[place - 1]
+    return masses
+
+
+def _sphere_mass(scene: Scene, material: str, diameter_m: float) -> float:
+    density = scene.materials[material].density
+    assert density is not None  # read_scene admits no scene without
+    return density * pi / 6 * diameter_m**3
+
+
+def _stiffnesses(scene: Scene, materials: list[str], radius_m: Array) -> Array:
+    """Hertz stiffness of the contact under each body; 0 where there is none."""
+    if not materials:
+        return np.zeros(0)
+    cache: dict[tuple[str, float, str, float], float] = {}
+    stiffness = np.zeros(len(materials))
+    if scene.wall is not None:
+        wall = None if scene.wall.material == RIGID else scene.materials.get(scene.wall.material)
+        stiffness[0] = hertz_stiffness(scene.materials[materials[0]], float(radius_m[0]), wall, inf)
+    for j in range(1, len(materials)):
+        pair = (materials[j - 1], float(radius_m[j - 1]), materials[j], float(radius_m[j]))
+        if pair not in cache:
+            cache[pair] = hertz_stiffness(scene.materials[pair[0]], pair[1], scene.materials[pair[2]], pair[3])
+        stiffness[j] = cache[pair]
+    return stiffness
+
+
+def _overlaps(stiffness: Array, bead_load_N: Array, gaps: dict[int, float], *, resting: bool) -> Array:
+    """Overlaps at time 0: of static equilibrium up to the first gap, zero above it."""
+    overlap = np.zeros(len(stiffness))
+    first_loose = min(gaps, default=len(bead_load_N) + 1) if resting else 1
+    held = slice(0, first_loose - 1)
+    carried = -np.cumsum(bead_load_N[held][::-1])[::-1]  # what lies on each contact
+    overlap[held] = (carried / stiffness[held]) ** (2 / 3)
+    for place, gap in gaps.items():
+        overlap[place - 1] = -gap
+    return overlap
+
+
+def _frozen(array: Array) -> Array:
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,69 @@
+"""Model only what a scene requires: which elements the deck gets, and why.
+
+What provably changes nothing is left out. An exactly collinear chain has no force across its axis, so it
+never touches its tube, never slips and never turns.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.chain import Chain
+from drivers.scene import RIGID, Scene
+
+
+@dataclass(frozen=True)
+class Element:
+    """One thing that a deck models, or does not, with the reason."""
+
+    name: str
+    modelled: bool
+    reason: str
+
+
+def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
+    """The modelling elements of a scene, each in or out with its reason."""
+    sensors = [chain.mass_kg[sensor.from_wall - 1] for sensor in scene.chain.sensors]
+    ordinary = float(np.median(chain.mass_kg[: chain.beads])) if chain.beads else 0.0
+    lighter = [mass for mass in sensors if mass != ordinary]
+    axis = "the chain is exactly straight: no force acts across its axis"
+    wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
+    return (
+        Element("gravity", scene.gravity > 0, f"{scene.gravity:g} m/s^2" if scene.gravity else "the scene has none"),
+        Element("wall", chain.wall is not None, f"{wall}, Hertz law with R* = R" if chain.wall else "a free chain"),
+        Element("striker", scene.striker is not None, _striker(scene)),
+        Element(
+            "precompression",
+            chain.precompression_N > 0,
+            f"{chain.precompression_N:g} N on the top bead" if chain.precompression_N else "the scene has none",
+        ),
+        Element(
+            "sensor masses",
+            bool(lighter),
+            f"{len(lighter)} sensor bead(s) of another mass than the beads" if lighter else _no_sensor_mass(sensors),
+        ),
+        Element(
+            "mass scatter",
+            scene.chain.mass_scatter > 0,
+            f"standard deviation {scene.chain.mass_scatter:g} kg, seed {scene.seed}"
+            if scene.chain.mass_scatter
+            else "the scene has none",
+        ),
+        Element("lateral freedom", False, f"{axis}, so no bead leaves it"),
+        Element("tube", False, f"{axis}, so no bead touches the bore" if scene.tube else "the scene has none"),
+        Element("friction", False, f"{axis}, so no contact slips"),
+        Element("rotation", False, f"{axis}, so no bead turns"),
+        Element("damping", False, "restitution 1: contacts are elastic"),
+    )
+
+
+def _striker(scene: Scene) -> str:
+    striker = scene.striker
+    if striker is None:
+        return "nothing strikes"
+    shape = "flat face" if striker.shape == "flat" else "sphere"
+    return f"{shape} of {striker.material} at {striker.speed:g} m/s"
+
+
+def _no_sensor_mass(sensors: list[float]) -> str:
+    return "sensor beads weigh what the others do" if sensors else "no bead carries a sensor"

@@ -1,0 +1,50 @@
+"""Engines: one module each, found by its file's name, so that a further engine touches nothing else.
+
+An engine module has
+
+* ``find()``: path of its executable, or None where it is not installed;
+* ``HOW_TO_GET``: what to install then;
+* ``version(executable)``: its version, part of a run's identity;
+* ``render(case)``: the deck, complete with the command that runs it inside its folder;
+* ``read(case, folder)``: the raw output there as a force trace, or a RunError saying what is wrong with it;
+* ``complaint(stdout, stderr)``: the engine's own words for why it ended badly;
+* ``loop_seconds(stdout)``: seconds in the engine's own time loop, None where it did not get there.
+"""
+
+import pkgutil
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol, cast
+
+from drivers.case import Case
+from drivers.deck import Deck
+from drivers.trace import Trace
+
+
+class Engine(Protocol):
+    """What a module of this package offers."""
+
+    HOW_TO_GET: str
+
+    @staticmethod
+    def find() -> Path | None: ...  # noqa: D102
+    @staticmethod
+    def version(executable: Path) -> str: ...  # noqa: D102
+    @staticmethod
+    def render(case: Case) -> Deck: ...  # noqa: D102
+    @staticmethod
+    def read(case: Case, folder: Path) -> Trace: ...  # noqa: D102
+    @staticmethod
+    def complaint(stdout: str, stderr: str) -> str: ...  # noqa: D102
+    @staticmethod
+    def loop_seconds(stdout: str) -> float | None: ...  # noqa: D102
+
+
+def engine_names() -> list[str]:
+    """All engines this version knows, installed or not."""
+    return sorted(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
+
+
+def load_engine(name: str) -> Engine:
+    """The module of an engine."""
+    return cast(Engine, import_module(f"{__name__}.{name}"))

@@ -1,0 +1,77 @@
+"""What the two in-repo engines share: their deck is the chain's arrays, their program ``validation.reference``."""
+
+import hashlib
+import json
+import re
+import sys
+from importlib.metadata import version as package_version
+from pathlib import Path
+
+import numpy as np
+
+from drivers import paths
+from drivers.case import Case
+from drivers.deck import Deck
+from drivers.engines._arrays import load_arrays
+from drivers.trace import Trace, make_trace
+
+HOW_TO_GET = "nothing: it is part of this repository"
+COMMAND = ("python", "-m", "validation.reference", "chain.json")
+
+
+def find() -> Path | None:
+    """The interpreter that runs this."""
+    return Path(sys.executable)
+
+
+def version(executable: Path) -> str:
+    """Digest of the integrators' source, with the versions of what they compute with."""
+    digest = hashlib.sha256()
+    for source in sorted((paths.ROOT / "validation" / "reference").glob("*.py")):
+        digest.update(source.read_bytes())
+    libraries = " ".join(f"{name} {package_version(name)}" for name in ("numpy", "scipy", "numba"))
+    return f"source {digest.hexdigest()[:12]}, {libraries}"
+
+
+def render(case: Case, method: str) -> Deck:
+    """``chain.json``: the command, the method and the chain's arrays."""
+    scene, chain = case.scene, case.chain
+    values = {
+        "command": " ".join(COMMAND),
+        "summary": f"{case.summary}; bodies from the lowest up, contact j under body j, upwards positive, SI units",
+        "method": method,
+        "time_step_s": scene.time_step_s,
+        "steps_per_sample": scene.steps_per_sample,
+        "samples": scene.samples,
+        "mass_kg": chain.mass_kg.tolist(),
+        "stiffness_N_m-3/2": chain.stiffness.tolist(),
+        "overlap_m": chain.overlap_m.tolist(),
+        "velocity_m_s": chain.velocity_m_s.tolist(),
+        "load_N": chain.load_N.tolist(),
+    }
+    lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(value)}" for key, value in values.items())
+    return Deck({"chain.json": f"{{{lines}}}\n"}, COMMAND, raw=("chain.npz",))
+
+
+def read(case: Case, folder: Path) -> Trace:
+    """The arrays as a trace.
+
+    Raises:
+        RunError: the file or part of it is missing.
+    """
+    shape = (case.scene.samples, case.chain.bodies)
+    arrays = load_arrays(folder / "chain.npz", dict.fromkeys(("force", "displacement", "velocity"), shape))
+    height = case.chain.height_m + arrays["displacement"]
+    return make_trace(case.chain, case.sample_times_s, arrays["force"], height, arrays["velocity"])
+
+
+def complaint(stdout: str, stderr: str) -> str:
+    """The exception's line."""
+    lines = [line.strip() for line in (stdout + "\n" + stderr).splitlines() if line.strip()]
+    return (lines or ["no output"])[-1]
+
+
+def loop_seconds(stdout: str) -> float | None:
+    """From the closing line ``completed 801 samples in 0.12 s``."""
+    match = re.search(r"^completed \d+ samples in (\S+) s$", stdout, re.MULTILINE)
+    return float(match.group(1)) if match else None

@@ -1,0 +1,177 @@
+"""LIGGGHTS: renders its deck, reads its dump."""
+
+import math
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drivers.case import Case
+from drivers.chain import Chain
+from drivers.deck import Deck, render as render_template
+from drivers.errors import RunError
+from drivers.process import first_line_of
+from drivers.scene import RIGID, Scene
+from drivers.trace import Array, Trace, make_trace
+
+HOW_TO_GET = "Debian's package liggghts"
+COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
+HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
+RIGID_PA = 1e40  # a wall that does not yield: its share of 1/E* is below rounding
+HEADER_LINES = 9  # of a frame of a dump
+
+
+@dataclass(frozen=True)
+class Type:
+    """An atom type: a material, or the flat face of the striker."""
+
+    label: str
+    youngs_modulus: float
+    poisson_ratio: float
+
+
+@dataclass(frozen=True)
+class Atom:
+    """A line of the data file."""
+
+    type: int
+    diameter: float
+    density: float
+    height: float
+    velocity: float
+
+
+def find() -> Path | None:
+    """Path of the executable."""
+    path = shutil.which("liggghts")
+    return Path(path) if path else None
+
+
+def version(executable: Path) -> str:
+    """Such as ``LIGGGHTS-PUBLIC 3.8.0``."""
+    line = first_line_of((str(executable), "-help"))
+    match = re.search(r"Version ([^,)]+)", line)
+    return match.group(1) if match else line
+
+
+def render(case: Case) -> Deck:
+    """``chain.in`` and ``chain.data``; atoms are numbered as the bodies, from the wall up."""
+    scene, chain = case.scene, case.chain
+    flat = bool(np.isinf(chain.radius_m[-1]))
+    radius = np.where(np.isinf(chain.radius_m), chain.radius_m[-2] if flat else 0.0, chain.radius_m)
+    labels = [*chain.materials[:-1], f"flat {chain.materials[-1]}"] if flat else list(chain.materials)
+    unique = list(dict.fromkeys(labels))
+    types = [_type(scene, label) for label in unique]
+    wall_type = 0
+    if chain.wall:
+        if chain.wall not in unique:
+            types.append(_type(scene, chain.wall))
+            unique.append(chain.wall)
+        wall_type = unique.index(chain.wall) + 1
+    moduli = [kind.youngs_modulus for kind in types]
+    volume = 4 / 3 * math.pi * radius**3
+    height = chain.height_m + np.where(np.isinf(chain.radius_m), radius, 0.0)
+    atoms = [
+        Atom(unique.index(labels[i]) + 1, 2 * radius[i], chain.mass_kg[i] / volume[i], height[i], chain.velocity_m_s[i])
+        for i in range(chain.bodies)
+    ]
+    values = {
+        "summary": case.summary,
+        "types": types,
+        "stiffnesses": _pair_stiffnesses(chain, radius, labels, unique, wall_type) if flat else [],
+        "model": "hertz/stiffness" if flat else "hertz",
+        "hard": not flat and max(moduli) > HARD_PA,
+        "soft": not flat and min(moduli) < SOFT_PA,
+        "skin": float(f"{0.2 * radius.min():.1g}"),
+        "wall_type": wall_type,
+        "wall_height": chain.wall_height_m,
+        "gravity": chain.gravity_m_s2,
+        "precompression": chain.precompression_N,
+        "top": chain.beads,
+        "time_step": scene.time_step_s,
+        "every": scene.steps_per_sample,
+        "steps": scene.steps,
+        "thermo": max(1, scene.steps // 10),
+        "atoms": atoms,
+        "half_width": float(f"{4 * radius.max():.1g}"),
+        "z_low": chain.wall_height_m - float(f"{radius.max():.1g}"),
+        "z_high": float(height[-1] + 4 * radius.max()),
+    }
+    files = {name: render_template(f"liggghts/{name}.j2", **values) for name in ("chain.in", "chain.data")}
+    return Deck(files, COMMAND, raw=("chain.dump",))
+
+
+def _type(scene: Scene, label: str) -> Type:
+    if label == RIGID and RIGID not in scene.materials:
+        return Type(label, RIGID_PA, 0.0)
+    material = scene.materials[label.removeprefix("flat ")]
+    return Type(label, material.youngs_modulus, material.poisson_ratio)
+
+
+def _pair_stiffnesses(chain: Chain, radius: Array, labels: list[str], unique: list[str], wall_type: int) -> list[float]:
+    """Kn of each pair of types in F = kn sqrt(R*) overlap^(3/2), row by row; pairs that never meet get 1."""
+    kn = np.ones((len(unique), len(unique)))
+    for j in range(chain.bodies):
+        if j == 0 and not wall_type:
+            continue
+        below = wall_type - 1 if j == 0 else unique.index(labels[j - 1])
+        here = unique.index(labels[j])
+        reduced = radius[j] if j == 0 else 1 / (1 / radius[j - 1] + 1 / radius[j])
+        kn[below, here] = kn[here, below] = chain.stiffness[j] / math.sqrt(reduced)
+    return [float(value) for value in kn.ravel()]
+
+
+def read(case: Case, folder: Path) -> Trace:
+    """The dump as a trace.
+
+    ``fz`` is the total force on a bead, so with the wall's force F_1 known, contact forces follow upwards:
+    ``F_{j+1} = F_j - fz_j + load_j``.
+
+    Raises:
+        RunError: frames or beads are missing, or the file is torn.
+    """
+    chain = case.chain
+    try:
+        lines = (folder / "chain.dump").read_text(errors="replace").splitlines()
+    except OSError as error:
+        raise RunError(f"no output: {error.strerror}") from error
+    frame = HEADER_LINES + chain.bodies
+    for start in range(0, len(lines), frame):
+        if lines[start + 3 : start + 4] not in ([], [str(chain.bodies)]):
+            at = case.scene.time_step_s * int(lines[start + 1])
+            raise RunError(f"{chain.bodies - int(lines[start + 3])} of {chain.bodies} bodies lost by t = {at:g} s")
+    expected = case.scene.samples
+    if len(lines) != frame * expected:
+        raise RunError(f"output ends in sample {len(lines) // frame + 1} of {expected}")
+    body = [line for start in range(0, len(lines), frame) for line in lines[start + HEADER_LINES : start + frame]]
+    columns = 5 if chain.wall else 4
+    try:
+        numbers = np.array(" ".join(body).split(), dtype=float).reshape(expected, chain.bodies, columns)
+        steps = np.array([int(line) for line in lines[1::frame]])
+    except ValueError as error:
+        raise RunError(f"output is torn: {error}") from error
+    if not np.array_equal(steps, case.sample_steps):
+        raise RunError("output has other time steps than the samples")
+    z, vz, fz = numbers[:, :, 1], numbers[:, :, 2], numbers[:, :, 3]
+    force = np.empty_like(fz)
+    force[:, 0] = numbers[:, 0, 4] if chain.wall else 0.0
+    for j in range(chain.bodies - 1):
+        force[:, j + 1] = force[:, j] - fz[:, j] + chain.load_N[j]
+    if np.isinf(chain.radius_m[-1]):
+        z = z - np.array([0.0] * (chain.bodies - 1) + [chain.radius_m[-2]])  # the face of the striker
+    return make_trace(chain, case.sample_times_s, force, z, vz)
+
+
+def complaint(stdout: str, stderr: str) -> str:
+    """The line that begins with ERROR; else the last one."""
+    lines = [line for line in (stderr + "\n" + stdout).splitlines() if line.strip()]
+    errors = [line for line in lines if line.startswith("ERROR")]
+    return (errors or lines or ["no output"])[-1].strip()
+
+
+def loop_seconds(stdout: str) -> float | None:
+    """From the line ``Loop time of 0.12 on 1 procs ...``."""
+    match = re.search(r"^Loop time of (\S+)", stdout, re.MULTILINE)
+    return float(match.group(1)) if match else None

@@ -1,0 +1,13 @@
+"""``verlet``: velocity Verlet at the time step of the scene: the scheme of both other engines."""
+
+from drivers.case import Case
+from drivers.deck import Deck
+from drivers.engines import _in_repo
+from drivers.engines._in_repo import HOW_TO_GET, complaint, find, loop_seconds, read, version
+
+__all__ = ["HOW_TO_GET", "complaint", "find", "loop_seconds", "read", "render", "version"]
+
+
+def render(case: Case) -> Deck:
+    """``chain.json``."""
+    return _in_repo.render(case, "verlet")

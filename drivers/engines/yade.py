@@ -1,0 +1,137 @@
+"""YADE: renders its deck, reads its arrays."""
+
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drivers.case import Case
+from drivers.deck import Deck, render as render_template
+from drivers.errors import RunError
+from drivers.engines._arrays import load_arrays
+from drivers.process import first_line_of
+from drivers.scene import RIGID, Scene
+from drivers.trace import Trace, make_trace
+
+HOW_TO_GET = "Debian's packages yade and python3-yade"
+COMMAND = ("yade", "-n", "-x", "chain.py")
+RIGID_PA = 1e40  # a wall that does not yield: its share of 1/E* is below rounding
+CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
+
+
+@dataclass(frozen=True)
+class Label:
+    """A material as the deck names it."""
+
+    label: str
+    youngs_modulus: float
+    poisson_ratio: float
+
+
+@dataclass(frozen=True)
+class Body:
+    """A bead, a striker, or its face."""
+
+    height: float
+    radius: float
+    mass: float
+    velocity: float
+    material: str
+
+
+def find() -> Path | None:
+    """Path of the executable."""
+    path = shutil.which("yade")
+    return Path(path) if path else None
+
+
+def version(executable: Path) -> str:
+    """Such as ``2023.02a``."""
+    line = first_line_of((str(executable), "--version"))
+    match = re.search(r"Yade version: ([^\s,]+)", line)
+    return match.group(1) if match else line
+
+
+def render(case: Case) -> Deck:
+    """``chain.py``."""
+    scene, chain = case.scene, case.chain
+    staggered = chain.velocity_m_s - 0.5 * scene.time_step_s * chain.acceleration_m_s2
+    bodies = [
+        Body(*map(float, values), material)
+        for *values, material in zip(
+            chain.height_m, chain.radius_m, chain.mass_kg, staggered, chain.materials, strict=True
+        )
+    ]
+    flat = bodies.pop() if np.isinf(chain.radius_m[-1]) else None
+    labels = [*chain.materials, *([chain.wall] if chain.wall else [])]
+    first = 0 if chain.wall else 1
+    geometries = ["Ig2_Sphere_Sphere_ScGeom()"] if len(bodies) > 1 else []
+    if chain.wall or flat:
+        geometries.append("Ig2_Wall_Sphere_ScGeom(hertzian=True)")
+    text = render_template(
+        "yade/chain.py.j2",
+        summary=case.summary,
+        time_step=scene.time_step_s,
+        every=scene.steps_per_sample,
+        samples=scene.samples,
+        gravity=chain.gravity_m_s2,
+        precompression=chain.precompression_N,
+        top=chain.beads - 1,
+        materials=[_label(scene, name) for name in dict.fromkeys(labels)],
+        spheres=bodies,
+        flat=flat,
+        wall={"height": chain.wall_height_m, "material": chain.wall} if chain.wall else None,
+        geometries=geometries,
+        planes=([0] if chain.wall else []) + ([chain.bodies - 1 - first] if flat else []),
+    )
+    return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
+
+
+def _label(scene: Scene, name: str) -> Label:
+    if name == RIGID and RIGID not in scene.materials:
+        return Label(name, RIGID_PA, 0.0)
+    material = scene.materials[name]
+    return Label(name, material.youngs_modulus, material.poisson_ratio)
+
+
+def read(case: Case, folder: Path) -> Trace:
+    """The arrays as a trace, brought to the time of the forces.
+
+    After a step YADE's positions are one step and its velocities half a step ahead of its forces, so with
+    ``m a = F_j - F_{j+1} + load``: ``z_n = z - v dt`` and ``v_n = v - a dt/2``.
+
+    Raises:
+        RunError: the file or part of it is missing.
+    """
+    chain, step = case.chain, case.scene.time_step_s
+    contacts = chain.bodies - (chain.wall is None)
+    shapes = {"force": contacts, "height": chain.bodies, "velocity": chain.bodies}
+    arrays = load_arrays(folder / "chain.npz", {name: (case.scene.samples, n) for name, n in shapes.items()})
+    force = arrays["force"]
+    if chain.wall is None:
+        force = np.column_stack([np.zeros(len(force)), force])
+    acceleration = (force - np.column_stack([force[:, 1:], np.zeros(len(force))]) + chain.load_N) / chain.mass_kg
+    height = arrays["height"] - step * arrays["velocity"]
+    velocity = arrays["velocity"] - 0.5 * step * acceleration
+    try:
+        completed = loop_seconds((folder / "stdout.txt").read_text(errors="replace")) is not None
+    except OSError as error:
+        raise RunError(f"no stdout: {error.strerror}") from error
+    if not completed:
+        raise RunError("the deck's closing line is missing: it did not run to its end")
+    return make_trace(chain, case.sample_times_s, force, height, velocity)
+
+
+def complaint(stdout: str, stderr: str) -> str:
+    """The exception's line, the last that is not YADE's chatter."""
+    lines = [line.strip() for line in (stdout + "\n" + stderr).splitlines() if line.strip()]
+    telling = [line for line in lines if not line.startswith(CHATTER)]
+    return (telling or lines or ["no output"])[-1]
+
+
+def loop_seconds(stdout: str) -> float | None:
+    """From the closing line ``completed 8001 steps in 0.12 s``."""
+    match = re.search(r"^completed \d+ steps in (\S+) s$", stdout, re.MULTILINE)
+    return float(match.group(1)) if match else None

@@ -1,0 +1,20 @@
+"""What can be wrong, told in one line."""
+
+
+class InputError(Exception):
+    """The input is wrong: exit code 2.
+
+    Args:
+        where: the file (or option) that holds the input.
+        key: dotted path of the offending key; empty when the whole file is meant.
+        found: what stands there.
+        allowed: what may stand there.
+    """
+
+    def __init__(self, where: str, key: str, found: str, allowed: str) -> None:
+        place = f"{where}: {key}" if key else where
+        super().__init__(f"{place}: found {found}; allowed: {allowed}".replace("\n", " "))
+
+
+class RunError(Exception):
+    """A run that cannot count as done; the message is the reason that its record keeps."""

@@ -1,0 +1,21 @@
+"""Where things lie: the one place that knows the layout of the checkout."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+INPUTS = ROOT / "inputs"
+SCENES = INPUTS / "scenes"
+MATERIALS = INPUTS / "materials.toml"
+TOLERANCES = INPUTS / "tolerances.toml"
+TEMPLATES = ROOT / "templates"
+RUNS = ROOT / "runs"
+RESULTS = ROOT / "results"
+LOCK = ROOT / "requirements.lock"
+
+
+def shown(path: Path) -> str:
+    """The path as a person would type it: relative to here where it lies below."""
+    try:
+        return str(path.resolve().relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)

@@ -1,0 +1,164 @@
+"""The scene: what a physicist writes, read from TOML into a frozen, validated model in SI units.
+
+This module is the only reader of scenes and of ``inputs/materials.toml``. Beads are counted from
+the wall, as in the paper: bead 1 rests on the wall.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+from drivers import units
+
+MAX_BEADS = 1_000_000
+RIGID = "rigid"
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
+FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
+PoissonRatio = Annotated[float, Field(ge=0, lt=0.5, allow_inf_nan=False)]
+Friction = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class Part(BaseModel):
+    """A table of the scene file: frozen, strict, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Material(Part):
+    """Elastic constants; ``density_kg_m3`` serves only where a mass is left out."""
+
+    youngs_modulus: units.Modulus
+    poisson_ratio: PoissonRatio
+    density: units.Density | None = None
+    source: str | None = None
+
+
+class Sensor(Part):
+    """A bead that carries a force gauge; ``mass`` left out: the bead's own."""
+
+    from_wall: FromWall
+    mass: units.Mass | None = None
+
+
+class Bead(Part):
+    """What is particular about one bead.
+
+    ``gap_below`` takes the bead, and those above it, off what lies beneath; ``velocity`` is positive upwards.
+    """
+
+    from_wall: FromWall
+    diameter: units.Length | None = None
+    mass: units.Mass | None = None
+    material: Name | None = None
+    gap_below: units.Gap | None = None
+    velocity: units.Velocity | None = None
+
+
+class Chain(Part):
+    """The beads."""
+
+    count: Annotated[int, Field(ge=0, le=MAX_BEADS)]
+    material: Name
+    diameter: units.Length
+    mass: units.Mass | None = None
+    sensors: tuple[Sensor, ...] = Field(default=(), strict=False)
+    bead: tuple[Bead, ...] = Field(default=(), strict=False)
+    precompression: units.Force = 0.0
+    mass_scatter: units.MassSpread = 0.0
+    lateral_offset: units.Gap | None = None
+    origin: units.Height = 0.0
+
+
+class Striker(Part):
+    """What strikes the top bead, just touching it at time 0 and moving down with ``speed``."""
+
+    shape: Literal["sphere", "flat"] = "sphere"
+    material: Name
+    diameter: units.Length | None = None
+    mass: units.Mass | None = None
+    speed: units.Speed
+
+
+class Wall(Part):
+    """A flat half-space below bead 1; the material ``rigid`` does not yield at all."""
+
+    material: Name
+
+
+class Tube(Part):
+    """The apparatus; whether a deck models it is decided by what the scene requires."""
+
+    inner_diameter: units.Length
+    material: Name
+    friction: Friction = 0.0
+    top: units.Height | None = None
+
+
+class Contact(Part):
+    """What contacts do beyond Hertz's law."""
+
+    restitution: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 1.0
+    friction: Friction = 0.0
+
+
+class Gauge(Part):
+    """Electronics behind the sensors."""
+
+    time_constant: units.Duration
+
+
+class Run(Part):
+    """How long, how fine, and what to keep."""
+
+    duration: units.Duration
+    sample_interval: units.Duration
+    time_step: units.Duration | None = None
+    accuracy: float | dict[str, float] | None = None
+    record: tuple[Literal["forces", "state"], ...] = Field(default=("forces",), strict=False)
+
+
+class SceneFile(Part):
+    """A scene as its file holds it."""
+
+    title: str = ""
+    gravity: units.Acceleration = 0.0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    chain: Chain
+    striker: Striker | None = None
+    wall: Wall | None = None
+    tube: Tube | None = None
+    contact: Contact = Contact()
+    sensor: Gauge | None = None
+    materials: dict[Name, Material] = Field(default_factory=dict)
+    run: Run
+
+
+class Scene(SceneFile):
+    """A scene ready to be built: ``materials`` holds all that it names, ``run.time_step`` divides the interval.
+
+    Attributes:
+        name: the scene file's name without its ending.
+        steps_per_sample: time steps from one sample to the next.
+        samples: samples recorded, the one at time 0 included.
+    """
+
+    name: str
+    steps_per_sample: int
+    samples: int
+
+    @property
+    def time_step_s(self) -> float:
+        """The time step in seconds."""
+        assert self.run.time_step is not None  # read_scene admits no scene without
+        return self.run.time_step
+
+    @property
+    def steps(self) -> int:
+        """Time steps from time 0 to the last sample."""
+        return self.steps_per_sample * (self.samples - 1)
+
+    @property
+    def bodies(self) -> int:
+        """Beads, and the striker where there is one."""
+        return self.chain.count + (self.striker is not None)

@@ -1,0 +1,88 @@
+"""The force trace: what every engine's raw output becomes, and where post-processing starts."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from drivers.chain import Chain
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Samples of a run; forces are the engine's own, compression positive.
+
+    Attributes:
+        time_s: shape (samples,).
+        force_N: shape (samples, contacts); column j-1 is contact j, which lies under body j.
+        kinetic_energy_J: with velocities at the time of the positions. Shape (samples,).
+        total_energy_J: kinetic, Hertz, weight and precompression; weight counted from time 0. Shape (samples,).
+        momentum_N_s: of all bodies, upwards positive. Shape (samples,).
+        height_m: of the centres (of a flat striker: its face). Shape (samples, bodies); None where not kept.
+        velocity_m_s: upwards positive. Shape (samples, bodies); None where not kept.
+    """
+
+    time_s: Array
+    force_N: Array
+    kinetic_energy_J: Array
+    total_energy_J: Array
+    momentum_N_s: Array
+    height_m: Array | None = None
+    velocity_m_s: Array | None = None
+
+
+def make_trace(chain: Chain, time_s: Array, force_N: Array, height_m: Array, velocity_m_s: Array) -> Trace:
+    """A trace with its energies: Hertz energy (2/5) F overlap from the engine's own forces.
+
+    A contact's overlap is ``(F/k)^(2/3)``, so that its energy is that of the force that acted.
+    """
+    existing = chain.stiffness > 0
+    force = np.maximum(force_N[:, existing], 0.0)
+    hertz = 0.4 * force * (force / chain.stiffness[existing]) ** (2 / 3)
+    kinetic = 0.5 * (velocity_m_s**2 @ chain.mass_kg)
+    potential = -((height_m - chain.height_m) @ chain.load_N)
+    return Trace(
+        time_s=time_s,
+        force_N=force_N,
+        kinetic_energy_J=kinetic,
+        total_energy_J=kinetic + hertz.sum(axis=1) + potential,
+        momentum_N_s=velocity_m_s @ chain.mass_kg,
+        height_m=height_m,
+        velocity_m_s=velocity_m_s,
+    )
+
+
+def write_forces(trace: Trace, path: Path) -> None:
+    """Writes ``forces.parquet``: time, every contact, energies and momentum."""
+    columns = {"time_s": trace.time_s}
+    columns |= {f"contact_{j}_N": column for j, column in enumerate(trace.force_N.T, start=1)}
+    columns |= {
+        "kinetic_energy_J": trace.kinetic_energy_J,
+        "total_energy_J": trace.total_energy_J,
+        "momentum_N_s": trace.momentum_N_s,
+    }
+    pd.DataFrame(columns).to_parquet(path, index=False)
+
+
+def read_forces(path: Path) -> Trace:
+    """Reads ``forces.parquet`` back, bit for bit; the state is not in it."""
+    table = pd.read_parquet(path)
+    contacts = [name for name in table.columns if name.startswith("contact_")]
+    energies = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
+    return Trace(
+        table["time_s"].to_numpy(), table[contacts].to_numpy(), *(table[name].to_numpy() for name in energies)
+    )
+
+
+def write_state(trace: Trace, path: Path) -> None:
+    """Writes ``state.parquet``: height and velocity of each body."""
+    assert trace.height_m is not None
+    assert trace.velocity_m_s is not None
+    columns = {"time_s": trace.time_s}
+    columns |= {f"body_{j}_height_m": column for j, column in enumerate(trace.height_m.T, start=1)}
+    columns |= {f"body_{j}_velocity_m_s": column for j, column in enumerate(trace.velocity_m_s.T, start=1)}
+    pd.DataFrame(columns).to_parquet(path, index=False)

@@ -1,0 +1,93 @@
+"""Quantities with units, such as ``"4.76 mm"``, read to SI floats.
+
+The conversion runs in decimal arithmetic, so "4.76 mm" becomes the double nearest to 0.00476
+and a deck shows 0.00476, not 0.0047599999999999995.
+"""
+
+import re
+from collections.abc import Callable
+from decimal import Decimal
+from functools import cache
+from typing import Annotated, Any
+
+import pint
+from pydantic import BeforeValidator
+
+NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?)\s*([^\d\s+\-.].*?)\s*")
+LARGEST, SMALLEST = Decimal("1e300"), Decimal("1e-300")  # beyond these a double overflows or fades to zero
+
+
+class NotAllowed(ValueError):
+    """A value that a scene may not hold; the message is what would be allowed there."""
+
+
+@cache
+def _registry() -> pint.UnitRegistry[Any]:
+    return pint.UnitRegistry(non_int_type=Decimal)
+
+
+def to_si(text: str, unit: str) -> float:
+    """The value of ``text`` in the SI ``unit``.
+
+    Raises:
+        ValueError: it is no number with a unit of that dimension, or out of a double's range.
+    """
+    match = NUMBER_AND_UNIT.fullmatch(text)
+    if match is None:
+        raise ValueError("not a number with a unit")
+    number, unit_text = match.groups()
+    try:
+        registry = _registry()
+        # offset units (degC) and odd exponents end in various errors of pint: all mean "no such unit"
+        value = registry.Quantity(Decimal(number), registry.parse_units(unit_text)).to(unit).magnitude
+        value = Decimal(value)
+    except Exception as error:
+        raise ValueError(f"not a unit of {unit}") from error
+    if value and not SMALLEST < abs(value) < LARGEST:
+        raise ValueError("out of range")
+    return float(value)
+
+
+def _quantity(what: str, unit: str, example: str, allows: Callable[[float], bool]) -> BeforeValidator:
+    allowed = f'{what} with its unit, such as "{example}"'
+
+    def read(value: object) -> float:
+        if not isinstance(value, str):
+            raise NotAllowed(allowed)
+        try:
+            number = to_si(value, unit)
+        except ValueError as error:
+            raise NotAllowed(allowed) from error
+        if not allows(number):
+            raise NotAllowed(allowed)
+        return number
+
+    return BeforeValidator(read)
+
+
+def _above_zero(value: float) -> bool:
+    return value > 0
+
+
+def _not_negative(value: float) -> bool:
+    return value >= 0
+
+
+def _any(value: float) -> bool:
+    return True
+
+
+Length = Annotated[float, _quantity("a length above zero", "m", "4.76 mm", _above_zero)]
+Gap = Annotated[float, _quantity("a length of zero or more", "m", "10 um", _not_negative)]
+Height = Annotated[float, _quantity("a height", "m", "0.1 m", _any)]
+Mass = Annotated[float, _quantity("a mass above zero", "kg", "0.1226 g", _above_zero)]
+MassSpread = Annotated[float, _quantity("a mass of zero or more", "kg", "0.0008 g", _not_negative)]
+Duration = Annotated[float, _quantity("a time above zero", "s", "0.8 ms", _above_zero)]
+Speed = Annotated[float, _quantity("a speed above zero", "m/s", "2 m/s", _above_zero)]
+Velocity = Annotated[float, _quantity("a velocity (upwards positive)", "m/s", "-0.5 m/s", _any)]
+Acceleration = Annotated[
+    float, _quantity("an acceleration of zero or more", "m/s^2", "9.81 m/s^2", _not_negative)
+]
+Force = Annotated[float, _quantity("a force of zero or more", "N", "2 N", _not_negative)]
+Modulus = Annotated[float, _quantity("a pressure above zero", "Pa", "1.46 GPa", _above_zero)]
+Density = Annotated[float, _quantity("a density above zero", "kg/m^3", "2200 kg/m^3", _above_zero)]

@@ -1,0 +1,1 @@
+"""How far each number is from an independent reference, and what that accuracy cost."""

@@ -1,0 +1,46 @@
+"""``python -m validation.reference chain.json``: integrates the chain of a deck and writes ``chain.npz``."""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from validation.reference.hertz_chain import HertzChain, Motion
+
+
+def main(deck: Path) -> None:
+    """Runs one deck; its output goes beside it."""
+    values = json.loads(deck.read_text())
+    chain = HertzChain(
+        mass_kg=values["mass_kg"],
+        stiffness=values["stiffness_N_m-3/2"],
+        overlap_m=values["overlap_m"],
+        velocity_m_s=values["velocity_m_s"],
+        load_N=values["load_N"],
+    )
+    start = time.perf_counter()
+    motion = _integrate(chain, values["method"], values["time_step_s"], values["steps_per_sample"], values["samples"])
+    seconds = time.perf_counter() - start
+    np.savez(
+        deck.with_suffix(".npz"),
+        force=motion.force_N,
+        displacement=motion.displacement_m,
+        velocity=motion.velocity_m_s,
+    )
+    print(f"completed {values['samples']} samples in {seconds:.6f} s")
+
+
+def _integrate(chain: HertzChain, method: str, time_step_s: float, every: int, samples: int) -> Motion:
+    if method == "verlet":
+        from validation.reference.verlet import integrate_verlet
+
+        return integrate_verlet(chain, time_step_s, every, samples)
+    from validation.reference.adaptive import integrate_adaptive
+
+    return integrate_adaptive(chain, np.arange(samples) * every * time_step_s)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
