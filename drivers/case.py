@@ -6,6 +6,7 @@ import numpy as np
 
 from drivers.chain import Array, Chain, build_chain
 from drivers.elements import Element, choose_elements
+from drivers.layout import Layout, make_layout
 from drivers.scene import Scene
 
 
@@ -29,6 +30,11 @@ class Case:
         return range(0, self.scene.steps + 1, every)
 
     @property
+    def layout(self) -> Layout:
+        """What post-processing needs to know of the chain."""
+        return make_layout(self.scene, self.chain)
+
+    @property
     def summary(self) -> str:
         """The case in words, for a deck's head: free of names, since equal decks are one run."""
         chain, striker = self.chain, self.scene.striker
@@ -36,7 +42,8 @@ class Case:
         words = f"{beads} on a {chain.wall} wall" if chain.wall else f"{beads} in a free chain"
         if striker is not None:
             words += f", struck by a {striker.material} {'face' if striker.shape == 'flat' else 'sphere'} at {striker.speed:g} m/s"
-        return words
+        places = [str(sensor.from_wall) for sensor in self.scene.chain.sensors]
+        return words + (f"; sensors in {'beads' if len(places) > 1 else 'bead'} {', '.join(places)}" if places else "")
 
 
 def build_case(scene: Scene) -> Case:

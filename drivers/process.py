@@ -95,7 +95,7 @@ def first_line_of(command: tuple[str, ...]) -> str:
     except (OSError, subprocess.TimeoutExpired):
         return "unknown"
     lines = done.stdout.decode(errors="replace").strip().splitlines()
-    return lines[0].strip() if lines and done.returncode == 0 else "unknown"
+    return lines[0].strip() if lines else "unknown"
 
 
 def _kill_group(leader: int) -> None:

@@ -1,0 +1,37 @@
+"""What the command lines share: one-line errors and exit codes."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from typing import NoReturn
+
+from drivers.errors import InputError, RunError
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says in one line what is wrong."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exits with code 2."""
+        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def run_main(main: Callable[[], int]) -> NoReturn:
+    """Runs a command line: 0 all good, 1 something ran and failed, 2 the input is wrong."""
+    try:
+        code = main()
+        sys.stdout.flush()
+    except InputError as error:
+        print(error, file=sys.stderr)
+        code = 2
+    except (RunError, OSError) as error:
+        if isinstance(error, BrokenPipeError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone: nothing to say
+        else:
+            print(f"error: {error}", file=sys.stderr)
+        code = 1
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        code = 130
+    sys.exit(code)

@@ -1,0 +1,46 @@
+"""What post-processing needs to know of a chain, beside the force trace."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.chain import Chain
+from drivers.scene import Scene
+
+
+@dataclass(frozen=True)
+class SensorBead:
+    """A bead that carries a gauge, counted from the wall; its height is that at time 0."""
+
+    from_wall: int
+    height_m: float
+    diameter_m: float
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which contacts there are and where the sensors sit.
+
+    Attributes:
+        sensors: from the top bead towards the wall: the order in which a wave meets them.
+        load_N: sum of all weights and of the precompression, upwards positive.
+    """
+
+    sensors: tuple[SensorBead, ...]
+    wall: bool
+    striker: bool
+    load_N: float
+
+
+def make_layout(scene: Scene, chain: Chain) -> Layout:
+    """The layout of a scene's chain."""
+    places = sorted((sensor.from_wall for sensor in scene.chain.sensors), reverse=True)
+    sensors = tuple(
+        SensorBead(place, float(chain.height_m[place - 1]), float(2 * chain.radius_m[place - 1])) for place in places
+    )
+    return Layout(sensors, chain.wall is not None, scene.striker is not None, float(chain.load_N.sum()))
+
+
+def read_layout(stored: dict[str, Any]) -> Layout:
+    """A layout as a run record holds it."""
+    sensors = tuple(SensorBead(**sensor) for sensor in stored["sensors"])
+    return Layout(sensors, stored["wall"], stored["striker"], stored["load_N"])

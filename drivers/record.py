@@ -1,0 +1,82 @@
+"""``run.json``: what was run, with what, how it ended and what it cost."""
+
+import hashlib
+import json
+import platform
+import subprocess
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from drivers import paths
+
+FILE = "run.json"
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """The record of one run; times in seconds.
+
+    Attributes:
+        status: ``done``, ``failed`` or ``timeout``; ``reason`` says why in the latter cases.
+        scene: resolved, in SI units.
+        layout: what post-processing needs to know of the chain (``postproc.observables.Layout``).
+        elements: modelling elements, each in or out with its reason.
+        wall_s, cpu_s: of the whole process.
+        loop_s: of the engine's own time loop.
+    """
+
+    engine: str
+    engine_version: str
+    scene_name: str
+    status: str
+    reason: str
+    scene: dict[str, Any]
+    layout: dict[str, Any]
+    elements: list[dict[str, Any]]
+    deck_sha256: str
+    command: str
+    time_step_s: float
+    steps: int
+    bodies: int
+    wall_s: float
+    cpu_s: float
+    loop_s: float | None
+    memory_bytes: int
+    host: str
+    commit: str
+    dirty: bool
+    lock_sha256: str
+
+    def write(self, folder: Path) -> None:
+        """Writes ``run.json`` into the run folder."""
+        (folder / FILE).write_text(json.dumps(asdict(self), indent=2) + "\n")
+
+
+def read_record(folder: Path) -> RunRecord | None:
+    """The record of a run folder; None where there is none that can be read."""
+    try:
+        return RunRecord(**json.loads((folder / FILE).read_text()))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+@cache
+def provenance() -> dict[str, Any]:
+    """Host, commit, whether the work tree differs from it, and the lock file's digest."""
+    commit = _git("rev-parse", "HEAD")
+    return {
+        "host": f"{platform.node()}, {platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        "commit": commit or "unknown",
+        "dirty": bool(_git("status", "--porcelain")),
+        "lock_sha256": hashlib.sha256(paths.LOCK.read_bytes()).hexdigest() if paths.LOCK.exists() else "",
+    }
+
+
+def _git(*words: str) -> str:
+    try:
+        done = subprocess.run(("git", *words), cwd=paths.ROOT, capture_output=True, text=True, check=False)
+    except OSError:
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""

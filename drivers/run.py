@@ -1,0 +1,227 @@
+"""Runs a case on an engine into a run folder, once: what is done is found again by its hash."""
+
+import hashlib
+import json
+import os
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from drivers import paths
+from drivers.case import Case
+from drivers.deck import Deck
+from drivers.engines import Engine, load_engine
+from drivers.errors import RunError
+from drivers.guard import reason_to_fail
+from drivers.process import Outcome, run_command
+from drivers.record import RunRecord, provenance, read_record
+from drivers.trace import Trace, write_forces, write_state
+
+LEAST_LIMIT_S = 60.0
+SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: beyond it, a run hangs
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A run that ended, well or badly, and its folder."""
+
+    folder: Path
+    record: RunRecord
+
+    @property
+    def done(self) -> bool:
+        """Whether its numbers count."""
+        return self.record.status == "done"
+
+
+def default_limit_s(case: Case) -> float:
+    """Time limit of a run."""
+    return LEAST_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.chain.bodies * case.scene.steps
+
+
+def run_case(
+    case: Case, engine_name: str, runs: Path = paths.RUNS, *, rerun: bool = False, limit_s: float | None = None
+) -> Finished:
+    """Runs a case, or finds it done.
+
+    A run that failed before is tried again. The folder appears under its name only when it is complete.
+
+    Raises:
+        RunError: the engine is not installed.
+    """
+    engine = load_engine(engine_name)
+    executable = engine.find()
+    if executable is None:
+        raise RunError(f"{engine_name} is not installed; it comes with {engine.HOW_TO_GET}")
+    deck = engine.render(case)
+    home = runs / engine_name
+    version = _known_version(engine, executable, home)
+    identity = hashlib.sha256(f"{engine_name}\0{version}\0{deck.sha256}".encode()).hexdigest()[:12]
+    found = find_run(home, identity)
+    if found and found.done and not rerun and _has_all(found.folder, case):
+        return found
+    with _workplace(home, identity) as folder:
+        for name, text in deck.files.items():
+            (folder / name).write_text(text)
+        outcome = run_command(_launch(deck), folder, limit_s or default_limit_s(case))
+        record = _record(case, engine_name, engine, version, deck, outcome, folder)
+        trace = None
+        if outcome.timed_out:
+            record = replace(record, status="timeout", reason=f"killed at the time limit after {outcome.wall_s:.1f} s")
+        else:
+            try:
+                trace = _checked_trace(case, engine, outcome, folder)
+            except RunError as error:
+                record = replace(record, status="failed", reason=str(error))
+        for name in deck.raw:
+            (folder / name).unlink(missing_ok=True)
+        if trace is not None:
+            _write_products(case, trace, folder)
+        record.write(folder)
+        target = home / f"{case.scene.name}-{identity}"
+        _move_into_place(folder, target, found.folder if found else None)
+    return Finished(target, record)
+
+
+def find_run(home: Path, identity: str) -> Finished | None:
+    """A run that ended, looked up by its hash alone, under whatever name."""
+    for folder in home.glob(f"[!.]*-{identity}"):
+        record = read_record(folder)
+        if record is not None:
+            return Finished(folder, record)
+    return None
+
+
+def _has_all(folder: Path, case: Case) -> bool:
+    wanted = ["forces.parquet", "sensors.csv"] + (["state.parquet"] if "state" in case.scene.run.record else [])
+    return all((folder / name).exists() for name in wanted)
+
+
+def _launch(deck: Deck) -> tuple[str, ...]:
+    """The command with this interpreter for ``python``, so that no virtual environment has to be active."""
+    if deck.command[0] != "python":
+        return deck.command
+    return ("env", f"PYTHONPATH={paths.ROOT}", sys.executable, *deck.command[1:])
+
+
+def _checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) -> Trace:
+    """The trace of a process that ended.
+
+    Raises:
+        RunError: it cannot count as done.
+    """
+    if outcome.code != 0:
+        stdout, stderr = (_text(folder / name) for name in ("stdout.txt", "stderr.txt"))
+        ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
+        raise RunError(f"{ending}: {engine.complaint(stdout, stderr)}")
+    trace = engine.read(case, folder)
+    reason = reason_to_fail(case.chain, trace)
+    if reason:
+        raise RunError(reason)
+    return trace
+
+
+def _write_products(case: Case, trace: Trace, folder: Path) -> None:
+    from postproc.sensors import write_sensors
+
+    write_forces(trace, folder / "forces.parquet")
+    write_sensors(case.layout, trace, folder / "sensors.csv")
+    if "state" in case.scene.run.record:
+        write_state(trace, folder / "state.parquet")
+
+
+def _record(
+    case: Case, name: str, engine: Engine, version: str, deck: Deck, outcome: Outcome, folder: Path
+) -> RunRecord:
+    scene = case.scene
+    return RunRecord(
+        engine=name,
+        engine_version=version,
+        scene_name=scene.name,
+        status="done",
+        reason="",
+        scene={"units": "SI"} | scene.model_dump(mode="json", exclude_none=True),
+        layout=asdict(case.layout),
+        elements=[asdict(element) for element in case.elements],
+        deck_sha256=deck.sha256,
+        command=" ".join(deck.command),
+        time_step_s=scene.time_step_s,
+        steps=scene.steps,
+        bodies=case.chain.bodies,
+        wall_s=round(outcome.wall_s, 4),
+        cpu_s=round(outcome.cpu_s, 4),
+        loop_s=engine.loop_seconds(_text(folder / "stdout.txt")),
+        memory_bytes=outcome.memory_bytes,
+        **provenance(),
+    )
+
+
+def _text(path: Path) -> str:
+    return path.read_text(errors="replace")
+
+
+def _known_version(engine: Engine, executable: Path, home: Path) -> str:
+    """The engine's version, asked once per executable: asking costs a start-up."""
+    if not executable.exists() or str(executable) == sys.executable:
+        return engine.version(executable)
+    status = executable.stat()
+    key = f"{executable.resolve()} {status.st_size} {status.st_mtime_ns}"
+    note = home / ".version.json"
+    try:
+        known = json.loads(note.read_text())
+        if known["executable"] == key:
+            return str(known["version"])
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    version = engine.version(executable)
+    home.mkdir(parents=True, exist_ok=True)
+    draft = note.with_suffix(f".{os.getpid()}")
+    draft.write_text(json.dumps({"executable": key, "version": version}))
+    draft.replace(note)
+    return version
+
+
+@contextmanager
+def _workplace(home: Path, identity: str) -> Iterator[Path]:
+    """A folder to work in, gone afterwards unless it was moved into place; leftovers of the dead are cleared."""
+    home.mkdir(parents=True, exist_ok=True)
+    for leftover in home.glob(f".{identity}.*"):
+        if not _alive(leftover.suffix[1:]):
+            shutil.rmtree(leftover, ignore_errors=True)
+    folder = home / f".{identity}.{os.getpid()}"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _alive(process: str) -> bool:
+    try:
+        os.kill(int(process), 0)
+    except (ValueError, ProcessLookupError):
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+def _move_into_place(folder: Path, target: Path, former: Path | None) -> None:
+    """Moves a complete folder to its name; a former run of the same hash gives way."""
+    for old in {former, target if target.exists() else None} - {None}:
+        assert old is not None
+        aside = folder.with_name(folder.name + "-former")
+        try:
+            old.rename(aside)
+        except FileNotFoundError:
+            continue  # another process was faster
+        shutil.rmtree(aside, ignore_errors=True)
+    try:
+        folder.rename(target)
+    except OSError:
+        if read_record(target) is None:
+            raise

@@ -1,0 +1,92 @@
+"""Numbers of a run: peaks, arrival times, speeds, widths, reflections, energies and momentum.
+
+A peak is counted above the signal's value at time 0, which is the static load. The first peak at a gauge is
+the incident wave, the first one after the wall's peak the reflected wave.
+"""
+
+import numpy as np
+
+from drivers.layout import Layout
+from drivers.trace import Trace
+from postproc.sensors import Array, sensor_signals
+from postproc.signals import Peak, integral, peaks, rising_crossing
+
+LEVELS = (0.002, 0.04)  # of the peak, at which the paper's Table 1 cuts the width
+
+
+def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) -> dict[str, float]:
+    """All observables of a run by name, each with its unit at the end; NaN where the trace does not show it.
+
+    Widths are ``2 (t_peak - t_level) V_s / 2R`` from the leading edge, in bead diameters, with the speed from
+    the gauge before; speeds are peak to peak.
+    """
+    time = trace.time_s
+    signals = {name: signal - signal[0] for name, signal in sensor_signals(layout, trace).items()}
+    found = {name: peaks(time, signal) for name, signal in signals.items()}
+    values: dict[str, float] = {}
+    for name, signal in signals.items():
+        first = found[name][0] if found[name] else None
+        values[f"{name}_static_N"] = float(sensor_signals(layout, trace)[name][0])
+        values[f"{name}_peak_N"] = first.value if first else np.nan
+        values[f"{name}_arrival_s"] = first.time_s if first else np.nan
+        for level in levels:
+            values[f"{name}_duration_{_percent(level)}_s"] = _duration(time, signal, first, level)
+    values |= _reflected(layout, found)
+    values |= _speeds_and_widths(layout, values, levels)
+    values |= _balances(layout, trace)
+    return values
+
+
+def _percent(level: float) -> str:
+    return f"{100 * level:g}pct"
+
+
+def _duration(time_s: Array, signal: Array, peak: Peak | None, level: float) -> float:
+    """Twice the time from the leading edge's crossing of ``level`` times the peak to the peak."""
+    if peak is None:
+        return float("nan")
+    return 2 * (peak.time_s - rising_crossing(time_s, signal, level * peak.value, peak))
+
+
+def _reflected(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]:
+    """Peaks of the wave that comes back from the wall."""
+    values: dict[str, float] = {}
+    if not layout.wall or not found["wall"]:
+        return values
+    turned = found["wall"][0].time_s
+    for sensor in layout.sensors:
+        name = f"bead_{sensor.from_wall}"
+        later = [peak for peak in found[name] if peak.time_s > turned]
+        values[f"{name}_reflected_peak_N"] = later[0].value if later else np.nan
+        values[f"{name}_reflected_arrival_s"] = later[0].time_s if later else np.nan
+    return values
+
+
+def _speeds_and_widths(layout: Layout, values: dict[str, float], levels: tuple[float, ...]) -> dict[str, float]:
+    """Peak-to-peak speed between neighbouring sensors, and widths at the one nearer the wall."""
+    result: dict[str, float] = {}
+    for upper, lower in zip(layout.sensors[:-1], layout.sensors[1:], strict=True):
+        first, second = f"bead_{upper.from_wall}", f"bead_{lower.from_wall}"
+        travel = values[f"{second}_arrival_s"] - values[f"{first}_arrival_s"]
+        speed = (upper.height_m - lower.height_m) / travel if travel > 0 else np.nan
+        result[f"speed_{upper.from_wall}_to_{lower.from_wall}_m_s"] = speed
+        for level in levels:
+            duration = values[f"{second}_duration_{_percent(level)}_s"]
+            result[f"{second}_width_{_percent(level)}_diameters"] = duration * speed / lower.diameter_m
+    return result
+
+
+def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
+    """Energy and momentum, and by how much they are not conserved."""
+    energy, momentum = trace.total_energy_J, trace.momentum_N_s
+    wall = trace.force_N[:, 0] if layout.wall else np.zeros_like(trace.time_s)
+    impulse = integral(trace.time_s, wall + layout.load_N)
+    largest = float(np.abs(momentum).max())
+    imbalance = float(np.abs(momentum - momentum[0] - impulse).max())
+    return {
+        "kinetic_energy_start_J": float(trace.kinetic_energy_J[0]),
+        "energy_drift_J": float(np.abs(energy - energy[0]).max()),
+        "momentum_start_N_s": float(momentum[0]),
+        "momentum_end_N_s": float(momentum[-1]),
+        "impulse_imbalance_share": imbalance / largest if largest else 0.0,
+    }
