@@ -1,6 +1,6 @@
 """Numbers of a run: peaks, arrival times, speeds, widths, reflections, energies and momentum.
 
-A peak is counted above the signal's value at time 0, which is the static load. The first peak at a gauge is
+A ``peak`` is the force itself, an ``amplitude`` is counted above the signal at time 0, which is the static load. The first peak at a gauge is
 the incident wave, the first one after the wall's peak the reflected wave.
 """
 
@@ -27,7 +27,9 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
     for name, signal in signals.items():
         first = found[name][0] if found[name] else None
         values[f"{name}_static_N"] = float(sensor_signals(layout, trace)[name][0])
-        values[f"{name}_peak_N"] = first.value if first else np.nan
+        static = values[f"{name}_static_N"]
+        values[f"{name}_amplitude_N"] = first.value if first else np.nan
+        values[f"{name}_peak_N"] = first.value + static if first else np.nan
         values[f"{name}_arrival_s"] = first.time_s if first else np.nan
         for level in levels:
             values[f"{name}_duration_{_percent(level)}_s"] = _duration(time, signal, first, level)
@@ -57,7 +59,7 @@ def _reflected(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]
     for sensor in layout.sensors:
         name = f"bead_{sensor.from_wall}"
         later = [peak for peak in found[name] if peak.time_s > turned]
-        values[f"{name}_reflected_peak_N"] = later[0].value if later else np.nan
+        values[f"{name}_reflected_amplitude_N"] = later[0].value if later else np.nan
         values[f"{name}_reflected_arrival_s"] = later[0].time_s if later else np.nan
     return values
 

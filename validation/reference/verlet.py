@@ -53,3 +53,53 @@ def _integrate(
             for j in range(n):
                 velocity[j] += half * (force[j] - force[j + 1] + load[j]) / mass[j]
     return forces, overlaps, velocities
+
+
+def integrate_verlet_absolute(
+    chain: HertzChain, height_m: Array, reach_m: Array, time_step_s: float, steps_per_sample: int, samples: int
+) -> Array:
+    """Forces of the same scheme with heights instead of overlaps as its state, as engines hold them.
+
+    The overlap of contact j is ``reach_j - (z_j - z_{j-1})``. What this differs by from ``integrate_verlet`` is
+    the rounding of absolute coordinates, and what the motion makes of it.
+
+    Args:
+        height_m: of each body at time 0, shape (bodies,).
+        reach_m: distance of neighbouring bodies (of body 1 and the height 0) that just touch, shape (bodies,).
+
+    Returns:
+        Shape (samples, bodies).
+    """
+    return np.asarray(
+        _integrate_absolute(
+            chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s, chain.load_N,
+            time_step_s, steps_per_sample, samples,
+        )
+    )  # fmt: skip
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _integrate_absolute(
+    mass: Array, stiffness: Array, height: Array, reach: Array, velocity0: Array, load: Array,
+    dt: float, every: int, samples: int,
+) -> Array:  # fmt: skip
+    n = mass.size
+    velocity, force = velocity0.copy(), np.zeros(n + 1)
+    forces = np.empty((samples, n))
+    half = 0.5 * dt
+    for step in range((samples - 1) * every + 1):
+        if step:
+            for j in range(n):
+                velocity[j] += half * (force[j] - force[j + 1] + load[j]) / mass[j]
+                height[j] += dt * velocity[j]
+        below = 0.0
+        for j in range(n):
+            overlap = reach[j] - (height[j] - below)
+            below = height[j]
+            force[j] = stiffness[j] * overlap * sqrt(overlap) if overlap > 0.0 else 0.0
+        if step:
+            for j in range(n):
+                velocity[j] += half * (force[j] - force[j + 1] + load[j]) / mass[j]
+        if step % every == 0:
+            forces[step // every] = force[:n]
+    return forces

@@ -1,0 +1,157 @@
+"""Compares runs with the two yardsticks: the same scheme at the same step, and the exact reference.
+
+Against ``verlet`` at the same step a run shows its modelling error, which should be rounding; against
+``reference`` it shows what the user pays for the time step.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.case import Case
+from drivers.finished import FinishedRun
+from drivers.guard import energy_error
+from drivers.tolerances import Tolerance, tolerance
+from drivers.trace import Array, Trace
+from postproc.observables import observe
+from validation.rounding import rounding_error
+
+ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding of the same size, not the same
+PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far two force traces are apart.
+
+    Attributes:
+        share: largest |F - F_ref| over all contacts and samples, over the largest |F_ref|.
+        time_s, contact: where that is.
+    """
+
+    share: float
+    time_s: float
+    contact: int
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One line of the verdict table.
+
+    Attributes:
+        quantity: what was measured, such as "force against verlet".
+        value, limit: the error and its tolerance; NaN where nothing was measured.
+        where: time and contact of the worst value, or why nothing was measured.
+    """
+
+    scene: str
+    engine: str
+    quantity: str
+    value: float
+    limit: float
+    reason: str
+    where: str
+    verdict: str
+
+
+def deviation(trace: Trace, reference: Trace) -> Deviation:
+    """The largest force difference between two traces of equal contacts and sample times.
+
+    Raises:
+        ValueError: they differ in these.
+    """
+    if trace.force_N.shape != reference.force_N.shape:
+        raise ValueError(f"{trace.force_N.shape} samples and contacts against {reference.force_N.shape}")
+    if not np.allclose(trace.time_s, reference.time_s, rtol=1e-12, atol=0):
+        raise ValueError("the sample times differ")
+    difference = np.abs(trace.force_N - reference.force_N)
+    sample, column = np.unravel_index(int(np.argmax(difference)), difference.shape)
+    share = share_of_largest(difference, reference)
+    return Deviation(float(share[sample, column]), float(trace.time_s[sample]), int(column) + 1)
+
+
+def share_of_largest(difference_N: Array, reference: Trace) -> Array:
+    """A force difference over the largest force of the reference; of a chain without forces: over 1 N."""
+    return np.asarray(difference_N / (float(np.abs(reference.force_N).max()) or 1.0))
+
+
+def compare_case(case: Case, runs: dict[str, FinishedRun], absent: dict[str, str]) -> list[Verdict]:
+    """Verdicts on all runs of a case.
+
+    Args:
+        runs: finished runs by engine.
+        absent: by engine, why there is no finished run; "not installed" counts as not run, else it is a failure.
+    """
+    verdicts = []
+    for engine, why in absent.items():
+        verdict = NOT_RUN if why == "not installed" else FAIL
+        verdicts.append(
+            Verdict(case.scene.name, engine, "run", float("nan"), float("nan"), "a run has to be done", why, verdict)
+        )
+    for engine, run in runs.items():
+        verdicts += _force_verdicts(case, engine, run, runs)
+        verdicts += _observable_verdicts(case, engine, run, runs)
+        verdicts += _balance_verdicts(case, engine, run)
+    return verdicts
+
+
+def _force_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[str, FinishedRun]) -> list[Verdict]:
+    verdicts = []
+    if "verlet" in runs and engine not in ("verlet", "reference"):
+        found = deviation(run.trace, runs["verlet"].trace)
+        verdicts.append(_judge(case, engine, "force against verlet", found, model_tolerance(case, runs["verlet"].trace)))
+    if "reference" in runs and engine != "reference":
+        found = deviation(run.trace, runs["reference"].trace)
+        limit = tolerance("truncation", "force", case.scene.name)
+        verdicts.append(_judge(case, engine, "force against reference", found, limit))
+    return verdicts
+
+
+def model_tolerance(case: Case, verlet: Trace) -> Tolerance:
+    """The tolerance of the modelling error, wider only where rounding by itself is measured to exceed it."""
+    stated = tolerance("model", "force", case.scene.name)
+    rounding = ROUNDING_MARGIN * float(share_of_largest(rounding_error(case), verlet).max())
+    if rounding <= stated.limit:
+        return stated
+    reason = f"{ROUNDING_MARGIN:g} times what rounding absolute coordinates does to this very scene, measured in-repo"
+    return Tolerance(rounding, reason)
+
+
+def _observable_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[str, FinishedRun]) -> list[Verdict]:
+    """The worst relative error of peaks and of speeds against the reference's."""
+    if "reference" not in runs or engine == "reference":
+        return []
+    values = observe(run.layout, run.trace)
+    exact = observe(runs["reference"].layout, runs["reference"].trace)
+    verdicts = []
+    for label, kind, ending in (("peak of a gauge", "peak", "_peak_N"), ("speed between gauges", "speed", "_m_s")):
+        errors = {
+            name: abs(values[name] / exact[name] - 1)
+            for name in exact
+            if name.endswith(ending) and np.isfinite(exact[name]) and exact[name]
+        }
+        if errors:
+            worst = max(errors, key=lambda name: np.inf if np.isnan(errors[name]) else errors[name])
+            limit = tolerance("truncation", kind, case.scene.name)
+            verdicts.append(_verdict(case, engine, label, errors[worst], limit, worst))
+    return verdicts
+
+
+def _balance_verdicts(case: Case, engine: str, run: FinishedRun) -> list[Verdict]:
+    energy = float(energy_error(case.chain, run.trace).max())
+    impulse = observe(run.layout, run.trace)["impulse_imbalance_share"]
+    name = case.scene.name
+    return [
+        _verdict(case, engine, "energy drift", energy, tolerance("energy", "drift", name), "share of what is put in"),
+        _verdict(case, engine, "impulse balance", impulse, tolerance("impulse", "balance", name), "share of momentum"),
+    ]
+
+
+def _judge(case: Case, engine: str, quantity: str, found: Deviation, limit: Tolerance) -> Verdict:
+    where = f"contact {found.contact} at {found.time_s * 1e6:g} µs"
+    return _verdict(case, engine, quantity, found.share, limit, where)
+
+
+def _verdict(case: Case, engine: str, quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
+    verdict = PASS if value <= limit.limit else FAIL  # NaN fails
+    return Verdict(case.scene.name, engine, quantity, value, limit.limit, limit.reason, where, verdict)

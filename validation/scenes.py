@@ -1,0 +1,46 @@
+"""Runs a scene on all engines and gathers what the comparison and the report need."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers import paths
+from drivers.case import Case, build_case
+from drivers.engines import engine_names, load_engine
+from drivers.finished import FinishedRun, open_run
+from drivers.read_scene import read_scene
+from drivers.run import run_case
+from validation.comparison import Verdict, compare_case
+
+NOT_INSTALLED = "not installed"
+
+
+@dataclass(frozen=True)
+class ComparedScene:
+    """A scene with its runs and verdicts.
+
+    Attributes:
+        runs: finished runs by engine.
+        absent: why an engine has none.
+    """
+
+    case: Case
+    runs: dict[str, FinishedRun]
+    absent: dict[str, str]
+    verdicts: list[Verdict]
+
+
+def run_and_compare(source: str | Path, settings: tuple[str, ...] = (), runs: Path = paths.RUNS) -> ComparedScene:
+    """Runs a scene on every installed engine, unless it is done, and compares the runs."""
+    case = build_case(read_scene(source, settings))
+    finished: dict[str, FinishedRun] = {}
+    absent: dict[str, str] = {}
+    for engine in engine_names():
+        if load_engine(engine).find() is None:
+            absent[engine] = NOT_INSTALLED
+            continue
+        result = run_case(case, engine, runs)
+        if result.done:
+            finished[engine] = open_run(result.folder)
+        else:
+            absent[engine] = f"{result.record.status}: {result.record.reason}"
+    return ComparedScene(case, finished, absent, compare_case(case, finished, absent))
