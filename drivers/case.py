@@ -21,7 +21,7 @@ class Case:
     @property
     def sample_times_s(self) -> Array:
         """Times of the samples as multiples of the time step. Shape (samples,)."""
-        return np.arange(self.scene.samples) * self.scene.steps_per_sample * self.scene.time_step_s
+        return np.arange(self.scene.samples, dtype=float) * (self.scene.steps_per_sample * self.scene.time_step_s)
 
     @property
     def sample_steps(self) -> range:
@@ -41,7 +41,8 @@ class Case:
         beads = f"{chain.beads} bead{'s' if chain.beads != 1 else ''}"
         words = f"{beads} on a {chain.wall} wall" if chain.wall else f"{beads} in a free chain"
         if striker is not None:
-            words += f", struck by a {striker.material} {'face' if striker.shape == 'flat' else 'sphere'} at {striker.speed:g} m/s"
+            shape = "face" if striker.shape == "flat" else "sphere"
+            words += f", struck by a {striker.material} {shape} at {striker.speed:g} m/s"
         places = [str(sensor.from_wall) for sensor in self.scene.chain.sensors]
         return words + (f"; sensors in {'beads' if len(places) > 1 else 'bead'} {', '.join(places)}" if places else "")
 

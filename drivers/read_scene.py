@@ -11,8 +11,8 @@ from pydantic import BaseModel, ValidationError
 from drivers import paths
 from drivers.errors import InputError
 from drivers.sampling import steps_per_sample
-from drivers.scene import RIGID, Material, Scene, SceneFile
-from drivers.units import NotAllowed
+from drivers.scene import RIGID, Bead, Material, Scene, SceneFile, Sensor
+from drivers.units import NotAllowedError
 
 Model = TypeVar("Model", bound=BaseModel)
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
@@ -115,7 +115,7 @@ def _told(error: Any, model: type[BaseModel], path: list[int | str]) -> tuple[st
         return "nothing", "this key is needed"
     found = _short(error["input"])
     cause = error.get("ctx", {}).get("error")
-    if isinstance(cause, NotAllowed):
+    if isinstance(cause, NotAllowedError):
         return found, str(cause)
     expected: dict[str, Callable[[dict[str, Any]], str]] = {
         "int_type": lambda _: "a whole number",
@@ -234,10 +234,14 @@ def _whole_samples(file: SceneFile, where: str) -> int:
     run = file.run
     ratio = run.duration / run.sample_interval
     if ratio < 1 - 1e-9:
-        raise InputError(where, "run.duration", f"{run.duration:g} s", f"at least one sample_interval ({run.sample_interval:g} s)")
+        raise InputError(
+            where, "run.duration", f"{run.duration:g} s", f"at least one sample_interval ({run.sample_interval:g} s)"
+        )
     if ratio * (file.chain.count + 1) > MAX_VALUES:
         allowed = f"at most {MAX_VALUES:,} samples times contacts: a longer interval or a shorter run"
-        raise InputError(where, "run.sample_interval", f"{ratio:.3g} samples of {file.chain.count + 1} contacts", allowed)
+        raise InputError(
+            where, "run.sample_interval", f"{ratio:.3g} samples of {file.chain.count + 1} contacts", allowed
+        )
     return int(ratio * (1 + 1e-12) + 1e-9) + 1
 
 
@@ -266,19 +270,28 @@ def _contradictions(scene: Scene) -> Iterator[Complaint]:
     count = chain.count
     if "forces" not in scene.run.record:
         yield "run.record", _short(list(scene.run.record)), 'a list with "forces" in it'
-    for what, entries in (("sensors", chain.sensors), ("bead", chain.bead)):
+    lists: dict[str, tuple[Sensor | Bead, ...]] = {"sensors": chain.sensors, "bead": chain.bead}
+    for what, entries in lists.items():
         seen: set[int] = set()
         for i, entry in enumerate(entries):
             key = f"chain.{what}.{i}.from_wall"
             if entry.from_wall > count:
-                yield key, str(entry.from_wall), f"1 to {count}, the chain's beads" if count else "none: the chain has no beads"
+                yield (
+                    key,
+                    str(entry.from_wall),
+                    f"1 to {count}, the chain's beads" if count else "none: the chain has no beads",
+                )
             if entry.from_wall in seen:
                 yield key, f"{entry.from_wall} twice", "each bead once"
             seen.add(entry.from_wall)
     weighed = {bead.from_wall for bead in chain.bead if bead.mass is not None}
     for i, sensor in enumerate(chain.sensors):
         if sensor.mass is not None and sensor.from_wall in weighed:
-            yield f"chain.sensors.{i}.mass", f"a mass for bead {sensor.from_wall} here and in chain.bead", "one of the two"
+            yield (
+                f"chain.sensors.{i}.mass",
+                f"a mass for bead {sensor.from_wall} here and in chain.bead",
+                "one of the two",
+            )
     if count == 0:
         if striker is None or wall is None:
             yield "chain.count", "0", "1 or more, unless a striker meets a wall"
@@ -291,7 +304,11 @@ def _contradictions(scene: Scene) -> Iterator[Complaint]:
     for i, bead in enumerate(chain.bead):
         unlike = bead.mass is None and (bead.material is not None or bead.diameter is not None)
         if unlike and scene.materials[bead.material or chain.material].density is None:
-            yield f"chain.bead.{i}.mass", "nothing", f"a mass, or a density in [materials.{bead.material or chain.material}]"
+            yield (
+                f"chain.bead.{i}.mass",
+                "nothing",
+                f"a mass, or a density in [materials.{bead.material or chain.material}]",
+            )
     if chain.mass_scatter and chain.mass_scatter * 8 >= (chain.mass or float("inf")):
         yield "chain.mass_scatter", f"{chain.mass_scatter:g} kg", "less than an eighth of the bead's mass"
     if tube is not None:

@@ -19,7 +19,12 @@ def steps_per_sample(interval_s: float, step_s: float | None, where: str) -> tup
     every = max(1, round(ratio))
     if abs(ratio - every) > WHOLE * every:
         nearest = f'"{_in_us(interval_s / every)} us"'
-        raise InputError(where, "run.time_step", f"{step_s:g} s, which does not divide run.sample_interval = {interval_s:g} s", f"for instance {nearest}")
+        raise InputError(
+            where,
+            "run.time_step",
+            f"{step_s:g} s, which does not divide run.sample_interval = {interval_s:g} s",
+            f"for instance {nearest}",
+        )
     return every, step_s if step_s * every == interval_s else interval_s / every
 
 

@@ -73,9 +73,7 @@ def read_forces(path: Path) -> Trace:
     table = pd.read_parquet(path)
     contacts = [name for name in table.columns if name.startswith("contact_")]
     energies = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
-    return Trace(
-        table["time_s"].to_numpy(), table[contacts].to_numpy(), *(table[name].to_numpy() for name in energies)
-    )
+    return Trace(table["time_s"].to_numpy(), table[contacts].to_numpy(), *(table[name].to_numpy() for name in energies))
 
 
 def write_state(trace: Trace, path: Path) -> None:

@@ -17,7 +17,7 @@ NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?
 LARGEST, SMALLEST = Decimal("1e300"), Decimal("1e-300")  # beyond these a double overflows or fades to zero
 
 
-class NotAllowed(ValueError):
+class NotAllowedError(ValueError):
     """A value that a scene may not hold; the message is what would be allowed there."""
 
 
@@ -53,13 +53,13 @@ def _quantity(what: str, unit: str, example: str, allows: Callable[[float], bool
 
     def read(value: object) -> float:
         if not isinstance(value, str):
-            raise NotAllowed(allowed)
+            raise NotAllowedError(allowed)
         try:
             number = to_si(value, unit)
         except ValueError as error:
-            raise NotAllowed(allowed) from error
+            raise NotAllowedError(allowed) from error
         if not allows(number):
-            raise NotAllowed(allowed)
+            raise NotAllowedError(allowed)
         return number
 
     return BeforeValidator(read)
@@ -85,9 +85,7 @@ MassSpread = Annotated[float, _quantity("a mass of zero or more", "kg", "0.0008 
 Duration = Annotated[float, _quantity("a time above zero", "s", "0.8 ms", _above_zero)]
 Speed = Annotated[float, _quantity("a speed above zero", "m/s", "2 m/s", _above_zero)]
 Velocity = Annotated[float, _quantity("a velocity (upwards positive)", "m/s", "-0.5 m/s", _any)]
-Acceleration = Annotated[
-    float, _quantity("an acceleration of zero or more", "m/s^2", "9.81 m/s^2", _not_negative)
-]
+Acceleration = Annotated[float, _quantity("an acceleration of zero or more", "m/s^2", "9.81 m/s^2", _not_negative)]
 Force = Annotated[float, _quantity("a force of zero or more", "N", "2 N", _not_negative)]
 Modulus = Annotated[float, _quantity("a pressure above zero", "Pa", "1.46 GPa", _above_zero)]
 Density = Annotated[float, _quantity("a density above zero", "kg/m^3", "2200 kg/m^3", _above_zero)]

@@ -70,7 +70,7 @@ def _local_curve(time_s: Array, values: Array, place: int) -> PPoly:
     window = slice(max(place - REACH, 0), place + REACH + 1)
     degree = min(5, len(values[window]) - 1)
     degree -= 1 - degree % 2  # splines of odd degree
-    return PPoly.from_spline(make_interp_spline(time_s[window], values[window], k=degree))
+    return PPoly.from_spline(make_interp_spline(time_s[window], values[window], k=degree).tck)
 
 
 def integral(time_s: Array, values: Array) -> Array:

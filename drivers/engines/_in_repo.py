@@ -7,8 +7,6 @@ import sys
 from importlib.metadata import version as package_version
 from pathlib import Path
 
-import numpy as np
-
 from drivers import paths
 from drivers.case import Case
 from drivers.deck import Deck

@@ -10,7 +10,8 @@ import numpy as np
 
 from drivers.case import Case
 from drivers.chain import Chain
-from drivers.deck import Deck, render as render_template
+from drivers.deck import Deck
+from drivers.deck import render as render_template
 from drivers.errors import RunError
 from drivers.process import first_line_of
 from drivers.scene import RIGID, Scene

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from drivers.case import Case
-from drivers.deck import Deck, render as render_template
-from drivers.errors import RunError
+from drivers.deck import Deck
+from drivers.deck import render as render_template
 from drivers.engines._arrays import load_arrays
+from drivers.errors import RunError
 from drivers.process import first_line_of
 from drivers.scene import RIGID, Scene
 from drivers.trace import Trace, make_trace
@@ -59,10 +60,8 @@ def render(case: Case) -> Deck:
     scene, chain = case.scene, case.chain
     staggered = chain.velocity_m_s - 0.5 * scene.time_step_s * chain.acceleration_m_s2
     bodies = [
-        Body(*map(float, values), material)
-        for *values, material in zip(
-            chain.height_m, chain.radius_m, chain.mass_kg, staggered, chain.materials, strict=True
-        )
+        Body(chain.height_m[i], chain.radius_m[i], chain.mass_kg[i], staggered[i], chain.materials[i])
+        for i in range(chain.bodies)
     ]
     flat = bodies.pop() if np.isinf(chain.radius_m[-1]) else None
     labels = [*chain.materials, *([chain.wall] if chain.wall else [])]

@@ -38,7 +38,7 @@ def integrate_adaptive(chain: HertzChain, time_s: Array) -> Motion:
     return Motion(hertz_force(chain.stiffness, overlap), displacements(chain, overlap), velocity)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _derivative(_: float, state: Array, mass: Array, stiffness: Array, load: Array) -> Array:
     n = mass.size
     change = np.empty(2 * n)

@@ -28,7 +28,7 @@ class HertzChain:
     velocity_m_s: Array
     load_N: Array
 
-    def __post_init__(self) -> None:  # noqa: D105
+    def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
             array = np.ascontiguousarray(getattr(self, name), dtype=float)
             if array.ndim != 1 or array.shape != np.shape(self.mass_kg) or not array.size:

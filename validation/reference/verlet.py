@@ -27,7 +27,7 @@ def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: in
     return Motion(force, displacements(chain, overlap), velocity)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _integrate(
     mass: Array, stiffness: Array, overlap0: Array, velocity0: Array, load: Array, dt: float, every: int, samples: int
 ) -> tuple[Array, Array, Array]:
@@ -64,8 +64,12 @@ def integrate_verlet_absolute(
     the rounding of absolute coordinates, and what the motion makes of it.
 
     Args:
+        chain: the bodies and contacts; its overlaps are not used.
         height_m: of each body at time 0, shape (bodies,).
         reach_m: distance of neighbouring bodies (of body 1 and the height 0) that just touch, shape (bodies,).
+        time_step_s: as for ``integrate_verlet``.
+        steps_per_sample: likewise.
+        samples: likewise.
 
     Returns:
         Shape (samples, bodies).
@@ -78,7 +82,7 @@ def integrate_verlet_absolute(
     )  # fmt: skip
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _integrate_absolute(
     mass: Array, stiffness: Array, height: Array, reach: Array, velocity0: Array, load: Array,
     dt: float, every: int, samples: int,

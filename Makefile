@@ -1,0 +1,75 @@
+# Bead chains on LIGGGHTS and YADE. "make" lists the targets.
+PYTHON ?= python3
+PY := .venv/bin/python
+ENGINES := liggghts yade
+FOUND := $(strip $(foreach engine,$(ENGINES),$(if $(shell command -v $(engine)),$(engine))))
+SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -name '*.pyc')
+AS_ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
+APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo),yes))
+INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
+
+.DEFAULT_GOAL := help
+.PHONY: help setup engines report test lint clean FORCE
+
+help: ## list the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
+
+setup: .venv/.ready ## make .venv with the locked packages
+
+engines: ## install LIGGGHTS and YADE where they are missing
+	@rm -f .venv/.engines
+	@$(MAKE) --no-print-directory .venv/.engines
+
+report: results/.report ## run the paper's scenes on all engines and write results/report.html
+
+test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests
+	$(PY) -m pytest
+
+lint: .venv/.ready-dev ## ruff and mypy
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m mypy
+
+clean: ## remove runs and results (not .venv)
+	rm -rf runs results
+
+# the stamp stands only if every verdict is good; finished runs are not run again
+results/.report: $(SOURCES) .venv/.ready .venv/.engines
+	$(PY) -m validation report
+	@touch $@
+
+.venv/.ready: requirements.lock
+	$(call make_venv)
+	$(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements.lock
+	@touch $@
+
+.venv/.ready-dev: requirements-dev.lock .venv/.ready
+	$(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements-dev.lock
+	@touch $@
+
+# a .pth file puts the checkout on the path, so that python -m drivers works from any folder
+define make_venv
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or later is needed: make PYTHON=python3.11"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || $(MAKE) --no-print-directory .python-venv
+	$(PYTHON) -m venv .venv
+	@$(PY) -c 'import os, pathlib, sysconfig; pathlib.Path(sysconfig.get_path("purelib"), "checkout.pth").write_text(os.getcwd() + "\n")'
+endef
+
+.PHONY: .python-venv
+.python-venv:
+	@test -n "$(APT)" || { echo "Python lacks the venv module: install it (Debian: python3-venv)"; exit 1; }
+	@echo "installing python3-venv from the system's packages"
+	$(AS_ROOT) apt-get update -qq
+	$(INSTALL) -qq python3-venv
+
+# remembers which engines were there, and is made anew when that changes
+.venv/.engines: .venv/.ready $(if $(filter-out $(shell cat .venv/.engines 2>/dev/null),$(FOUND)),FORCE)
+ifneq ($(FOUND),$(ENGINES))
+ifneq ($(APT),)
+	@echo "installing the missing engines from the system's packages: $(filter-out $(FOUND),$(ENGINES))"
+	-$(AS_ROOT) apt-get update -qq && $(INSTALL) -qq $(filter-out $(FOUND),$(ENGINES)) >/dev/null
+else
+	@echo "missing: $(filter-out $(FOUND),$(ENGINES)). On Debian 12: apt-get install liggghts yade. Going on without."
+endif
+endif
+	@for engine in $(ENGINES); do command -v $$engine >/dev/null && printf '%s ' $$engine; done > $@; true

@@ -1,0 +1,99 @@
+"""``python -m validation``: compares runs and writes the report."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivers.cli import Parser, run_main
+from drivers.errors import InputError
+
+if TYPE_CHECKING:
+    from validation.comparison import Verdict
+
+PAPER = ("fig4", "fig5", "fig6b", "fig6d")
+
+
+def main() -> int:
+    """Reads the command line and does what it says."""
+    arguments = _parser().parse_args()
+    return int(arguments.action(arguments))
+
+
+def _parser() -> Parser:
+    parser = Parser(prog="python -m validation", description="How far runs are from an independent reference.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    compare = commands.add_parser("compare", help="verdicts on scenes, run where needed, or on two run folders")
+    compare.add_argument("what", nargs="+", metavar="SCENE|RUN RUN", help="scene files or names; or two run folders")
+    compare.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
+    compare.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
+    compare.set_defaults(action=_compare)
+
+    report = commands.add_parser("report", help="write the report page, running what is not done")
+    report.add_argument("scenes", nargs="*", metavar="SCENE", help=f"default: {' '.join(PAPER)}")
+    report.add_argument("--out", type=Path, metavar="FILE", help="default: results/report.html")
+    report.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
+    report.set_defaults(action=_report)
+    return parser
+
+
+def _compare(arguments: argparse.Namespace) -> int:
+    folders = [Path(what) for what in arguments.what if Path(what).is_dir()]
+    if folders:
+        if len(folders) != 2 or len(arguments.what) != 2:
+            raise InputError("compare", "", " ".join(arguments.what), "scenes, or exactly two run folders")
+        return _compare_runs(*folders)
+    from drivers import paths
+    from validation.comparison import FAIL
+    from validation.scenes import run_and_compare
+
+    failed = False
+    for source in arguments.what:
+        compared = run_and_compare(source, tuple(arguments.settings), arguments.runs or paths.RUNS)
+        _print_table(compared.verdicts)
+        failed |= any(verdict.verdict == FAIL for verdict in compared.verdicts)
+    return 1 if failed else 0
+
+
+def _compare_runs(first: Path, second: Path) -> int:
+    from drivers.finished import open_run
+    from validation.comparison import deviation, tolerance_between
+
+    one, other = open_run(first), open_run(second)
+    try:
+        found = deviation(one.trace, other.trace)
+    except ValueError as error:
+        raise InputError(f"{first} {second}", "", str(error), "runs of equal contacts and sample times") from error
+    limit = tolerance_between(one.record, other.record)
+    verdict = "pass" if found.share <= limit.limit else "FAIL"
+    place = f"contact {found.contact} at {found.time_s * 1e6:g} µs"
+    print(f"{verdict}  {found.share:.3g} of the largest force ({place}); allowed {limit.limit:g}: {limit.reason}")
+    return 0 if verdict == "pass" else 1
+
+
+def _print_table(verdicts: "list[Verdict]") -> None:
+    print(f"{'scene':<12} {'engine':<10} {'quantity':<24} {'error':>9} {'allowed':>9}  verdict")
+    for v in verdicts:
+        numbers = f"{v.value:9.2e} {v.limit:9.2e}" if v.quantity != "run" else " " * 19
+        print(f"{v.scene:<12} {v.engine:<10} {v.quantity:<24} {numbers}  {v.verdict}: {v.where}")
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from validation.comparison import FAIL, NOT_RUN, PASS
+    from validation.report import write_report
+    from validation.scenes import run_and_compare
+
+    out = arguments.out or paths.RESULTS / "report.html"
+    compared = []
+    for source in arguments.scenes or PAPER:
+        print(f"{source} ...", file=sys.stderr, flush=True)
+        compared.append(run_and_compare(source, runs=arguments.runs or paths.RUNS))
+    counts = write_report(compared, out)
+    print(f"{paths.shown(out)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run")
+    return 1 if counts[FAIL] else 0
+
+
+if __name__ == "__main__":
+    run_main(main)
