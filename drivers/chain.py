@@ -131,6 +131,20 @@ def build_chain(scene: Scene) -> Chain:
     )
 
 
+def energy_put_in(chain: Chain, duration_s: float) -> float:
+    """Energy that can turn into motion, in J: kinetic and Hertz energy at time 0, and what loads do by closing gaps.
+
+    A free chain falls: there the loads work all the time.
+    """
+    kinetic = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
+    hertz = 0.4 * float(chain.force_N @ np.maximum(chain.overlap_m, 0.0))
+    if chain.wall is None:
+        falling = float((chain.load_N**2 / chain.mass_kg).sum()) * duration_s**2 / 2
+    else:
+        falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
+    return kinetic + hertz + falling
+
+
 def _bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:
     """Masses of the beads: given one by one, or the chain's with its scatter, or the material's."""
     table = scene.chain

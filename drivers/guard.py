@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drivers.chain import Chain
+from drivers.chain import Array, Chain, energy_put_in
 from drivers.tolerances import tolerance
 from drivers.trace import Trace
 
@@ -27,22 +27,8 @@ def reason_to_fail(chain: Chain, trace: Trace) -> str | None:
     return None
 
 
-def energy_error(chain: Chain, trace: Trace) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def energy_error(chain: Chain, trace: Trace) -> Array:
     """|E - E(0)| over what the scene puts in. Shape (samples,)."""
     change = np.abs(trace.total_energy_J - trace.total_energy_J[0])
     scale = energy_put_in(chain, float(trace.time_s[-1]))
     return np.asarray(change / scale if scale else np.where(change > 0, np.inf, 0.0))
-
-
-def energy_put_in(chain: Chain, duration_s: float) -> float:
-    """Energy that can turn into motion, in J: kinetic and Hertz energy at time 0, and what loads do by closing gaps.
-
-    A free chain falls: there the loads work all the time.
-    """
-    kinetic = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
-    hertz = 0.4 * float(chain.force_N @ np.maximum(chain.overlap_m, 0.0))
-    if chain.wall is None:
-        falling = float((chain.load_N**2 / chain.mass_kg).sum()) * duration_s**2 / 2
-    else:
-        falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
-    return kinetic + hertz + falling

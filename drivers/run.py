@@ -188,8 +188,8 @@ def _known_version(engine: Engine, executable: Path, home: Path) -> str:
 def _workplace(home: Path, identity: str) -> Iterator[Path]:
     """A folder to work in, gone afterwards unless it was moved into place; leftovers of the dead are cleared."""
     home.mkdir(parents=True, exist_ok=True)
-    for leftover in home.glob(f".{identity}.*"):
-        if not _alive(leftover.suffix[1:]):
+    for leftover in home.glob(f".{'?' * len(identity)}.*"):
+        if leftover.is_dir() and not _alive(leftover.suffix[1:]):
             shutil.rmtree(leftover, ignore_errors=True)
     folder = home / f".{identity}.{os.getpid()}"
     shutil.rmtree(folder, ignore_errors=True)

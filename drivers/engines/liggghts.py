@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.case import Case
-from drivers.chain import Chain
+from drivers.chain import Chain, energy_put_in
 from drivers.deck import Deck
 from drivers.deck import render as render_template
 from drivers.errors import RunError
@@ -59,7 +59,7 @@ def version(executable: Path) -> str:
 
 def render(case: Case) -> Deck:
     """``chain.in`` and ``chain.data``; atoms are numbered as the bodies, from the wall up."""
-    scene, chain = case.scene, case.chain
+    scene, chain, duration = case.scene, case.chain, float(case.sample_times_s[-1])
     flat = bool(np.isinf(chain.radius_m[-1]))
     radius = np.where(np.isinf(chain.radius_m), chain.radius_m[-2] if flat else 0.0, chain.radius_m)
     labels = [*chain.materials[:-1], f"flat {chain.materials[-1]}"] if flat else list(chain.materials)
@@ -74,6 +74,8 @@ def render(case: Case) -> Deck:
     moduli = [kind.youngs_modulus for kind in types]
     volume = 4 / 3 * math.pi * radius**3
     height = chain.height_m + np.where(np.isinf(chain.radius_m), radius, 0.0)
+    fastest = math.sqrt(2 * energy_put_in(chain, duration) / chain.mass_kg.min())
+    reach = fastest * duration + 4 * radius.max()  # nothing gets further: what leaves the box has blown up
     atoms = [
         Atom(unique.index(labels[i]) + 1, 2 * radius[i], chain.mass_kg[i] / volume[i], height[i], chain.velocity_m_s[i])
         for i in range(chain.bodies)
@@ -97,8 +99,8 @@ def render(case: Case) -> Deck:
         "thermo": max(1, scene.steps // 10),
         "atoms": atoms,
         "half_width": float(f"{4 * radius.max():.1g}"),
-        "z_low": chain.wall_height_m - float(f"{radius.max():.1g}"),
-        "z_high": float(height[-1] + 4 * radius.max()),
+        "z_low": float(height.min() - reach),
+        "z_high": float(height.max() + reach),
     }
     files = {name: render_template(f"liggghts/{name}.j2", **values) for name in ("chain.in", "chain.data")}
     return Deck(files, COMMAND, raw=("chain.dump",))

@@ -1,0 +1,1 @@
+"""Tests; the real engines run wherever they are installed, and always in CI."""

@@ -1,0 +1,101 @@
+"""What the tests share."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.case import Case, build_case
+from drivers.engines import load_engine
+from drivers.finished import FinishedRun, open_run
+from drivers.read_scene import read_scene
+from drivers.run import run_case
+
+BASE = """
+[chain]
+count = {count}
+material = "ptfe"
+diameter = "4.76 mm"
+mass = "0.1226 g"
+{chain}
+{striker}
+{wall}
+[run]
+duration = "{duration}"
+sample_interval = "1 us"
+time_step = "{step}"
+"""
+STRIKER = '[striker]\nmaterial = "ptfe"\ndiameter = "4.76 mm"\nspeed = "1 m/s"\n'
+WALL = '[wall]\nmaterial = "brass"\n'
+
+SceneWriter = Callable[..., Path]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``--update-decks`` writes the deck snapshots anew."""
+    parser.addoption("--update-decks", action="store_true", help="write the deck snapshots anew")
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> SceneWriter:
+    """Writes a small scene: five beads on a brass wall, struck by a sixth; any part can be replaced."""
+
+    def write(
+        name: str = "scene",
+        *,
+        top: str = "",
+        count: int = 5,
+        chain: str = "",
+        striker: str = STRIKER,
+        wall: str = WALL,
+        duration: str = "0.3 ms",
+        step: str = "0.1 us",
+    ) -> Path:
+        path = tmp_path / f"{name}.toml"
+        text = BASE.format(count=count, chain=chain, striker=striker, wall=wall, duration=duration, step=step)
+        path.write_text(f"{top}\n{text}")
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def shared_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A runs folder for the whole session, so that a case runs once."""
+    return tmp_path_factory.mktemp("runs")
+
+
+def need(engine: str) -> None:
+    """Leaves a test out where its engine is not installed; in CI that is a failure."""
+    if load_engine(engine).find() is None:
+        if os.environ.get("CI"):
+            pytest.fail(f"{engine} is not installed, and CI has to have it")
+        pytest.skip(f"{engine} is not installed")
+
+
+def finished(case: Case, engine: str, runs: Path) -> FinishedRun:
+    """The run of a case on an engine, which has to be done."""
+    need(engine)
+    result = run_case(case, engine, runs)
+    assert result.done, result.record.reason
+    return open_run(result.folder)
+
+
+def case_of(scene: str | Path, *settings: str) -> Case:
+    """The case of a scene with settings."""
+    return build_case(read_scene(scene, settings))
+
+
+def command_line(*words: str | Path, **changes: str) -> subprocess.CompletedProcess[str]:
+    """Runs ``python -m ...`` as a user does."""
+    return subprocess.run(
+        [sys.executable, "-m", *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+        env=os.environ | changes,
+    )

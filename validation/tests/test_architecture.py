@@ -1,0 +1,56 @@
+"""Imports run one way, so that each part can be read and changed by itself."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from drivers import paths
+from drivers.engines import engine_names
+
+PACKAGES = ("drivers", "postproc", "validation")
+
+
+def imports_of(folder: Path) -> set[tuple[str, str]]:
+    """Pairs of a file and a project module it imports, wherever in the file."""
+    found = set()
+    for file in folder.rglob("*.py"):
+        if "tests" in file.parts:
+            continue
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                modules = [node.module or ""]
+            elif isinstance(node, ast.Import):
+                modules = [alias.name for alias in node.names]
+            else:
+                continue
+            found |= {(str(file.relative_to(paths.ROOT)), m) for m in modules if m.split(".")[0] in PACKAGES}
+    return found
+
+
+def test_the_reference_stands_on_nothing() -> None:
+    modules = {module for _, module in imports_of(paths.ROOT / "validation" / "reference")}
+    assert all(module.startswith("validation.reference") for module in modules)
+
+
+def test_post_processing_knows_no_engine() -> None:
+    modules = {module for _, module in imports_of(paths.ROOT / "postproc")}
+    assert not {m for m in modules if m.startswith(("validation", "drivers.engines", "drivers.case", "drivers.run"))}
+
+
+def test_engines_know_no_post_processing() -> None:
+    modules = {module for _, module in imports_of(paths.ROOT / "drivers" / "engines")}
+    assert not {module for module in modules if module.startswith(("postproc", "validation"))}
+
+
+@pytest.mark.parametrize("engine", engine_names())
+def test_nobody_else_imports_an_engine_by_name(engine: str) -> None:
+    users = {file for package in PACKAGES for file, module in imports_of(paths.ROOT / package)
+             if module == f"drivers.engines.{engine}"}  # fmt: skip
+    assert not users
+
+
+def test_modules_are_small() -> None:
+    long = {str(file): n for package in PACKAGES for file in (paths.ROOT / package).rglob("*.py")
+            if (n := len(file.read_text().splitlines())) > 400}  # fmt: skip
+    assert not long

@@ -1,0 +1,147 @@
+"""Bad input ends with one line that names file, key, what was found and what is allowed."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import InputError
+from drivers.read_scene import read_scene
+from validation.tests.conftest import SceneWriter, command_line
+
+# a setting laid over fig4, the key that has to be named, what was found, what is allowed
+BAD = [
+    ("chain.coutn=3", "chain.coutn", "unknown key", "did you mean count?"),
+    ("grvity=1", "grvity", "unknown key", "gravity"),
+    ("chain.sensors.0.mas=1", "chain.sensors.0.mas", "unknown key", "mass"),
+    ("materials.ptfe.colour=1", "materials.ptfe.colour", "unknown key", "density"),
+    ("chain.count=", "chain.count", "nothing", "needed"),
+    ("run.duration=", "run.duration", "nothing", "needed"),
+    ("chain.count=2.5", "chain.count", "2.5", "whole number"),
+    ("chain.count=-1", "chain.count", "-1", "0 or more"),
+    ("chain.count=true", "chain.count", "True", "whole number"),
+    ('chain.count="21"', "chain.count", '"21"', "whole number"),
+    ("chain.count=1000000000000", "chain.count", "1000000000000", "at most"),
+    ("chain.mass=2 mm", "chain.mass", "2 mm", "a mass above zero"),
+    ("chain.mass=0.1226", "chain.mass", "0.1226", 'with its unit, such as "0.1226 g"'),
+    ("chain.mass=-1 g", "chain.mass", "-1 g", "above zero"),
+    ("chain.mass=0 g", "chain.mass", "0 g", "above zero"),
+    ("chain.mass=nan g", "chain.mass", "nan g", "a mass"),
+    ("chain.mass=inf g", "chain.mass", "inf g", "a mass"),
+    ("chain.mass=1e400 g", "chain.mass", "1e400 g", "a mass"),
+    ("chain.mass=1e-400 g", "chain.mass", "1e-400 g", "a mass"),
+    ("chain.diameter=4.76", "chain.diameter", "4.76", "a length"),
+    ("chain.diameter=2*3 mm", "chain.diameter", "2*3 mm", "a length"),
+    ("gravity=-9.81 m/s^2", "gravity", "-9.81 m/s^2", "zero or more"),
+    ("gravity=9.81", "gravity", "9.81", "an acceleration"),
+    ("striker.speed=0 m/s", "striker.speed", "0 m/s", "a speed above zero"),
+    ("striker.shape=cube", "striker.shape", '"cube"', "'sphere' or 'flat'"),
+    ("materials.ptfe.poisson_ratio=0.5", "materials.ptfe.poisson_ratio", "0.5", "below 0.5"),
+    ("materials.ptfe.poisson_ratio=-0.1", "materials.ptfe.poisson_ratio", "-0.1", "0 or more"),
+    ("materials.ptfe.poisson_ratio=nan", "materials.ptfe.poisson_ratio", "nan", "finite"),
+    ("materials.ptfe.youngs_modulus=0 Pa", "materials.ptfe.youngs_modulus", "0 Pa", "above zero"),
+    ("chain.material=teflon", "chain.material", '"teflon"', "ptfe"),
+    ("wall.material=cheese", "wall.material", '"cheese"', "rigid"),
+    ("chain.material=rigid", "chain.material", '"rigid"', "brass"),
+    ('chain.material="a; b"', "chain.material", '"a; b"', "letters, digits"),
+    ("chain.sensors.0.from_wall=22", "chain.sensors.0.from_wall", "22", "1 to 21"),
+    ("chain.sensors.0.from_wall=0", "chain.sensors.0.from_wall", "0", "1 or more"),
+    ("chain.sensors.0.from_wall=5", "chain.sensors.1.from_wall", "5 twice", "once"),
+    ("chain.sensors=3", "chain.sensors", "3", "a list"),
+    ("chain=3", "chain", "3", "a table"),
+    ("run.accuracy=1e-4", "run", "both", "exactly one"),
+    ("run.time_step=", "run", "neither", "exactly one"),
+    ("run.time_step=0.3 us", "run.time_step", "3e-07 s", '"0.333333333333 us"'),
+    ("run.time_step=2 us", "run.time_step", "2e-06 s", '"1 us"'),
+    ("run.duration=0.5 us", "run.duration", "5e-07 s", "sample_interval"),
+    ("run.duration=1 year", "run.sample_interval", "samples of 22 contacts", "at most"),
+    ("run.record=['state']", "run.record", "state", "forces"),
+    ("chain.lateral_offset=10 um", "chain.lateral_offset", "1e-05 m", "not supported yet"),
+    ("contact.restitution=0.9", "contact.restitution", "0.9", "not supported yet"),
+    ("contact.friction=-1", "contact.friction", "-1", "0 or more"),
+    ("sensor.time_constant=1 ms", "sensor.time_constant", "0.001 s", "not supported yet"),
+    ("tube.inner_diameter=4 mm", "tube.inner_diameter", "0.004 m", "0.00476 m"),
+    ("striker.shape=flat", "striker.diameter", "0.00476 m", "no diameter"),
+    ("striker.diameter=", "striker.diameter", "nothing", "diameter"),
+    ("chain.mass_scatter=1 g", "chain.mass_scatter", "0.001 kg", "less than"),
+    ("chain.bead=[{from_wall=2, gap_below='-1 um'}]", "chain.bead.0.gap_below", "-1 um", "zero or more"),
+    ("chain.bead=[{from_wall=9, mass='1 g'}]", "chain.sensors.0.mass", "bead 9", "one of the two"),
+    ("title=3", "title", "3", "text"),
+    ("chain.sensors.7.mass=1 g", "7", "no such entry", "counted from 0"),
+    ("chain.count.x=1", "chain.count.x", "plain value", "key of a table"),
+    ("nonsense", "", "no path=value", "chain.count=60"),
+]
+
+
+@pytest.mark.parametrize(("setting", "key", "found", "allowed"), BAD, ids=[bad[0] for bad in BAD])
+def test_a_bad_value_is_named(setting: str, key: str, found: str, allowed: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_scene("fig4", (setting,))
+    message = str(caught.value)
+    assert "\n" not in message
+    head, told = message.split(": found ", 1)
+    assert key in head
+    assert found in told.split("; allowed: ")[0]
+    assert allowed in told.split("; allowed: ")[1]
+
+
+def test_the_step_that_is_named_is_accepted() -> None:
+    with pytest.raises(InputError) as caught:
+        read_scene("fig4", ("run.time_step=0.3 us",))
+    named = str(caught.value).rsplit('"', 2)[1]
+    scene = read_scene("fig4", (f"run.time_step={named}",))
+    assert scene.steps_per_sample == 3
+
+
+@pytest.mark.parametrize("extra", ["", "gravity = ", "[chain]\ncount = 1\n[chain]\n", '"\x00"'])
+def test_what_is_no_scene(tmp_path: Path, extra: str) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(extra)
+    with pytest.raises(InputError, match=r"scene\.toml"):
+        read_scene(path)
+
+
+@pytest.mark.parametrize(
+    "name", [".toml", "..toml", "a b.toml", "-rf.toml", "a;b.toml", "ä.toml", "scene.txt", "a" * 101 + ".toml"]
+)
+def test_scene_names_with_tricks(tmp_path: Path, scene_file: SceneWriter, name: str) -> None:
+    scene_file().rename(tmp_path / name)
+    with pytest.raises(InputError, match="scene"):
+        read_scene(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["../../etc/passwd", "nosuch", "..", "fig4/../fig4", "inputs"])
+def test_names_of_no_shipped_scene(name: str) -> None:
+    with pytest.raises(InputError):
+        read_scene(name)
+
+
+def test_unreadable_files(tmp_path: Path) -> None:
+    (tmp_path / "latin.toml").write_bytes(b'title = "\xe9"')
+    with pytest.raises(InputError, match=r"byte 0xe9 at 9; allowed: UTF-8"):
+        read_scene(tmp_path / "latin.toml")
+    (tmp_path / "folder.toml").mkdir()
+    with pytest.raises(InputError, match="directory"):
+        read_scene(tmp_path / "folder.toml")
+    with pytest.raises(InputError, match="No such file"):
+        read_scene(tmp_path / "absent.toml")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("run", "fig4", "--set", "chain.mass=2 mm"), "chain.mass"),
+        (("run", "fig4", "--engine", "abaqus"), "liggghts"),
+        (("render", "fig4", "--engine", "yade", "--out", "{tmp}/deck", "--set", "x=1"), "x"),
+        (("run", "fig4", "--time-limit", "-1"), "--time-limit"),
+        (("run",), "SCENE"),
+        (("walk",), "COMMAND"),
+    ],
+)
+def test_exit_code_two_and_one_line(tmp_path: Path, words: tuple[str, ...], told: str) -> None:
+    filled = [word.replace("{tmp}", str(tmp_path)) for word in words]
+    runs = ["--runs", str(tmp_path / "runs")] if words[0] == "run" and len(words) > 1 else []
+    done = command_line("drivers", *filled, *runs)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert told in done.stderr
+    assert not list(tmp_path.iterdir()), "nothing may be written"

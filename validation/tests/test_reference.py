@@ -1,0 +1,94 @@
+"""The in-repo integrators against closed formulas, conservation and each other."""
+
+import numpy as np
+import pytest
+
+from validation.reference.adaptive import integrate_adaptive
+from validation.reference.hertz_chain import HertzChain, Motion
+from validation.reference.verlet import integrate_verlet, integrate_verlet_absolute
+
+
+def chain_of(count: int, speed: float = 1.0, load: float = 0.0) -> HertzChain:
+    """Equal bodies, the uppermost one coming down with ``speed``."""
+    one = np.ones(count)
+    velocity = np.zeros(count)
+    velocity[-1] = -speed
+    return HertzChain(1e-4 * one, 1e6 * one, 0 * one, velocity, load * one)
+
+
+def test_one_impact_is_hertz_theory() -> None:
+    """Peak force (5/4 m v^2)^(3/5) k^(2/5) and duration 2.943275 (m^2 / (k^2 v))^(1/5) (5/4)^(2/5)."""
+    mass, stiffness, speed = 1e-4, 1e6, 1.0
+    chain = chain_of(1, speed)
+    duration = 2.9432751 * (1.25 * mass / stiffness) ** 0.4 * speed**-0.2
+    time: np.ndarray = np.linspace(0, duration, 1001)
+    motion = integrate_adaptive(chain, time)
+    assert motion.force_N.max() == pytest.approx((1.25 * mass * speed**2) ** 0.6 * stiffness**0.4, rel=1e-10)
+    assert motion.velocity_m_s[-1, 0] == pytest.approx(speed, rel=1e-9)
+    assert motion.force_N[-1, 0] == pytest.approx(0, abs=1e-6)
+
+
+def test_verlet_is_of_second_order() -> None:
+    chain = chain_of(6)
+    exact = integrate_adaptive(chain, np.arange(101) * 4e-6)
+    errors = [
+        np.abs(integrate_verlet(chain, 4e-6 / every, every, 101).force_N - exact.force_N).max()
+        for every in (16, 32, 64)
+    ]
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
+    assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)
+
+
+def energy(chain: HertzChain, motion: Motion) -> np.ndarray:
+    overlap = np.maximum(motion.force_N / chain.stiffness, 0) ** (2 / 3)
+    kinetic = 0.5 * motion.velocity_m_s**2 @ chain.mass_kg
+    total: np.ndarray = kinetic + 0.4 * (motion.force_N * overlap).sum(axis=1) - motion.displacement_m @ chain.load_N
+    return total
+
+
+def test_the_reference_conserves_energy() -> None:
+    chain = chain_of(20, load=-1e-3)
+    total = energy(chain, integrate_adaptive(chain, np.linspace(0, 1e-3, 200)))
+    np.testing.assert_allclose(total, total[0], rtol=1e-9)
+
+
+def test_the_reference_does_not_depend_on_its_samples() -> None:
+    chain = chain_of(10)
+    coarse = integrate_adaptive(chain, np.linspace(0, 4e-4, 5))
+    fine = integrate_adaptive(chain, np.linspace(0, 4e-4, 401))
+    np.testing.assert_allclose(coarse.force_N, fine.force_N[::100], atol=1e-10 * fine.force_N.max())
+
+
+def test_heights_differ_from_overlaps_by_rounding() -> None:
+    chain = chain_of(5)
+    height = 1e-3 * np.arange(1.0, 6.0)
+    reach = np.full(5, 1e-3)
+    far_reach = reach + np.array([100.0, 0, 0, 0, 0])
+    exact = integrate_verlet(chain, 1e-7, 10, 300).force_N
+    near = integrate_verlet_absolute(chain, height, reach, 1e-7, 10, 300)
+    far = integrate_verlet_absolute(chain, height + 100, far_reach, 1e-7, 10, 300)
+    assert 0 < np.abs(near - exact).max() < 1e-9
+    assert 1e-9 < np.abs(far - exact).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"mass_kg": [1.0]}, "stiffness"),
+        ({"mass_kg": [1.0, 0.0]}, "mass_kg"),
+        ({"stiffness": [1.0, -1.0]}, "stiffness"),
+        ({"load_N": [np.nan, 0.0]}, "load_N"),
+        ({"velocity_m_s": [[1.0, 0.0]]}, "velocity_m_s"),
+    ],
+)
+def test_wrong_arrays_are_named(change: dict[str, list[float]], named: str) -> None:
+    good = {name: [1.0, 1.0] for name in ("mass_kg", "stiffness", "overlap_m", "velocity_m_s", "load_N")}
+    with pytest.raises(ValueError, match=named):
+        HertzChain(**(good | change))  # type: ignore[arg-type]
+
+
+def test_wrong_times_are_named() -> None:
+    with pytest.raises(ValueError, match="time_s"):
+        integrate_adaptive(chain_of(2), np.array([0.0, 2.0, 1.0]))
+    with pytest.raises(ValueError, match="time_step_s"):
+        integrate_verlet(chain_of(2), 0.0, 1, 10)

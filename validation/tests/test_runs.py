@@ -1,0 +1,260 @@
+"""Runs: done once, found by their hash, never half-written; and every way in which an engine can fail."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from drivers.record import read_record
+from drivers.run import run_case
+from drivers.trace import read_forces
+from validation.tests.conftest import SceneWriter, case_of, command_line, finished, need
+
+StandIn = Callable[[str, str], None]
+
+
+@pytest.fixture
+def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StandIn:
+    """Puts an executable of that name first on PATH."""
+
+    def put(name: str, script: str) -> None:
+        folder = tmp_path / "bin"
+        folder.mkdir(exist_ok=True)
+        (folder / name).write_text("#!/bin/sh\n" + script)
+        (folder / name).chmod(0o755)
+        monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+
+    return put
+
+
+def failing_run(scene: Path, engine: str, runs: Path, limit_s: float = 60) -> tuple[str, str]:
+    """Status and reason of a run that must not be done, after checking what it leaves behind."""
+    result = run_case(case_of(scene), engine, runs, limit_s=limit_s)
+    stored = read_record(result.folder)
+    assert stored is not None
+    assert (stored.status, stored.reason) == (result.record.status, result.record.reason)
+    assert not (result.folder / "forces.parquet").exists()
+    assert [folder.name for folder in (runs / engine).iterdir() if folder.name[0] != "."] == [result.folder.name]
+    return result.record.status, result.record.reason
+
+
+def test_a_done_run_is_found_again_under_any_name(scene_file: SceneWriter, tmp_path: Path) -> None:
+    first = run_case(case_of(scene_file("one")), "verlet", tmp_path / "runs")
+    stamp = (first.folder / "run.json").stat().st_mtime_ns
+    again = run_case(case_of(scene_file("two")), "verlet", tmp_path / "runs")
+    assert again.folder == first.folder
+    assert (again.folder / "run.json").stat().st_mtime_ns == stamp
+    anew = run_case(case_of(scene_file("two")), "verlet", tmp_path / "runs", rerun=True)
+    assert anew.folder.name.startswith("two-")
+    assert not first.folder.exists()
+
+
+def test_a_changed_scene_is_another_run(scene_file: SceneWriter, tmp_path: Path) -> None:
+    one = run_case(case_of(scene_file()), "verlet", tmp_path / "runs")
+    other = run_case(case_of(scene_file(), "striker.speed=1.0000001 m/s"), "verlet", tmp_path / "runs")
+    assert one.folder != other.folder
+
+
+def test_what_a_run_folder_holds(scene_file: SceneWriter, tmp_path: Path) -> None:
+    path = scene_file(chain='sensors = [{ from_wall = 2 }]\nbead = [{ from_wall = 1, velocity = "0 m/s" }]')
+    run = finished(case_of(path, "run.record=['forces', 'state']"), "verlet", tmp_path / "runs")
+    names = {file.name for file in run.folder.iterdir()}
+    assert names == {
+        "chain.json", "stdout.txt", "stderr.txt", "forces.parquet", "state.parquet", "sensors.csv", "run.json",
+    }  # fmt: skip
+    forces = pd.read_parquet(run.folder / "forces.parquet")
+    sensors = pd.read_csv(run.folder / "sensors.csv")
+    assert list(forces.columns) == [
+        "time_s", *(f"contact_{j}_N" for j in range(1, 7)), "kinetic_energy_J", "total_energy_J", "momentum_N_s",
+    ]  # fmt: skip
+    assert list(sensors.columns) == ["time_s", "bead_2_N", "wall_N"]
+    np.testing.assert_array_equal(sensors["bead_2_N"], (forces["contact_2_N"] + forces["contact_3_N"]) / 2)
+    record = json.loads((run.folder / "run.json").read_text())
+    assert record["status"] == "done"
+    assert record["scene"]["chain"]["mass"] == 0.0001226
+    assert record["steps"] == 3000
+    assert 0 < record["loop_s"] < record["wall_s"]
+    assert record["commit"]
+
+
+def test_a_torn_folder_is_run_again(scene_file: SceneWriter, tmp_path: Path) -> None:
+    case = case_of(scene_file())
+    first = run_case(case, "verlet", tmp_path / "runs")
+    (first.folder / "forces.parquet").unlink()
+    again = run_case(case, "verlet", tmp_path / "runs")
+    assert again.done
+    assert len(read_forces(again.folder / "forces.parquet").time_s) == 301
+
+
+CRASHES = {
+    "exit code": ('echo "ERROR: Illegal pair_style command (./src/input.cpp:42)"; exit 1', "Illegal pair_style"),
+    "a signal": ("kill -SEGV $$", "killed by signal 11"),
+    "bytes that are no text": ("printf 'ERROR: \\377\\376 broken'; exit 3", "exit code 3: ERROR: \ufffd\ufffd broken"),
+    "no output": ("exit 0", "no output"),
+    "no word": ("exit 7", "exit code 7: no output"),
+    "half a dump": (
+        "printf 'ITEM: TIMESTEP\\n0\\nITEM: NUMBER OF ATOMS\\n6\\nITEM: BOX\\n0\\n0\\n0\\nITEM: ATOMS\\n1 0 0'"
+        " > chain.dump",
+        "output ends in sample 1 of 301",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CRASHES)
+def test_crashes(name: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
+    script, words = CRASHES[name]
+    stand_in("liggghts", f'case "$*" in *-help*) echo "Version stand-in,"; exit;; esac\n{script}')
+    status, reason = failing_run(scene_file(), "liggghts", tmp_path / "runs")
+    assert status == "failed"
+    assert words in reason
+
+
+# each line of a deck replaced by another: what a careless edit, or a blow-up, does to the real engine
+SABOTAGE = {
+    "liggghts": {
+        "a lost bead": ("fix motion all nve", "fix push all addforce 1 0 0\nfix motion all nve", "Lost atoms"),
+        "NaN": ("timestep        1e-07", "timestep        nan", "."),
+        "an error in the deck": ("pair_style      gran", "pair_style      grain", "Invalid pair style"),
+        "half way": ("run             3000", "run             1500", "output ends in sample 152 of 301"),
+        "a step far too large": ("timestep        1e-07", "timestep        2.5e-05", "Lost atoms"),
+    },
+    "yade": {
+        "NaN": ("O.dt = time_step", "O.dt = float('nan')", "not finite from t = "),
+        "an error in the deck": ("O.dt = time_step", "O.dt = steptime", "NameError: name 'steptime' is not defined"),
+        "half way": ("np.savez(", "force = force[:150]\nnp.savez(", "shape (150, 6), expected (301, 6)"),
+        "death before the end": ("start = time.perf_counter()", "import os; os._exit(0)", "chain.npz was not written"),
+        "no closing line": ("print(f\"completed", "str(f\"completed", "did not run to its end"),
+        "a step far too large": ("O.dt = time_step", "O.dt = 2.5e-5", "unstable at t = "),
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("engine", "name"), [(engine, name) for engine in SABOTAGE for name in SABOTAGE[engine]])
+def test_sabotaged_decks_on_the_real_engine(
+    engine: str, name: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    need(engine)
+    good, bad, words = SABOTAGE[engine][name]
+    file = {"liggghts": "chain.in", "yade": "chain.py"}[engine]
+    swap = f"""import sys
+text = open(sys.argv[1]).read()
+assert {good!r} in text
+open(sys.argv[1], "w").write(text.replace({good!r}, {bad!r}))
+"""
+    real = subprocess.run(["which", engine], capture_output=True, text=True, check=True).stdout.strip()
+    (tmp_path / "swap.py").write_text(swap)
+    script = f'if [ -e {file} ]; then {sys.executable} {tmp_path}/swap.py {file} || exit 99; fi\nexec {real} "$@"\n'
+    stand_in(engine, script)
+    status, reason = failing_run(scene_file(), engine, tmp_path / "runs")
+    assert status == "failed"
+    assert words in reason
+
+
+def test_a_hanging_engine_is_killed_and_its_children_with_it(
+    stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    stand_in(
+        "yade", 'case "$*" in *--version*) echo "Yade version: 0"; exit;; esac\nsleep 987 & echo $! > "$0.pid"; wait'
+    )
+    status, reason = failing_run(scene_file(), "yade", tmp_path / "runs", limit_s=1)
+    assert (status, reason[:30]) == ("timeout", "killed at the time limit after")
+    child = int((tmp_path / "bin" / "yade.pid").read_text())
+    assert not running(child)
+
+
+def running(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rsplit(") ", 1)[1][0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def test_one_failure_leaves_the_others_alone(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
+    stand_in("liggghts", "echo 'ERROR: out of order'; exit 1")
+    words = ("--engine", "liggghts", "--engine", "verlet")
+    done = command_line("drivers", "run", scene_file(), "--runs", tmp_path / "runs", *words)
+    assert done.returncode == 1
+    failed, good = done.stdout.split()
+    assert json.loads((Path(failed) / "run.json").read_text())["status"] == "failed"
+    assert json.loads((Path(good) / "run.json").read_text())["status"] == "done"
+    assert done.stderr.strip() == "scene: liggghts failed: exit code 1: ERROR: out of order"
+
+
+def test_a_failed_run_is_tried_again(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
+    need("liggghts")
+    case, runs = case_of(scene_file()), tmp_path / "runs"
+    real = subprocess.run(["which", "liggghts"], capture_output=True, text=True, check=True).stdout.strip()
+    stand_in("liggghts", f'[ -e chain.in ] && [ ! -e {tmp_path}/mended ] && exit 1\nexec {real} "$@"')
+    assert run_case(case, "liggghts", runs).record.status == "failed"
+    (tmp_path / "mended").touch()
+    assert run_case(case, "liggghts", runs).done
+    assert len([folder for folder in (runs / "liggghts").iterdir() if folder.is_dir()]) == 1
+
+
+def test_a_missing_engine(scene_file: SceneWriter, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    for tool in ("env", "git"):
+        (bare / tool).symlink_to(f"/usr/bin/{tool}")
+    asked = command_line(
+        "drivers", "run", scene_file(), "--runs", tmp_path / "runs", "--engine", "yade", PATH=str(bare)
+    )
+    assert asked.returncode == 1
+    assert "yade is not installed" in asked.stderr
+    unasked = command_line("drivers", "run", scene_file(), "--runs", tmp_path / "runs", PATH=str(bare))
+    assert unasked.returncode == 0
+    assert "not run, since not installed (2): liggghts, yade" in unasked.stderr
+    assert len(unasked.stdout.split()) == 2
+
+
+def test_a_killed_driver_leaves_nothing_that_looks_done(
+    stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    stand_in(
+        "yade", 'case "$*" in *--version*) echo "Yade version: 0"; exit;; esac\necho $$ > "$0.pid"; exec sleep 654'
+    )
+    runs, note = tmp_path / "runs", tmp_path / "bin" / "yade.pid"
+    words = [sys.executable, "-m", "drivers", "run", scene_file(), "--engine", "yade", "--runs", runs]
+    driver = subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE)
+    for _ in range(200):
+        if note.exists() and note.read_text():
+            break
+        time.sleep(0.05)
+    driver.send_signal(signal.SIGKILL)
+    driver.wait()
+    engine = int(note.read_text())
+    for _ in range(100):
+        if not running(engine):
+            break
+        time.sleep(0.02)
+    assert not running(engine)
+    assert not [folder for folder in (runs / "yade").iterdir() if folder.name[0] != "."]
+    stand_in("yade", "exit 1")
+    failing_run(scene_file(), "yade", runs)
+    leftovers = [entry.name for entry in (runs / "yade").iterdir() if entry.is_dir() and entry.name[0] == "."]
+    assert not leftovers
+
+
+def test_two_at_once_do_not_harm_each_other(scene_file: SceneWriter, tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "drivers", "run", scene_file(), "--engine", "verlet", "--runs", tmp_path / "runs"]
+    both = [subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    folders = {process.communicate(timeout=100)[0].strip() for process in both}
+    assert [process.returncode for process in both] == [0, 0]
+    assert len(folders) == 1
+    assert len(read_forces(Path(folders.pop()) / "forces.parquet").time_s) == 301
+
+
+def test_help_loads_nothing_heavy() -> None:
+    probe = """import sys, drivers.__main__ as command_line
+command_line._parser().format_help()
+print(sorted({"numpy", "pandas", "pint", "pydantic", "scipy"} & set(sys.modules)))"""
+    assert subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True).stdout == "[]\n"
