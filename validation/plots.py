@@ -9,8 +9,6 @@ from postproc.style import drawing_order, line_of, pyplot
 from validation.comparison import share_of_largest
 from validation.scenes import ComparedScene
 
-FLOOR = 1e-17  # of a residual's logarithmic axis: below rounding
-
 
 def draw_scene(scene: ComparedScene) -> Any:
     """Gauge signals of all engines over each other, with the force residuals below. Returns a figure."""
@@ -29,7 +27,7 @@ def draw_scene(scene: ComparedScene) -> Any:
         axis.set_ylabel("force (N)")
         axis.set_title(_gauge_name(gauge), loc="left", fontsize=9)
     if gauges:
-        axes[0, 0].legend(loc="upper left", bbox_to_anchor=(0, 1.42), ncols=4, fontsize=8.5)
+        axes[0, 0].legend(loc="upper left", bbox_to_anchor=(0, 1.52), ncols=4, fontsize=8.5)
     _draw_residuals(axes[-1, 0], scene)
     axes[-1, 0].set_xlabel("time since impact (µs)")
     figure.subplots_adjust(hspace=0.32)
@@ -53,7 +51,13 @@ def _draw_residuals(axis: Any, scene: ComparedScene) -> None:
                 continue
             trace, line = scene.runs[engine].trace, line_of(engine)
             residual = share_of_largest(np.abs(trace.force_N - exact.force_N).max(axis=1), exact)
-            axis.plot(trace.time_s * 1e6, np.maximum(residual, FLOOR), color=line.colour, lw=width, ls=line.dashes)
+            axis.plot(
+                trace.time_s * 1e6,
+                np.where(residual > 0, residual, np.nan),
+                color=line.colour,
+                lw=width,
+                ls=line.dashes,
+            )
             if engine == "liggghts" or len(scene.runs) < 3:
                 above = f"minus {yardstick}"
                 axis.annotate(above, (1, residual[-1]), xycoords=("axes fraction", "data"), xytext=(-3, 5),

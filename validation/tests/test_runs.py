@@ -120,7 +120,7 @@ def test_crashes(name: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path
 # each line of a deck replaced by another: what a careless edit, or a blow-up, does to the real engine
 SABOTAGE = {
     "liggghts": {
-        "a lost bead": ("fix motion all nve", "fix push all addforce 1 0 0\nfix motion all nve", "Lost atoms"),
+        "a lost bead": ("fix motion all nve", "fix push all addforce 100 0 0\nfix motion all nve", "Lost atoms"),
         "NaN": ("timestep        1e-07", "timestep        nan", "."),
         "an error in the deck": ("pair_style      gran", "pair_style      grain", "Invalid pair style"),
         "half way": ("run             3000", "run             1500", "output ends in sample 152 of 301"),
