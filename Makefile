@@ -60,7 +60,7 @@ endef
 	@test -n "$(APT)" || { echo "Python lacks the venv module: install it (Debian: python3-venv)"; exit 1; }
 	@echo "installing python3-venv from the system's packages"
 	$(AS_ROOT) apt-get update -qq
-	$(INSTALL) -qq python3-venv
+	$(INSTALL) -qq python3-venv >/dev/null
 
 # remembers which engines were there, and is made anew when that changes
 .venv/.engines: .venv/.ready $(if $(filter-out $(shell cat .venv/.engines 2>/dev/null),$(FOUND)),FORCE)

@@ -6,8 +6,10 @@ import numpy as np
 
 from drivers.chain import Array, Chain, build_chain
 from drivers.elements import Element, choose_elements
+from drivers.errors import InputError
 from drivers.layout import Layout, make_layout
 from drivers.scene import Scene
+from drivers.scene_rules import impossible
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,12 @@ class Case:
 
 
 def build_case(scene: Scene) -> Case:
-    """The case of a scene."""
+    """The case of a scene.
+
+    Raises:
+        InputError: its masses or loads make no chain.
+    """
     chain = build_chain(scene)
+    for complaint in impossible(scene, chain):
+        raise InputError(scene.file, *complaint)
     return Case(scene, chain, choose_elements(scene, chain))

@@ -58,6 +58,11 @@ class Chain:
         return np.asarray(self.wall_height_m + np.cumsum(below + radius - self.overlap_m))
 
     @cached_property
+    def smaller_radius_m(self) -> Array:
+        """The smaller radius of the two bodies at each contact. Shape (bodies,)."""
+        return np.asarray(np.minimum(self.radius_m, np.append(np.inf, self.radius_m[:-1])))
+
+    @cached_property
     def force_N(self) -> Array:
         """Contact forces at time 0. Shape (bodies,)."""
         return np.asarray(self.stiffness * np.maximum(self.overlap_m, 0.0) ** 1.5)
@@ -199,7 +204,7 @@ def _overlaps(stiffness: Array, bead_load_N: Array, gaps: dict[int, float], *, r
     first_loose = min(gaps, default=len(bead_load_N) + 1) if resting else 1
     held = slice(0, first_loose - 1)
     carried = -np.cumsum(bead_load_N[held][::-1])[::-1]  # what lies on each contact
-    overlap[held] = (carried / stiffness[held]) ** (2 / 3)
+    overlap[held] = (np.maximum(carried, 0.0) / stiffness[held]) ** (2 / 3)
     for place, gap in gaps.items():
         overlap[place - 1] = -gap
     return overlap

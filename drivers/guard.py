@@ -10,11 +10,17 @@ from drivers.trace import Trace
 def reason_to_fail(chain: Chain, trace: Trace) -> str | None:
     """Why a trace cannot be right, or None.
 
-    Values have to be finite, and the energy has to stay what the scene put in.
+    Values have to be finite, beads must not pass through each other, and the energy has to stay what the scene
+    put in.
     """
     finite = np.isfinite(trace.force_N).all(axis=1) & np.isfinite(trace.total_energy_J)
     if not finite.all():
         return f"not finite from t = {trace.time_s[np.argmin(finite)]:g} s on"
+    existing = chain.stiffness > 0
+    overlap = (np.maximum(trace.force_N[:, existing], 0.0) / chain.stiffness[existing]) ** (2 / 3)
+    passed = (overlap > chain.smaller_radius_m[existing]).any(axis=1)
+    if passed.any():
+        return f"beads pressed through each other at t = {trace.time_s[np.argmax(passed)]:g} s: overlap beyond a radius"
     limit = tolerance("guard", "energy").limit
     share = energy_error(chain, trace)
     beyond = share > limit

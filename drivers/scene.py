@@ -139,11 +139,13 @@ class Scene(SceneFile):
 
     Attributes:
         name: the scene file's name without its ending.
+        file: the scene file as messages name it; no part of the physics.
         steps_per_sample: time steps from one sample to the next.
         samples: samples recorded, the one at time 0 included.
     """
 
     name: str
+    file: str = Field(exclude=True)
     steps_per_sample: int
     samples: int
 

@@ -13,8 +13,10 @@ from typing import Annotated, Any
 import pint
 from pydantic import BeforeValidator
 
-NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?)\s*([^\d\s+\-.].*?)\s*")
-LARGEST, SMALLEST = Decimal("1e300"), Decimal("1e-300")  # beyond these a double overflows or fades to zero
+NUMBER_AND_UNIT = re.compile(
+    r" *([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?) *([A-Za-zµμ][\w*/^() .·-]*?) *"
+)
+LARGEST, SMALLEST = Decimal("1e30"), Decimal("1e-30")  # in SI units: well inside what products of doubles can hold
 
 
 class NotAllowedError(ValueError):
@@ -43,8 +45,8 @@ def to_si(text: str, unit: str) -> float:
         value = Decimal(value)
     except Exception as error:
         raise ValueError(f"not a unit of {unit}") from error
-    if value and not SMALLEST < abs(value) < LARGEST:
-        raise ValueError("out of range")
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        raise NotAllowedError(f"from {SMALLEST:g} to {LARGEST:g} {unit}")
     return float(value)
 
 
@@ -56,6 +58,8 @@ def _quantity(what: str, unit: str, example: str, allows: Callable[[float], bool
             raise NotAllowedError(allowed)
         try:
             number = to_si(value, unit)
+        except NotAllowedError:
+            raise
         except ValueError as error:
             raise NotAllowedError(allowed) from error
         if not allows(number):

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.case import build_case
 from drivers.errors import InputError
 from drivers.read_scene import read_scene
 from validation.tests.conftest import SceneWriter, command_line
@@ -27,8 +28,8 @@ BAD = [
     ("chain.mass=0 g", "chain.mass", "0 g", "above zero"),
     ("chain.mass=nan g", "chain.mass", "nan g", "a mass"),
     ("chain.mass=inf g", "chain.mass", "inf g", "a mass"),
-    ("chain.mass=1e400 g", "chain.mass", "1e400 g", "a mass"),
-    ("chain.mass=1e-400 g", "chain.mass", "1e-400 g", "a mass"),
+    ("chain.mass=1e400 g", "chain.mass", "1e400 g", "from 1e-30"),
+    ("chain.mass=1e-400 g", "chain.mass", "1e-400 g", "from 1e-30"),
     ("chain.diameter=4.76", "chain.diameter", "4.76", "a length"),
     ("chain.diameter=2*3 mm", "chain.diameter", "2*3 mm", "a length"),
     ("gravity=-9.81 m/s^2", "gravity", "-9.81 m/s^2", "zero or more"),
@@ -62,17 +63,26 @@ BAD = [
     ("tube.inner_diameter=4 mm", "tube.inner_diameter", "0.004 m", "0.00476 m"),
     ("striker.shape=flat", "striker.diameter", "0.00476 m", "no diameter"),
     ("striker.diameter=", "striker.diameter", "nothing", "diameter"),
-    ("chain.mass_scatter=1 g", "chain.mass_scatter", "0.001 kg", "less than"),
     ("chain.bead=[{from_wall=2, gap_below='-1 um'}]", "chain.bead.0.gap_below", "-1 um", "zero or more"),
     ("chain.bead=[{from_wall=9, mass='1 g'}]", "chain.sensors.0.mass", "bead 9", "one of the two"),
     ("title=3", "title", "3", "text"),
     ("chain.sensors.7.mass=1 g", "7", "no such entry", "counted from 0"),
     ("chain.count.x=1", "chain.count.x", "plain value", "key of a table"),
+    ("chain.mass=٣ g", "chain.mass", "٣ g", "a mass"),
+    ("chain.mass=1 g # x", "chain.mass", "1 g # x", "a mass"),
+    ("chain.mass=1e40 kg", "chain.mass", "1e40 kg", "1e-30 to 1e+30 kg"),
+    ("chain.count=" + "1" * 5000, "chain.count", "111", "a whole number"),
+    ("chain.count=0x" + "f" * 5000, "chain.count", "thousands of digits", "at most"),
+    ("chain.count=" + "[" * 5000, "chain.count", "[[[", "a whole number"),
+    ("chain.count=5\nx=2", "chain.count", "5", "a whole number"),
+    ("float=3", "float", "unknown key", "chain"),
+    ("run.accuracy=true", "run.accuracy", "True", ""),
+    ("chain.sensors." + "1" * 5000 + ".mass=1 g", "111", "no such entry", "counted from 0"),
     ("nonsense", "", "no path=value", "chain.count=60"),
 ]
 
 
-@pytest.mark.parametrize(("setting", "key", "found", "allowed"), BAD, ids=[bad[0] for bad in BAD])
+@pytest.mark.parametrize(("setting", "key", "found", "allowed"), BAD, ids=[bad[0][:40] for bad in BAD])
 def test_a_bad_value_is_named(setting: str, key: str, found: str, allowed: str) -> None:
     with pytest.raises(InputError) as caught:
         read_scene("fig4", (setting,))
@@ -82,6 +92,19 @@ def test_a_bad_value_is_named(setting: str, key: str, found: str, allowed: str) 
     assert key in head
     assert found in told.split("; allowed: ")[0]
     assert allowed in told.split("; allowed: ")[1]
+
+
+@pytest.mark.parametrize(
+    ("setting", "key"),
+    [
+        ("chain.mass_scatter=1 g", "chain.mass_scatter"),
+        ("chain.precompression=100 kN", "chain.precompression"),
+        ("gravity=1e9 m/s^2", "gravity"),
+    ],
+)
+def test_what_makes_no_chain(setting: str, key: str) -> None:
+    with pytest.raises(InputError, match=key):
+        build_case(read_scene("fig4", (setting,)))
 
 
 def test_the_step_that_is_named_is_accepted() -> None:
