@@ -11,6 +11,7 @@ from pathlib import Path
 
 KEPT = ("PATH", "HOME", "USER", "LOGNAME", "TMPDIR", "LD_LIBRARY_PATH")
 PROBE_LIMIT_S = 20.0
+COULD_NOT_START = 127  # as a shell says it
 
 
 @dataclass(frozen=True)
@@ -45,15 +46,19 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float) -> Outco
     guard = ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
     began = time.perf_counter()
     with open(folder / "stdout.txt", "wb") as out, open(folder / "stderr.txt", "wb") as err:
-        process = subprocess.Popen(
-            (*guard, *command),
-            cwd=folder,
-            env=scrubbed_environment(),
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=err,
-            start_new_session=True,
-        )
+        try:
+            process = subprocess.Popen(
+                (*guard, *command),
+                cwd=folder,
+                env=scrubbed_environment(),
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                start_new_session=True,
+            )
+        except OSError as error:
+            err.write(f"cannot start: {error}\n".encode())
+            return Outcome(COULD_NOT_START, timed_out=False, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
         expired = threading.Event()
 
         def expire() -> None:

@@ -13,6 +13,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from drivers.engines import load_engine
+from drivers.errors import RunError
 from drivers.record import read_record
 from drivers.run import run_case
 from drivers.trace import read_forces
@@ -187,6 +189,35 @@ def test_one_failure_leaves_the_others_alone(stand_in: StandIn, scene_file: Scen
     assert json.loads((Path(failed) / "run.json").read_text())["status"] == "failed"
     assert json.loads((Path(good) / "run.json").read_text())["status"] == "done"
     assert done.stderr.strip() == "scene: liggghts failed: exit code 1: ERROR: out of order"
+
+
+def test_an_engine_that_cannot_start(scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    (folder / "yade").write_text("#!/no/such/interpreter\n")
+    (folder / "yade").chmod(0o755)
+    monkeypatch.setenv("PATH", str(folder))
+    status, reason = failing_run(scene_file(), "yade", tmp_path / "runs")
+    assert status == "failed"
+    assert "cannot start" in reason
+
+
+@pytest.mark.parametrize("torn", [b"", b"PK\x03\x04 torn", b"\x93NUMPY"])
+def test_torn_arrays(torn: bytes, tmp_path: Path) -> None:
+    (tmp_path / "chain.npz").write_bytes(torn)
+    with pytest.raises(RunError, match="torn"):
+        load_engine("yade").read(case_of("fig4"), tmp_path)
+
+
+def test_complex_or_misshapen_arrays_are_no_output(tmp_path: Path) -> None:
+    case = case_of("fig4")
+    np.savez(tmp_path / "chain.npz", force=np.zeros((801, 22)) * 1j, height=np.zeros(1), velocity=np.zeros(1))
+    with pytest.raises(RunError, match="torn"):
+        load_engine("yade").read(case, tmp_path)
+    np.save(tmp_path / "chain.npy", np.zeros(3))
+    (tmp_path / "chain.npy").rename(tmp_path / "chain.npz")
+    with pytest.raises(RunError, match="torn"):
+        load_engine("yade").read(case, tmp_path)
 
 
 def test_a_failed_run_is_tried_again(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
