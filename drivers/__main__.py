@@ -47,9 +47,12 @@ def _add_scene(parser: argparse.ArgumentParser) -> None:
 
 
 def _seconds(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
     if not 0 < value < float("inf"):
-        raise ValueError
+        raise argparse.ArgumentTypeError(f"found {text}; allowed: seconds above zero")
     return value
 
 
@@ -90,12 +93,14 @@ def _run(arguments: argparse.Namespace) -> int:
     names, missing = _engines(arguments.engine)
     case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
     runs = arguments.runs or paths.RUNS
+    if runs.exists() and not runs.is_dir():
+        raise InputError(f"--runs {runs}", "", "a file", "a folder")
     failures = 0
     for name in names:
         try:
             finished = run_case(case, name, runs, rerun=arguments.rerun, limit_s=arguments.time_limit)
-        except RunError as error:
-            print(f"{case.scene.name}: {error}", file=sys.stderr)
+        except (RunError, OSError) as error:
+            print(f"{case.scene.name}: {name}: {error}", file=sys.stderr)
             failures += 1
             continue
         print(paths.shown(finished.folder), flush=True)

@@ -147,7 +147,10 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
         falling = float((chain.load_N**2 / chain.mass_kg).sum()) * duration_s**2 / 2
     else:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
-    return kinetic + hertz + falling
+    weight = float(np.abs(chain.load_N).sum())
+    softest = float(np.min(chain.stiffness[chain.stiffness > 0], initial=inf))
+    settling = weight * float((weight / softest) ** (2 / 3))  # what is not yet in equilibrium sinks in by itself
+    return kinetic + hertz + falling + settling
 
 
 def _bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:

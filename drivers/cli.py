@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Callable
 from typing import NoReturn
@@ -18,14 +19,20 @@ class Parser(argparse.ArgumentParser):
 
 
 def run_main(main: Callable[[], int]) -> NoReturn:
-    """Runs a command line: 0 all good, 1 something ran and failed, 2 the input is wrong."""
+    """Runs a command line: 0 all good, 1 something ran and failed, 2 the input is wrong.
+
+    A request to end is met like Ctrl-C, so that engines are killed and nothing half-done stays.
+    """
+    for request in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(request, signal.default_int_handler)
     try:
         code = main()
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except InputError as error:
         print(error, file=sys.stderr)
         code = 2
-    except (RunError, OSError) as error:
+    except (RunError, OSError, UnicodeError) as error:
         if isinstance(error, BrokenPipeError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone: nothing to say
         else:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from drivers import paths
 from drivers.errors import InputError
 from drivers.layout import Layout, read_layout
 from drivers.record import FILE, RunRecord, read_record
@@ -20,8 +21,17 @@ class FinishedRun:
 
     @cached_property
     def trace(self) -> Trace:
-        """The force trace; the state is not in it."""
-        return read_forces(self.folder / "forces.parquet")
+        """The force trace; the state is not in it.
+
+        Raises:
+            InputError: the file is missing or damaged.
+        """
+        path = self.folder / "forces.parquet"
+        try:
+            return read_forces(path)
+        except Exception as error:  # a damaged file can make pyarrow raise almost anything
+            found = "no such file" if isinstance(error, FileNotFoundError) else "a damaged file"
+            raise InputError(paths.shown(path), "", found, "the forces of a run (run it again with --rerun)") from error
 
 
 def open_run(folder: Path) -> FinishedRun:
@@ -31,8 +41,13 @@ def open_run(folder: Path) -> FinishedRun:
         InputError: there is none, or it is not done.
     """
     record = read_record(folder)
+    allowed = "a run folder, as python -m drivers run prints it"
     if record is None:
-        raise InputError(str(folder), FILE, "no record of a run", "a run folder, as python -m drivers run prints it")
+        raise InputError(str(folder), FILE, "no record of a run", allowed)
     if record.status != "done":
         raise InputError(str(folder), FILE, f"a run that {record.status}: {record.reason}", "a run that is done")
-    return FinishedRun(folder, record, read_layout(record.layout))
+    try:
+        layout = read_layout(record.layout)
+    except (TypeError, KeyError) as error:
+        raise InputError(str(folder), FILE, "a damaged record", allowed) from error
+    return FinishedRun(folder, record, layout)

@@ -17,5 +17,5 @@ def shown(path: Path) -> str:
     """The path as a person would type it: relative to here where it lies below."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))
-    except ValueError:
+    except (ValueError, OSError, RuntimeError):  # not below, or a loop of links
         return str(path)

@@ -4,6 +4,7 @@ import os
 import shutil
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from pathlib import Path
 
 KEPT = ("PATH", "HOME", "USER", "LOGNAME", "TMPDIR", "LD_LIBRARY_PATH")
 PROBE_LIMIT_S = 20.0
+UNKNOWN_VERSION = "unknown"
 COULD_NOT_START = 127  # as a shell says it
 
 
@@ -37,11 +39,11 @@ def scrubbed_environment() -> dict[str, str]:
     return kept | {"LC_ALL": "C.UTF-8", "PYTHONNOUSERSITE": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
 
 
-def run_command(command: tuple[str, ...], folder: Path, limit_s: float) -> Outcome:
+def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variables: str) -> Outcome:
     """Runs a command inside ``folder``; its output goes to ``stdout.txt`` and ``stderr.txt`` there.
 
-    The process leads a group of its own, which is killed at the time limit; where the system can, it is also
-    killed when this one dies.
+    ``variables`` are added to the environment. The process leads a group of its own, which is killed at the time
+    limit; where the system can, it is also killed when this one dies.
     """
     guard = ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
     began = time.perf_counter()
@@ -50,7 +52,7 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float) -> Outco
             process = subprocess.Popen(
                 (*guard, *command),
                 cwd=folder,
-                env=scrubbed_environment(),
+                env=scrubbed_environment() | variables,
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=err,
@@ -65,7 +67,7 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float) -> Outco
             expired.set()
             _kill_group(process.pid)
 
-        timer = threading.Timer(limit_s, expire)
+        timer = threading.Timer(min(limit_s, threading.TIMEOUT_MAX), expire)
         timer.start()
         try:
             _, status, usage = os.wait4(process.pid, 0)
@@ -86,21 +88,11 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float) -> Outco
 
 
 def first_line_of(command: tuple[str, ...]) -> str:
-    """The first line that a command prints; "unknown" where it prints none in time."""
-    try:
-        done = subprocess.run(
-            command,
-            env=scrubbed_environment(),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            timeout=PROBE_LIMIT_S,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return "unknown"
-    lines = done.stdout.decode(errors="replace").strip().splitlines()
-    return lines[0].strip() if lines else "unknown"
+    """The first line that a command prints; empty where it prints none in time or cannot start."""
+    with tempfile.TemporaryDirectory() as folder:  # LIGGGHTS leaves a log wherever it is asked
+        run_command(command, Path(folder), PROBE_LIMIT_S)
+        lines = (Path(folder) / "stdout.txt").read_text(errors="replace").strip().splitlines()
+    return lines[0].strip() if lines else ""
 
 
 def _kill_group(leader: int) -> None:

@@ -13,6 +13,7 @@ from drivers.scene_rules import contradictions, not_yet
 from drivers.settings import lay_over
 
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
+MAX_STEPS = 2**31 - 1  # LIGGGHTS counts no further
 MAX_VALUES = 200_000_000  # samples x contacts: 1.6 GB of doubles
 
 
@@ -50,6 +51,13 @@ def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
             "samples": samples,
         }
     )
+    if scene.steps > MAX_STEPS:
+        raise InputError(
+            where,
+            "run.time_step",
+            f"{time_step:g} s, which makes {scene.steps:.3g} steps",
+            f"at most {MAX_STEPS:.3g} steps",
+        )
     for complaint in contradictions(scene):
         raise InputError(where, *complaint)
     return scene
@@ -58,7 +66,7 @@ def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
 def find_scene(source: str | Path) -> Path:
     """The path of a scene file, given by path or by the name of one in ``inputs/scenes``."""
     path = Path(source)
-    if path.suffix != ".toml" and path.name == str(source) and not path.exists():
+    if path.suffix != ".toml" and path.name == str(source) and not path.is_file():
         path = paths.SCENES / f"{source}.toml"
         if not path.is_file():
             known = ", ".join(sorted(p.stem for p in paths.SCENES.glob("*.toml")))
@@ -80,6 +88,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         InputError: it cannot be read, is no UTF-8 or no TOML.
     """
     where = paths.shown(path)
+    if path.exists() and not path.is_file():
+        raise InputError(where, "", "a directory" if path.is_dir() else "no regular file", "a readable scene file")
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:

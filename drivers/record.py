@@ -58,7 +58,7 @@ def read_record(folder: Path) -> RunRecord | None:
     """The record of a run folder; None where there is none that can be read."""
     try:
         return RunRecord(**json.loads((folder / FILE).read_text()))
-    except (OSError, ValueError, TypeError):
+    except (OSError, ValueError, TypeError, RecursionError):
         return None
 
 

@@ -16,11 +16,12 @@ from drivers.deck import Deck
 from drivers.engines import Engine, load_engine
 from drivers.errors import RunError
 from drivers.guard import reason_to_fail
-from drivers.process import Outcome, run_command
+from drivers.process import UNKNOWN_VERSION, Outcome, run_command
 from drivers.record import RunRecord, provenance, read_record
-from drivers.trace import Trace, write_forces, write_state
+from drivers.trace import Trace, whole_forces, write_forces, write_state
 
 LEAST_LIMIT_S = 60.0
+LONGEST_COMPLAINT = 300
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: beyond it, a run hangs
 
 
@@ -55,7 +56,7 @@ def run_case(
     engine = load_engine(engine_name)
     executable = engine.find()
     if executable is None:
-        raise RunError(f"{engine_name} is not installed; it comes with {engine.HOW_TO_GET}")
+        raise RunError(f"not installed; it comes with {engine.HOW_TO_GET}")
     deck = engine.render(case)
     home = runs / engine_name
     version = _known_version(engine, executable, home)
@@ -66,7 +67,7 @@ def run_case(
     with _workplace(home, identity) as folder:
         for name, text in deck.files.items():
             (folder / name).write_text(text)
-        outcome = run_command(_launch(deck), folder, limit_s or default_limit_s(case))
+        outcome = run_command(_launch(deck, executable), folder, limit_s or default_limit_s(case), **engine.VARIABLES)
         record = _record(case, engine_name, engine, version, deck, outcome, folder)
         trace = None
         if outcome.timed_out:
@@ -77,12 +78,15 @@ def run_case(
             except RunError as error:
                 record = replace(record, status="failed", reason=str(error))
         for name in deck.raw:
-            (folder / name).unlink(missing_ok=True)
+            _remove(folder / name)
         if trace is not None:
             _write_products(case, trace, folder)
         record.write(folder)
         target = home / f"{case.scene.name}-{identity}"
-        _move_into_place(folder, target, found.folder if found else None)
+        spared = found and found.done and record.status != "done"
+        if spared:  # what is done stays
+            target = target.with_name(f"{target.name}-failed")
+        _move_into_place(folder, target, None if spared or not found else found.folder)
     return Finished(target, record)
 
 
@@ -96,15 +100,15 @@ def find_run(home: Path, identity: str) -> Finished | None:
 
 
 def _has_all(folder: Path, case: Case) -> bool:
-    wanted = ["forces.parquet", "sensors.csv"] + (["state.parquet"] if "state" in case.scene.run.record else [])
-    return all((folder / name).exists() for name in wanted)
+    wanted = ["sensors.csv"] + (["state.parquet"] if "state" in case.scene.run.record else [])
+    there = all((folder / name).exists() for name in wanted)
+    return there and whole_forces(folder / "forces.parquet", case.scene.samples)
 
 
-def _launch(deck: Deck) -> tuple[str, ...]:
-    """The command with this interpreter for ``python``, so that no virtual environment has to be active."""
-    if deck.command[0] != "python":
-        return deck.command
-    return ("env", f"PYTHONPATH={paths.ROOT}", sys.executable, *deck.command[1:])
+def _launch(deck: Deck, executable: Path) -> tuple[str, ...]:
+    """The deck's command with the program that was found, so that what runs is what its version was asked of."""
+    names = (executable.name, "python") if executable == Path(sys.executable) else (executable.name,)
+    return tuple(str(executable.absolute()) if word in names else word for word in deck.command)
 
 
 def _checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) -> Trace:
@@ -116,7 +120,8 @@ def _checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) -
     if outcome.code != 0:
         stdout, stderr = (_text(folder / name) for name in ("stdout.txt", "stderr.txt"))
         ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
-        raise RunError(f"{ending}: {engine.complaint(stdout, stderr)}")
+        words = "".join(c if c.isprintable() else " " for c in engine.complaint(stdout, stderr))
+        raise RunError(f"{ending}: {words[:LONGEST_COMPLAINT]}")
     trace = engine.read(case, folder)
     reason = reason_to_fail(case.chain, trace)
     if reason:
@@ -131,6 +136,13 @@ def _write_products(case: Case, trace: Trace, folder: Path) -> None:
     write_sensors(case.layout, trace, folder / "sensors.csv")
     if "state" in case.scene.run.record:
         write_state(trace, folder / "state.parquet")
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _record(
@@ -177,6 +189,8 @@ def _known_version(engine: Engine, executable: Path, home: Path) -> str:
     except (OSError, ValueError, KeyError, TypeError):
         pass
     version = engine.version(executable)
+    if version == UNKNOWN_VERSION:
+        return version  # ask again next time: it may have been mended
     home.mkdir(parents=True, exist_ok=True)
     draft = note.with_suffix(f".{os.getpid()}")
     draft.write_text(json.dumps({"executable": key, "version": version}))

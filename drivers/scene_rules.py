@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.chain import Chain
 from drivers.complaints import shorten
-from drivers.scene import Bead, Scene, SceneFile, Sensor
+from drivers.scene import RIGID, Bead, Scene, SceneFile, Sensor
 
 MAX_OVERLAP = 0.5  # of the radius, at rest: far beyond Hertz, and close to where engines lose a contact
 
@@ -16,6 +16,8 @@ Complaint = tuple[str, str, str]  # key, found, allowed
 def not_yet(file: SceneFile) -> Iterator[Complaint]:
     """What the scene contract knows and this version cannot run yet; and the choice of time_step or accuracy."""
     run, chain = file.run, file.chain
+    if RIGID in file.materials:
+        yield f"materials.{RIGID}", "constants of its own", f'another name: "{RIGID}" is the wall that does not yield'
     if (run.time_step is None) == (run.accuracy is None):
         found = "neither time_step nor accuracy" if run.time_step is None else "both time_step and accuracy"
         yield "run", found, "exactly one of the two"

@@ -76,6 +76,16 @@ def read_forces(path: Path) -> Trace:
     return Trace(table["time_s"].to_numpy(), table[contacts].to_numpy(), *(table[name].to_numpy() for name in energies))
 
 
+def whole_forces(path: Path, samples: int) -> bool:
+    """Whether a ``forces.parquet`` is there with all its rows; reads its footer only."""
+    import pyarrow.parquet
+
+    try:
+        return bool(pyarrow.parquet.read_metadata(path).num_rows == samples)
+    except (OSError, ValueError):  # pyarrow's own errors are ValueErrors
+        return False
+
+
 def write_state(trace: Trace, path: Path) -> None:
     """Writes ``state.parquet``: height and velocity of each body."""
     assert trace.height_m is not None

@@ -4,6 +4,7 @@ An engine module has
 
 * ``find()``: path of its executable, or None where it is not installed;
 * ``HOW_TO_GET``: what to install then;
+* ``VARIABLES``: environment variables it needs;
 * ``version(executable)``: its version, part of a run's identity;
 * ``render(case)``: the deck, complete with the command that runs it inside its folder;
 * ``read(case, folder)``: the raw output there as a force trace, or a RunError saying what is wrong with it;
@@ -12,6 +13,7 @@ An engine module has
 """
 
 import pkgutil
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
@@ -25,6 +27,7 @@ class Engine(Protocol):
     """What a module of this package offers."""
 
     HOW_TO_GET: str
+    VARIABLES: Mapping[str, str]
 
     @staticmethod
     def find() -> Path | None: ...  # noqa: D102

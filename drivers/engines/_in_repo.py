@@ -7,6 +7,8 @@ import sys
 from importlib.metadata import version as package_version
 from pathlib import Path
 
+import numpy as np
+
 from drivers import paths
 from drivers.case import Case
 from drivers.deck import Deck
@@ -14,6 +16,7 @@ from drivers.engines._arrays import load_arrays
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "nothing: it is part of this repository"
+VARIABLES = {"PYTHONPATH": str(paths.ROOT)}
 COMMAND = ("python", "-m", "validation.reference", "chain.json")
 
 
@@ -46,6 +49,8 @@ def render(case: Case, method: str) -> Deck:
         "overlap_m": chain.overlap_m.tolist(),
         "velocity_m_s": chain.velocity_m_s.tolist(),
         "load_N": chain.load_N.tolist(),
+        "height_m": chain.height_m.tolist(),  # not integrated, but part of what the run reports
+        "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
     }
     lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(value)}" for key, value in values.items())
     return Deck({"chain.json": f"{{{lines}}}\n"}, COMMAND, raw=("chain.npz",))
@@ -71,5 +76,5 @@ def complaint(stdout: str, stderr: str) -> str:
 
 def loop_seconds(stdout: str) -> float | None:
     """From the closing line ``completed 801 samples in 0.12 s``."""
-    match = re.search(r"^completed \d+ samples in (\S+) s$", stdout, re.MULTILINE)
+    match = re.search(r"^completed \d+ samples in ([0-9.]+) s$", stdout, re.MULTILINE)
     return float(match.group(1)) if match else None

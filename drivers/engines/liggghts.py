@@ -13,11 +13,12 @@ from drivers.chain import Chain, energy_put_in
 from drivers.deck import Deck
 from drivers.deck import render as render_template
 from drivers.errors import RunError
-from drivers.process import first_line_of
+from drivers.process import UNKNOWN_VERSION, first_line_of
 from drivers.scene import RIGID, Scene
 from drivers.trace import Array, Trace, make_trace
 
 HOW_TO_GET = "Debian's package liggghts"
+VARIABLES: dict[str, str] = {}
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
 RIGID_PA = 1e40  # a wall that does not yield: its share of 1/E* is below rounding
@@ -52,9 +53,8 @@ def find() -> Path | None:
 
 def version(executable: Path) -> str:
     """Such as ``LIGGGHTS-PUBLIC 3.8.0``."""
-    line = first_line_of((str(executable), "-help"))
-    match = re.search(r"Version ([^,)]+)", line)
-    return match.group(1) if match else line
+    match = re.search(r"LIGGGHTS \(Version ([^,)]+)", first_line_of((str(executable), "-help")))
+    return match.group(1) if match else UNKNOWN_VERSION
 
 
 def render(case: Case) -> Deck:
@@ -75,7 +75,8 @@ def render(case: Case) -> Deck:
     volume = 4 / 3 * math.pi * radius**3
     height = chain.height_m + np.where(np.isinf(chain.radius_m), radius, 0.0)
     fastest = math.sqrt(2 * energy_put_in(chain, duration) / chain.mass_kg.min())
-    reach = fastest * duration + 4 * radius.max()  # nothing gets further: what leaves the box has blown up
+    reach = 1.1 * fastest * duration + 4 * radius.max()  # nothing gets further: what leaves the box has blown up
+    digits = 2 - math.floor(math.log10(reach))
     atoms = [
         Atom(unique.index(labels[i]) + 1, 2 * radius[i], chain.mass_kg[i] / volume[i], height[i], chain.velocity_m_s[i])
         for i in range(chain.bodies)
@@ -99,15 +100,15 @@ def render(case: Case) -> Deck:
         "thermo": max(1, scene.steps // 10),
         "atoms": atoms,
         "half_width": float(f"{4 * radius.max():.1g}"),
-        "z_low": float(height.min() - reach),
-        "z_high": float(height.max() + reach),
+        "z_low": round(float(height.min() - reach), digits),
+        "z_high": round(float(height.max() + reach), digits),
     }
     files = {name: render_template(f"liggghts/{name}.j2", **values) for name in ("chain.in", "chain.data")}
     return Deck(files, COMMAND, raw=("chain.dump",))
 
 
 def _type(scene: Scene, label: str) -> Type:
-    if label == RIGID and RIGID not in scene.materials:
+    if label == RIGID:
         return Type(label, RIGID_PA, 0.0)
     material = scene.materials[label.removeprefix("flat ")]
     return Type(label, material.youngs_modulus, material.poisson_ratio)
@@ -135,28 +136,31 @@ def read(case: Case, folder: Path) -> Trace:
     Raises:
         RunError: frames or beads are missing, or the file is torn.
     """
-    chain = case.chain
+    chain, samples = case.chain, case.scene.samples
     try:
-        lines = (folder / "chain.dump").read_text(errors="replace").splitlines()
+        text = (folder / "chain.dump").read_text(errors="replace")
     except OSError as error:
         raise RunError(f"no output: {error.strerror}") from error
+    lines = text.splitlines()
     frame = HEADER_LINES + chain.bodies
-    for start in range(0, len(lines), frame):
-        if lines[start + 3 : start + 4] not in ([], [str(chain.bodies)]):
-            at = case.scene.time_step_s * int(lines[start + 1])
-            raise RunError(f"{chain.bodies - int(lines[start + 3])} of {chain.bodies} bodies lost by t = {at:g} s")
-    expected = case.scene.samples
-    if len(lines) != frame * expected:
-        raise RunError(f"output ends in sample {len(lines) // frame + 1} of {expected}")
+    counts = lines[3::frame]
+    if counts != [str(chain.bodies)] * len(counts):
+        first = next(i for i, count in enumerate(counts) if count != str(chain.bodies))
+        at = case.sample_times_s[min(first, samples - 1)]
+        raise RunError(f"{counts[first]} bodies instead of {chain.bodies} at t = {at:g} s: one was lost")
+    if len(lines) != frame * samples or not text.endswith("\n"):
+        raise RunError(f"output ends in sample {min(len(lines) // frame + 1, samples)} of {samples}")
     body = [line for start in range(0, len(lines), frame) for line in lines[start + HEADER_LINES : start + frame]]
     columns = 5 if chain.wall else 4
     try:
-        numbers = np.array(" ".join(body).split(), dtype=float).reshape(expected, chain.bodies, columns)
+        numbers = np.array(" ".join(body).split(), dtype=float).reshape(samples, chain.bodies, columns)
         steps = np.array([int(line) for line in lines[1::frame]])
     except ValueError as error:
         raise RunError(f"output is torn: {error}") from error
     if not np.array_equal(steps, case.sample_steps):
         raise RunError("output has other time steps than the samples")
+    if (numbers[:, :, 0] != np.arange(1, chain.bodies + 1)).any():
+        raise RunError("output has its beads in another order")
     z, vz, fz = numbers[:, :, 1], numbers[:, :, 2], numbers[:, :, 3]
     force = np.empty_like(fz)
     force[:, 0] = numbers[:, 0, 4] if chain.wall else 0.0
@@ -176,5 +180,5 @@ def complaint(stdout: str, stderr: str) -> str:
 
 def loop_seconds(stdout: str) -> float | None:
     """From the line ``Loop time of 0.12 on 1 procs ...``."""
-    match = re.search(r"^Loop time of (\S+)", stdout, re.MULTILINE)
+    match = re.search(r"^Loop time of ([0-9.e+-]*[0-9]) on", stdout, re.MULTILINE)
     return float(match.group(1)) if match else None

@@ -12,11 +12,12 @@ from drivers.deck import Deck
 from drivers.deck import render as render_template
 from drivers.engines._arrays import load_arrays
 from drivers.errors import RunError
-from drivers.process import first_line_of
+from drivers.process import UNKNOWN_VERSION, first_line_of
 from drivers.scene import RIGID, Scene
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's packages yade and python3-yade"
+VARIABLES: dict[str, str] = {}
 COMMAND = ("yade", "-n", "-x", "chain.py")
 RIGID_PA = 1e40  # a wall that does not yield: its share of 1/E* is below rounding
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
@@ -50,9 +51,8 @@ def find() -> Path | None:
 
 def version(executable: Path) -> str:
     """Such as ``2023.02a``."""
-    line = first_line_of((str(executable), "--version"))
-    match = re.search(r"Yade version: ([^\s,]+)", line)
-    return match.group(1) if match else line
+    match = re.search(r"Yade version: ([^\s,]+)", first_line_of((str(executable), "--version")))
+    return match.group(1) if match else UNKNOWN_VERSION
 
 
 def render(case: Case) -> Deck:
@@ -89,7 +89,7 @@ def render(case: Case) -> Deck:
 
 
 def _label(scene: Scene, name: str) -> Label:
-    if name == RIGID and RIGID not in scene.materials:
+    if name == RIGID:
         return Label(name, RIGID_PA, 0.0)
     material = scene.materials[name]
     return Label(name, material.youngs_modulus, material.poisson_ratio)
@@ -132,5 +132,5 @@ def complaint(stdout: str, stderr: str) -> str:
 
 def loop_seconds(stdout: str) -> float | None:
     """From the closing line ``completed 8001 steps in 0.12 s``."""
-    match = re.search(r"^completed \d+ steps in (\S+) s$", stdout, re.MULTILINE)
+    match = re.search(r"^completed \d+ steps in ([0-9.]+) s$", stdout, re.MULTILINE)
     return float(match.group(1)) if match else None

@@ -1,15 +1,10 @@
 """An independent integrator in 40 digits, to measure the error of the reference.
 
 It shares nothing with ``validation.reference``: Taylor series of order 30 in multiple-precision numbers (gmpy2),
-no error control but its own, contacts switched by hand. ``python -m validation.tests.high_precision`` writes
-``references.json``, which takes some minutes; the tests compare with it.
+step control of its own, contacts switched by hand. The six cases take some 25 s in all.
 """
 
-import json
-import sys
-import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import gmpy2
 import numpy as np
@@ -22,7 +17,6 @@ DIGITS, ORDER = 40, 30
 TRUNCATION = 1e-22  # local, of the scales of overlap and velocity
 HOP_S = 1e-12  # nearer to an opening or closing than this a contact counts as open: its impulse is below 1e-18
 SAMPLES = 40
-FILE = Path(__file__).parent / "references.json"
 
 # scene, settings, duration: the paper's, a weak one, and a chain whose beads separate and meet again
 CASES = {
@@ -173,17 +167,3 @@ def forces_at(chain: Chain, times: "np.ndarray[tuple[int], np.dtype[np.float64]]
             while motion.time < until:
                 motion.advance(mpfr(float(until)))
             yield [float(force) for force in motion.forces()]
-
-
-def main() -> None:
-    """Writes the references of all cases, or of those named."""
-    stored = json.loads(FILE.read_text()) if FILE.exists() else {}
-    for name in sys.argv[1:] or CASES:
-        began = time.perf_counter()
-        stored[name] = list(forces_at(chain_of(name), times_of(name)))
-        print(f"{name}: {time.perf_counter() - began:.0f} s", flush=True)
-        FILE.write_text(json.dumps(stored, separators=(",", ":")).replace("]],", "]],\n") + "\n")
-
-
-if __name__ == "__main__":
-    main()

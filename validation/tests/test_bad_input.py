@@ -57,6 +57,8 @@ BAD = [
     ("run.duration=1 year", "run.sample_interval", "samples of 22 contacts", "at most"),
     ("run.record=['state']", "run.record", "state", "forces"),
     ("chain.lateral_offset=10 um", "chain.lateral_offset", "1e-05 m", "not supported yet"),
+    ("materials.rigid={youngs_modulus='1 GPa', poisson_ratio=0.3}", "materials.rigid", "of its own", "another name"),
+    ("run.time_step=1e-16 s", "run.time_step", "steps", "at most"),
     ("contact.restitution=0.9", "contact.restitution", "0.9", "not supported yet"),
     ("contact.friction=-1", "contact.friction", "-1", "0 or more"),
     ("sensor.time_constant=1 ms", "sensor.time_constant", "0.001 s", "not supported yet"),

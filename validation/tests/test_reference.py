@@ -6,6 +6,7 @@ import pytest
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
 from validation.reference.verlet import integrate_verlet, integrate_verlet_absolute
+from validation.tests import high_precision
 
 
 def chain_of(count: int, speed: float = 1.0, load: float = 0.0) -> HertzChain:
@@ -85,6 +86,42 @@ def test_wrong_arrays_are_named(change: dict[str, list[float]], named: str) -> N
     good = {name: [1.0, 1.0] for name in ("mass_kg", "stiffness", "overlap_m", "velocity_m_s", "load_N")}
     with pytest.raises(ValueError, match=named):
         HertzChain(**(good | change))  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module", params=list(high_precision.CASES))
+def exact_case(request: pytest.FixtureRequest) -> tuple[HertzChain, np.ndarray, np.ndarray]:
+    """Chain, times and contact forces that are right in 20 digits and more."""
+    chain, times = high_precision.chain_of(request.param), high_precision.times_of(request.param)
+    arrays = HertzChain(chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N)
+    return arrays, times, np.array(list(high_precision.forces_at(chain, times)))
+
+
+def test_the_true_error_is_the_tolerance_asked_for(exact_case: tuple[HertzChain, np.ndarray, np.ndarray]) -> None:
+    """At or below the tolerance, and not a thousand times below: nothing is wasted."""
+    chain, times, exact = exact_case
+    for exponent in range(4, 13):
+        tolerance = 10.0**-exponent
+        error = np.abs(integrate_adaptive(chain, times, tolerance).force_N - exact).max() / exact.max()
+        assert 1e-3 * tolerance < error <= tolerance
+
+
+def test_energy_and_momentum_of_fig4_before_the_wall() -> None:
+    """Gravity's share accounted for; the paper: 1e-10 and 1e-14."""
+    chain = high_precision.chain_of("fig4")
+    arrays = HertzChain(chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N)
+    times = np.linspace(0, 3e-4, 31)
+    motion = integrate_adaptive(arrays, times)
+    total = energy(arrays, motion)
+    assert np.abs(total / total[0] - 1).max() < 1e-12
+    momentum = motion.velocity_m_s @ chain.mass_kg
+    impulse = (chain.force_N[0] + chain.load_N.sum()) * times  # the wall still bears the resting beads' weight
+    assert np.abs(momentum - momentum[0] - impulse).max() < 1e-13 * abs(momentum[0])
+
+
+@pytest.mark.parametrize("tolerance", [1e-13, 0.0, -1.0, 1.0, float("nan")])
+def test_tolerances_out_of_reach_are_refused(tolerance: float) -> None:
+    with pytest.raises(ValueError, match="1e-12"):
+        integrate_adaptive(chain_of(2), np.array([0.0, 1e-6]), tolerance)
 
 
 def test_wrong_times_are_named() -> None:

@@ -14,7 +14,8 @@ import pandas as pd
 import pytest
 
 from drivers.engines import load_engine
-from drivers.errors import RunError
+from drivers.errors import InputError, RunError
+from drivers.finished import open_run
 from drivers.record import read_record
 from drivers.run import run_case
 from drivers.trace import read_forces
@@ -85,6 +86,52 @@ def test_what_a_run_folder_holds(scene_file: SceneWriter, tmp_path: Path) -> Non
     assert record["steps"] == 3000
     assert 0 < record["loop_s"] < record["wall_s"]
     assert record["commit"]
+
+
+def test_what_the_deck_leaves_out_is_still_another_run(scene_file: SceneWriter, tmp_path: Path) -> None:
+    for engine in ("verlet", "reference"):
+        here = run_case(case_of(scene_file()), engine, tmp_path / "runs")
+        higher = run_case(case_of(scene_file(), "chain.origin=1 m"), engine, tmp_path / "runs")
+        assert here.folder != higher.folder
+
+
+def test_a_failure_does_not_destroy_what_is_done(scene_file: SceneWriter, tmp_path: Path) -> None:
+    case, runs = case_of(scene_file()), tmp_path / "runs"
+    good = run_case(case, "verlet", runs)
+    bad = run_case(case, "verlet", runs, rerun=True, limit_s=0.01)
+    assert bad.record.status == "timeout"
+    assert bad.folder != good.folder
+    assert run_case(case, "verlet", runs).folder == good.folder
+
+
+def test_damaged_records_and_forces(scene_file: SceneWriter, tmp_path: Path) -> None:
+    case, runs = case_of(scene_file()), tmp_path / "runs"
+    folder = run_case(case, "verlet", runs).folder
+    (folder / "forces.parquet").write_bytes(b"PAR1 junk PAR1")
+    with pytest.raises(InputError, match="damaged"):
+        open_run(folder).trace  # noqa: B018
+    assert run_case(case, "verlet", runs).folder == folder
+    assert len(open_run(folder).trace.time_s) == 301
+    record = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(json.dumps(record | {"layout": 5}))
+    with pytest.raises(InputError, match="damaged"):
+        open_run(folder)
+    (folder / "run.json").write_text("[" * 100_000)
+    with pytest.raises(InputError, match="no record"):
+        open_run(folder)
+
+
+def test_a_weak_impact_under_gravity_is_no_instability(scene_file: SceneWriter, tmp_path: Path) -> None:
+    path = scene_file(count=0, top='gravity = "9.81 m/s^2"', step="1 us")
+    assert run_case(case_of(path, "striker.speed=1e-6 m/s"), "verlet", tmp_path / "runs").done
+
+
+@pytest.mark.parametrize("damage", ["sed -i 12d", "sed -i '4s/.*/six/'", "sed -i '10s/^1 /2 /'", "truncate -s -6"])
+def test_torn_dumps_of_the_real_engine(damage: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
+    need("liggghts")
+    real = subprocess.run(["which", "liggghts"], capture_output=True, text=True, check=True).stdout.strip()
+    stand_in("liggghts", f'{real} "$@" || exit 1\n[ ! -e chain.dump ] || {damage} chain.dump\n')
+    assert failing_run(scene_file(wall=""), "liggghts", tmp_path / "runs")[0] == "failed"
 
 
 def test_a_torn_folder_is_run_again(scene_file: SceneWriter, tmp_path: Path) -> None:
@@ -240,7 +287,7 @@ def test_a_missing_engine(scene_file: SceneWriter, tmp_path: Path) -> None:
         "drivers", "run", scene_file(), "--runs", tmp_path / "runs", "--engine", "yade", PATH=str(bare)
     )
     assert asked.returncode == 1
-    assert "yade is not installed" in asked.stderr
+    assert "yade: not installed" in asked.stderr
     unasked = command_line("drivers", "run", scene_file(), "--runs", tmp_path / "runs", PATH=str(bare))
     assert unasked.returncode == 0
     assert "not run, since not installed (2): liggghts, yade" in unasked.stderr
