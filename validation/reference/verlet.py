@@ -1,58 +1,210 @@
-"""Velocity Verlet at a fixed step: the scheme of LIGGGHTS and YADE, in overlaps instead of positions."""
+"""Velocity Verlet at a fixed step: the scheme of LIGGGHTS and YADE, in overlaps instead of positions.
 
+Inside, velocities stand half a step behind, so that one pass over the chain makes one step; recorded velocities
+belong to the time of the forces. Long chains go in tiles that fit the cache and take many steps at a time, each step
+one bead further down, so that every bead finds its neighbours at the right step.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from math import sqrt
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from validation.reference.hertz_chain import Array, HertzChain, Motion, displacements
+from validation.reference.hertz_chain import Array, HertzChain, Motion, displacements, hertz_force
+
+TILE = 2048  # beads: their six numbers each fit the second-level cache
+BLOCK = 128  # steps that a tile takes at a time
+LEAST_FOR_TWO = 50_000  # beads below which a second thread does not pay
+
+Arrays = tuple[Array, Array, Array, Array, Array, Array]  # velocity (the wall's first), overlap, force, and constants
 
 
 def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int) -> Motion:
-    """Integrates from time 0 with samples every ``steps_per_sample`` steps, the first at time 0.
+    """Integrates from time 0 and keeps the whole motion every ``steps_per_sample`` steps, the first at time 0.
 
     Half kick, drift, new forces, half kick: ``v += a dt/2; x += v dt; a = a(x); v += a dt/2``.
 
     Raises:
         ValueError: a step not above zero, or counts below one.
     """
+    _check(time_step_s, steps_per_sample, samples)
+    arrays, half_kick = _start(chain, time_step_s), 0.5 * time_step_s / chain.mass_kg
+    velocity, overlap, force = arrays[:3]
+    motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
+    nothing, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
+    for sample in range(samples):
+        if sample:
+            for first in range(0, steps_per_sample, BLOCK):
+                steps = min(BLOCK, steps_per_sample - first)
+                _advance(arrays, time_step_s, 0, overlap.size, False, False, 0, steps, steps, nothing, nowhere, force)
+        motion.force_N[sample] = force[:-1]
+        motion.displacement_m[sample] = overlap
+        motion.velocity_m_s[sample] = velocity[1:] + half_kick * (force[:-1] - force[1:] + chain.load_N)
+    return Motion(motion.force_N, displacements(chain, motion.displacement_m), motion.velocity_m_s)
+
+
+def record_contacts(
+    chain: HertzChain,
+    time_step_s: float,
+    steps_per_sample: int,
+    samples: int,
+    contacts: NDArray[np.int64],
+    *,
+    threads: int = 1,
+    progress: Callable[[int], object] | None = None,
+) -> Array:
+    """Forces of some contacts of a long chain, in constant memory.
+
+    Args:
+        chain: the chain.
+        time_step_s: the time step.
+        steps_per_sample: steps from sample to sample, the first at time 0.
+        samples: how many.
+        contacts: which, counted from 1 as in the rest of the project.
+        threads: 1 or 2; a second one serves chains of 50 000 beads and more.
+        progress: called with the number of steps done since its last call, such as ``tqdm.update``.
+
+    Returns:
+        Shape (samples, contacts), in N.
+
+    Raises:
+        ValueError: a step not above zero, counts below one, contacts that do not exist, threads other than 1 or 2.
+    """
+    _check(time_step_s, steps_per_sample, samples)
+    places = np.asarray(contacts, dtype=np.int64) - 1
+    n = chain.mass_kg.size
+    if places.ndim != 1 or (places < 0).any() or (places >= n).any():
+        raise ValueError(f"contacts: expected numbers from 1 to {n}")
+    if threads not in (1, 2):
+        raise ValueError(f"threads: {threads}, expected 1 or 2")
+    arrays = _start(chain, time_step_s)
+    recorded = np.empty((samples, places.size))
+    recorded[0] = arrays[2][places]
+    total, middle = steps_per_sample * (samples - 1), n // 2
+    edge = np.zeros(BLOCK)
+    with ThreadPoolExecutor(2) as pool:
+        for first in range(0, total, BLOCK):
+            steps = min(BLOCK, total - first)
+            rest = (first, steps, steps_per_sample, places, recorded, edge)
+            if threads == 1 or n < LEAST_FOR_TWO:
+                _advance(arrays, time_step_s, 0, n, False, False, *rest)
+            else:
+                lower = pool.submit(_advance, arrays, time_step_s, 0, middle - 1, False, True, *rest)
+                _advance(arrays, time_step_s, middle, n, True, False, *rest)
+                lower.result()
+                _fill_between(arrays, time_step_s, middle, *rest)
+            if progress is not None:
+                progress(steps)
+    return recorded
+
+
+def _check(time_step_s: float, steps_per_sample: int, samples: int) -> None:
     if not (np.isfinite(time_step_s) and time_step_s > 0):
         raise ValueError(f"time_step_s: {time_step_s}, expected above zero")
     if steps_per_sample < 1 or samples < 1:
         raise ValueError("steps_per_sample, samples: expected at least one")
-    force, overlap, velocity = _integrate(
-        chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N,
-        time_step_s, steps_per_sample, samples,
+
+
+def _start(chain: HertzChain, time_step_s: float) -> Arrays:
+    """Velocities of half a step before time 0 behind the wall's, overlaps, forces (none above the last), constants."""
+    force = np.append(hertz_force(chain.stiffness, chain.overlap_m), 0.0)
+    acceleration = (force[:-1] - force[1:] + chain.load_N) / chain.mass_kg
+    velocity = np.append(0.0, chain.velocity_m_s - 0.5 * time_step_s * acceleration)
+    kick, drop = time_step_s / chain.mass_kg, time_step_s * chain.load_N / chain.mass_kg
+    return velocity, chain.overlap_m.copy(), force, chain.stiffness, kick, drop
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _sweep(
+    below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array, dt: float
+) -> None:
+    """One step of neighbouring bodies; ``below`` is the new velocity under them, ``force`` reaches one further."""
+    under = force[0]
+    for j in range(overlap.size):
+        above = force[j + 1]
+        here = velocity[j] + (kick[j] * (under - above) + drop[j])
+        velocity[j] = here
+        under = above
+        now = overlap[j] + dt * (below - here)
+        below = here
+        overlap[j] = now
+        closed = max(now, 0.0)
+        force[j] = stiffness[j] * (closed * sqrt(closed))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step_range(
+    arrays: Arrays, dt: float, low: int, high: int, below: float, step: int, every: int,
+    places: NDArray[np.int64], recorded: Array,
+) -> None:  # fmt: skip
+    """One step of the bodies from ``low`` to below ``high``, and what is to be recorded of it."""
+    velocity, overlap, force, stiffness, kick, drop = arrays
+    _sweep(
+        below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
+        stiffness[low:high], kick[low:high], drop[low:high], dt,
     )  # fmt: skip
-    return Motion(force, displacements(chain, overlap), velocity)
+    _record(force, low, high, step, every, places, recorded)
 
 
-@njit(cache=True)
-def _integrate(
-    mass: Array, stiffness: Array, overlap0: Array, velocity0: Array, load: Array, dt: float, every: int, samples: int
-) -> tuple[Array, Array, Array]:
-    n = mass.size
-    overlap, velocity, force = overlap0.copy(), velocity0.copy(), np.zeros(n + 1)
-    forces, overlaps, velocities = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n))
-    half = 0.5 * dt
-    for j in range(n):
-        if overlap[j] > 0.0:
-            force[j] = stiffness[j] * overlap[j] * sqrt(overlap[j])
-    for sample in range(samples):
-        forces[sample], overlaps[sample], velocities[sample] = force[:n], overlap, velocity
-        if sample == samples - 1:
-            break
-        for _ in range(every):
-            below = 0.0  # the wall stands still
-            for j in range(n):
-                velocity[j] += half * (force[j] - force[j + 1] + load[j]) / mass[j]
-                overlap[j] += dt * (below - velocity[j])
-                below = velocity[j]
-            for j in range(n):
-                force[j] = stiffness[j] * overlap[j] * sqrt(overlap[j]) if overlap[j] > 0.0 else 0.0
-            for j in range(n):
-                velocity[j] += half * (force[j] - force[j + 1] + load[j]) / mass[j]
-    return forces, overlaps, velocities
+@njit(cache=True, nogil=True, error_model="numpy")
+def _record(
+    force: Array, low: int, high: int, step: int, every: int, places: NDArray[np.int64], recorded: Array
+) -> None:
+    """Keeps the forces after a step where it ends a sample."""
+    if (step + 1) % every == 0:
+        for i in range(places.size):
+            if low <= places[i] < high:
+                recorded[(step + 1) // every, i] = force[places[i]]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _advance(
+    arrays: Arrays, dt: float, first: int, last: int, rising: bool, falling: bool, done: int, steps: int, every: int,
+    places: NDArray[np.int64], recorded: Array, edge: Array,
+) -> None:  # fmt: skip
+    """Takes ``steps`` steps with the bodies from ``first`` to below ``last``.
+
+    With ``rising`` the range begins one body higher at each step, with ``falling`` it ends one lower: what another
+    thread's bodies next to it would have to be known for is left to ``_fill_between``. A rising range leaves the
+    forces at its lower edge, as they were before each step, in ``edge``.
+    """
+    velocity, overlap, force, stiffness, kick, drop = arrays
+    if first == 0 and overlap.size == last <= TILE:  # one tile: no need to cut it out at every step
+        for step in range(steps):
+            _sweep(0.0, velocity[1:], overlap, force, stiffness, kick, drop, dt)
+            _record(force, first, last, done + step, every, places, recorded)
+        return
+    start = first
+    while start < last + steps:
+        for step in range(steps):
+            bottom = first + step if rising else first
+            low, high = max(start - step, bottom), min(start + TILE - step, last - step if falling else last)
+            if high <= low:
+                continue
+            below = velocity[low]
+            if rising and low == bottom:
+                edge[step] = force[low]
+                below += kick[low - 1] * (force[low - 1] - force[low]) + drop[low - 1]
+            _step_range(arrays, dt, low, high, below, done + step, every, places, recorded)
+        start += TILE
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill_between(
+    arrays: Arrays, dt: float, middle: int, done: int, steps: int, every: int,
+    places: NDArray[np.int64], recorded: Array, edge: Array,
+) -> None:  # fmt: skip
+    """The bodies that a falling range to ``middle - 1`` and a rising one from ``middle`` left out."""
+    velocity, force = arrays[0], arrays[2]
+    for step in range(steps):
+        low, high = middle - 1 - step, middle + step
+        later = force[high]
+        force[high] = edge[step]
+        _step_range(arrays, dt, low, high, velocity[low], done + step, every, places, recorded)
+        force[high] = later
 
 
 def integrate_verlet_absolute(
