@@ -9,7 +9,7 @@ APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo)
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
-.PHONY: help setup engines report test lint clean FORCE
+.PHONY: help setup engines report test bench lint clean FORCE
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -24,6 +24,9 @@ report: results/.report ## run the paper's scenes on all engines and write resul
 
 test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests
 	$(PY) -m pytest
+
+bench: .venv/.ready .venv/.engines ## what the integrators and engines cost, as ratios
+	$(PY) -m validation bench
 
 lint: .venv/.ready-dev ## ruff and mypy
 	$(PY) -m ruff check .

@@ -35,7 +35,17 @@ def _parser() -> Parser:
     report.add_argument("--out", type=Path, metavar="FILE", help="default: results/report.html")
     report.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
     report.set_defaults(action=_report)
+
+    bench = commands.add_parser("bench", help="what the integrators and engines cost, as ratios taken in one run")
+    bench.set_defaults(action=_bench)
     return parser
+
+
+def _bench(_: argparse.Namespace) -> int:
+    from validation.bench import bench
+
+    bench()
+    return 0
 
 
 def _compare(arguments: argparse.Namespace) -> int:

@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
+from postproc.signals import peaks
+from validation.reference import travelling_wave
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
-from validation.reference.verlet import integrate_verlet, integrate_verlet_absolute
+from validation.reference.symplectic import integrate_symplectic
+from validation.reference.travelling_wave import solve_travelling_wave
+from validation.reference.verlet import integrate_verlet, integrate_verlet_absolute, record_contacts
 from validation.tests import high_precision
 
 
@@ -116,6 +120,92 @@ def test_energy_and_momentum_of_fig4_before_the_wall() -> None:
     momentum = motion.velocity_m_s @ chain.mass_kg
     impulse = (chain.force_N[0] + chain.load_N.sum()) * times  # the wall still bears the resting beads' weight
     assert np.abs(momentum - momentum[0] - impulse).max() < 1e-13 * abs(momentum[0])
+
+
+def test_the_travelling_wave_has_the_known_constants() -> None:
+    wave = solve_travelling_wave()
+    assert wave.residual < 1e-15
+    assert wave.speed_by_force == pytest.approx(0.905516, abs=5e-7)
+    assert wave.speed_by_velocity == pytest.approx(0.907470, abs=5e-7)
+    assert wave.force_by_velocity == pytest.approx(1.013019, abs=5e-7)
+    assert wave.momentum_by_velocity == pytest.approx(1.669971, abs=5e-7)
+    assert wave.energy_by_velocity == pytest.approx(1.069323, abs=5e-7)
+    assert wave.kinetic_share == pytest.approx(5 / 9, abs=1e-12)
+    assert [round(wave.width(x, averaged=True), 3) for x in (0.002, 0.04, 0.5)] == [4.989, 3.839, 2.069]
+    assert [round(wave.width(x, averaged=False), 3) for x in (0.002, 0.04, 0.5)] == [4.098, 2.998, 1.412]
+
+
+def test_the_wave_does_not_depend_on_its_grid(monkeypatch: pytest.MonkeyPatch) -> None:
+    fine = solve_travelling_wave()
+    monkeypatch.setattr(travelling_wave, "POINTS", 1024)
+    coarse = solve_travelling_wave()
+    assert coarse.speed_by_force == pytest.approx(fine.speed_by_force, rel=1e-14)
+    assert coarse.force_by_velocity == pytest.approx(fine.force_by_velocity, rel=1e-14)
+
+
+def test_a_chain_of_200_beads_carries_that_wave() -> None:
+    """Struck by a bead of its own: the leading wave settles to the exact one."""
+    wave, count = solve_travelling_wave(), 200
+    one = np.ones(count)
+    velocity = np.append(np.zeros(count - 1), -1.0)
+    times = np.arange(0, 260, 0.05)
+    motion = integrate_adaptive(HertzChain(one, one, 0 * one, velocity, 0 * one), times)
+    arrivals = {j: peaks(times, motion.force_N[:, j - 1])[0] for j in (60, 20)}
+    speed = 40 / (arrivals[20].time_s - arrivals[60].time_s)
+    fastest = peaks(times, -motion.velocity_m_s[:, 19])[0].value
+    assert speed / arrivals[20].value ** (1 / 6) == pytest.approx(wave.speed_by_force, rel=1e-8)
+    assert speed / fastest**0.2 == pytest.approx(wave.speed_by_velocity, rel=1e-8)
+    assert arrivals[20].value / fastest**1.2 == pytest.approx(wave.force_by_velocity, rel=1e-8)
+    assert fastest == pytest.approx(0.68163, abs=1e-5)
+
+
+def test_order_4_pays_while_contacts_stay_closed() -> None:
+    """On a precompressed chain the symplectic method is of order 4."""
+    count, load = 8, 1.0
+    one, overlap = np.ones(count), (load / 1e6) ** (2 / 3)
+    velocity = np.append(np.zeros(count - 1), -0.02)
+    loads = np.append(np.zeros(count - 1), -load)
+    chain = HertzChain(1e-4 * one, 1e6 * one, overlap * one, velocity, loads)
+    exact = integrate_adaptive(chain, np.linspace(0, 4e-4, 41)).force_N
+    errors = [
+        np.abs(integrate_symplectic(chain, 1e-5 / every, every, 41).force_N - exact).max() for every in (4, 8, 16)
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.2)
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(4, abs=0.2)
+
+
+def test_order_4_pays_less_where_contacts_switch() -> None:
+    """Hertz's force is smooth once only where contacts open: more exact than Verlet, but not of its own order."""
+    chain = chain_of(6)
+    exact = integrate_adaptive(chain, np.linspace(0, 4e-4, 101)).force_N
+    steps = (16, 32, 64, 128)
+    errors = [np.abs(integrate_symplectic(chain, 4e-6 / n, n, 101).force_N - exact).max() for n in steps]
+    order = np.log2(errors[0] / errors[-1]) / 3
+    assert 2 < order < 3.3
+    assert errors[-1] < 0.1 * np.abs(integrate_verlet(chain, 4e-6 / 128, 128, 101).force_N - exact).max()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_long_chain_in_tiles_is_the_same_chain(threads: int) -> None:
+    """Bit for bit, whether cut in tiles, shared by two threads, or gone through bead by bead."""
+    count = 60_000
+    one, place = np.ones(count), np.arange(count)
+    overlap: np.ndarray = ((count - place) * 1e-9) ** (2 / 3)
+    velocity = np.where(place % 997 == 0, 0.3, 0.0)
+    chain = HertzChain(1e-4 * (1 + 0.1 * np.sin(place)), 1e6 * one, overlap, velocity, -1e-3 * one)
+    contacts = np.array([1, 2, 2048, 2049, 29_999, 30_000, 30_001, 30_030, count])
+    whole = integrate_verlet(chain, 1e-7, 7, 50).force_N[:, contacts - 1]
+    steps_seen: list[int] = []
+    some = record_contacts(chain, 1e-7, 7, 50, contacts, threads=threads, progress=steps_seen.append)
+    np.testing.assert_array_equal(some, whole)
+    assert sum(steps_seen) == 7 * 49
+
+
+def test_wrong_contacts_are_named() -> None:
+    with pytest.raises(ValueError, match="from 1 to 2"):
+        record_contacts(chain_of(2), 1e-7, 1, 2, np.array([3]))
+    with pytest.raises(ValueError, match="threads"):
+        record_contacts(chain_of(2), 1e-7, 1, 2, np.array([1]), threads=3)
 
 
 @pytest.mark.parametrize("tolerance", [1e-13, 0.0, -1.0, 1.0, float("nan")])
