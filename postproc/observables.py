@@ -12,6 +12,7 @@ from postproc.sensors import Array, sensor_signals
 from postproc.signals import Peak, integral, peaks, rising_crossing
 
 LEVELS = (0.002, 0.04)  # of the peak, at which the paper's Table 1 cuts the width
+QUIET = 1e-14  # of the largest force: the wall has not felt anything yet
 ROUNDING = 1e-9  # of the largest force: a signal that moves less is at rest
 
 
@@ -83,13 +84,16 @@ def _speeds_and_widths(layout: Layout, values: dict[str, float], levels: tuple[f
 def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
     """Energy and momentum, and by how much they are not conserved.
 
-    The imbalance is |p - p(0) - impulse of wall and loads|; its sampling share is what the impulse changes when
-    only every other sample is integrated.
+    Before the wave reaches the wall, its force is that of the resting beads, and momentum is known without an
+    integral. The imbalance of all times is |p - p(0) - impulse of wall and loads|; its sampling share is what the
+    impulse changes when only every other sample is integrated.
     """
     time, energy, momentum = trace.time_s, trace.total_energy_J, trace.momentum_N_s
     net = layout.load_N + (trace.force_N[:, 0] if layout.wall else np.zeros_like(time))
     impulse = integral(time, net)
     coarse = integral(time[::2], net[::2])
+    quiet = slice(0, _first_change(trace.force_N[:, 0], float(np.abs(trace.force_N).max())))
+    steady = np.abs(momentum - momentum[0] - net[0] * time)[quiet]
     scale = max(float(np.abs(momentum).max()), abs(layout.load_N) * float(time[-1])) or 1.0
     return {
         "kinetic_energy_start_J": float(trace.kinetic_energy_J[0]),
@@ -97,5 +101,13 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
         "momentum_start_N_s": float(momentum[0]),
         "momentum_end_N_s": float(momentum[-1]),
         "impulse_imbalance_share": float(np.abs(momentum - momentum[0] - impulse).max()) / scale,
+        "momentum_error_before_wall_share": float(steady.max()) / scale,
+        "energy_error_before_wall_J": float(np.abs(energy - energy[0])[quiet].max()),
         "impulse_sampling_share": float(np.abs(impulse[::2] - coarse).max()) / scale,
     }
+
+
+def _first_change(wall_N: Array, largest_N: float) -> int:
+    """How many samples pass until the force on the wall is no longer that at time 0."""
+    changed = np.abs(wall_N - wall_N[0]) > QUIET * largest_N
+    return int(np.argmax(changed)) if changed.any() else len(wall_N)

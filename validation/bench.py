@@ -1,5 +1,6 @@
 """What things cost, as ratios taken in one run: the in-repo integrators, scipy's best, LIGGGHTS and YADE."""
 
+import resource
 import sys
 import tempfile
 import time
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from tqdm import tqdm
 
 from drivers.case import Case, build_case
 from drivers.engines import load_engine
@@ -16,7 +18,8 @@ from drivers.run import run_case
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.dop853 import slope
 from validation.reference.hertz_chain import Array, HertzChain, hertz_force
-from validation.reference.verlet import record_contacts
+from validation.reference.symplectic import integrate_symplectic
+from validation.reference.verlet import integrate_verlet, record_contacts
 
 REPEATS = 5
 ENGINE_STEPS = {22: 20_000, 1000: 2000, 10_000: 400, 100_000: 60}
@@ -37,7 +40,9 @@ def best_time(action: Callable[[], object]) -> float:
 def bench() -> None:
     """Prints all tables."""
     bench_adaptive()
+    bench_order()
     bench_fixed_step(bench_engines())
+    bench_long_chain()
 
 
 def bench_adaptive() -> None:
@@ -79,6 +84,34 @@ def _scipy(chain: HertzChain, times: Array, rtol: float) -> Array:
         derivative, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=rtol, atol=0.1 * rtol * scale
     )
     return hertz_force(chain.stiffness, solution.y[:n].T)
+
+
+def bench_order() -> None:
+    """Fig. 4: error against number of forces, of Verlet and of the symplectic method of order 4."""
+    chain = _arrays(build_case(read_scene("fig4")))
+    exact = integrate_adaptive(chain, np.linspace(0, 6e-4, 601)).force_N
+    print("\nFig. 4 at a fixed step: error of the force at as many forces a microsecond")
+    print(f"{'forces':>8} {'Verlet':>9} {'order 4':>9}")
+    for steps in (1, 2, 4, 8, 16, 32, 64):
+        verlet = integrate_verlet(chain, 1e-6 / (4 * steps), 4 * steps, 601).force_N
+        fourth = integrate_symplectic(chain, 1e-6 / steps, steps, 601).force_N
+        errors = (float(np.abs(force - exact).max() / exact.max()) for force in (verlet, fourth))
+        print(f"{4 * steps:>8}", *(f"{error:9.1e}" for error in errors))
+
+
+def bench_long_chain() -> None:
+    """A pulse through a million beads for ten thousand steps: time, and memory, which does not grow."""
+    one = np.ones(1_000_000)
+    velocity = np.append(np.zeros(one.size - 1), -1.0)
+    chain = HertzChain(1e-4 * one, 1e6 * one, 0 * one, velocity, 0 * one)
+    contacts, steps = np.array([999_950, 999_990]), 10_000
+    began = time.perf_counter()
+    with tqdm(total=steps, unit="step", disable=None, desc="a million beads") as bar:
+        force = record_contacts(chain, 1e-6, 100, steps // 100 + 1, contacts, threads=2, progress=bar.update)
+    seconds = time.perf_counter() - began
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"\na pulse through 1e6 beads, 1e4 steps, 2 contacts recorded: {seconds:.1f} s, {memory:.0f} MiB in all")
+    print(f"peaks at contacts {contacts.tolist()}: {force.max(axis=0).round(6).tolist()} N")
 
 
 def bench_engines() -> dict[tuple[str, int], float]:

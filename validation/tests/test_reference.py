@@ -116,10 +116,10 @@ def test_energy_and_momentum_of_fig4_before_the_wall() -> None:
     times = np.linspace(0, 3e-4, 31)
     motion = integrate_adaptive(arrays, times)
     total = energy(arrays, motion)
-    assert np.abs(total / total[0] - 1).max() < 1e-12
+    assert np.abs(total / total[0] - 1).max() < 1e-13
     momentum = motion.velocity_m_s @ chain.mass_kg
     impulse = (chain.force_N[0] + chain.load_N.sum()) * times  # the wall still bears the resting beads' weight
-    assert np.abs(momentum - momentum[0] - impulse).max() < 1e-13 * abs(momentum[0])
+    assert np.abs(momentum - momentum[0] - impulse).max() < 1e-14 * abs(momentum[0])
 
 
 def test_the_travelling_wave_has_the_known_constants() -> None:
