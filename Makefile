@@ -3,7 +3,7 @@ PYTHON ?= python3
 PY := .venv/bin/python
 ENGINES := liggghts yade
 FOUND := $(strip $(foreach engine,$(ENGINES),$(if $(shell command -v $(engine)),$(engine))))
-SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -name '*.pyc')
+SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*')
 AS_ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo),yes))
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends

@@ -15,6 +15,7 @@ from drivers.case import Case, build_case
 from drivers.engines import load_engine
 from drivers.read_scene import read_scene
 from drivers.run import run_case
+from validation.arrays import arrays_of
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.dop853 import slope
 from validation.reference.hertz_chain import Array, HertzChain, hertz_force
@@ -47,7 +48,7 @@ def bench() -> None:
 
 def bench_adaptive() -> None:
     """Fig. 4, 0.6 ms, 600 samples: time and error of the reference and of scipy's DOP853 on the same slope."""
-    chain = _arrays(build_case(read_scene("fig4")))
+    chain = arrays_of(build_case(read_scene("fig4")).chain)
     times = np.linspace(0, 6e-4, 601)
     exact = integrate_adaptive(chain, times).force_N
 
@@ -88,7 +89,7 @@ def _scipy(chain: HertzChain, times: Array, rtol: float) -> Array:
 
 def bench_order() -> None:
     """Fig. 4: error against number of forces, of Verlet and of the symplectic method of order 4."""
-    chain = _arrays(build_case(read_scene("fig4")))
+    chain = arrays_of(build_case(read_scene("fig4")).chain)
     exact = integrate_adaptive(chain, np.linspace(0, 6e-4, 601)).force_N
     print("\nFig. 4 at a fixed step: error of the force at as many forces a microsecond")
     print(f"{'forces':>8} {'Verlet':>9} {'order 4':>9}")
@@ -157,12 +158,7 @@ def _compressed_chain(bodies: int, steps: int) -> Case:
 
 
 def _own_cost(bodies: int, steps: int, threads: int) -> float:
-    chain = _arrays(_compressed_chain(bodies, steps))
+    chain = arrays_of(_compressed_chain(bodies, steps).chain)
     contacts, every = np.array([1, bodies]), steps // 10
     seconds = best_time(lambda: record_contacts(chain, 1e-7, every, 11, contacts, threads=threads))
     return seconds / bodies / steps * 1e9
-
-
-def _arrays(case: Case) -> HertzChain:
-    chain = case.chain
-    return HertzChain(chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N)

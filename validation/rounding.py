@@ -4,7 +4,7 @@ import numpy as np
 
 from drivers.case import Case
 from drivers.trace import Array
-from validation.reference.hertz_chain import HertzChain
+from validation.arrays import arrays_of
 from validation.reference.verlet import integrate_verlet, integrate_verlet_absolute
 
 
@@ -15,7 +15,7 @@ def rounding_error(case: Case) -> Array:
     and a chaotic chain multiplies.
     """
     scene, chain = case.scene, case.chain
-    arrays = HertzChain(chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N)
+    arrays = arrays_of(chain)
     radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
     reach = radius + np.concatenate([[chain.wall_height_m], radius[:-1]])
     timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)

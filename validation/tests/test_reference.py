@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from postproc.signals import peaks
+from validation.arrays import arrays_of
 from validation.reference import travelling_wave
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
@@ -96,8 +97,7 @@ def test_wrong_arrays_are_named(change: dict[str, list[float]], named: str) -> N
 def exact_case(request: pytest.FixtureRequest) -> tuple[HertzChain, np.ndarray, np.ndarray]:
     """Chain, times and contact forces that are right in 20 digits and more."""
     chain, times = high_precision.chain_of(request.param), high_precision.times_of(request.param)
-    arrays = HertzChain(chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N)
-    return arrays, times, np.array(list(high_precision.forces_at(chain, times)))
+    return arrays_of(chain), times, np.array(list(high_precision.forces_at(chain, times)))
 
 
 def test_the_true_error_is_the_tolerance_asked_for(exact_case: tuple[HertzChain, np.ndarray, np.ndarray]) -> None:
@@ -112,7 +112,7 @@ def test_the_true_error_is_the_tolerance_asked_for(exact_case: tuple[HertzChain,
 def test_energy_and_momentum_of_fig4_before_the_wall() -> None:
     """Gravity's share accounted for; the paper: 1e-10 and 1e-14."""
     chain = high_precision.chain_of("fig4")
-    arrays = HertzChain(chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N)
+    arrays = arrays_of(chain)
     times = np.linspace(0, 3e-4, 31)
     motion = integrate_adaptive(arrays, times)
     total = energy(arrays, motion)
