@@ -37,7 +37,7 @@ clean: ## remove runs and results (not .venv)
 	rm -rf runs results
 
 # the stamp stands only if every verdict is good; finished runs are not run again
-results/.report: $(SOURCES) .venv/.ready .venv/.engines
+results/.report: $(SOURCES) .venv/.ready .venv/.engines $(if $(wildcard results/report.html),,FORCE)
 	$(PY) -m validation report
 	@touch $@
 

@@ -8,7 +8,7 @@ from drivers.chain import Array, Chain, build_chain
 from drivers.elements import Element, choose_elements
 from drivers.errors import InputError
 from drivers.layout import Layout, make_layout
-from drivers.scene import Scene
+from drivers.scene import RIGID, Scene
 from drivers.scene_rules import impossible
 
 
@@ -31,6 +31,10 @@ class Case:
         every = self.scene.steps_per_sample
         return range(0, self.scene.steps + 1, every)
 
+    def models(self, element: str) -> bool:
+        """Whether the deck models an element, by its name."""
+        return next(each.modelled for each in self.elements if each.name == element)
+
     @property
     def layout(self) -> Layout:
         """What post-processing needs to know of the chain."""
@@ -41,12 +45,12 @@ class Case:
         """The case in words, for a deck's head: free of names, since equal decks are one run."""
         chain, striker = self.chain, self.scene.striker
         beads = f"{chain.beads} bead{'s' if chain.beads != 1 else ''}"
-        words = f"{beads} on a {chain.wall} wall" if chain.wall else f"{beads} in a free chain"
+        wall = "a rigid wall" if chain.wall == RIGID else f"a wall of {chain.wall}"
+        words = f"{beads} on {wall}" if chain.wall else f"{beads} in a free chain"
         if striker is not None:
-            shape = "face" if striker.shape == "flat" else "sphere"
-            words += f", struck by a {striker.material} {shape} at {striker.speed:g} m/s"
-        places = [str(sensor.from_wall) for sensor in self.scene.chain.sensors]
-        return words + (f"; sensors in {'beads' if len(places) > 1 else 'bead'} {', '.join(places)}" if places else "")
+            shape = "flat face" if striker.shape == "flat" else "sphere"
+            words += f", struck by a {shape} of {striker.material} at {striker.speed:g} m/s"
+        return words
 
 
 def build_case(scene: Scene) -> Case:

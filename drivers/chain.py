@@ -149,6 +149,8 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
     weight = float(np.abs(chain.load_N).sum())
     softest = float(np.min(chain.stiffness[chain.stiffness > 0], initial=inf))
+    if not chain.acceleration_m_s2.any():
+        return kinetic + hertz + falling
     settling = weight * float((weight / softest) ** (2 / 3))  # what is not yet in equilibrium sinks in by itself
     return kinetic + hertz + falling + settling
 
@@ -176,6 +178,11 @@ def _bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:
         else:
             masses[place - 1] = table.mass + scatter[place - 1]
     return masses
+
+
+def bead_mass(scene: Scene) -> float:
+    """Mass of an ordinary bead, in kg: the chain's, or that of its material."""
+    return scene.chain.mass or _sphere_mass(scene, scene.chain.material, scene.chain.diameter)
 
 
 def _sphere_mass(scene: Scene, material: str, diameter_m: float) -> float:

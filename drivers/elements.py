@@ -6,9 +6,7 @@ never touches its tube, never slips and never turns.
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from drivers.chain import Chain
+from drivers.chain import Chain, bead_mass
 from drivers.scene import RIGID, Scene
 
 
@@ -23,9 +21,8 @@ class Element:
 
 def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
     """The modelling elements of a scene, each in or out with its reason."""
-    sensors = [chain.mass_kg[sensor.from_wall - 1] for sensor in scene.chain.sensors]
-    ordinary = float(np.median(chain.mass_kg[: chain.beads])) if chain.beads else 0.0
-    lighter = [mass for mass in sensors if mass != ordinary]
+    ordinary = bead_mass(scene) if scene.chain.sensors else None
+    lighter = [sensor for sensor in scene.chain.sensors if sensor.mass not in (None, ordinary)]
     axis = "the chain is exactly straight: no force acts across its axis"
     wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
     return (
@@ -40,7 +37,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
         Element(
             "sensor masses",
             bool(lighter),
-            f"{len(lighter)} sensor bead(s) of another mass than the beads" if lighter else _no_sensor_mass(sensors),
+            f"{len(lighter)} sensor bead(s) of another mass than the beads" if lighter else _no_sensor_mass(scene),
         ),
         Element(
             "mass scatter",
@@ -65,5 +62,5 @@ def _striker(scene: Scene) -> str:
     return f"{shape} of {striker.material} at {striker.speed:g} m/s"
 
 
-def _no_sensor_mass(sensors: list[float]) -> str:
-    return "sensor beads weigh what the others do" if sensors else "no bead carries a sensor"
+def _no_sensor_mass(scene: Scene) -> str:
+    return "sensor beads weigh what the others do" if scene.chain.sensors else "no bead carries a sensor"

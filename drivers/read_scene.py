@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers import paths
-from drivers.complaints import validate
+from drivers.complaints import shorten, validate
 from drivers.errors import InputError
 from drivers.sampling import steps_per_sample
 from drivers.scene import RIGID, Material, Scene, SceneFile
@@ -32,6 +32,8 @@ def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
     data = read_toml(path)
     for setting in settings:
         lay_over(data, setting)
+    if settings:
+        where += f" with --set {shorten(' '.join(settings))}"
     library = read_toml(paths.MATERIALS)
     _complete_own_materials(data, library)
     file = validate(SceneFile, data, where)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import platform
 import subprocess
 from dataclasses import asdict, dataclass
@@ -21,7 +22,7 @@ class RunRecord:
     Attributes:
         status: ``done``, ``failed`` or ``timeout``; ``reason`` says why in the latter cases.
         scene: resolved, in SI units.
-        layout: what post-processing needs to know of the chain (``postproc.observables.Layout``).
+        layout: what post-processing needs to know of the chain (``drivers.layout.Layout``).
         elements: modelling elements, each in or out with its reason.
         wall_s, cpu_s: of the whole process.
         loop_s: of the engine's own time loop.
@@ -51,7 +52,9 @@ class RunRecord:
 
     def write(self, folder: Path) -> None:
         """Writes ``run.json`` into the run folder."""
-        (folder / FILE).write_text(json.dumps(asdict(self), indent=2) + "\n")
+        draft = folder / f".{FILE}.{os.getpid()}"
+        draft.write_text(json.dumps(asdict(self), indent=2) + "\n")
+        draft.replace(folder / FILE)
 
 
 def read_record(folder: Path) -> RunRecord | None:

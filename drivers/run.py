@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from drivers import paths
 from drivers.case import Case
@@ -18,7 +19,7 @@ from drivers.errors import RunError
 from drivers.guard import reason_to_fail
 from drivers.process import UNKNOWN_VERSION, Outcome, run_command
 from drivers.record import RunRecord, provenance, read_record
-from drivers.trace import Trace, whole_forces, write_forces, write_state
+from drivers.trace import Trace, read_forces, whole_forces, write_forces, write_state
 
 LEAST_LIMIT_S = 60.0
 LONGEST_COMPLAINT = 300
@@ -26,7 +27,7 @@ SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: bey
 
 
 @dataclass(frozen=True)
-class Finished:
+class EndedRun:
     """A run that ended, well or badly, and its folder."""
 
     folder: Path
@@ -45,7 +46,7 @@ def default_limit_s(case: Case) -> float:
 
 def run_case(
     case: Case, engine_name: str, runs: Path = paths.RUNS, *, rerun: bool = False, limit_s: float | None = None
-) -> Finished:
+) -> EndedRun:
     """Runs a case, or finds it done.
 
     A run that failed before is tried again. The folder appears under its name only when it is complete.
@@ -63,7 +64,7 @@ def run_case(
     identity = hashlib.sha256(f"{engine_name}\0{version}\0{deck.sha256}".encode()).hexdigest()[:12]
     found = find_run(home, identity)
     if found and found.done and not rerun and _has_all(found.folder, case):
-        return found
+        return _told_again(found, case)
     with _workplace(home, identity) as folder:
         for name, text in deck.files.items():
             (folder / name).write_text(text)
@@ -87,16 +88,43 @@ def run_case(
         if spared:  # what is done stays
             target = target.with_name(f"{target.name}-failed")
         _move_into_place(folder, target, None if spared or not found else found.folder)
-    return Finished(target, record)
+    return EndedRun(target, record)
 
 
-def find_run(home: Path, identity: str) -> Finished | None:
+def find_run(home: Path, identity: str) -> EndedRun | None:
     """A run that ended, looked up by its hash alone, under whatever name."""
     for folder in home.glob(f"[!.]*-{identity}"):
         record = read_record(folder)
         if record is not None:
-            return Finished(folder, record)
+            return EndedRun(folder, record)
     return None
+
+
+def _told_again(found: EndedRun, case: Case) -> EndedRun:
+    """A run found for a scene of the same physics: its record and its sensors become those of the scene asked for."""
+    told = json.loads(json.dumps(_description(case)))
+    if all(getattr(found.record, key) == value for key, value in told.items()):
+        return found
+    from postproc.sensors import write_sensors
+
+    record = replace(found.record, **told)
+    draft = found.folder / f".sensors.{os.getpid()}"
+    write_sensors(case.layout, read_forces(found.folder / "forces.parquet"), draft)
+    draft.replace(found.folder / "sensors.csv")
+    record.write(found.folder)
+    return EndedRun(found.folder, record)
+
+
+def _description(case: Case) -> dict[str, Any]:
+    """What a record says of the scene, none of which the numbers depend on beyond the deck."""
+    return {
+        "scene_name": case.scene.name,
+        "scene": {"units": "SI"} | case.scene.model_dump(mode="json", exclude_none=True),
+        "layout": asdict(case.layout),
+        "elements": [asdict(element) for element in case.elements],
+        "time_step_s": case.scene.time_step_s,
+        "steps": case.scene.steps,
+    }
 
 
 def _has_all(folder: Path, case: Case) -> bool:
@@ -148,25 +176,19 @@ def _remove(path: Path) -> None:
 def _record(
     case: Case, name: str, engine: Engine, version: str, deck: Deck, outcome: Outcome, folder: Path
 ) -> RunRecord:
-    scene = case.scene
     return RunRecord(
         engine=name,
         engine_version=version,
-        scene_name=scene.name,
         status="done",
         reason="",
-        scene={"units": "SI"} | scene.model_dump(mode="json", exclude_none=True),
-        layout=asdict(case.layout),
-        elements=[asdict(element) for element in case.elements],
         deck_sha256=deck.sha256,
         command=" ".join(deck.command),
-        time_step_s=scene.time_step_s,
-        steps=scene.steps,
         bodies=case.chain.bodies,
         wall_s=round(outcome.wall_s, 4),
         cpu_s=round(outcome.cpu_s, 4),
         loop_s=engine.loop_seconds(_text(folder / "stdout.txt")),
         memory_bytes=outcome.memory_bytes,
+        **_description(case),
         **provenance(),
     )
 

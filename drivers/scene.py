@@ -1,6 +1,6 @@
 """The scene: what a physicist writes, read from TOML into a frozen, validated model in SI units.
 
-This module is the only reader of scenes and of ``inputs/materials.toml``. Beads are counted from
+``read_scene`` is the only reader of scenes and of ``inputs/materials.toml``. Beads are counted from
 the wall, as in the paper: bead 1 rests on the wall.
 """
 
@@ -26,7 +26,7 @@ class Part(BaseModel):
 
 
 class Material(Part):
-    """Elastic constants; ``density_kg_m3`` serves only where a mass is left out."""
+    """Elastic constants; ``density`` serves only where a mass is left out."""
 
     youngs_modulus: units.Modulus
     poisson_ratio: PoissonRatio

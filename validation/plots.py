@@ -60,8 +60,8 @@ def _draw_residuals(axis: Any, scene: ComparedScene) -> None:
             )
             if engine == "liggghts" or len(scene.runs) < 3:
                 above = f"minus {yardstick}"
-                axis.annotate(above, (1, residual[-1]), xycoords=("axes fraction", "data"), xytext=(-3, 5),
-                              textcoords="offset points", ha="right", fontsize=8, color="#555555")  # fmt: skip
+                axis.annotate(above, (1, residual[-1]), xycoords=("axes fraction", "data"), xytext=(3, -3),
+                              textcoords="offset points", fontsize=8, color="#555555")  # fmt: skip
     axis.set_yscale("log")
     axis.set_ylabel("|ΔF| / largest F")
     axis.set_title("largest difference over all contacts", loc="left", fontsize=9)

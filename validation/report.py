@@ -91,15 +91,14 @@ def _cost(scene: ComparedScene, engine: str) -> str:
     return f"{record.wall_s:.2f} s{loop}"
 
 
-def _tolerances(scenes: list[ComparedScene]) -> list[tuple[str, str, str, str]]:
-    """Scene, quantity, limit and reason of every tolerance that was applied."""
-    used = {
-        (v.scene, QUANTITIES[v.quantity], number(v.limit), v.reason): None
-        for scene in scenes
-        for v in scene.verdicts
-        if v.quantity in QUANTITIES
-    }
-    return list(used)
+def _tolerances(scenes: list[ComparedScene]) -> dict[tuple[str, str, str], list[str]]:
+    """The scenes by quantity, limit and reason of every tolerance that was applied."""
+    used: dict[tuple[str, str, str], list[str]] = {}
+    for verdict in (v for scene in scenes for v in scene.verdicts if v.quantity in QUANTITIES):
+        names = used.setdefault((QUANTITIES[verdict.quantity], number(verdict.limit), verdict.reason), [])
+        if verdict.scene not in names:
+            names.append(verdict.scene)
+    return dict(sorted(used.items()))
 
 
 def _section(scene: ComparedScene) -> dict[str, object]:
@@ -111,7 +110,8 @@ def _section(scene: ComparedScene) -> dict[str, object]:
         "name": case.scene.name,
         "title": case.scene.title or case.scene.name,
         "summary": case.summary,
-        "timing": f"time step {case.scene.time_step_s:g} s, {case.scene.steps} steps, {case.scene.samples} samples",
+        "timing": f"time step {case.scene.time_step_s * 1e6:g} µs, {case.scene.steps} steps,"
+        f" {case.scene.samples} samples",
         "elements": case.elements,
         "figure": inline_svg(draw_scene(scene), case.scene.name) if scene.runs else "",
         "alt": f"Gauge forces against time for {case.summary}, all engines, with the differences between them below",

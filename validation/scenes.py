@@ -9,9 +9,7 @@ from drivers.engines import engine_names, load_engine
 from drivers.finished import FinishedRun, open_run
 from drivers.read_scene import read_scene
 from drivers.run import run_case
-from validation.comparison import Verdict, compare_case
-
-NOT_INSTALLED = "not installed"
+from validation.comparison import NOT_INSTALLED, Verdict, compare_case
 
 
 @dataclass(frozen=True)

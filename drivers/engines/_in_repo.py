@@ -34,15 +34,14 @@ def version(executable: Path) -> str:
     return f"source {digest.hexdigest()[:12]}, {libraries}"
 
 
-def render(case: Case, method: str) -> Deck:
-    """``chain.json``: the command, the method and the chain's arrays."""
+def render(case: Case, method: str, **timing: float) -> Deck:
+    """``chain.json``: the command, the method with its timing, and the chain's arrays."""
     scene, chain = case.scene, case.chain
     values = {
         "command": " ".join(COMMAND),
         "summary": f"{case.summary}; bodies from the lowest up, contact j under body j, upwards positive, SI units",
         "method": method,
-        "time_step_s": scene.time_step_s,
-        "steps_per_sample": scene.steps_per_sample,
+        **timing,
         "samples": scene.samples,
         "mass_kg": chain.mass_kg.tolist(),
         "stiffness_N_m-3/2": chain.stiffness.tolist(),

@@ -66,7 +66,7 @@ def render(case: Case) -> Deck:
     unique = list(dict.fromkeys(labels))
     types = [_type(scene, label) for label in unique]
     wall_type = 0
-    if chain.wall:
+    if chain.wall and case.models("wall"):
         if chain.wall not in unique:
             types.append(_type(scene, chain.wall))
             unique.append(chain.wall)
@@ -91,8 +91,8 @@ def render(case: Case) -> Deck:
         "skin": float(f"{0.2 * radius.min():.1g}"),
         "wall_type": wall_type,
         "wall_height": chain.wall_height_m,
-        "gravity": chain.gravity_m_s2,
-        "precompression": chain.precompression_N,
+        "gravity": chain.gravity_m_s2 if case.models("gravity") else None,
+        "precompression": chain.precompression_N if case.models("precompression") else None,
         "top": chain.beads,
         "time_step": scene.time_step_s,
         "every": scene.steps_per_sample,

@@ -9,5 +9,5 @@ __all__ = ["HOW_TO_GET", "VARIABLES", "complaint", "find", "loop_seconds", "read
 
 
 def render(case: Case) -> Deck:
-    """``chain.json``."""
-    return _in_repo.render(case, "adaptive")
+    """``chain.json``; without a time step, so that every step is judged by the same run."""
+    return _in_repo.render(case, "adaptive", sample_interval_s=case.scene.run.sample_interval)

@@ -10,4 +10,5 @@ __all__ = ["HOW_TO_GET", "VARIABLES", "complaint", "find", "loop_seconds", "read
 
 def render(case: Case) -> Deck:
     """``chain.json``."""
-    return _in_repo.render(case, "verlet")
+    scene = case.scene
+    return _in_repo.render(case, "verlet", time_step_s=scene.time_step_s, steps_per_sample=scene.steps_per_sample)

@@ -4,6 +4,7 @@ import json
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,10 +21,9 @@ def main(deck: Path) -> None:
         velocity_m_s=values["velocity_m_s"],
         load_N=values["load_N"],
     )
-    method, step_s, every, samples = (values[key] for key in ("method", "time_step_s", "steps_per_sample", "samples"))
-    _integrate(chain, method, step_s, 1, 2)  # compiles, or loads what is compiled: no part of the time loop
+    _integrate(chain, values | {"samples": 2, "steps_per_sample": 1})  # compiles: no part of the time loop
     start = time.perf_counter()
-    motion = _integrate(chain, method, step_s, every, samples)
+    motion = _integrate(chain, values)
     seconds = time.perf_counter() - start
     np.savez(
         deck.with_suffix(".npz"),
@@ -34,14 +34,15 @@ def main(deck: Path) -> None:
     print(f"completed {values['samples']} samples in {seconds:.6f} s")
 
 
-def _integrate(chain: HertzChain, method: str, time_step_s: float, every: int, samples: int) -> Motion:
-    if method == "verlet":
+def _integrate(chain: HertzChain, values: dict[str, Any]) -> Motion:
+    samples = values["samples"]
+    if values["method"] == "verlet":
         from validation.reference.verlet import integrate_verlet
 
-        return integrate_verlet(chain, time_step_s, every, samples)
+        return integrate_verlet(chain, values["time_step_s"], values["steps_per_sample"], samples)
     from validation.reference.adaptive import integrate_adaptive
 
-    return integrate_adaptive(chain, np.arange(samples, dtype=float) * (every * time_step_s))
+    return integrate_adaptive(chain, np.arange(samples, dtype=float) * values["sample_interval_s"])
 
 
 if __name__ == "__main__":

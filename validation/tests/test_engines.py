@@ -71,7 +71,9 @@ def test_a_steel_chain(engine: str, scene_file: SceneWriter, shared_runs: Path) 
     case = case_of(path, *settings)
     run, verlet = finished(case, engine, shared_runs), finished(case, "verlet", shared_runs)
     found = deviation(run.trace, verlet.trace).share
-    assert found <= model_tolerance(case, verlet.trace).limit <= 1e-8
+    limit, samples = model_tolerance(case, verlet.trace)
+    assert samples == case.scene.samples
+    assert found <= limit.limit <= 1e-8
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 
 from drivers.tolerances import tolerance
-from validation.comparison import FAIL, NOT_RUN, PASS, compare_case, deviation
+from validation.comparison import (
+    FAIL,
+    HORIZON,
+    NOT_RUN,
+    PASS,
+    compare_case,
+    deviation,
+    model_tolerance,
+    shipped_name,
+)
 from validation.report import write_report
 from validation.scenes import ComparedScene
 from validation.tests.conftest import SceneWriter, case_of, command_line, finished
@@ -49,6 +58,19 @@ def test_a_wrong_force_turns_red(compared: ComparedScene) -> None:
     verdicts = compare_case(compared.case, compared.runs | {"yade": late}, {})
     red = {v.quantity for v in verdicts if v.engine == "yade" and v.verdict == FAIL}
     assert {"force against verlet", "force against reference"} <= red
+
+
+def test_a_chaotic_chain_is_judged_up_to_its_horizon(shared_runs: Path) -> None:
+    case = case_of("fig4", "run.duration=20 ms", "run.sample_interval=10 us", "run.time_step=0.5 us")
+    run = finished(case, "verlet", shared_runs)
+    limit, samples = model_tolerance(case, run.trace)
+    assert limit.limit <= 10 * HORIZON
+    assert 8e-3 < run.trace.time_s[samples] < 19e-3
+
+
+def test_a_scenes_own_tolerances_hold_for_that_scene_only() -> None:
+    assert shipped_name(case_of("fig4")) == "fig4"
+    assert shipped_name(case_of("fig4", "run.time_step=1 us")) is None
 
 
 def test_every_tolerance_has_a_reason() -> None:

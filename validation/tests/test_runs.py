@@ -51,10 +51,11 @@ def failing_run(scene: Path, engine: str, runs: Path, limit_s: float = 60) -> tu
 
 def test_a_done_run_is_found_again_under_any_name(scene_file: SceneWriter, tmp_path: Path) -> None:
     first = run_case(case_of(scene_file("one")), "verlet", tmp_path / "runs")
-    stamp = (first.folder / "run.json").stat().st_mtime_ns
+    stamp = (first.folder / "forces.parquet").stat().st_mtime_ns
     again = run_case(case_of(scene_file("two")), "verlet", tmp_path / "runs")
     assert again.folder == first.folder
-    assert (again.folder / "run.json").stat().st_mtime_ns == stamp
+    assert (again.folder / "forces.parquet").stat().st_mtime_ns == stamp
+    assert again.record.scene_name == "two"
     anew = run_case(case_of(scene_file("two")), "verlet", tmp_path / "runs", rerun=True)
     assert anew.folder.name.startswith("two-")
     assert not first.folder.exists()
@@ -86,6 +87,25 @@ def test_what_a_run_folder_holds(scene_file: SceneWriter, tmp_path: Path) -> Non
     assert record["steps"] == 3000
     assert 0 < record["loop_s"] < record["wall_s"]
     assert record["commit"]
+
+
+def test_a_sensor_that_moves_reads_another_contact_of_the_same_run(scene_file: SceneWriter, tmp_path: Path) -> None:
+    case, runs = case_of(scene_file(chain="sensors = [{ from_wall = 2 }]")), tmp_path / "runs"
+    first = run_case(case, "verlet", runs)
+    stamp = (first.folder / "forces.parquet").stat().st_mtime_ns
+    moved = run_case(case_of(scene_file(), "chain.sensors=[{from_wall=4}]"), "verlet", runs)
+    assert moved.folder == first.folder
+    assert (moved.folder / "forces.parquet").stat().st_mtime_ns == stamp
+    assert list(pd.read_csv(moved.folder / "sensors.csv").columns) == ["time_s", "bead_4_N", "wall_N"]
+    assert open_run(moved.folder).layout.sensors[0].from_wall == 4
+
+
+def test_the_reference_serves_every_time_step(scene_file: SceneWriter, tmp_path: Path) -> None:
+    folders = {
+        run_case(case_of(scene_file(), f"run.time_step={step}"), "reference", tmp_path / "runs").folder
+        for step in ("0.1 us", "0.2 us", "1 us")
+    }
+    assert len(folders) == 1
 
 
 def test_what_the_deck_leaves_out_is_still_another_run(scene_file: SceneWriter, tmp_path: Path) -> None:
