@@ -38,7 +38,26 @@ def _parser() -> Parser:
 
     bench = commands.add_parser("bench", help="what the integrators and engines cost, as ratios taken in one run")
     bench.set_defaults(action=_bench)
+
+    wave = commands.add_parser("wave", help="constants of the exact solitary wave of the discrete chain")
+    wave.set_defaults(action=_wave)
     return parser
+
+
+def _wave(_: argparse.Namespace) -> int:
+    from validation.reference.travelling_wave import solve_travelling_wave
+
+    wave = solve_travelling_wave()
+    print(f"speed c         = {wave.speed_by_force:.10f} k^(1/3) m^(-1/2) F_m^(1/6)   beads per second")
+    print(f"                = {wave.speed_by_velocity:.10f} (k/m)^(2/5) v_m^(1/5)")
+    print(f"force F_m       = {wave.force_by_velocity:.10f} k^(2/5) m^(3/5) v_m^(6/5)")
+    print(f"momentum        = {wave.momentum_by_velocity:.10f} m v_m")
+    print(f"energy          = {wave.energy_by_velocity:.10f} m v_m^2, of which kinetic {wave.kinetic_share:.10f}")
+    for averaged, name in ((True, "sensor average"), (False, "contact force ")):
+        widths = ", ".join(f"{wave.width(x, averaged=averaged):.6f} at {x:g}" for x in (0.002, 0.04, 0.5))
+        print(f"width, {name}: {widths} of the peak (beads)")
+    print(f"residual of the fixed point: {wave.residual:.1e}")
+    return 0
 
 
 def _bench(_: argparse.Namespace) -> int:

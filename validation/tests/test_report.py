@@ -123,6 +123,13 @@ def test_compare_on_the_command_line(scene_file: SceneWriter, shared_runs: Path)
     assert len(one.stderr.splitlines()) == 1
 
 
+def test_the_wave_on_the_command_line() -> None:
+    done = command_line("validation", "wave")
+    assert done.returncode == 0
+    assert "0.9055157764 k^(1/3)" in done.stdout
+    assert "4.989445 at 0.002" in done.stdout
+
+
 def test_observables_on_the_command_line(scene_file: SceneWriter, shared_runs: Path) -> None:
     folder = finished(case_of(scene_file()), "verlet", shared_runs).folder
     done = command_line("postproc", "observables", folder, "--level", "0.1")
