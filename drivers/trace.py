@@ -5,11 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from drivers.chain import Chain
-
-Array = NDArray[np.float64]
+from drivers.chain import Array, Chain
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ The first peak at a gauge is the incident wave, the first one after the wall's p
 
 import numpy as np
 
+from drivers.chain import Array
 from drivers.layout import Layout
 from drivers.trace import Trace
-from postproc.sensors import Array, sensor_signals
+from postproc.sensors import sensor_signals
 from postproc.signals import Peak, integral, peaks, rising_crossing
 
 LEVELS = (0.002, 0.04)  # of the peak, at which the paper's Table 1 cuts the width

@@ -4,12 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from drivers.chain import Array
 from drivers.layout import Layout
 from drivers.trace import Trace
-
-Array = NDArray[np.float64]
 
 
 def sensor_average(force_N: Array, from_wall: int) -> Array:

@@ -7,11 +7,10 @@ for a pulse of width w sampled every h the error goes with (h/w)^6.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly, make_interp_spline
 from scipy.signal import find_peaks
 
-Array = NDArray[np.float64]
+from drivers.chain import Array
 
 PROMINENCE = 0.05  # of the signal's range: smaller bumps are no peaks
 REACH = 8  # samples to either side that a local spline goes through

@@ -10,12 +10,13 @@ import numpy as np
 
 from drivers import paths
 from drivers.case import Case
+from drivers.chain import Array
 from drivers.finished import FinishedRun
 from drivers.guard import energy_error
 from drivers.read_scene import read_scene
 from drivers.record import RunRecord
 from drivers.tolerances import Tolerance, tolerance
-from drivers.trace import Array, Trace
+from drivers.trace import Trace
 from postproc.observables import observe
 from validation.rounding import rounding_error
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from drivers.case import Case
-from drivers.trace import Array
+from drivers.chain import Array
 from validation.arrays import arrays_of
 from validation.reference.verlet import integrate_verlet, integrate_verlet_absolute
 

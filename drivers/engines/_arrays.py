@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.chain import Array
 from drivers.errors import RunError
-from drivers.trace import Array
 
 
 def load_arrays(path: Path, shapes: dict[str, tuple[int, int]]) -> dict[str, Array]:

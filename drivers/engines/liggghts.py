@@ -9,29 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from drivers.case import Case
-from drivers.chain import Chain, energy_put_in
+from drivers.chain import Array, Chain, energy_put_in
 from drivers.deck import Deck
 from drivers.deck import render as render_template
+from drivers.engines._materials import named_material
 from drivers.errors import RunError
 from drivers.process import UNKNOWN_VERSION, first_line_of
-from drivers.scene import RIGID, Scene
-from drivers.trace import Array, Trace, make_trace
+from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's package liggghts"
 VARIABLES: dict[str, str] = {}
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
-RIGID_PA = 1e40  # a wall that does not yield: its share of 1/E* is below rounding
+FLAT = "flat "  # before the material's name: the type of a striker's flat face
 HEADER_LINES = 9  # of a frame of a dump
-
-
-@dataclass(frozen=True)
-class Type:
-    """An atom type: a material, or the flat face of the striker."""
-
-    label: str
-    youngs_modulus: float
-    poisson_ratio: float
 
 
 @dataclass(frozen=True)
@@ -62,13 +53,13 @@ def render(case: Case) -> Deck:
     scene, chain, duration = case.scene, case.chain, float(case.sample_times_s[-1])
     flat = bool(np.isinf(chain.radius_m[-1]))
     radius = np.where(np.isinf(chain.radius_m), chain.radius_m[-2] if flat else 0.0, chain.radius_m)
-    labels = [*chain.materials[:-1], f"flat {chain.materials[-1]}"] if flat else list(chain.materials)
+    labels = [*chain.materials[:-1], FLAT + chain.materials[-1]] if flat else list(chain.materials)
     unique = list(dict.fromkeys(labels))
-    types = [_type(scene, label) for label in unique]
+    types = [named_material(scene, label.removeprefix(FLAT), label) for label in unique]
     wall_type = 0
     if chain.wall and case.models("wall"):
         if chain.wall not in unique:
-            types.append(_type(scene, chain.wall))
+            types.append(named_material(scene, chain.wall))
             unique.append(chain.wall)
         wall_type = unique.index(chain.wall) + 1
     moduli = [kind.youngs_modulus for kind in types]
@@ -105,13 +96,6 @@ def render(case: Case) -> Deck:
     }
     files = {name: render_template(f"liggghts/{name}.j2", **values) for name in ("chain.in", "chain.data")}
     return Deck(files, COMMAND, raw=("chain.dump",))
-
-
-def _type(scene: Scene, label: str) -> Type:
-    if label == RIGID:
-        return Type(label, RIGID_PA, 0.0)
-    material = scene.materials[label.removeprefix("flat ")]
-    return Type(label, material.youngs_modulus, material.poisson_ratio)
 
 
 def _pair_stiffnesses(chain: Chain, radius: Array, labels: list[str], unique: list[str], wall_type: int) -> list[float]:

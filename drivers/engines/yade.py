@@ -11,25 +11,15 @@ from drivers.case import Case
 from drivers.deck import Deck
 from drivers.deck import render as render_template
 from drivers.engines._arrays import load_arrays
+from drivers.engines._materials import named_material
 from drivers.errors import RunError
 from drivers.process import UNKNOWN_VERSION, first_line_of
-from drivers.scene import RIGID, Scene
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's packages yade and python3-yade"
 VARIABLES: dict[str, str] = {}
 COMMAND = ("yade", "-n", "-x", "chain.py")
-RIGID_PA = 1e40  # a wall that does not yield: its share of 1/E* is below rounding
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
-
-
-@dataclass(frozen=True)
-class Label:
-    """A material as the deck names it."""
-
-    label: str
-    youngs_modulus: float
-    poisson_ratio: float
 
 
 @dataclass(frozen=True)
@@ -78,7 +68,7 @@ def render(case: Case) -> Deck:
         gravity=chain.gravity_m_s2 if case.models("gravity") else None,
         precompression=chain.precompression_N if case.models("precompression") else None,
         top=chain.beads - 1,
-        materials=[_label(scene, name) for name in dict.fromkeys(labels)],
+        materials=[named_material(scene, name) for name in dict.fromkeys(labels)],
         spheres=bodies,
         flat=flat,
         wall={"height": chain.wall_height_m, "material": chain.wall} if case.models("wall") else None,
@@ -86,13 +76,6 @@ def render(case: Case) -> Deck:
         planes=([0] if chain.wall else []) + ([chain.bodies - 1 - first] if flat else []),
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
-
-
-def _label(scene: Scene, name: str) -> Label:
-    if name == RIGID:
-        return Label(name, RIGID_PA, 0.0)
-    material = scene.materials[name]
-    return Label(name, material.youngs_modulus, material.poisson_ratio)
 
 
 def read(case: Case, folder: Path) -> Trace:
