@@ -24,6 +24,7 @@ class Outcome:
         code: exit code; negative for a signal.
         timed_out: it was killed at the time limit.
         wall_s, cpu_s: of the whole process with its children.
+        memory_bytes: the most it held.
     """
 
     code: int

@@ -5,6 +5,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -58,10 +59,10 @@ def bench_adaptive() -> None:
     print("Fig. 4, 0.6 ms, 600 samples: error of the force, time, and scipy's time at no smaller error")
     print(f"{'asked':>8} {'error':>9} {'time ms':>8}   {'scipy rtol':>10} {'error':>9} {'time ms':>8} {'ratio':>6}")
     for tolerance in (1e-4, 1e-6, 1e-8, 1e-10, 1e-11):
-        own = best_time(lambda tolerance=tolerance: integrate_adaptive(chain, times, tolerance))  # type: ignore[misc]
+        own = best_time(partial(integrate_adaptive, chain, times, tolerance))
         own_error = error(integrate_adaptive(chain, times, tolerance).force_N)
         rtol = next(r for r in 10.0 ** -np.arange(3, 14.5, 0.5) if error(_scipy(chain, times, r)) <= tolerance)
-        theirs = best_time(lambda rtol=rtol: _scipy(chain, times, rtol))  # type: ignore[misc]
+        theirs = best_time(partial(_scipy, chain, times, rtol))
         their_error = error(_scipy(chain, times, rtol))
         print(
             f"{tolerance:8.0e} {own_error:9.1e} {own * 1e3:8.2f}   {rtol:10.1e} {their_error:9.1e} {theirs * 1e3:8.1f}"

@@ -30,17 +30,34 @@ class Engine(Protocol):
     VARIABLES: Mapping[str, str]
 
     @staticmethod
-    def find() -> Path | None: ...  # noqa: D102
+    def find() -> Path | None:
+        """Path of the executable, None where it is not installed."""
+        ...
+
     @staticmethod
-    def version(executable: Path) -> str: ...  # noqa: D102
+    def version(executable: Path) -> str:
+        """Its version."""
+        ...
+
     @staticmethod
-    def render(case: Case) -> Deck: ...  # noqa: D102
+    def render(case: Case) -> Deck:
+        """The deck of a case."""
+        ...
+
     @staticmethod
-    def read(case: Case, folder: Path) -> Trace: ...  # noqa: D102
+    def read(case: Case, folder: Path) -> Trace:
+        """The raw output as a trace; RunError where it is not whole."""
+        ...
+
     @staticmethod
-    def complaint(stdout: str, stderr: str) -> str: ...  # noqa: D102
+    def complaint(stdout: str, stderr: str) -> str:
+        """The engine's own words for why it ended badly."""
+        ...
+
     @staticmethod
-    def loop_seconds(stdout: str) -> float | None: ...  # noqa: D102
+    def loop_seconds(stdout: str) -> float | None:
+        """Seconds in its own time loop."""
+        ...
 
 
 def engine_names() -> list[str]:

@@ -88,9 +88,10 @@ def test_heights_differ_from_overlaps_by_rounding() -> None:
     ],
 )
 def test_wrong_arrays_are_named(change: dict[str, list[float]], named: str) -> None:
-    good = {name: [1.0, 1.0] for name in ("mass_kg", "stiffness", "overlap_m", "velocity_m_s", "load_N")}
+    names = ("mass_kg", "stiffness", "overlap_m", "velocity_m_s", "load_N")
+    arrays = [np.array(change.get(name, [1.0, 1.0])) for name in names]
     with pytest.raises(ValueError, match=named):
-        HertzChain(**(good | change))  # type: ignore[arg-type]
+        HertzChain(*arrays)
 
 
 @pytest.fixture(scope="module", params=list(high_precision.CASES))
