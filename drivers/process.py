@@ -16,6 +16,10 @@ UNKNOWN_VERSION = "unknown"
 COULD_NOT_START = 127  # as a shell says it
 
 
+_running: set[int] = set()  # leaders of the process groups under way
+_stopped = threading.Event()
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How a process ended.
@@ -62,6 +66,9 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
         except OSError as error:
             err.write(f"cannot start: {error}\n".encode())
             return Outcome(COULD_NOT_START, timed_out=False, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+        _running.add(process.pid)
+        if _stopped.is_set():
+            _kill_group(process.pid)
         expired = threading.Event()
 
         def expire() -> None:
@@ -78,7 +85,10 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
             raise
         finally:
             timer.cancel()
+            _running.discard(process.pid)
     _kill_group(process.pid)  # what it may have left behind
+    if _stopped.is_set():
+        raise KeyboardInterrupt
     return Outcome(
         code=process.returncode,
         timed_out=expired.is_set(),
@@ -86,6 +96,13 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
         cpu_s=usage.ru_utime + usage.ru_stime,
         memory_bytes=usage.ru_maxrss * 1024,
     )
+
+
+def stop_all() -> None:
+    """Kills all that runs in other threads, for good: what they wait for ends as if by Ctrl-C."""
+    _stopped.set()
+    for leader in tuple(_running):
+        _kill_group(leader)
 
 
 def first_line_of(command: tuple[str, ...]) -> str:

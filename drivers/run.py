@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -23,6 +24,7 @@ from drivers.trace import Trace, read_forces, whole_forces, write_forces, write_
 
 LEAST_LIMIT_S = 60.0
 LONGEST_COMPLAINT = 300
+_asking_version = threading.Lock()
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: beyond it, a run hangs
 
 
@@ -60,7 +62,8 @@ def run_case(
         raise RunError(f"not installed; it comes with {engine.HOW_TO_GET}")
     deck = engine.render(case)
     home = runs / engine_name
-    version = _known_version(engine, executable, home)
+    with _asking_version:
+        version = _known_version(engine, executable, home)
     identity = hashlib.sha256(f"{engine_name}\0{version}\0{deck.sha256}".encode()).hexdigest()[:12]
     found = find_run(home, identity)
     if found and found.done and not rerun and _has_all(found.folder, case):

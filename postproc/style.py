@@ -6,6 +6,10 @@ from io import StringIO
 from typing import Any
 
 
+COLUMN_IN = 3.5  # a journal's column
+FAINT = "#555555"
+
+
 @dataclass(frozen=True)
 class Line:
     """How the curve of one engine is drawn."""
@@ -44,7 +48,8 @@ def pyplot() -> Any:
 
     plt.rcParams.update(
         {
-            "font.size": 9,
+            "font.size": 8,
+            "axes.titlesize": 8,
             "axes.spines.top": False,
             "axes.spines.right": False,
             "axes.linewidth": 0.7,

@@ -18,6 +18,7 @@ from drivers.record import RunRecord
 from drivers.tolerances import Tolerance, tolerance
 from drivers.trace import Trace
 from postproc.observables import observe
+from postproc.residual import share_of_largest
 from validation.rounding import rounding_error
 
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding of the same size, not the same
@@ -79,11 +80,6 @@ def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Dev
     sample, column = np.unravel_index(int(np.argmax(difference)), difference.shape)
     share = share_of_largest(difference, reference)
     return Deviation(float(share[sample, column]), float(trace.time_s[sample]), int(column) + 1)
-
-
-def share_of_largest(difference_N: Array, reference: Trace) -> Array:
-    """A force difference over the largest force of the reference; of a chain without forces: over 1 N."""
-    return np.asarray(difference_N / (float(np.abs(reference.force_N).max()) or 1.0))
 
 
 def compare_case(case: Case, runs: dict[str, FinishedRun], absent: dict[str, str]) -> list[Verdict]:

@@ -80,7 +80,7 @@ def _rows(scene: ComparedScene) -> list[Row]:
 
 
 def _engine_order(engine: str) -> tuple[bool, str]:
-    return engine in ("verlet", "reference"), engine  # the in-repo yardsticks last
+    return load_engine(engine).IN_REPOSITORY, engine  # the in-repo yardsticks last
 
 
 def _cost(scene: ComparedScene, engine: str) -> str:
@@ -120,7 +120,7 @@ def _section(scene: ComparedScene) -> dict[str, object]:
         "decks": [
             (engine, file, text)
             for engine in engines
-            if engine not in ("verlet", "reference")
+            if not load_engine(engine).IN_REPOSITORY
             for file, text in load_engine(engine).render(case).files.items()
         ],
         "folders": [(engine, paths.shown(scene.runs[engine].folder)) for engine in engines],

@@ -4,6 +4,7 @@ An engine module has
 
 * ``find()``: path of its executable, or None where it is not installed;
 * ``HOW_TO_GET``: what to install then;
+* ``IN_REPOSITORY``: whether it is part of this repository, and so a yardstick for the others;
 * ``VARIABLES``: environment variables it needs;
 * ``version(executable)``: its version, part of a run's identity;
 * ``render(case)``: the deck, complete with the command that runs it inside its folder;
@@ -27,6 +28,7 @@ class Engine(Protocol):
     """What a module of this package offers."""
 
     HOW_TO_GET: str
+    IN_REPOSITORY: bool
     VARIABLES: Mapping[str, str]
 
     @staticmethod
@@ -63,6 +65,12 @@ class Engine(Protocol):
 def engine_names() -> list[str]:
     """All engines this version knows, installed or not."""
     return sorted(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
+
+
+def installed_codes() -> list[str]:
+    """The engines to be checked, as far as they are installed: all but those of this repository."""
+    engines = {name: load_engine(name) for name in engine_names()}
+    return [name for name, engine in engines.items() if not engine.IN_REPOSITORY and engine.find() is not None]
 
 
 def load_engine(name: str) -> Engine:

@@ -16,6 +16,7 @@ from drivers.engines._arrays import load_arrays
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "nothing: it is part of this repository"
+IN_REPOSITORY = True
 VARIABLES = {"PYTHONPATH": str(paths.ROOT)}
 COMMAND = ("python", "-m", "validation.reference", "chain.json")
 

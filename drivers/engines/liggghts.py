@@ -18,6 +18,7 @@ from drivers.process import UNKNOWN_VERSION, first_line_of
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's package liggghts"
+IN_REPOSITORY = False
 VARIABLES: dict[str, str] = {}
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told

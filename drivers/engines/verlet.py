@@ -3,9 +3,18 @@
 from drivers.case import Case
 from drivers.deck import Deck
 from drivers.engines import _in_repo
-from drivers.engines._in_repo import HOW_TO_GET, VARIABLES, complaint, find, loop_seconds, read, version
+from drivers.engines._in_repo import (
+    HOW_TO_GET,
+    IN_REPOSITORY,
+    VARIABLES,
+    complaint,
+    find,
+    loop_seconds,
+    read,
+    version,
+)
 
-__all__ = ["HOW_TO_GET", "VARIABLES", "complaint", "find", "loop_seconds", "read", "render", "version"]
+__all__ = ["HOW_TO_GET", "IN_REPOSITORY", "VARIABLES", "complaint", "find", "loop_seconds", "read", "render", "version"]
 
 
 def render(case: Case) -> Deck:

@@ -17,6 +17,7 @@ from drivers.process import UNKNOWN_VERSION, first_line_of
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's packages yade and python3-yade"
+IN_REPOSITORY = False
 VARIABLES: dict[str, str] = {}
 COMMAND = ("yade", "-n", "-x", "chain.py")
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")

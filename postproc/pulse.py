@@ -1,0 +1,65 @@
+"""Shape of a pulse and of a train of them: exponential envelope, rise, decay, duration."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.chain import Array
+from postproc.signals import Peak, peaks, rising_crossing
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """``amplitude_N exp(rate_per_s t)`` through maxima, by least squares of the logarithm."""
+
+    amplitude_N: float
+    rate_per_s: float
+
+    def at(self, time_s: Array) -> Array:
+        """The envelope's force, same shape as ``time_s``."""
+        return np.asarray(self.amplitude_N * np.exp(self.rate_per_s * time_s))
+
+
+def envelope(maxima: list[Peak]) -> Envelope:
+    """The exponential through maxima; at least two are needed."""
+    rate, start = np.polyfit([peak.time_s for peak in maxima], np.log([peak.value for peak in maxima]), 1)
+    return Envelope(float(np.exp(start)), float(rate))
+
+
+@dataclass(frozen=True)
+class PulseShape:
+    """An incident pulse at one place.
+
+    Attributes:
+        peak: its first maximum.
+        rise_s: from ``ONSET`` of the peak to the peak.
+        decay_per_s: rate of the exponential from the peak to half of it.
+        duration_s: from ``ONSET`` until it falls below that for good, or until the reflected wave arrives.
+    """
+
+    peak: Peak
+    rise_s: float
+    decay_per_s: float
+    duration_s: float
+
+
+ONSET = 0.02
+
+
+def incident_pulse(time_s: Array, signal: Array) -> PulseShape:
+    """The shape of the first pulse of a signal whose largest later maximum is the reflected wave.
+
+    Args:
+        time_s: equally spaced. Shape (samples,).
+        signal: above its static value. Shape (samples,).
+    """
+    found = peaks(time_s, signal)
+    first, reflected = found[0], max(found[1:], key=lambda peak: peak.value)
+    onset = rising_crossing(time_s, signal, ONSET * first.value, first)
+    half = first.sample + int(np.argmax(signal[first.sample :] < first.value / 2))
+    falling = slice(first.sample, half)
+    rate = np.polyfit(time_s[falling], np.log(signal[falling]), 1)[0]
+    before = signal[first.sample : reflected.sample]
+    quiet = before < ONSET * first.value
+    end = first.sample + (int(np.argmax(quiet)) if quiet.any() else int(np.argmin(before)))
+    return PulseShape(first, first.time_s - onset, float(rate), float(time_s[end]) - onset)

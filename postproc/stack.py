@@ -1,0 +1,96 @@
+"""Gauge forces of several engines stacked over each other, with their differences below."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from drivers.layout import Layout
+from drivers.trace import Trace
+from postproc.residual import residual
+from postproc.sensors import sensor_signals
+from postproc.style import drawing_order, line_of, pyplot
+
+MICRO = 1e6
+EXACT = "reference"
+
+
+def draw_stack(
+    layout: Layout, traces: Mapping[str, Trace], *, width_in: float, yardsticks: tuple[str, ...] = (EXACT,)
+) -> tuple[Any, dict[str, Any]]:
+    """One panel a gauge in the order in which a wave meets them, and one with the residuals.
+
+    Args:
+        layout: of the chain.
+        traces: by engine, of equal sample times.
+        width_in: width of the figure in inches.
+        yardsticks: engines that the others' forces are subtracted from.
+
+    Returns:
+        The figure, and its axes by gauge name with that of the residuals under ``residual``.
+    """
+    plt = pyplot()
+    signals = {engine: sensor_signals(layout, trace) for engine, trace in traces.items()}
+    gauges = list(next(iter(signals.values())))
+    heights = [1.5] * len(gauges) + [1.9]
+    scale = min(1.0, 0.45 + 0.55 * width_in / 6.4)
+    figure, grid = plt.subplots(
+        len(heights), 1, sharex=True, figsize=(width_in, 0.6 + scale * sum(heights)), height_ratios=heights,
+        squeeze=False,
+    )  # fmt: skip
+    axes = dict(zip([*gauges, "residual"], grid[:, 0], strict=True))
+    for gauge in gauges:
+        for engine in drawing_order(list(traces)):
+            line, time_us = line_of(engine), traces[engine].time_s * MICRO
+            signal = signals[engine][gauge]
+            axes[gauge].plot(time_us, signal, color=line.colour, lw=line.width, ls=line.dashes, label=engine)
+        axes[gauge].set_ylabel("force (N)")
+        axes[gauge].set_title(gauge_name(gauge), loc="left")
+        axes[gauge].set_xlim(0, float(time_us[-1]))
+    if gauges:
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="lower left", ncols=4, columnspacing=1.2,
+                      borderaxespad=0, bbox_to_anchor=(0.02, 1.3), bbox_transform=grid[0, 0].transAxes)  # fmt: skip
+    _draw_residuals(axes["residual"], traces, yardsticks)
+    axes["residual"].set_xlabel("time since impact (µs)")
+    figure.align_ylabels()
+    figure.subplots_adjust(hspace=0.38 if width_in < 5 else 0.32)
+    return figure, axes
+
+
+def gauge_name(gauge: str) -> str:
+    """The gauge in words."""
+    return "wall" if gauge == "wall" else f"sensor bead {gauge.removeprefix('bead_')}: mean of its two contact forces"
+
+
+def _draw_residuals(axis: Any, traces: Mapping[str, Trace], yardsticks: tuple[str, ...]) -> None:
+    for yardstick in yardsticks:
+        if yardstick not in traces:
+            continue
+        others = [e for e in drawing_order(list(traces)) if e != yardstick and e != EXACT]
+        for engine in others:
+            line, difference = line_of(engine), residual(traces[engine], traces[yardstick])
+            width = 1.5 if yardstick == EXACT else 0.9
+            shown = np.where(difference > 0, difference, np.nan)
+            axis.plot(traces[engine].time_s * MICRO, shown, color=line.colour, lw=width, ls=line.dashes)
+        if others and len(yardsticks) > 1:
+            axis.annotate(f"minus {yardstick}", (1, difference[-1]), xycoords=("axes fraction", "data"), xytext=(3, -3),
+                          textcoords="offset points", color="#555555")  # fmt: skip
+    axis.set_yscale("log")
+    if len(yardsticks) == 1:
+        axis.set_ylim(bottom=1e-3 * axis.dataLim.y1)
+    axis.set_ylabel("|ΔF| / largest F")
+    what = f" from the {yardsticks[0]}" if len(yardsticks) == 1 else ""
+    axis.set_title(f"largest difference{what} over all contacts", loc="left")
+
+
+def stack_table(layout: Layout, traces: Mapping[str, Trace]) -> pd.DataFrame:
+    """The plotted numbers, a row per engine and sample: time, gauges, residual against the reference."""
+    tables = []
+    for engine, trace in traces.items():
+        columns: dict[str, Any] = {"engine": engine, "time_s": trace.time_s}
+        columns |= {f"{name}_N": signal for name, signal in sensor_signals(layout, trace).items()}
+        if EXACT in traces:
+            columns["residual_to_reference_share"] = residual(trace, traces[EXACT])
+        tables.append(pd.DataFrame(columns))
+    return pd.concat(tables, ignore_index=True)

@@ -1,0 +1,129 @@
+"""Solitary waves of a wanted amplitude, from full simulations: the striker speed is solved for."""
+
+from collections.abc import Callable
+from math import exp, log
+from pathlib import Path
+
+import numpy as np
+
+from drivers import paths
+from drivers.case import Case, build_case
+from drivers.engines import installed_codes
+from postproc.signals import peaks
+from validation.reference.travelling_wave import solve_travelling_wave
+from validation.simulate import Simulation, case_of, exact, run_codes
+
+SCENE = "table1"
+LONGEST = "6 ms"
+AFTER = 1.15  # times the arrival at the lower sensor: the run ends when the peak has passed
+EXACT_SPEED = 1e-12  # relative, of the striker speed that is solved for
+CODE_AMPLITUDE = 1e-7  # relative: a code's amplitude counts as the one wanted
+MAX_CORRECTIONS = 4
+
+Amplitude = Callable[[Simulation], float]
+
+
+def sensor_amplitude(simulation: Simulation) -> float:
+    """Mean over the sensors of the peak of their averages above the static value, N: F_m of Table 1."""
+    sensors = simulation.case.layout.sensors
+    return float(np.mean([simulation.values[f"bead_{sensor.from_wall}_amplitude_N"] for sensor in sensors]))
+
+
+def contact_peak(simulation: Simulation) -> float:
+    """Mean of the first peaks of the contact forces between the upper and the lower sensor, static part included."""
+    upper, lower = (sensor.from_wall for sensor in simulation.case.layout.sensors)
+    force, time = simulation.trace.force_N[:, lower:upper], simulation.trace.time_s
+    static = force[0]
+    firsts = [peaks(time, column - column[0])[0].value for column in force.T]
+    return float(np.mean(np.array(firsts) + static))
+
+
+def static_force(simulation: Simulation) -> float:
+    """Mean static force of the same contacts, N."""
+    upper, lower = (sensor.from_wall for sensor in simulation.case.layout.sensors)
+    return float(simulation.trace.force_N[0, lower:upper].mean())
+
+
+def speed_between_sensors(simulation: Simulation) -> float:
+    """Peak to peak, m/s."""
+    upper, lower = (sensor.from_wall for sensor in simulation.case.layout.sensors)
+    return simulation.values[f"speed_{upper}_to_{lower}_m_s"]
+
+
+def arrival(simulation: Simulation) -> float:
+    """When the peak reaches the lower sensor, s."""
+    return simulation.values[f"bead_{simulation.case.layout.sensors[-1].from_wall}_arrival_s"]
+
+
+def strike(speed_m_s: float, *settings: str, duration: str = LONGEST) -> Case:
+    """The chain of Table 1 under a striker of some speed."""
+    return case_of(SCENE, *settings, f"striker.speed={speed_m_s!r} m/s", f"run.duration={duration}")
+
+
+def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulation:
+    """The exact simulation of the strike that gives a wanted amplitude, just long enough to see it pass.
+
+    Args:
+        force_N: the amplitude wanted.
+        amplitude: how it is read from a simulation.
+        settings: laid over the scene.
+
+    Raises:
+        ValueError: no striker speed gives this amplitude.
+    """
+    from scipy.optimize import brentq
+
+    start = log(_speed_estimate(strike(1.0, *settings), force_N))
+
+    def excess(log_speed: float) -> float:
+        return amplitude(exact(strike(exp(log_speed), *settings))) / force_N - 1
+
+    low, high = start - 0.5, start + 0.5
+    while excess(low) > 0 and low > start - 12:  # under precompression a weak strike gives less than the static force
+        low -= 1.0
+    root = float(brentq(excess, low, high, xtol=EXACT_SPEED))
+    return trimmed(exp(root), *settings)
+
+
+def trimmed(speed_m_s: float, *settings: str) -> Simulation:
+    """The exact simulation of a strike, ended soon after its peak has passed the lower sensor."""
+    long = exact(strike(speed_m_s, *settings))
+    return exact(strike(speed_m_s, *settings, duration=f"{np.ceil(AFTER * arrival(long) * 1e6):.0f} us"))
+
+
+def _speed_estimate(case: Case, force_N: float) -> float:
+    """The speed of an equal striker whose solitary wave has a peak force: it hands v_m = 0.682 v on (no static load)."""
+    wave, j = solve_travelling_wave(), case.chain.beads // 2
+    scale = case.chain.stiffness[j] ** 0.4 * case.chain.mass_kg[j] ** 0.6
+    return float((force_N / (wave.force_by_velocity * scale)) ** (5 / 6) / 0.682)
+
+
+def strikes_by_codes(
+    exact_ones: list[Simulation], forces_N: list[float], amplitude: Amplitude, runs: Path = paths.RUNS
+) -> dict[str, list[Simulation]]:
+    """The same amplitudes solved for by each code: from the reference's speeds on, corrected by its own amplitudes.
+
+    Raises:
+        RunError: a run failed.
+        ArithmeticError: the corrections do not settle.
+    """
+    solved: dict[str, list[Simulation]] = {}
+    found = run_codes(dict.fromkeys(installed_codes(), [simulation.case for simulation in exact_ones]), runs)
+    for _ in range(MAX_CORRECTIONS):
+        wanted: dict[str, list[Case]] = {}
+        for code, simulations in found.items():
+            solved[code] = simulations
+            ratios = [amplitude(s) / force for s, force in zip(simulations, forces_N, strict=True)]
+            if max(abs(ratio - 1) for ratio in ratios) > CODE_AMPLITUDE:
+                wanted[code] = [_corrected(s.case, ratio) for s, ratio in zip(simulations, ratios, strict=True)]
+        if not wanted:
+            return solved
+        found = run_codes(wanted, runs)
+    raise ArithmeticError("a code's striker speed does not settle on the amplitude wanted")
+
+
+def _corrected(case: Case, ratio: float) -> Case:
+    """The case with a striker speed that brings its amplitude, ``ratio`` times the one wanted, to 1: F ~ v^(6/5)."""
+    assert case.scene.striker is not None
+    striker = case.scene.striker.model_copy(update={"speed": case.scene.striker.speed * ratio ** (-5 / 6)})
+    return build_case(case.scene.model_copy(update={"striker": striker}))
