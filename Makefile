@@ -3,22 +3,35 @@ PYTHON ?= python3
 PY := .venv/bin/python
 ENGINES := liggghts yade
 FOUND := $(strip $(foreach engine,$(ENGINES),$(if $(shell command -v $(engine)),$(engine))))
+FIGURES := fig1 fig2 fig3 fig4 fig5 fig6 table1
 SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*')
+COMMON := $(filter-out postproc/figures/% validation/claims/% inputs/paper/claims.toml templates/report/% validation/report.py,$(SOURCES))
 AS_ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo),yes))
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
-.PHONY: help setup engines report test bench lint clean FORCE
+.PHONY: help setup engines $(FIGURES) figures claims report test bench lint clean FORCE
 
 help: ## list the targets
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
 
 setup: .venv/.ready ## make .venv with the locked packages
 
 engines: ## install LIGGGHTS and YADE where they are missing
 	@rm -f .venv/.engines
 	@$(MAKE) --no-print-directory .venv/.engines
+
+fig1: ## the set-up to scale
+fig2: ## sensor bead: free body, forces, the coefficient beta
+fig3: ## speed against amplitude, with scores of the moduli
+fig4: ## one solitary wave and its reflection
+fig5: ## a heavy striker's train, envelope and incident pulse
+fig6: ## small beads under a steel and a PTFE ball
+table1: ## speeds and widths, solved for by every engine
+figures: $(FIGURES) ## all figures and the table
+
+claims: results/claims.csv ## every quantitative statement of the paper, computed
 
 report: results/.report ## run the paper's scenes on all engines and write results/report.html
 
@@ -35,6 +48,12 @@ lint: .venv/.ready-dev ## ruff and mypy
 
 clean: ## remove runs and results (not .venv)
 	rm -rf runs results
+
+# figures are made by one command each; a figure that failed leaves nothing
+$(FIGURES): %: results/%.svg results/%.png results/%.csv
+
+results/%.svg results/%.png results/%.csv: postproc/figures/%.py postproc/figures/__init__.py $(COMMON) .venv/.ready .venv/.engines
+	$(PY) -m postproc $*
 
 # the stamp stands only if every verdict is good; finished runs are not run again
 results/.report: $(SOURCES) .venv/.ready .venv/.engines $(if $(wildcard results/report.html),,FORCE)

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from drivers.cli import Parser, run_main
+from drivers.cli import Parser, must_be_folder, run_main
 from drivers.errors import InputError, RunError
 
 
@@ -70,11 +70,6 @@ def _engines(asked: list[str] | None) -> tuple[list[str], list[str]]:
     return [name for name in names if name not in missing], missing
 
 
-def _must_be_folder(option: str, path: Path) -> None:
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{option} {path}", "", "a file", "a folder")
-
-
 def _render(arguments: argparse.Namespace) -> int:
     from drivers.case import build_case
     from drivers.engines import load_engine
@@ -82,7 +77,7 @@ def _render(arguments: argparse.Namespace) -> int:
 
     (name,), _ = _engines([arguments.engine])
     deck = load_engine(name).render(build_case(read_scene(arguments.scene, tuple(arguments.settings))))
-    _must_be_folder("--out", arguments.out)
+    must_be_folder("--out", arguments.out)
     arguments.out.mkdir(parents=True, exist_ok=True)
     for file, text in deck.files.items():
         (arguments.out / file).write_text(text)
@@ -99,7 +94,7 @@ def _run(arguments: argparse.Namespace) -> int:
     names, missing = _engines(arguments.engine)
     case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
     runs = arguments.runs or paths.RUNS
-    _must_be_folder("--runs", runs)
+    must_be_folder("--runs", runs)
     failures = 0
     for name in names:
         try:

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import NoReturn
 
 from drivers.errors import InputError, RunError
@@ -16,6 +17,16 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Exits with code 2."""
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def must_be_folder(option: str, path: Path | None) -> None:
+    """Refuses a file where a folder is to be made.
+
+    Raises:
+        InputError: it is one.
+    """
+    if path is not None and path.exists() and not path.is_dir():
+        raise InputError(f"{option} {path}", "", "a file", "a folder")
 
 
 def run_main(main: Callable[[], int]) -> NoReturn:

@@ -1,15 +1,19 @@
-"""``python -m postproc``: numbers from finished runs."""
+"""``python -m postproc``: the paper's figures, scenes drawn to scale, numbers from finished runs."""
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
-from drivers.cli import Parser, run_main
+from drivers.cli import Parser, must_be_folder, run_main
+from drivers.errors import RunError
+
+FIGURES = ("fig1", "fig2", "fig3", "fig4", "fig5", "fig6", "table1")
 
 
 def main() -> int:
     """Reads the command line and does what it says."""
-    parser = Parser(prog="python -m postproc", description="Numbers from finished runs.")
+    parser = Parser(prog="python -m postproc", description="Figures, scenes drawn to scale, numbers from finished runs.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     observables = commands.add_parser("observables", help="peaks, speeds, widths, reflections, energies of a run")
     observables.add_argument("run", type=Path, metavar="RUN", help="a run folder")
@@ -22,8 +26,63 @@ def main() -> int:
     )
     observables.add_argument("--json", action="store_true", help="print JSON")
     observables.set_defaults(action=_observables)
+
+    draw = commands.add_parser("draw", help="a scene drawn to scale")
+    draw.add_argument("scene", metavar="SCENE", help="a scene file, or the name of one in inputs/scenes")
+    draw.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
+    _add_out(draw)
+    draw.set_defaults(action=_draw)
+    for name in (*FIGURES, "figures"):
+        what = "all figures and the table" if name == "figures" else f"{name} of the paper, running what is not done"
+        figure = commands.add_parser(name, help=what)
+        figure.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
+        _add_out(figure)
+        figure.set_defaults(action=_figures, names=FIGURES if name == "figures" else (name,))
     arguments = parser.parse_args()
     return int(arguments.action(arguments))
+
+
+def _add_out(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to write to (default: results/)")
+
+
+def _draw(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from drivers.case import build_case
+    from drivers.read_scene import read_scene
+    from postproc.product import Product, write_product
+    from postproc.scene_drawing import draw_scene
+
+    must_be_folder("--out", arguments.out)
+    case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
+    product = Product(*draw_scene(case.scene, case.chain))
+    for path in write_product(product, f"scene-{case.scene.name}", arguments.out or paths.RESULTS):
+        print(paths.shown(path))
+    return 0
+
+
+def _figures(arguments: argparse.Namespace) -> int:
+    from importlib import import_module
+
+    from drivers import paths
+    from drivers.engines import missing_codes
+    from postproc.product import write_product
+
+    must_be_folder("--out", arguments.out)
+    must_be_folder("--runs", arguments.runs)
+    failed = False
+    for name in arguments.names:
+        try:
+            product = import_module(f"postproc.figures.{name}").make(arguments.runs or paths.RUNS)
+        except (RunError, ArithmeticError) as error:
+            print(f"{name}: {error}", file=sys.stderr)
+            failed = True
+            continue
+        for path in write_product(product, name, arguments.out or paths.RESULTS):
+            print(paths.shown(path), flush=True)
+    if missing_codes():
+        print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
+    return 1 if failed else 0
 
 
 def _share(text: str) -> float:

@@ -33,11 +33,20 @@ def peaks(time_s: Array, values: Array, prominence: float = PROMINENCE) -> list[
         values: shape (samples,).
         prominence: share of the signal's range by which a peak stands out of its surroundings.
     """
+    return [_refined(time_s, values, place) for place in _places(values, prominence)]
+
+
+def first_peak(time_s: Array, values: Array, prominence: float = PROMINENCE) -> Peak | None:
+    """The first of ``peaks``; None where there is none."""
+    places = _places(values, prominence)
+    return _refined(time_s, values, places[0]) if places else None
+
+
+def _places(values: Array, prominence: float) -> list[int]:
     span = float(np.ptp(values))
     if span <= 0 or len(values) < 3:
         return []
-    places, _ = find_peaks(values, prominence=prominence * span)
-    return [_refined(time_s, values, int(place)) for place in places]
+    return [int(place) for place in find_peaks(values, prominence=prominence * span)[0]]
 
 
 def _refined(time_s: Array, values: Array, place: int) -> Peak:

@@ -33,6 +33,13 @@ def line_of(engine: str) -> Line:
     return _LINES.get(engine, _OTHER)
 
 
+def marker_of(engine: str) -> dict[str, Any]:
+    """Plot keywords for an engine's points: nested, so that equal points stay visible."""
+    sizes = {"reference": ("o", 8.0), "liggghts": ("s", 4.5), "yade": ("x", 4.0)}
+    shape, size = sizes.get(engine, ("^", 5.0))
+    return {"marker": shape, "ms": size, "mew": 1.1, "mfc": "none", "color": line_of(engine).colour}
+
+
 def drawing_order(engines: list[str]) -> list[str]:
     """Engines from the widest line to the finest, so that none hides another."""
     return sorted(engines, key=lambda engine: -line_of(engine).width)

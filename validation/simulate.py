@@ -68,6 +68,11 @@ def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path = paths.RUNS) -> d
     return found
 
 
+def run_codes_on(cases: Sequence[Case], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
+    """The same cases on every installed code."""
+    return run_codes(dict.fromkeys(installed_codes(), cases), runs)
+
+
 def simulate(cases: Sequence[Case], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
     """The cases on every installed code and on the reference."""
-    return run_codes(dict.fromkeys(installed_codes(), cases), runs) | {REFERENCE: [exact(case) for case in cases]}
+    return run_codes_on(cases, runs) | {REFERENCE: [exact(case) for case in cases]}

@@ -8,13 +8,12 @@ import numpy as np
 
 from drivers import paths
 from drivers.case import Case, build_case
-from drivers.engines import installed_codes
-from postproc.signals import peaks
+from postproc.signals import first_peak
 from validation.reference.travelling_wave import solve_travelling_wave
-from validation.simulate import Simulation, case_of, exact, run_codes
+from validation.simulate import Simulation, case_of, exact, run_codes, run_codes_on
 
 SCENE = "table1"
-LONGEST = "6 ms"
+MARGIN, BEYOND = 1.3, 10  # a search sees this many times the travel time, to beads beyond the lower sensor
 AFTER = 1.15  # times the arrival at the lower sensor: the run ends when the peak has passed
 EXACT_SPEED = 1e-12  # relative, of the striker speed that is solved for
 CODE_AMPLITUDE = 1e-7  # relative: a code's amplitude counts as the one wanted
@@ -34,8 +33,8 @@ def contact_peak(simulation: Simulation) -> float:
     upper, lower = (sensor.from_wall for sensor in simulation.case.layout.sensors)
     force, time = simulation.trace.force_N[:, lower:upper], simulation.trace.time_s
     static = force[0]
-    firsts = [peaks(time, column - column[0])[0].value for column in force.T]
-    return float(np.mean(np.array(firsts) + static))
+    firsts = [first_peak(time, column - column[0]) for column in force.T]
+    return float(np.mean([start + (peak.value if peak else np.nan) for start, peak in zip(static, firsts, strict=True)]))
 
 
 def static_force(simulation: Simulation) -> float:
@@ -55,9 +54,10 @@ def arrival(simulation: Simulation) -> float:
     return simulation.values[f"bead_{simulation.case.layout.sensors[-1].from_wall}_arrival_s"]
 
 
-def strike(speed_m_s: float, *settings: str, duration: str = LONGEST) -> Case:
-    """The chain of Table 1 under a striker of some speed."""
-    return case_of(SCENE, *settings, f"striker.speed={speed_m_s!r} m/s", f"run.duration={duration}")
+def strike(speed_m_s: float, duration_s: float, *settings: str) -> Case:
+    """The chain of Table 1 under a striker of some speed, for whole microseconds."""
+    duration = f"run.duration={np.ceil(duration_s * 1e6):.0f} us"
+    return case_of(SCENE, *settings, f"striker.speed={speed_m_s!r} m/s", duration)
 
 
 def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulation:
@@ -73,29 +73,30 @@ def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulati
     """
     from scipy.optimize import brentq
 
-    start = log(_speed_estimate(strike(1.0, *settings), force_N))
+    speed, travel_s = _estimates(strike(1.0, 1e-6, *settings), force_N)
+    start = log(speed)
 
     def excess(log_speed: float) -> float:
-        return amplitude(exact(strike(exp(log_speed), *settings))) / force_N - 1
+        return amplitude(exact(strike(exp(log_speed), MARGIN * travel_s, *settings))) / force_N - 1
 
     low, high = start - 0.5, start + 0.5
     while excess(low) > 0 and low > start - 12:  # under precompression a weak strike gives less than the static force
         low -= 1.0
     root = float(brentq(excess, low, high, xtol=EXACT_SPEED))
-    return trimmed(exp(root), *settings)
+    passed = AFTER * arrival(exact(strike(exp(root), MARGIN * travel_s, *settings)))
+    return exact(strike(exp(root), passed, *settings))
 
 
-def trimmed(speed_m_s: float, *settings: str) -> Simulation:
-    """The exact simulation of a strike, ended soon after its peak has passed the lower sensor."""
-    long = exact(strike(speed_m_s, *settings))
-    return exact(strike(speed_m_s, *settings, duration=f"{np.ceil(AFTER * arrival(long) * 1e6):.0f} us"))
+def _estimates(case: Case, force_N: float) -> tuple[float, float]:
+    """Striker speed and travel time to beyond the lower sensor for a wave of some force without a static one.
 
-
-def _speed_estimate(case: Case, force_N: float) -> float:
-    """The speed of an equal striker whose solitary wave has a peak force: it hands v_m = 0.682 v on (no static load)."""
-    wave, j = solve_travelling_wave(), case.chain.beads // 2
-    scale = case.chain.stiffness[j] ** 0.4 * case.chain.mass_kg[j] ** 0.6
-    return float((force_N / (wave.force_by_velocity * scale)) ** (5 / 6) / 0.682)
+    An equal striker hands on v_m = 0.682 v; under a static force the wave is faster.
+    """
+    wave, chain, j = solve_travelling_wave(), case.chain, case.chain.beads // 2
+    stiffness, mass = float(chain.stiffness[j]), float(chain.mass_kg[j])
+    speed = (force_N / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6) / 0.682
+    beads = chain.beads - case.layout.sensors[-1].from_wall + BEYOND
+    return speed, beads / (wave.speed_by_force * stiffness ** (1 / 3) * mass**-0.5 * force_N ** (1 / 6))
 
 
 def strikes_by_codes(
@@ -108,7 +109,7 @@ def strikes_by_codes(
         ArithmeticError: the corrections do not settle.
     """
     solved: dict[str, list[Simulation]] = {}
-    found = run_codes(dict.fromkeys(installed_codes(), [simulation.case for simulation in exact_ones]), runs)
+    found = run_codes_on([simulation.case for simulation in exact_ones], runs)
     for _ in range(MAX_CORRECTIONS):
         wanted: dict[str, list[Case]] = {}
         for code, simulations in found.items():

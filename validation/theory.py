@@ -9,7 +9,8 @@ from math import pi, sqrt
 
 import numpy as np
 
-from drivers.chain import Array
+from drivers.case import Case
+from drivers.chain import Array, bead_mass
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,14 @@ class Particles:
     def strain(self, force_N: float) -> float:
         """The inverse of ``force_N``."""
         return float((force_N / self.stiffness) ** (2 / 3) / self.diameter_m)
+
+
+def particles_of(case: Case) -> Particles:
+    """The beads of a case, which are taken to be equal; the density is that which gives their mass."""
+    scene = case.scene
+    material, diameter = scene.materials[scene.chain.material], scene.chain.diameter
+    density = bead_mass(scene) / (pi / 6 * diameter**3)
+    return Particles(material.youngs_modulus, material.poisson_ratio, density, diameter)
 
 
 def long_wave_acceleration(particles: Particles, strain: Array, length_m: float) -> Array:

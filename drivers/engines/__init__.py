@@ -67,10 +67,19 @@ def engine_names() -> list[str]:
     return sorted(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
 
 
+def codes() -> list[str]:
+    """The engines to be checked: all but those of this repository."""
+    return [name for name in engine_names() if not load_engine(name).IN_REPOSITORY]
+
+
 def installed_codes() -> list[str]:
-    """The engines to be checked, as far as they are installed: all but those of this repository."""
-    engines = {name: load_engine(name) for name in engine_names()}
-    return [name for name, engine in engines.items() if not engine.IN_REPOSITORY and engine.find() is not None]
+    """The codes that are there."""
+    return [name for name in codes() if load_engine(name).find() is not None]
+
+
+def missing_codes() -> list[str]:
+    """The codes that are not."""
+    return [name for name in codes() if load_engine(name).find() is None]
 
 
 def load_engine(name: str) -> Engine:

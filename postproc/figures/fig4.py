@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from postproc.figures.quoted import quoted
+from postproc.quoted import quoted
 from postproc.product import Product
 from postproc.stack import draw_stack, stack_table
 from postproc.style import COLUMN_IN, FAINT

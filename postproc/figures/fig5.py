@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from postproc.figures.quoted import quoted
+from postproc.quoted import quoted
 from postproc.product import Product
 from postproc.pulse import envelope, incident_pulse
 from postproc.sensors import sensor_signals

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from postproc.figures.quoted import quoted
+from postproc.quoted import quoted
 from postproc.product import Product
 from postproc.style import pyplot
 
@@ -55,10 +55,10 @@ def _drawn(values: pd.DataFrame) -> tuple[Any, pd.DataFrame]:
             rows.append([*head, "paper" if first else source, *numbers])
             colours.append(["#eeeeee" if first else "white"] * 8)
     headings = [r"$F_m$ (N)", "duration (µs)", *HEADINGS[:1], r"$L/2R$", "computed by", *HEADINGS]
-    figure, axis = pyplot().subplots(figsize=(6.4, 0.19 * (len(rows) + 2)))
+    figure, axis = pyplot().subplots(figsize=(6.4, 0.19 * (len(rows) + 1)))
     axis.axis("off")
-    drawn = axis.table(rows, colLabels=headings, cellColours=colours, loc="center", cellLoc="center",
-                       colWidths=[0.09, 0.13, 0.11, 0.09, 0.13, 0.13, 0.14, 0.14])  # fmt: skip
+    drawn = axis.table(rows, colLabels=headings, cellColours=colours, cellLoc="center", bbox=[0, 0, 1, 1],
+                       colWidths=[0.09, 0.15, 0.11, 0.08, 0.14, 0.12, 0.14, 0.13])  # fmt: skip
     drawn.auto_set_font_size(False)
     drawn.set_fontsize(8)
     for cell in drawn.get_celld().values():

@@ -122,7 +122,7 @@ def solve_at_amplitude(stiffness: float, mass_kg: float, static_N: float, amplit
         return log(wave.amplitude / amplitude)
 
     centre = log(guess - 1)
-    root = float(brentq(excess, centre - 0.3, centre + 0.3, xtol=1e-13))
+    root = float(brentq(excess, centre - 0.3, centre + 0.3, xtol=1e-12))
     return solve_at_speed(stiffness, mass_kg, static_N, sound * (1 + exp(root)))
 
 

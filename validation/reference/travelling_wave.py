@@ -7,6 +7,7 @@ a fixed point, found here with m = k = c = 1 by Petviashvili's iteration on a Fo
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -47,6 +48,14 @@ class TravellingWave:
     energy_by_velocity: float
     kinetic_share: float
 
+    @property
+    def contact_over_average(self) -> float:
+        """Peak contact force over the peak of a sensor's average of two: beta of the paper's Eq. (6) without precompression."""
+        from scipy.interpolate import CubicSpline
+
+        force = CubicSpline(self.place, self.force)
+        return float(self.force.max() / force(0.5))
+
     def width(self, level: float, *, averaged: bool) -> float:
         """Full width in beads at a share of the peak, of the contact force or of a sensor's average of two.
 
@@ -64,6 +73,7 @@ class TravellingWave:
         return 2 * float(brentq(lambda x: signal(x) - level * signal(0.0), 0.0, 6.0, xtol=1e-14))
 
 
+@cache
 def solve_travelling_wave() -> TravellingWave:
     """Iterates to the fixed point.
 

@@ -1,0 +1,225 @@
+"""Fig. 3: speed of a solitary wave against its amplitude: Eqs. (3) and (4), discrete chains, experiment.
+
+Every number of a discrete chain is a full simulation of a strike: the speed from sensor to sensor, the amplitude
+the mean peak of the contact forces between them, static part included (F_m of Eq. 6). The curves' numbers are the
+paper's: 1 to 4 for 600 MPa, 5 to 8 for 1460 MPa, in the order Eq. (3), simulated, Eq. (4), simulated with gravity.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from drivers.chain import Array
+from postproc.quoted import quoted
+from postproc.product import Product
+from postproc.style import COLUMN_IN, FAINT, drawing_order, marker_of, pyplot
+
+FORCES_N = np.geomspace(0.03, 20, 13)
+BY_CODES = slice(0, 13, 3)  # the amplitudes that the codes run as well
+MODULI_MPA = (600, 1000, 1460)
+PRINTED = {600: 1, 1460: 5}  # number of a modulus' first curve in the paper
+GAP_DIAMETERS = 4  # between the sensors
+LARGE_N = 2.0  # amplitudes from here on are the large ones of the table
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One modulus with or without gravity."""
+
+    modulus_MPa: int
+    gravity: bool
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """What it changes in the scene of Table 1."""
+        modulus = f"materials.ptfe.youngs_modulus={self.modulus_MPa} MPa"
+        return (modulus,) if self.gravity else (modulus, "gravity=")
+
+
+CURVES = tuple(Curve(modulus, gravity) for modulus in MODULI_MPA for gravity in (False, True))
+
+
+def make(runs: Path) -> Product:
+    """Runs the strikes and draws them over the theory, with the codes' differences and the scores below."""
+    points = _points(runs)
+    theory = _theory(points)
+    experiment = measured()
+    score = scores(points, experiment)
+    figure, axes = pyplot().subplots(3, 1, figsize=(COLUMN_IN, 6.6), height_ratios=[3.4, 0.9, 1])
+    _draw_speeds(axes[0], points, theory, experiment)
+    _draw_differences(axes[1], points)
+    _draw_scores(axes[2], score)
+    figure.subplots_adjust(hspace=0.42)
+    table = pd.concat([points, theory, experiment.assign(source="experiment")], ignore_index=True)
+    return Product(figure, table, {"_score": score})
+
+
+def _points(runs: Path) -> pd.DataFrame:
+    """A row per strike and engine."""
+    from validation.simulate import REFERENCE, run_codes_on
+    from validation.strikes import contact_peak, sensor_amplitude, speed_between_sensors, static_force, strike_for
+
+    exact_ones = {curve: [strike_for(force, contact_peak, *curve.settings) for force in FORCES_N] for curve in CURVES}
+    chosen = [(curve, simulation.case) for curve, some in exact_ones.items() for simulation in some[BY_CODES]]
+    found = {code: list(zip([curve for curve, _ in chosen], simulations, strict=True))
+             for code, simulations in run_codes_on([case for _, case in chosen], runs).items()}  # fmt: skip
+    found[REFERENCE] = [(curve, simulation) for curve, some in exact_ones.items() for simulation in some]
+    rows = []
+    for engine, pairs in found.items():
+        for curve, simulation in pairs:
+            striker = simulation.case.scene.striker
+            assert striker is not None
+            rows.append({
+                "source": "simulated", "engine": engine, "curve": _number(curve, theory=False),
+                "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "striker_m_s": striker.speed,
+                "force_N": contact_peak(simulation), "static_N": static_force(simulation),
+                "sensor_amplitude_N": sensor_amplitude(simulation), "speed_m_s": speed_between_sensors(simulation),
+            })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _number(curve: Curve, *, theory: bool) -> int | None:
+    """The curve's number in the paper's figure."""
+    first = PRINTED.get(curve.modulus_MPa)
+    return None if first is None else first + (0 if theory else 1) + (2 if curve.gravity else 0)
+
+
+def _theory(points: pd.DataFrame) -> pd.DataFrame:
+    """Eqs. (3) and (4) at the same amplitudes; the static force of Eq. (4) is that between the sensors."""
+    from validation.simulate import case_of
+    from validation.theory import particles_of, precompressed_speed, speed_from_force
+
+    static = float(points.loc[points["gravity"], "static_N"].iloc[0])
+    rows = []
+    for curve in CURVES:
+        particles = particles_of(case_of("table1", *curve.settings))
+        for force in FORCES_N:
+            speed = precompressed_speed(particles, force, static) if curve.gravity else speed_from_force(particles, force)
+            rows.append({
+                "source": "Eq. (4)" if curve.gravity else "Eq. (3)", "curve": _number(curve, theory=True),
+                "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "force_N": force,
+                "static_N": static if curve.gravity else 0.0, "speed_m_s": speed,
+            })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def measured() -> pd.DataFrame:
+    """The experiment's points with their stated uncertainties.
+
+    The accuracy of the force goes linearly with its logarithm from that quoted for large amplitudes to that for
+    small ones. That of the speed is drawn as quoted, and as +-1 mm in each sensor's place makes it.
+    """
+    table, accuracy = quoted("table1"), quoted("accuracy")
+    force = np.array(table["force_N"], dtype=float)
+    share = np.interp(np.log(force), np.log([force.min(), force.max()]),
+                      [accuracy["force_small"], accuracy["force_large"]])  # fmt: skip
+    from drivers.read_scene import read_scene
+
+    gap = GAP_DIAMETERS * read_scene("table1").chain.diameter
+    speed = np.array(table["measured_speed_m_s"], dtype=float)
+    return pd.DataFrame({
+        "force_N": force, "speed_m_s": speed, "force_error_N": share * force,
+        "speed_error_m_s": accuracy["speed"] * speed,
+        "speed_error_by_position_m_s": np.sqrt(2) * accuracy["sensor_position_m"] / gap * speed,
+    })  # fmt: skip
+
+
+def scores(points: pd.DataFrame, experiment: pd.DataFrame) -> pd.DataFrame:
+    """How far the experiment is from each modulus, with gravity, in per cent of speed and in standard errors.
+
+    The force of a measured point is read as the contact's and as the sensors' average: the paper does not say which.
+    The error of the force enters with the slope of the simulated curve.
+    """
+    rows = []
+    exact = points[(points["engine"] == "reference") & points["gravity"]]
+    for reading, column in (("contact force", "force_N"), ("sensor average", "sensor_amplitude_N")):
+        for modulus in MODULI_MPA:
+            own = exact[exact["modulus_MPa"] == modulus]
+            logs = np.log(own[column].to_numpy()), np.log(own["speed_m_s"].to_numpy())
+            for _, point in experiment.iterrows():
+                expected, slope = _interpolated(float(np.log(point["force_N"])), *logs)
+                deviation = point["speed_m_s"] / np.exp(expected) - 1
+                error = np.hypot(point["speed_error_m_s"] / point["speed_m_s"],
+                                 slope * point["force_error_N"] / point["force_N"])  # fmt: skip
+                rows.append({
+                    "force_read_as": reading, "modulus_MPa": modulus, "force_N": point["force_N"],
+                    "measured_m_s": point["speed_m_s"], "simulated_m_s": np.exp(expected),
+                    "deviation_pct": 100 * deviation, "deviation_standard_errors": deviation / error,
+                })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _interpolated(log_force: float, log_forces: Array, log_speeds: Array) -> tuple[float, float]:
+    """The simulated curve and its slope at a place, in logarithms."""
+    from scipy.interpolate import CubicSpline
+
+    curve = CubicSpline(log_forces, log_speeds)
+    return float(curve(log_force)), float(curve(log_force, 1))
+
+
+def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experiment: pd.DataFrame) -> None:
+    for modulus in (600, 1460):
+        for source, dashes in (("Eq. (3)", (0, (4, 2))), ("Eq. (4)", "-")):
+            own = theory[(theory["modulus_MPa"] == modulus) & (theory["source"] == source)]
+            label = source if modulus == MODULI_MPA[0] else None
+            axis.plot(own["force_N"], own["speed_m_s"], color="black", lw=0.7, ls=dashes, label=label)
+    for engine in drawing_order(list(points["engine"].unique())):
+        own = points[points["engine"] == engine]
+        look = marker_of(engine) | ({"ms": 5.0} if engine == "reference" else {"ms": 2.6, "mew": 0.8})
+        axis.plot(own["force_N"], own["speed_m_s"], ls="", label=engine, **look)
+    for modulus in MODULI_MPA:
+        own = points[(points["engine"] == "reference") & (points["modulus_MPa"] == modulus)]
+        end = own[~own["gravity"]].iloc[-1]
+        axis.annotate(f"{modulus} MPa", (end["force_N"], end["speed_m_s"]), xytext=(7, -2), textcoords="offset points")
+        if modulus in PRINTED:
+            first = PRINTED[modulus]
+            for gravity, number in ((False, first), (True, first + 2)):
+                start = own[own["gravity"] == gravity].iloc[0]
+                axis.annotate(f"{number}, {number + 1}", (start["force_N"], start["speed_m_s"]), xytext=(-5, -3),
+                              textcoords="offset points", ha="right", color=FAINT)  # fmt: skip
+    look = {"fmt": "o", "color": "black", "ms": 3.5, "zorder": 5}
+    axis.errorbar(experiment["force_N"], experiment["speed_m_s"], xerr=experiment["force_error_N"],
+                  yerr=experiment["speed_error_m_s"], elinewidth=0.7, capsize=1.5, label="experiment", **look)  # fmt: skip
+    axis.errorbar(experiment["force_N"], experiment["speed_m_s"], yerr=experiment["speed_error_by_position_m_s"],
+                  elinewidth=2, **look)  # fmt: skip
+    ticks = (50, 70, 100, 150, 200)
+    axis.set(xscale="log", yscale="log", xlabel=r"$F_m$ (N)", ylabel=r"$V_s$ (m/s)", xlim=(0.017, 60), ylim=(45, 300))
+    axis.set_yticks(ticks, [str(tick) for tick in ticks])
+    axis.minorticks_off()
+    axis.legend(loc="upper left", columnspacing=1, handlelength=1.6, labelspacing=0.3)
+
+
+def _draw_differences(axis: Any, points: pd.DataFrame) -> None:
+    exact = points[points["engine"] == "reference"].set_index("striker_m_s")["speed_m_s"]
+    for engine in drawing_order(list(points["engine"].unique())):
+        if engine != "reference":
+            own = points[points["engine"] == engine]
+            share = own["speed_m_s"].to_numpy() / exact.loc[own["striker_m_s"]].to_numpy() - 1
+            axis.plot(own["force_N"], 1e6 * share, ls="", **marker_of(engine))
+    axis.axhline(0, color=FAINT, lw=0.7)
+    axis.set(xscale="log", xlim=(0.017, 60), xlabel=r"$F_m$ (N)", ylabel=r"$10^6\,\Delta V_s/V_s$")
+    axis.set_title("codes minus reference, same strike", loc="left")
+
+
+def _draw_scores(axis: Any, score: pd.DataFrame) -> None:
+    axis.axis("off")
+    own = score[score["force_read_as"] == "contact force"]
+    rows = []
+    for modulus in MODULI_MPA:
+        some = own[own["modulus_MPa"] == modulus]
+        large = some["force_N"] >= LARGE_N
+        rows.append([
+            f"{modulus} MPa", *(f"{value:+.0f}" for value in some["deviation_pct"]),
+            *(f"{np.sqrt((some['deviation_standard_errors'][which] ** 2).mean()):.1f}" for which in (large, ~large)),
+        ])  # fmt: skip
+    headings = ["", *(f"{force:g} N" for force in own["force_N"].unique()), f"≥ {LARGE_N:g} N", f"< {LARGE_N:g} N"]
+    drawn = axis.table(rows, colLabels=headings, cellLoc="center", bbox=[0, 0, 1, 0.8],
+                       colWidths=[0.19, *([0.11] * 5), 0.13, 0.13])  # fmt: skip
+    drawn.auto_set_font_size(False)
+    drawn.set_fontsize(7)
+    for cell in drawn.get_celld().values():
+        cell.set_linewidth(0.3)
+    axis.set_title("measured speed off the simulated, %; right: rms in errors", loc="left", fontsize=7, y=0.85)
