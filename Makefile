@@ -31,7 +31,7 @@ fig6: ## small beads under a steel and a PTFE ball
 table1: ## speeds and widths, solved for by every engine
 figures: $(FIGURES) ## all figures and the table
 
-claims: results/claims.csv ## every quantitative statement of the paper, computed
+claims: results/.claims ## every quantitative statement of the paper, computed
 
 report: results/.report ## run the paper's scenes on all engines and write results/report.html
 
@@ -55,8 +55,12 @@ $(FIGURES): %: results/%.svg results/%.png results/%.csv
 results/%.svg results/%.png results/%.csv: postproc/figures/%.py postproc/figures/__init__.py $(COMMON) .venv/.ready .venv/.engines
 	$(PY) -m postproc $*
 
+results/.claims: $(filter-out templates/report/% validation/report.py,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/claims.csv),,FORCE)
+	$(PY) -m validation claims
+	@touch $@
+
 # the stamp stands only if every verdict is good; finished runs are not run again
-results/.report: $(SOURCES) .venv/.ready .venv/.engines $(if $(wildcard results/report.html),,FORCE)
+results/.report: $(SOURCES) results/.claims .venv/.ready .venv/.engines $(if $(wildcard results/report.html),,FORCE)
 	$(PY) -m validation report
 	@touch $@
 

@@ -12,6 +12,7 @@ CLAIMS = INPUTS / "paper" / "claims.toml"
 TEMPLATES = ROOT / "templates"
 RUNS = ROOT / "runs"
 RESULTS = ROOT / "results"
+CLAIMS_TABLE = "claims.csv"
 LOCK = ROOT / "requirements.lock"
 
 

@@ -13,7 +13,9 @@ FIGURES = ("fig1", "fig2", "fig3", "fig4", "fig5", "fig6", "table1")
 
 def main() -> int:
     """Reads the command line and does what it says."""
-    parser = Parser(prog="python -m postproc", description="Figures, scenes drawn to scale, numbers from finished runs.")
+    parser = Parser(
+        prog="python -m postproc", description="Figures, scenes drawn to scale, numbers from finished runs."
+    )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     observables = commands.add_parser("observables", help="peaks, speeds, widths, reflections, energies of a run")
     observables.add_argument("run", type=Path, metavar="RUN", help="a run folder")

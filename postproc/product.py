@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pandas as pd
 from postproc.style import pyplot
 
 DPI = 200
+METADATA = {"png": {"Software": None}, "svg": {"Date": None}}  # nothing that changes from day to day
 
 
 @dataclass(frozen=True)
@@ -32,21 +34,20 @@ def write_product(product: Product, name: str, folder: Path) -> list[Path]:
     """Writes ``name.svg``, ``name.png``, ``name.csv`` and further tables, each whole or not at all."""
     plt = pyplot()
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for added, table in {"": product.table, **product.more}.items():
-        written.append(_whole(folder / f"{name}{added}.csv", lambda draft, t=table: t.to_csv(draft, index=False)))
+    tables = {"": product.table, **product.more}
+    written = [_whole(folder / f"{name}{added}.csv", partial(_write_table, table)) for added, table in tables.items()]
     with plt.rc_context({"svg.hashsalt": name}):
-        for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
-            written.append(
-                _whole(
-                    folder / f"{name}.{ending}",
-                    lambda draft, e=ending, m=metadata: product.figure.savefig(
-                        draft, format=e, dpi=DPI, bbox_inches="tight", metadata=m
-                    ),
-                )
-            )
+        written += [_whole(folder / f"{name}.{ending}", partial(_draw, product.figure, ending)) for ending in METADATA]
     plt.close(product.figure)
     return written
+
+
+def _write_table(table: pd.DataFrame, path: Path) -> None:
+    table.to_csv(path, index=False)
+
+
+def _draw(figure: Any, ending: str, path: Path) -> None:
+    figure.savefig(path, format=ending, dpi=DPI, bbox_inches="tight", metadata=METADATA[ending])
 
 
 def _whole(path: Path, write: Callable[[Path], Any]) -> Path:

@@ -142,7 +142,7 @@ def _draw_striker(axis: Any, scene: Scene, chain: Chain, height: float, text_at:
 
     striker = scene.striker
     assert striker is not None
-    look = {"facecolor": STRIKER, "edgecolor": "black", "lw": 0.6}
+    look: dict[str, Any] = {"facecolor": STRIKER, "edgecolor": "black", "lw": 0.6}
     if striker.diameter is None:
         width, length = _flat_size(scene)
         axis.add_patch(Rectangle((-width / 2, height), width, length, **look))

@@ -5,7 +5,6 @@ from functools import cache
 from io import StringIO
 from typing import Any
 
-
 COLUMN_IN = 3.5  # a journal's column
 FAINT = "#555555"
 

@@ -36,6 +36,11 @@ def _parser() -> Parser:
     report.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
     report.set_defaults(action=_report)
 
+    claims = commands.add_parser("claims", help="compute and judge every quantitative statement of the paper")
+    claims.add_argument("--out", type=Path, metavar="FILE", help="default: results/claims.csv")
+    claims.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
+    claims.set_defaults(action=_claims)
+
     bench = commands.add_parser("bench", help="what the integrators and engines cost, as ratios taken in one run")
     bench.set_defaults(action=_bench)
 
@@ -58,6 +63,24 @@ def _wave(_: argparse.Namespace) -> int:
         print(f"width, {name}: {widths} of the peak (beads)")
     print(f"residual of the fixed point: {wave.residual:.1e}")
     return 0
+
+
+def _claims(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from validation.claims.table import counted, judge_all, write_claims
+
+    out = arguments.out or paths.RESULTS / paths.CLAIMS_TABLE
+    judged = judge_all(arguments.runs or paths.RUNS)
+    write_claims(judged, out)
+    for each in judged:
+        if each.verdict == "differs":
+            claim = each.claim
+            print(f"{claim.id}: quoted {claim.quoted:g}, computed {each.value:.4g} {claim.unit}: {claim.explained}")
+    print(f"{paths.shown(out)}: {counted(each.verdict for each in judged)}")
+    faults = [each for each in judged if each.fault]
+    for each in faults:
+        print(f"{each.claim.id}: {each.fault}", file=sys.stderr)
+    return 1 if faults else 0
 
 
 def _bench(_: argparse.Namespace) -> int:

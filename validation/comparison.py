@@ -10,7 +10,6 @@ import numpy as np
 
 from drivers import paths
 from drivers.case import Case
-from drivers.chain import Array
 from drivers.finished import FinishedRun
 from drivers.guard import energy_error
 from drivers.read_scene import read_scene

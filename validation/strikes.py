@@ -34,7 +34,9 @@ def contact_peak(simulation: Simulation) -> float:
     force, time = simulation.trace.force_N[:, lower:upper], simulation.trace.time_s
     static = force[0]
     firsts = [first_peak(time, column - column[0]) for column in force.T]
-    return float(np.mean([start + (peak.value if peak else np.nan) for start, peak in zip(static, firsts, strict=True)]))
+    return float(
+        np.mean([start + (peak.value if peak else np.nan) for start, peak in zip(static, firsts, strict=True)])
+    )
 
 
 def static_force(simulation: Simulation) -> float:

@@ -24,7 +24,7 @@ class Particles:
 
     @property
     def speed_constant_m_s(self) -> float:
-        """c of Eq. (1): ``c^2 = 2 E / (pi rho (1 - nu^2))``; of the order of the bulk sound speed."""
+        """C of Eq. (1): ``c^2 = 2 E / (pi rho (1 - nu^2))``; of the order of the bulk sound speed."""
         return sqrt(2 * self.youngs_modulus_Pa / (pi * self.density_kg_m3 * (1 - self.poisson_ratio**2)))
 
     @property
@@ -34,12 +34,12 @@ class Particles:
 
     @property
     def stiffness(self) -> float:
-        """k of Eq. (7) for two equal spheres, ``F = k overlap^(3/2)``."""
+        """Hertz stiffness k of Eq. (7) for two equal spheres, ``F = k overlap^(3/2)``."""
         return 2 * self.youngs_modulus_Pa / (3 * (1 - self.poisson_ratio**2)) * sqrt(self.diameter_m / 4)
 
     def force_N(self, strain: float) -> float:
         """Eq. (7) at the overlap ``a xi``."""
-        return self.stiffness * (self.diameter_m * strain) ** 1.5
+        return float(self.stiffness * (self.diameter_m * strain) ** 1.5)
 
     def strain(self, force_N: float) -> float:
         """The inverse of ``force_N``."""
@@ -121,7 +121,7 @@ def stationary_residual(particles: Particles, speed_m_s: float, points: int = 64
 
 def speed_from_strain(particles: Particles, strain: float) -> float:
     """Eq. (3), first form: ``V_s = (2/sqrt 5) c xi_m^(1/4)``."""
-    return 2 / sqrt(5) * particles.speed_constant_m_s * strain**0.25
+    return float(2 / sqrt(5) * particles.speed_constant_m_s * strain**0.25)
 
 
 def speed_from_velocity(particles: Particles, velocity_m_s: float) -> float:
@@ -130,8 +130,8 @@ def speed_from_velocity(particles: Particles, velocity_m_s: float) -> float:
 
 
 def speed_from_force(particles: Particles, force_N: float) -> float:
-    """Eq. (3), last form with its printed coefficient: ``V_s = 0.68 (2 E / (a rho^(3/2) (1-nu^2)))^(1/3) F_m^(1/6)``."""
-    return 0.68 * _force_scale(particles) * force_N ** (1 / 6)
+    """Eq. (3), last form as printed: ``V_s = 0.68 (2 E / (a rho^(3/2) (1-nu^2)))^(1/3) F_m^(1/6)``."""
+    return float(0.68 * _force_scale(particles) * force_N ** (1 / 6))
 
 
 def _force_scale(particles: Particles) -> float:
@@ -142,24 +142,24 @@ def _force_scale(particles: Particles) -> float:
 
 def force_coefficient(particles: Particles, speed_m_s: float, force_N: float) -> float:
     """What stands for 0.68 in Eq. (3) if a wave of this speed has this peak force."""
-    return speed_m_s / (_force_scale(particles) * force_N ** (1 / 6))
+    return float(speed_m_s / (_force_scale(particles) * force_N ** (1 / 6)))
 
 
 def sound_speed(particles: Particles, force_N: float) -> float:
     """c_0 of Eq. (1): ``c_0 = (3/2)^(1/2) c xi_0^(1/4)`` with the strain under a static force."""
-    return sqrt(1.5) * particles.speed_constant_m_s * particles.strain(force_N) ** 0.25
+    return float(sqrt(1.5) * particles.speed_constant_m_s * particles.strain(force_N) ** 0.25)
 
 
 def sound_coefficient(particles: Particles, force_N: float) -> float:
     """What stands for 0.9314 in Eq. (4)."""
-    return sound_speed(particles, force_N) / (_force_scale(particles) * force_N ** (1 / 6))
+    return float(sound_speed(particles, force_N) / (_force_scale(particles) * force_N ** (1 / 6)))
 
 
 def precompressed_speed(particles: Particles, force_N: float, static_N: float) -> float:
     """Eq. (4): speed of a solitary wave of total peak force ``force_N`` on a chain under ``static_N``.
 
-    ``V_s = 0.9314 (4 E^2 F_0 / (a^2 rho^3 (1-nu^2)^2))^(1/6) { (4/15) [3 + 2 f^(5/3) - 5 f^(2/3)] }^(1/2) / (f^(2/3) - 1)``
-    with ``f = F_m / F_0``.
+    ``V_s = 0.9314 (4 E^2 F_0 / (a^2 rho^3 (1-nu^2)^2))^(1/6) S / (f^(2/3) - 1)`` with ``f = F_m / F_0`` and
+    ``S^2 = (4/15) [3 + 2 f^(5/3) - 5 f^(2/3)]``.
     """
     f = force_N / static_N
     bracket = 4 / 15 * (3 + 2 * f ** (5 / 3) - 5 * f ** (2 / 3))

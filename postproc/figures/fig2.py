@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from postproc.quoted import quoted
 from postproc.product import Product
+from postproc.quoted import quoted
 from postproc.sensors import sensor_average
 from postproc.style import COLUMN_IN, FAINT, drawing_order, line_of, marker_of, pyplot
 
@@ -50,18 +50,24 @@ def _draw_free_body(axis: Any) -> None:
     axis.set(xlim=(-3.4, 3.4), ylim=(-1.25, 1.25), aspect="equal")
     axis.axis("off")
     axis.set_title("(a) the sensor bead", loc="left")
-    look = {"facecolor": "#f2f2f2", "edgecolor": "black", "lw": 0.8}
+    look: dict[str, Any] = {"facecolor": "#f2f2f2", "edgecolor": "black", "lw": 0.8}
     for side, name in ((-1, "1"), (1, "2")):
         centre = 0.12 * side
         axis.add_patch(Wedge((centre, 0), 1, -90 * side, -90 * side + 180, **look))
         axis.text(centre + 0.45 * side, 0, "M", ha="center", va="center")
-        axis.annotate("", (centre + side, 0), (centre + 2.1 * side, 0), arrowprops={"arrowstyle": "-|>", "color": "black"})
+        axis.annotate(
+            "", (centre + side, 0), (centre + 2.1 * side, 0), arrowprops={"arrowstyle": "-|>", "color": "black"}
+        )
         axis.text(centre + 1.8 * side, 0.14, f"$F_{name}$", ha="center")
         inner = "3" if side < 0 else "4"
-        axis.annotate("", (0.14 * side, -0.55), (0.95 * side, -0.55), arrowprops={"arrowstyle": "-|>", "color": "#d55e00"})
+        axis.annotate(
+            "", (0.14 * side, -0.55), (0.95 * side, -0.55), arrowprops={"arrowstyle": "-|>", "color": "#d55e00"}
+        )
         axis.text(0.9 * side, -0.5, f"$F_{inner}$", color="#d55e00", ha="center", va="bottom")
     axis.add_patch(Rectangle((-0.12, -0.85), 0.24, 1.7, facecolor="#e69f00", edgecolor="black", lw=0.8))
-    axis.text(0, 1.0, f"gauge, m = {sensor['gauge_g']:g} g; caps, 2M = {sensor['caps_g']:g} g", ha="center", va="bottom")
+    axis.text(
+        0, 1.0, f"gauge, m = {sensor['gauge_g']:g} g; caps, 2M = {sensor['caps_g']:g} g", ha="center", va="bottom"
+    )
 
 
 def _draw_forces(axis: Any, runs: Path) -> pd.DataFrame:
@@ -93,7 +99,7 @@ def _draw_forces(axis: Any, runs: Path) -> pd.DataFrame:
 
 
 def _waves() -> pd.DataFrame:
-    """beta of the travelling wave for each modulus, in SI units throughout: that it is the same is a result."""
+    """Beta of the travelling wave for each modulus, in SI units throughout: that it is the same is a result."""
     from validation.reference.precompressed_wave import solve_at_amplitude
     from validation.simulate import case_of
 
@@ -108,7 +114,7 @@ def _waves() -> pd.DataFrame:
 
 
 def _points(runs: Path) -> pd.DataFrame:
-    """beta from full simulations by every engine."""
+    """Beta from full simulations by every engine."""
     from validation.simulate import simulate
     from validation.strikes import contact_peak, static_force, strike_for
 
@@ -121,7 +127,9 @@ def _points(runs: Path) -> pd.DataFrame:
     rows = []
     for engine, simulations in simulate(cases, runs).items():
         for (modulus, _), simulation in zip(wanted, simulations, strict=True):
-            upper, lower = (simulation.values[f"bead_{s.from_wall}_amplitude_N"] for s in simulation.case.layout.sensors)
+            upper, lower = (
+                simulation.values[f"bead_{s.from_wall}_amplitude_N"] for s in simulation.case.layout.sensors
+            )
             peak = dynamic_peak(simulation)
             rows.append({
                 "panel": "c", "engine": engine, "modulus_MPa": modulus, "amplitude_over_static": peak / STATIC_N,
@@ -161,4 +169,8 @@ def _spread(waves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
     both["amplitude"] = both["amplitude_over_static"].map(lambda value: float(f"{value:.2g}"))
     beta = both.groupby(["engine", "amplitude"], sort=False)["beta"]
     spread = (beta.max() - beta.min()) / beta.mean()
-    return spread.rename("beta_spread_over_moduli_share").reset_index().rename(columns={"amplitude": "amplitude_over_static"})
+    return (
+        spread.rename("beta_spread_over_moduli_share")
+        .reset_index()
+        .rename(columns={"amplitude": "amplitude_over_static"})
+    )

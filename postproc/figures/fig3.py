@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from drivers.chain import Array
-from postproc.quoted import quoted
 from postproc.product import Product
+from postproc.quoted import quoted
 from postproc.style import COLUMN_IN, FAINT, drawing_order, marker_of, pyplot
 
 FORCES_N = np.geomspace(0.03, 20, 13)
@@ -97,7 +97,9 @@ def _theory(points: pd.DataFrame) -> pd.DataFrame:
     for curve in CURVES:
         particles = particles_of(case_of("table1", *curve.settings))
         for force in FORCES_N:
-            speed = precompressed_speed(particles, force, static) if curve.gravity else speed_from_force(particles, force)
+            speed = (
+                precompressed_speed(particles, force, static) if curve.gravity else speed_from_force(particles, force)
+            )
             rows.append({
                 "source": "Eq. (4)" if curve.gravity else "Eq. (3)", "curve": _number(curve, theory=True),
                 "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "force_N": force,
@@ -180,11 +182,11 @@ def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experime
                 start = own[own["gravity"] == gravity].iloc[0]
                 axis.annotate(f"{number}, {number + 1}", (start["force_N"], start["speed_m_s"]), xytext=(-5, -3),
                               textcoords="offset points", ha="right", color=FAINT)  # fmt: skip
-    look = {"fmt": "o", "color": "black", "ms": 3.5, "zorder": 5}
+    look: dict[str, Any] = {"fmt": "o", "color": "black", "ms": 3.5, "zorder": 5, "capsize": 1.5}
     axis.errorbar(experiment["force_N"], experiment["speed_m_s"], xerr=experiment["force_error_N"],
-                  yerr=experiment["speed_error_m_s"], elinewidth=0.7, capsize=1.5, label="experiment", **look)  # fmt: skip
+                  yerr=experiment["speed_error_m_s"], elinewidth=0.7, label="experiment", **look)  # fmt: skip
     axis.errorbar(experiment["force_N"], experiment["speed_m_s"], yerr=experiment["speed_error_by_position_m_s"],
-                  elinewidth=2, **look)  # fmt: skip
+                  elinewidth=2, **(look | {"capsize": 0}))  # fmt: skip
     ticks = (50, 70, 100, 150, 200)
     axis.set(xscale="log", yscale="log", xlabel=r"$F_m$ (N)", ylabel=r"$V_s$ (m/s)", xlim=(0.017, 60), ylim=(45, 300))
     axis.set_yticks(ticks, [str(tick) for tick in ticks])

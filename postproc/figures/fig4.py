@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from postproc.quoted import quoted
 from postproc.product import Product
+from postproc.quoted import quoted
 from postproc.stack import draw_stack, stack_table
 from postproc.style import COLUMN_IN, FAINT
 

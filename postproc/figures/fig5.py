@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from postproc.quoted import quoted
 from postproc.product import Product
 from postproc.pulse import envelope, incident_pulse
+from postproc.quoted import quoted
 from postproc.sensors import sensor_signals
 from postproc.signals import peaks
 from postproc.stack import MICRO, draw_stack, stack_table

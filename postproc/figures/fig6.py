@@ -32,7 +32,12 @@ def make(runs: Path) -> Product:
         for engine in drawing_order(list(traces)):
             line, trace = line_of(engine), traces[engine]
             force.plot(
-                trace.time_s * MICRO, trace.force_N[:, 0], color=line.colour, lw=line.width, ls=line.dashes, label=engine
+                trace.time_s * MICRO,
+                trace.force_N[:, 0],
+                color=line.colour,
+                lw=line.width,
+                ls=line.dashes,
+                label=engine,
             )
             if engine != REFERENCE:
                 share = residual(trace, traces[REFERENCE])

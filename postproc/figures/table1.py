@@ -9,8 +9,8 @@ from typing import Any
 
 import pandas as pd
 
-from postproc.quoted import quoted
 from postproc.product import Product
+from postproc.quoted import quoted
 from postproc.style import pyplot
 
 COLUMNS = ("speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters")
@@ -41,9 +41,15 @@ def table(runs: Path) -> pd.DataFrame:
     return paper
 
 
+def engines_of(values: pd.DataFrame) -> list[str]:
+    """The engines whose columns a table has."""
+    ending = "_striker_m_s"
+    return [str(name).removesuffix(ending) for name in values.columns if str(name).endswith(ending)]
+
+
 def _drawn(values: pd.DataFrame) -> tuple[Any, pd.DataFrame]:
     """The table as a figure: measured, then printed, reference and codes for each of the three numbers."""
-    engines = [name.removesuffix("_striker_m_s") for name in values if name.endswith("_striker_m_s")]
+    engines = engines_of(values)
     rows, colours = [], []
     for _, row in values.iterrows():
         measured = [f"{row[f'measured_{name}']:g}" for name in ("duration_us", "speed_m_s", "width_diameters")]

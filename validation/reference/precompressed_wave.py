@@ -13,7 +13,10 @@ import numpy as np
 
 from validation.reference.hertz_chain import Array
 
-PER_BEAD, PER_BEAD_LONG = 64, 16  # grid points, of steep waves and long ones: twice as many change nothing beyond rounding
+PER_BEAD, PER_BEAD_LONG = (
+    64,
+    16,
+)  # grid points, of steep waves and long ones: twice as many change nothing beyond rounding
 LONG = 1.05  # times the speed of sound: slower waves are long
 DECAYED = 38.0  # e-folds until the tail has fallen below rounding
 STABILISER = 2.2  # exponent of Petviashvili's factor: the nonlinearity acts like a power between 3/2 and 2

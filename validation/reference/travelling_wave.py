@@ -50,7 +50,7 @@ class TravellingWave:
 
     @property
     def contact_over_average(self) -> float:
-        """Peak contact force over the peak of a sensor's average of two: beta of the paper's Eq. (6) without precompression."""
+        """Peak contact force over the peak of a sensor's average of two: beta of Eq. (6) without precompression."""
         from scipy.interpolate import CubicSpline
 
         force = CubicSpline(self.place, self.force)

@@ -1,0 +1,21 @@
+"""How well the reference conserves energy and momentum; the codes' balances stand in the report."""
+
+from validation.simulate import Simulation, case_of, exact
+
+
+def _fig4() -> Simulation:
+    return exact(case_of("fig4"), 1e-12)
+
+
+def momentum() -> float:
+    """Momentum error on Fig. 4's scene before the wave reaches the wall, per cent of the largest momentum."""
+    return 100 * _fig4().values["momentum_error_before_wall_share"]
+
+
+def energy() -> float:
+    """Energy error over the same time, per cent of the striker's energy."""
+    one = _fig4()
+    return 100 * one.values["energy_error_before_wall_J"] / one.values["kinetic_energy_start_J"]
+
+
+COMPUTED = {"conservation-momentum": momentum, "conservation-energy": energy}

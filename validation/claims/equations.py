@@ -1,0 +1,180 @@
+"""What the paper's equations (1) to (7) say, computed from the discrete chain or from each other."""
+
+from math import sqrt
+
+import numpy as np
+
+from drivers.case import Case
+from validation import theory
+from validation.reference import precompressed_wave
+from validation.reference.travelling_wave import solve_travelling_wave
+from validation.simulate import case_of
+
+STATIC_N = 0.0168
+
+
+def _particles() -> theory.Particles:
+    return theory.particles_of(_case())
+
+
+def _case() -> Case:
+    return case_of("table1")
+
+
+def speed_constant() -> float:
+    """C of the discrete chain, ``c^2 = k a^(5/2) / m``, over that of the formula."""
+    p = _particles()
+    return sqrt(p.stiffness * p.diameter_m**2.5 / p.mass_kg) / p.speed_constant_m_s
+
+
+def sound_speed() -> float:
+    """Long-wave sound speed of the discrete chain over ``c xi_0^(1/4)``."""
+    p = _particles()
+    beads_per_s = precompressed_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N)
+    return float(beads_per_s * p.diameter_m / (p.speed_constant_m_s * p.strain(STATIC_N) ** 0.25))
+
+
+def convergence_order() -> float:
+    """Order in a/L at which the lattice's accelerations tend to Eq. (1)'s, the beads over a wave doubled twice."""
+    errors = [_long_wave_error(beads) for beads in (64, 256)]
+    return float(np.log(errors[0] / errors[1]) / np.log(4))
+
+
+def _long_wave_error(beads: int) -> float:
+    """Largest difference of accelerations over the largest, for one period of a strongly modulated strain."""
+    p = _particles()
+    length, mean, swing = beads * p.diameter_m, 0.01, 0.006
+    wave_number = 2 * np.pi / length
+    place = np.arange(beads + 1) * p.diameter_m
+    displacement = -mean * place - swing / wave_number * np.sin(wave_number * place)
+    strain = mean + swing * np.cos(wave_number * place[:-1])
+    lattice = theory.lattice_acceleration(p, displacement)
+    long_wave = theory.long_wave_acceleration(p, strain, length)
+    return float(np.abs(lattice - long_wave).max() / np.abs(lattice).max())
+
+
+def stationary_residual() -> float:
+    """Largest violation of Eq. (1) by Eq. (2)."""
+    return theory.stationary_residual(_particles(), 150.0)
+
+
+def hump_length() -> float:
+    """Length of the hump of Eq. (2), in particle diameters."""
+    return theory.HUMP_LENGTH
+
+
+def amplitude_power() -> float:
+    """Power of ``5 V^2 / 4 c^2`` in the strain of a wave that obeys Eq. (1): from the first form of Eq. (3)."""
+    p = _particles()
+    strains = [0.01, 0.02]
+    speeds = [theory.speed_from_strain(p, strain) for strain in strains]
+    return float(np.log(strains[1] / strains[0]) / np.log(speeds[1] ** 2 / speeds[0] ** 2))
+
+
+def harmonics() -> float:
+    """Largest difference between ``cos^4 y`` and ``[3 + cos 4y + 4 cos 2y] / 8``."""
+    y = np.linspace(-np.pi, np.pi, 1001)
+    return float(np.abs(np.cos(y) ** 4 - (3 + np.cos(4 * y) + 4 * np.cos(2 * y)) / 8).max())
+
+
+def short_wavelength() -> float:
+    """Wave length of the harmonic ``cos 4y`` of Eq. (2), in diameters."""
+    return 2 * np.pi / (4 * theory.HUMP_WAVE_NUMBER)
+
+
+def long_wavelength() -> float:
+    """Wave length of the harmonic ``cos 2y`` of Eq. (2), in diameters."""
+    return 2 * np.pi / (2 * theory.HUMP_WAVE_NUMBER)
+
+
+def strain_coefficient() -> float:
+    """``V_s / (c xi_m^(1/4))`` of the hump of Eq. (2)."""
+    p, speed = _particles(), 150.0
+    peak = float(theory.solitary_strain(p, speed, np.zeros(1))[0])
+    return float(speed / (p.speed_constant_m_s * peak**0.25))
+
+
+def velocity_coefficient() -> float:
+    """``V_s / (c^(4/5) v_m^(1/5))`` of the hump of Eq. (2), whose particles move with ``v = V_s xi``."""
+    p, speed = _particles(), 150.0
+    velocity = speed * float(theory.solitary_strain(p, speed, np.zeros(1))[0])
+    return float(speed / (p.speed_constant_m_s**0.8 * velocity**0.2))
+
+
+def force_coefficient() -> float:
+    """The coefficient of the last form of Eq. (3), from its first form and Eq. (7)."""
+    p, strain = _particles(), 0.01
+    return theory.force_coefficient(p, theory.speed_from_strain(p, strain), p.force_N(strain))
+
+
+def discrete_force_coefficient() -> float:
+    """The same coefficient of the exact solitary wave of the discrete chain."""
+    p, wave = _particles(), solve_travelling_wave()
+    speed = wave.speed_by_force * p.stiffness ** (1 / 3) * p.mass_kg**-0.5 * p.diameter_m  # at 1 N
+    return theory.force_coefficient(p, speed, 1.0)
+
+
+def sound_coefficient() -> float:
+    """The coefficient of Eq. (4), from c_0 of Eq. (1) and Eq. (7)."""
+    return theory.sound_coefficient(_particles(), STATIC_N)
+
+
+def weak_limit() -> float:
+    """Eq. (4) over c_0 for a wave of 1e-4 of the static force."""
+    p = _particles()
+    return theory.precompressed_speed(p, (1 + 1e-4) * STATIC_N, STATIC_N) / theory.sound_speed(p, STATIC_N)
+
+
+def strong_limit() -> float:
+    """Eq. (4) over Eq. (3) for a wave of 1e12 times the static force."""
+    p = _particles()
+    return theory.precompressed_speed(p, 1e12 * STATIC_N, STATIC_N) / theory.speed_from_force(p, 1e12 * STATIC_N)
+
+
+def precompressed_discrete() -> float:
+    """Largest deviation of Eq. (4) from the exact wave of the discrete chain, amplitudes 0.1 to 1e4 of the static."""
+    p = _particles()
+    found = []
+    for amplitude in (0.1, 1.0, 10.0, 100.0, 1e3, 1e4):
+        wave = precompressed_wave.solve_at_amplitude(p.stiffness, p.mass_kg, STATIC_N, amplitude)
+        long_wave = theory.precompressed_speed(p, (1 + amplitude) * STATIC_N, STATIC_N)
+        found.append(abs(long_wave / (wave.speed * p.diameter_m) - 1))
+    return max(found)
+
+
+def sensor_share() -> float:
+    """``(F_3 - F_4) / (F_1 - F_2)`` from Newton's law for two caps and a gauge that move as one body."""
+    caps, gauge = 0.093e-3, 0.023e-3
+    first, second = 3.0, 1.0
+    # unknowns: F_3, F_4, acceleration; one row a part
+    parts = np.array([[1.0, 0.0, caps / 2], [1.0, -1.0, -gauge], [0.0, 1.0, -caps / 2]])
+    third, fourth, _ = np.linalg.solve(parts, [first, 0.0, second])
+    return float((third - fourth) / (first - second))
+
+
+def contact_law() -> float:
+    """The stiffness that decks are rendered with, over Eq. (7)'s."""
+    return float(_case().chain.stiffness[1]) / _particles().stiffness
+
+
+COMPUTED = {
+    "eq1-c": speed_constant,
+    "eq1-c0": sound_speed,
+    "eq1-long-waves": convergence_order,
+    "eq2-solves-eq1": stationary_residual,
+    "eq2-length": hump_length,
+    "eq2-first-form": amplitude_power,
+    "eq2-harmonics": harmonics,
+    "eq2-wavelength-short": short_wavelength,
+    "eq2-wavelength-long": long_wavelength,
+    "eq3-strain": strain_coefficient,
+    "eq3-velocity": velocity_coefficient,
+    "eq3-force": force_coefficient,
+    "eq3-discrete": discrete_force_coefficient,
+    "eq4-coefficient": sound_coefficient,
+    "eq4-weak": weak_limit,
+    "eq4-strong": strong_limit,
+    "eq4-discrete": precompressed_discrete,
+    "eq5-share": sensor_share,
+    "eq7-law": contact_law,
+}

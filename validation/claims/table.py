@@ -1,0 +1,201 @@
+"""Judges every claim of ``inputs/paper/claims.toml`` and writes ``results/claims.csv``."""
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from pydantic import BaseModel, ConfigDict
+
+from drivers import paths
+from drivers.case import Case
+from drivers.complaints import validate
+from drivers.engines import installed_codes
+from drivers.errors import InputError
+from drivers.process import stop_all
+from drivers.read_scene import read_toml
+from validation.claims import chains, conservation, equations, materials, strikes, waves
+from validation.simulate import REFERENCE, Simulation, exact, run_codes
+
+REPRODUCED, DIFFERS, EXPERIMENT_ONLY = "reproduced", "differs", "experiment only"
+PLAIN: dict[str, Callable[[], float]] = {
+    **equations.COMPUTED,
+    **waves.COMPUTED,
+    **materials.COMPUTED,
+    **conservation.COMPUTED,
+    **strikes.COMPUTED,
+}
+
+
+class Claim(BaseModel):
+    """A statement of the paper; see the head of the file for the keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    id: str
+    where: str
+    quote: str
+    quoted: float
+    unit: str = ""
+    relation: Literal["equals", "at most", "at least"] = "equals"
+    within: float | None = None
+    because: str = ""
+    explained: str = ""
+    experiment: bool = False
+    note: str = ""
+
+    def holds_for(self, value: float) -> bool:
+        """Whether a computed value agrees with the statement; NaN does not."""
+        if self.relation == "at most":
+            return value <= self.quoted
+        if self.relation == "at least":
+            return value >= self.quoted
+        return abs(value - self.quoted) <= (self.within or 0.0)
+
+
+class ClaimsFile(BaseModel):
+    """The file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    claim: tuple[Claim, ...]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A claim with what came out.
+
+    Attributes:
+        computed: by engine; what no engine enters stands under ``reference``. Empty where nothing is computed.
+        how: what was computed.
+    """
+
+    claim: Claim
+    computed: dict[str, float]
+    how: str
+
+    @property
+    def value(self) -> float:
+        """The reference's value."""
+        return self.computed.get(REFERENCE, float("nan"))
+
+    @property
+    def verdict(self) -> str:
+        """By the reference's value."""
+        if self.claim.experiment:
+            return EXPERIMENT_ONLY
+        return REPRODUCED if self.claim.holds_for(self.value) else DIFFERS
+
+    @property
+    def off(self) -> float:
+        """Computed less quoted."""
+        return self.value - self.claim.quoted
+
+    @property
+    def fault(self) -> str:
+        """Why this cannot stand: a difference nobody explained, or engines of different verdicts; else empty."""
+        if self.verdict == DIFFERS and not self.claim.explained:
+            return f"differs without an explanation: {self.value:.6g}, quoted {self.claim.quoted:g}"
+        other = [e for e, v in self.computed.items() if self.claim.holds_for(v) != self.claim.holds_for(self.value)]
+        return f"{', '.join(other)} disagree with the reference" if other and not self.claim.experiment else ""
+
+
+def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
+    """The claims of the file.
+
+    Raises:
+        InputError: anything wrong with it, a claim that nothing computes included.
+    """
+    where = paths.shown(path)
+    claims = validate(ClaimsFile, read_toml(path), where).claim
+    computable = {*PLAIN, *chains.COMPUTED}
+    for claim in claims:
+        known = claim.experiment or claim.id in computable or claim.id.startswith("table1-")
+        if not known:
+            raise InputError(where, "claim.id", f'"{claim.id}"', "a claim that validation/claims computes")
+        if not claim.experiment and claim.relation == "equals" and claim.within is None:
+            raise InputError(where, f"claim {claim.id}", "no within", "a tolerance with its reason")
+    return claims
+
+
+def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
+    """Computes and judges every claim; what simulations enter is computed by every engine.
+
+    Raises:
+        RunError: a run failed.
+    """
+    table1 = strikes.table1(runs)
+    simulated = _by_engine(runs)
+    judged = []
+    for claim in read_claims():
+        if claim.id in table1:
+            judged.append(Judged(claim, table1[claim.id], _words(strikes.table1)))
+        elif claim.id in PLAIN:
+            judged.append(Judged(claim, {REFERENCE: PLAIN[claim.id]()}, _words(PLAIN[claim.id])))
+        elif claim.id in chains.COMPUTED:
+            computed = {engine: values[claim.id] for engine, values in simulated.items()}
+            judged.append(Judged(claim, computed, _words(chains.COMPUTED[claim.id])))
+        else:
+            judged.append(Judged(claim, {}, ""))
+    return judged
+
+
+def _by_engine(runs: Path) -> dict[str, dict[str, float]]:
+    """All claims on simulated chains by every engine, the codes side by side."""
+    engines: dict[str, chains.Run] = {REFERENCE: exact} | {code: _runner(code, runs) for code in installed_codes()}
+
+    def compute(run: chains.Run) -> dict[str, float]:
+        return {name: function(run) for name, function in chains.COMPUTED.items()}
+
+    with ThreadPoolExecutor() as pool:
+        try:
+            return dict(zip(engines, pool.map(compute, engines.values()), strict=True))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            stop_all()
+            raise
+
+
+def _runner(code: str, runs: Path) -> chains.Run:
+    def run(case: Case) -> Simulation:
+        return run_codes({code: [case]}, runs)[code][0]
+
+    return run
+
+
+def _words(function: Callable[..., Any]) -> str:
+    return " ".join((function.__doc__ or "").split())
+
+
+def counted(verdicts: Iterable[str]) -> str:
+    """How many claims have which verdict, in words."""
+    counts = Counter(verdicts)
+    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in (REPRODUCED, DIFFERS, EXPERIMENT_ONLY))
+
+
+def claims_table(judged: list[Judged]) -> pd.DataFrame:
+    """A row per claim."""
+    engines = list(dict.fromkeys(engine for each in judged for engine in each.computed))
+    rows = []
+    for each in judged:
+        claim = each.claim
+        rows.append({
+            "id": claim.id, "where": claim.where, "quote": claim.quote, "relation": claim.relation,
+            "quoted": claim.quoted, "unit": claim.unit, "within": claim.within, "because": claim.because,
+            **{engine: each.computed.get(engine, np.nan) for engine in engines},
+            "difference": each.off, "verdict": each.verdict, "why": claim.explained or claim.note, "how": each.how,
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def write_claims(judged: list[Judged], path: Path) -> None:
+    """Writes the table, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    claims_table(judged).to_csv(draft, index=False)
+    draft.replace(path)
