@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 MODULI_MPA = (600, 1000, 1460)
 STATIC_N = 0.0168  # what 14 beads weigh: the static force between the two sensors of the paper's chain of 21
-CURVE = np.geomspace(0.1, 1e4, 21)
+CURVE = np.geomspace(0.1, 1e4, 31)
 STRIKES = (1.0, 10.0, 100.0, 1e3, 1e4)  # amplitudes (F_m - F_0)/F_0 of the simulations
 CHAIN = ("chain.count=45", "chain.sensors=[{ from_wall = 20 }, { from_wall = 10 }]", "gravity=",
          f"chain.precompression={STATIC_N} N")  # fmt: skip
@@ -32,7 +32,7 @@ SENSOR = 5  # bead of Fig. 4's chain shown in (b)
 def make(runs: Path) -> Product:
     """Runs Fig. 4's scene for (b) and strikes on a precompressed chain for (c)."""
     plt = pyplot()
-    figure, axes = plt.subplots(3, 1, figsize=(COLUMN_IN, 7.2), height_ratios=[1, 1.25, 1.6])
+    figure, axes = plt.subplots(3, 1, figsize=(COLUMN_IN, 7.2), height_ratios=[0.95, 1.25, 1.6])
     _draw_free_body(axes[0])
     forces = _draw_forces(axes[1], runs)
     waves = _waves()
@@ -47,26 +47,26 @@ def _draw_free_body(axis: Any) -> None:
     from matplotlib.patches import Rectangle, Wedge
 
     sensor = quoted("sensor")
-    axis.set(xlim=(-3.4, 3.4), ylim=(-1.25, 1.25), aspect="equal")
+    axis.set(xlim=(-3.4, 3.4), ylim=(-1.15, 1.3), aspect="equal")
     axis.axis("off")
     axis.set_title("(a) the sensor bead", loc="left")
     look: dict[str, Any] = {"facecolor": "#f2f2f2", "edgecolor": "black", "lw": 0.8}
     for side, name in ((-1, "1"), (1, "2")):
         centre = 0.12 * side
         axis.add_patch(Wedge((centre, 0), 1, -90 * side, -90 * side + 180, **look))
-        axis.text(centre + 0.45 * side, 0, "M", ha="center", va="center")
+        axis.text(centre + 0.45 * side, 0.2, "M", ha="center", va="center")
         axis.annotate(
             "", (centre + side, 0), (centre + 2.1 * side, 0), arrowprops={"arrowstyle": "-|>", "color": "black"}
         )
         axis.text(centre + 1.8 * side, 0.14, f"$F_{name}$", ha="center")
         inner = "3" if side < 0 else "4"
         axis.annotate(
-            "", (0.14 * side, -0.55), (0.95 * side, -0.55), arrowprops={"arrowstyle": "-|>", "color": "#d55e00"}
+            "", (0.14 * side, -0.5), (0.75 * side, -0.5), arrowprops={"arrowstyle": "-|>", "color": "#d55e00"}
         )
-        axis.text(0.9 * side, -0.5, f"$F_{inner}$", color="#d55e00", ha="center", va="bottom")
+        axis.text(0.6 * side, -0.45, f"$F_{inner}$", color="#d55e00", ha="center", va="bottom")
     axis.add_patch(Rectangle((-0.12, -0.85), 0.24, 1.7, facecolor="#e69f00", edgecolor="black", lw=0.8))
     axis.text(
-        0, 1.0, f"gauge, m = {sensor['gauge_g']:g} g; caps, 2M = {sensor['caps_g']:g} g", ha="center", va="bottom"
+        0, 1.08, f"gauge, m = {sensor['gauge_g']:g} g; caps, 2M = {sensor['caps_g']:g} g", ha="center", va="bottom"
     )
 
 
@@ -79,22 +79,24 @@ def _draw_forces(axis: Any, runs: Path) -> pd.DataFrame:
         trace, line = found[engine].trace, line_of(engine)
         first, second = trace.force_N[:, SENSOR], trace.force_N[:, SENSOR - 1]  # the wave comes from above
         average = sensor_average(trace.force_N, SENSOR)
-        centre = float(trace.time_s[: len(average) * 3 // 5][np.argmax(average[: len(average) * 3 // 5])])
-        near = np.abs(trace.time_s - centre) < 90e-6
+        near = np.abs(trace.time_s - found[engine].values[f"bead_{SENSOR}_arrival_s"]) < 90e-6
         time_us = trace.time_s[near] * 1e6
         for force in (first, second, average):
             axis.plot(time_us, force[near], color=line.colour, lw=line.width, ls=line.dashes)
         axis.plot([], [], color=line.colour, lw=line.width, ls=line.dashes, label=engine)
         columns = {"panel": "b", "engine": engine, "time_s": trace.time_s[near], "F1_N": first[near]}
         tables.append(pd.DataFrame(columns | {"F2_N": second[near], "average_N": average[near]}))
-    for force, label, side in ((first, "$F_1$", -1), (second, "$F_2$", 1), (average, "average", 0)):
+    for force, label, side in ((first, "$F_1$", -1), (second, "$F_2$", 1)):
         top = int(np.argmax(force[near]))
-        axis.annotate(label, (time_us[top], force[near][top]), xytext=(14 * side, 3), textcoords="offset points",
+        axis.annotate(label, (time_us[top], force[near][top]), xytext=(12 * side, 1), textcoords="offset points",
                       ha="center", va="bottom")  # fmt: skip
+    rise = int(np.argmax(average[near] > 0.4 * average[near].max()))
+    axis.annotate("average", (time_us[rise], average[near][rise]), xytext=(-10, 4), textcoords="offset points",
+                  ha="right", arrowprops={"arrowstyle": "-", "lw": 0.5})  # fmt: skip
     axis.set(xlabel="time since impact (µs)", ylabel="force (N)")
     axis.set_ylim(top=1.18 * float(first[near].max()))
     axis.set_title(f"(b) contact forces of bead {SENSOR}, Fig. 4's scene", loc="left")
-    axis.legend(loc="upper left", handlelength=1.6)
+    axis.legend(loc="upper right", handlelength=1.6)
     return pd.concat(tables, ignore_index=True)
 
 
@@ -152,15 +154,15 @@ def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
             alpha = 1.0 if solitary else 0.35
             axis.plot(some["amplitude_over_static"], some["beta"], ls="", label=label, alpha=alpha, **look)
     for _, row in points[(points["engine"] == "reference") & ~points["solitary"].astype(bool)].iloc[:1].iterrows():
-        axis.annotate("not a solitary wave\n(still changes)", (row["amplitude_over_static"], row["beta"]), (0.12, 1.17),
+        axis.annotate("not a solitary wave\n(still changes)", (row["amplitude_over_static"], row["beta"]), (0.11, 1.27),
                       color=FAINT, arrowprops={"arrowstyle": "-", "lw": 0.5, "color": FAINT})  # fmt: skip
     axis.axhline(limit, color=FAINT, lw=0.7, ls=(0, (2, 2)))
     axis.text(0.1, limit, f"no static force: {limit:.4f}", va="bottom", color=FAINT)
     axis.axhline(1, color=FAINT, lw=0.7, ls=(0, (2, 2)))
     axis.text(1e4, 1.003, "linear waves: 1", ha="right", va="bottom", color=FAINT)
     axis.set(xscale="log", xlabel=r"$(F_m - F_0)\,/\,F_0$", ylabel=r"$\beta$", ylim=(0.98, 1.46))
-    axis.set_title("(c) peak contact force over peak average; 600, 1000, 1460 MPa", loc="left")
-    axis.legend(loc="lower right", bbox_to_anchor=(1, 0.12))
+    axis.set_title("(c) peak contact force over peak average", loc="left")
+    axis.legend(loc="lower right", bbox_to_anchor=(1, 0.1), title="600, 1000, 1460 MPa alike", title_fontsize=8)
 
 
 def _spread(waves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:

@@ -15,13 +15,14 @@ import pandas as pd
 from drivers.chain import Array
 from postproc.product import Product
 from postproc.quoted import quoted
-from postproc.style import COLUMN_IN, FAINT, drawing_order, marker_of, pyplot
+from postproc.style import COLUMN_IN, FAINT, drawing_order, line_of, marker_of, pyplot
 
 FORCES_N = np.geomspace(0.03, 20, 13)
 BY_CODES = slice(0, 13, 3)  # the amplitudes that the codes run as well
 MODULI_MPA = (600, 1000, 1460)
 PRINTED = {600: 1, 1460: 5}  # number of a modulus' first curve in the paper
 GAP_DIAMETERS = 4  # between the sensors
+XLIM_N = (0.011, 70)
 LARGE_N = 2.0  # amplitudes from here on are the large ones of the table
 
 
@@ -52,7 +53,7 @@ def make(runs: Path) -> Product:
     _draw_speeds(axes[0], points, theory, experiment)
     _draw_differences(axes[1], points)
     _draw_scores(axes[2], score)
-    figure.subplots_adjust(hspace=0.42)
+    figure.subplots_adjust(hspace=0.45)
     table = pd.concat([points, theory, experiment.assign(source="experiment")], ignore_index=True)
     return Product(figure, table, {"_score": score})
 
@@ -164,13 +165,15 @@ def _interpolated(log_force: float, log_forces: Array, log_speeds: Array) -> tup
 
 def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experiment: pd.DataFrame) -> None:
     for modulus in (600, 1460):
-        for source, dashes in (("Eq. (3)", (0, (4, 2))), ("Eq. (4)", "-")):
+        for source, dashes in (("Eq. (3)", (0, (4, 2))), ("Eq. (4)", (0, (1, 1)))):
             own = theory[(theory["modulus_MPa"] == modulus) & (theory["source"] == source)]
             label = source if modulus == MODULI_MPA[0] else None
-            axis.plot(own["force_N"], own["speed_m_s"], color="black", lw=0.7, ls=dashes, label=label)
+            axis.plot(own["force_N"], own["speed_m_s"], color="black", lw=0.9, ls=dashes, label=label)
+    for _, own in points[points["engine"] == "reference"].groupby(["modulus_MPa", "gravity"]):
+        axis.plot(own["force_N"], own["speed_m_s"], color=line_of("reference").colour, lw=0.8)
     for engine in drawing_order(list(points["engine"].unique())):
         own = points[points["engine"] == engine]
-        look = marker_of(engine) | ({"ms": 5.0} if engine == "reference" else {"ms": 2.6, "mew": 0.8})
+        look = marker_of(engine) | ({"ms": 4.5} if engine == "reference" else {"ms": 2.6, "mew": 0.8})
         axis.plot(own["force_N"], own["speed_m_s"], ls="", label=engine, **look)
     for modulus in MODULI_MPA:
         own = points[(points["engine"] == "reference") & (points["modulus_MPa"] == modulus)]
@@ -182,13 +185,13 @@ def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experime
                 start = own[own["gravity"] == gravity].iloc[0]
                 axis.annotate(f"{number}, {number + 1}", (start["force_N"], start["speed_m_s"]), xytext=(-5, -3),
                               textcoords="offset points", ha="right", color=FAINT)  # fmt: skip
-    look: dict[str, Any] = {"fmt": "o", "color": "black", "ms": 3.5, "zorder": 5, "capsize": 1.5}
+    dots: dict[str, Any] = {"fmt": "o", "color": "black", "ms": 3.5, "zorder": 5, "capsize": 1.5}
     axis.errorbar(experiment["force_N"], experiment["speed_m_s"], xerr=experiment["force_error_N"],
-                  yerr=experiment["speed_error_m_s"], elinewidth=0.7, label="experiment", **look)  # fmt: skip
+                  yerr=experiment["speed_error_m_s"], elinewidth=0.7, label="experiment", **dots)  # fmt: skip
     axis.errorbar(experiment["force_N"], experiment["speed_m_s"], yerr=experiment["speed_error_by_position_m_s"],
-                  elinewidth=2, **(look | {"capsize": 0}))  # fmt: skip
+                  elinewidth=2, **(dots | {"capsize": 0}))  # fmt: skip
     ticks = (50, 70, 100, 150, 200)
-    axis.set(xscale="log", yscale="log", xlabel=r"$F_m$ (N)", ylabel=r"$V_s$ (m/s)", xlim=(0.017, 60), ylim=(45, 300))
+    axis.set(xscale="log", yscale="log", xlabel=r"$F_m$ (N)", ylabel=r"$V_s$ (m/s)", xlim=XLIM_N, ylim=(45, 330))
     axis.set_yticks(ticks, [str(tick) for tick in ticks])
     axis.minorticks_off()
     axis.legend(loc="upper left", columnspacing=1, handlelength=1.6, labelspacing=0.3)
@@ -201,9 +204,8 @@ def _draw_differences(axis: Any, points: pd.DataFrame) -> None:
             own = points[points["engine"] == engine]
             share = own["speed_m_s"].to_numpy() / exact.loc[own["striker_m_s"]].to_numpy() - 1
             axis.plot(own["force_N"], 1e6 * share, ls="", **marker_of(engine))
-    axis.axhline(0, color=FAINT, lw=0.7)
-    axis.set(xscale="log", xlim=(0.017, 60), xlabel=r"$F_m$ (N)", ylabel=r"$10^6\,\Delta V_s/V_s$")
-    axis.set_title("codes minus reference, same strike", loc="left")
+    axis.set(xscale="log", xlim=XLIM_N, ylim=(0, None), xlabel=r"$F_m$ (N)", ylabel=r"$10^6\,\Delta V_s/V_s$")
+    axis.set_title("speed by the codes less that by the reference, same strike", loc="left")
 
 
 def _draw_scores(axis: Any, score: pd.DataFrame) -> None:
@@ -221,7 +223,7 @@ def _draw_scores(axis: Any, score: pd.DataFrame) -> None:
     drawn = axis.table(rows, colLabels=headings, cellLoc="center", bbox=[0, 0, 1, 0.8],
                        colWidths=[0.19, *([0.11] * 5), 0.13, 0.13])  # fmt: skip
     drawn.auto_set_font_size(False)
-    drawn.set_fontsize(7)
+    drawn.set_fontsize(6.5)
     for cell in drawn.get_celld().values():
         cell.set_linewidth(0.3)
-    axis.set_title("measured speed off the simulated, %; right: rms in errors", loc="left", fontsize=7, y=0.85)
+    axis.set_title("measured off simulated speed, %; right: rms in standard errors", loc="left", fontsize=7, y=0.85)

@@ -34,8 +34,15 @@ def test_the_reference_stands_on_nothing() -> None:
 
 
 def test_post_processing_knows_no_engine() -> None:
-    modules = {module for _, module in imports_of(paths.ROOT / "postproc")}
+    composing = ("postproc/figures/", "postproc/__main__.py")  # they run what they draw
+    modules = {module for file, module in imports_of(paths.ROOT / "postproc") if not file.startswith(composing)}
     assert not {m for m in modules if m.startswith(("validation", "drivers.engines", "drivers.case", "drivers.run"))}
+
+
+def test_nobody_below_imports_a_figure() -> None:
+    users = {file for package in PACKAGES for file, module in imports_of(paths.ROOT / package)
+             if module.startswith("postproc.figures")}  # fmt: skip
+    assert {file.rsplit("/", 1)[0] for file in users} <= {"validation/claims"}
 
 
 def test_engines_know_no_post_processing() -> None:

@@ -1,0 +1,117 @@
+"""The paper's statements: the list, the judgement, the numbers."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from drivers.errors import InputError
+from validation.claims import chains
+from validation.claims.table import (
+    DIFFERS,
+    EXPERIMENT_ONLY,
+    PLAIN,
+    REPRODUCED,
+    Claim,
+    Judged,
+    claims_table,
+    judge_all,
+    read_claims,
+    write_claims,
+)
+from validation.tests.conftest import need
+
+
+@pytest.fixture(scope="module")
+def judged(shared_runs: Path) -> list[Judged]:
+    """All claims by all engines, once."""
+    for code in ("liggghts", "yade"):
+        need(code)
+    return judge_all(shared_runs)
+
+
+def claim(**values: object) -> Claim:
+    return Claim.model_validate({"id": "x", "where": "here", "quote": "words", "quoted": 2.0} | values)
+
+
+def test_there_are_enough_and_each_has_its_reason() -> None:
+    claims = read_claims()
+    assert len(claims) >= 30
+    assert len({each.id for each in claims}) == len(claims)
+    for each in claims:
+        assert each.note if each.experiment else each.because, each.id
+
+
+def test_everything_that_is_computed_is_a_claim() -> None:
+    assert {*PLAIN, *chains.COMPUTED} <= {each.id for each in read_claims()}
+
+
+@pytest.mark.timeout(400)
+def test_no_claim_is_at_fault(judged: list[Judged]) -> None:
+    assert {each.claim.id: each.fault for each in judged if each.fault} == {}
+
+
+def test_what_differs_is_what_was_explained(judged: list[Judged]) -> None:
+    assert {each.claim.id for each in judged if each.verdict == DIFFERS} == {
+        each.id for each in read_claims() if each.explained
+    }
+
+
+def test_codes_agree_with_the_reference_on_every_simulated_claim(judged: list[Judged]) -> None:
+    simulated = [each for each in judged if len(each.computed) > 1]
+    assert len(simulated) >= 40
+    for each in simulated:
+        for code in ("liggghts", "yade"):
+            assert each.computed[code] == pytest.approx(each.value, rel=2e-4, abs=1e-9), each.claim.id
+
+
+@pytest.mark.parametrize(
+    ("values", "computed", "verdict"),
+    [
+        ({"within": 0.1}, 2.09, REPRODUCED),
+        ({"within": 0.1}, 2.11, DIFFERS),
+        ({"relation": "at most"}, 2.0, REPRODUCED),
+        ({"relation": "at most"}, 2.1, DIFFERS),
+        ({"relation": "at least"}, 1.9, DIFFERS),
+        ({"within": 0.1}, float("nan"), DIFFERS),
+        ({"relation": "at least"}, float("nan"), DIFFERS),
+        ({"experiment": True}, 7.0, EXPERIMENT_ONLY),
+    ],
+)
+def test_verdicts(values: dict[str, object], computed: float, verdict: str) -> None:
+    assert Judged(claim(**values), {"reference": computed}, "").verdict == verdict
+
+
+def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() -> None:
+    assert "without an explanation" in Judged(claim(within=0.1), {"reference": 3.0}, "").fault
+    assert not Judged(claim(within=0.1, explained="misprint"), {"reference": 3.0}, "").fault
+    assert "yade disagree" in Judged(claim(within=0.1), {"reference": 2.0, "yade": 2.2}, "").fault
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ('[[claim]]\nid = "nobody"\nwhere = "a"\nquote = "b"\nquoted = 1\nwithin = 1\n', "nobody"),
+        ('[[claim]]\nid = "eq1-c"\nwhere = "a"\nquote = "b"\nquoted = 1\n', "no within"),
+        ('[[claim]]\nid = "eq1-c"\nwhere = "a"\nquote = "b"\nquoted = "one"\nwithin = 1\n', "quoted"),
+        ('[[claim]]\nid = "eq1-c"\nwhere = "a"\nquote = "b"\nquoted = 1\nwithn = 1\n', "withn"),
+        ("", "claim"),
+        ("[[claim]\n", "TOML"),
+    ],
+)
+def test_a_broken_list_is_refused_in_one_line(text: str, complaint: str, tmp_path: Path) -> None:
+    path = tmp_path / "claims.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_claims(path)
+    assert complaint in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], tmp_path: Path) -> None:
+    write_claims(judged, tmp_path / "claims.csv")
+    table = pd.read_csv(tmp_path / "claims.csv").set_index("id")
+    assert len(table) == len(judged)
+    assert {"reference", "liggghts", "yade"} <= set(table.columns)
+    assert table.loc["energy-in-five", "reference"] == pytest.approx(99.9999955, abs=5e-8)
+    assert len(claims_table(judged)) == len(judged)

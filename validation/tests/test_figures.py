@@ -1,0 +1,181 @@
+"""The paper's figures and its table, made by all engines."""
+
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from drivers import paths
+from postproc.__main__ import FIGURES
+from postproc.product import Product, write_product
+from postproc.pulse import envelope, incident_pulse
+from postproc.quoted import quoted
+from postproc.signals import Peak
+from validation.tests.conftest import command_line, need
+
+CODES = ("liggghts", "yade")
+ENGINES = (*CODES, "reference")
+
+
+@pytest.fixture(scope="module")
+def made(shared_runs: Path) -> dict[str, Product]:
+    """Every product, made once."""
+    for code in CODES:
+        need(code)
+    return {name: import_module(f"postproc.figures.{name}").make(shared_runs) for name in FIGURES}
+
+
+def test_every_figure_is_on_the_command_line_and_a_make_target() -> None:
+    modules = {file.stem for file in (paths.ROOT / "postproc" / "figures").glob("[a-z]*.py")}
+    assert modules == set(FIGURES)
+    line = next(text for text in (paths.ROOT / "Makefile").read_text().splitlines() if text.startswith("FIGURES :="))
+    assert line.split(":=")[1].split() == list(FIGURES)
+
+
+@pytest.mark.timeout(400)
+def test_all_are_made_and_written_whole(made: dict[str, Product], tmp_path: Path) -> None:
+    for name, product in made.items():
+        written = write_product(product, name, tmp_path)
+        assert {path.name for path in written} >= {f"{name}.svg", f"{name}.png", f"{name}.csv"}
+        assert all(path.stat().st_size > 200 for path in written)
+        assert "<svg" in (tmp_path / f"{name}.svg").read_text()
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_table_1_is_reproduced_by_every_engine(made: dict[str, Product]) -> None:
+    table = made["table1"].table
+    wide_foot = np.where(table["force_N"] <= 0.1, 0.2, 0.1)
+    for engine in ENGINES:
+        assert (table[f"{engine}_speed_m_s"] / table["computed_speed_m_s"] - 1).abs().max() < 0.01
+        for name, allowed in (("width_0.2pct_diameters", wide_foot), ("width_4pct_diameters", 0.1)):
+            assert ((table[f"{engine}_{name}"] - table[f"computed_{name}"]).abs() < allowed).all()
+    for code in CODES:
+        for column in ("striker_m_s", "speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters"):
+            assert (table[f"{code}_{column}"] / table[f"reference_{column}"] - 1).abs().max() < 1e-5
+
+
+def test_table_1_has_the_printed_numbers(made: dict[str, Product]) -> None:
+    expected = {5: (190.1, 5.41, 3.98), 2: (164.4, 5.67, 4.09), 0.6: (137.1, 6.24, 4.35), 0.1: (109.0, 7.92, 5.29),
+                0.06: (103.65, 8.62, 5.74)}  # fmt: skip
+    for _, row in made["table1"].table.iterrows():
+        found = [row[f"reference_{name}"] for name in ("speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters")]
+        assert found == pytest.approx(expected[row["force_N"]], rel=1e-3)
+
+
+def test_beta_does_not_depend_on_the_modulus_and_runs_lie_on_the_curve(made: dict[str, Product]) -> None:
+    spread = made["fig2"].more["_spread"]
+    assert spread["beta_spread_over_moduli_share"].max() < 0.01
+    table = made["fig2"].table
+    waves = table[table["engine"] == "travelling wave"]
+    assert waves["amplitude_over_static"].min() <= 0.1
+    assert waves["amplitude_over_static"].max() >= 1e4
+    points = table[(table["panel"] == "c") & (table["engine"] != "travelling wave")]
+    assert set(points["engine"]) == set(ENGINES)
+    solitary = points[points["solitary"].astype(bool)]
+    assert len(solitary) >= 3 * 3 * len(ENGINES)
+    assert len(solitary) < len(points)  # a weak strike's pulse is none
+    one = waves[waves["modulus_MPa"] == 600]
+    on_curve = np.interp(np.log(solitary["amplitude_over_static"]), np.log(one["amplitude_over_static"]), one["beta"])
+    assert np.abs(solitary["beta"] / on_curve - 1).max() < 2e-3  # linear between points of the curve
+
+
+def test_speeds_follow_the_theory_without_gravity_and_exceed_it_with(made: dict[str, Product]) -> None:
+    table = made["fig3"].table
+    assert set(table["source"]) == {"simulated", "Eq. (3)", "Eq. (4)", "experiment"}
+    assert set(table["curve"].dropna()) == set(range(1, 9))
+    exact = table[table["engine"] == "reference"]
+    assert exact["force_N"].min() == pytest.approx(0.03, rel=1e-9)
+    assert exact["force_N"].max() == pytest.approx(20, rel=1e-9)
+    bare = exact[exact["gravity"] == False]  # noqa: E712
+    for _, some in bare.groupby("modulus_MPa"):
+        slope = np.polyfit(np.log(some["force_N"]), np.log(some["speed_m_s"]), 1)[0]
+        assert slope == pytest.approx(1 / 6, abs=1e-5)
+    for code in CODES:
+        own = table[table["engine"] == code].merge(exact, on="striker_m_s")
+        assert len(own) == 6 * 5
+        assert (own["speed_m_s_x"] / own["speed_m_s_y"] - 1).abs().max() < 1e-5
+    heavy = exact[exact["gravity"] == True].merge(bare, on=["modulus_MPa", "force_N"], how="inner")  # noqa: E712
+    assert (heavy["speed_m_s_x"] > heavy["speed_m_s_y"]).all()
+
+
+def test_the_score_prefers_the_moduli_that_the_paper_does(made: dict[str, Product]) -> None:
+    score = made["fig3"].more["_score"]
+    score = score[score["force_read_as"] == "contact force"]
+    for large, best in ((True, 1460), (False, 1000)):
+        some = score[(score["force_N"] >= 2) == large]
+        rms = (some["deviation_standard_errors"] ** 2).groupby(some["modulus_MPa"]).mean()
+        assert rms.idxmin() == best
+
+
+@pytest.mark.parametrize("name", ["fig4", "fig5", "fig6"])
+def test_traces_hold_every_engine_and_stay_near_the_reference(made: dict[str, Product], name: str) -> None:
+    table = made[name].table
+    assert set(table["engine"]) == set(ENGINES)
+    residual = table[table["engine"] != "reference"]["residual_to_reference_share"]
+    assert 0 < residual.max() < 3e-4
+    assert table["wall_N"].max() > 1
+
+
+def test_fig_4_lasts_until_the_reflected_wave_has_passed_the_upper_sensor(made: dict[str, Product]) -> None:
+    exact = made["fig4"].table.query("engine == 'reference'")
+    signal = exact["bead_9_N"].to_numpy()
+    peaks = [i for i in range(1, len(signal) - 1) if signal[i - 1] < signal[i] >= signal[i + 1] and signal[i] > 3]
+    assert len(peaks) == 2
+    assert signal[-1] < 0.1 * signal[peaks[1]]
+
+
+def test_fig_5_says_by_how_much_the_incident_pulse_differs(made: dict[str, Product]) -> None:
+    pulses = made["fig5"].more["_pulses"].set_index("engine")
+    assert pulses.loc["reference", "wall_envelope_per_us"] == pytest.approx(-0.00597, abs=2e-5)
+    assert pulses.loc["reference", "bead_11_rise_us"] == pytest.approx(30.8, abs=0.5)
+    assert pulses.loc["reference", "bead_10_rise_us"] == pytest.approx(53.0, abs=0.5)
+    assert pulses.loc["paper, measured", "bead_11_decay_per_us"] == quoted("fig5")["incident_decay_per_us"]
+
+
+def test_an_envelope_goes_through_its_exponential() -> None:
+    peaks = [Peak(t, 3 * np.exp(-200 * t), 0) for t in (0.001, 0.004, 0.009)]
+    found = envelope(peaks)
+    assert (found.amplitude_N, found.rate_per_s) == pytest.approx((3, -200))
+
+
+def test_the_shape_of_a_pulse_made_of_known_pieces() -> None:
+    time = np.arange(0, 2e-3, 1e-6)
+    pulse = np.where(time < 1e-4, np.sin(np.pi / 2 * time / 1e-4), np.exp(-(time - 1e-4) / 2e-4))
+    reflected = 2 * np.exp(-(((time - 1.6e-3) / 5e-5) ** 2))
+    shape = incident_pulse(time, pulse + reflected)
+    assert shape.rise_s == pytest.approx(1e-4 * (1 - 2 / np.pi * np.arcsin(0.02)), rel=0.02)
+    assert shape.decay_per_s == pytest.approx(-1 / 2e-4, rel=0.02)
+    assert shape.duration_s == pytest.approx(1e-4 - 1.3e-6 + 2e-4 * np.log(50), rel=0.02)
+
+
+def test_quoted_numbers_are_whole() -> None:
+    table = quoted("table1")
+    assert {len(column) for column in table.values()} == {5}
+    assert pd.DataFrame(table).notna().all().all()
+
+
+def test_a_figure_without_an_engine_says_so(tmp_path: Path) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    done = command_line("postproc", "fig6", "--runs", tmp_path / "runs", "--out", tmp_path / "out", PATH=str(empty))
+    assert done.returncode == 0, done.stderr
+    assert "without what is not installed: liggghts, yade" in done.stderr
+    assert set(pd.read_csv(tmp_path / "out" / "fig6.csv")["engine"]) == {"reference"}
+
+
+def test_a_figure_whose_run_fails_leaves_nothing(tmp_path: Path) -> None:
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for code in CODES:
+        fake = tools / code
+        fake.write_text("#!/bin/sh\necho ERROR: no licence today\nexit 1\n")
+        fake.chmod(0o755)
+    out = tmp_path / "out"
+    done = command_line("postproc", "fig6", "--runs", tmp_path / "runs", "--out", out, PATH=f"{tools}:/usr/bin:/bin")
+    assert done.returncode == 1
+    assert "fig6" in done.stderr
+    assert "failed: exit code 1" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not out.exists() or not list(out.iterdir())
