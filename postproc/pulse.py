@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from drivers.chain import Array
 from postproc.signals import Peak, peaks, rising_crossing
@@ -34,7 +35,7 @@ class PulseShape:
         peak: its first maximum.
         rise_s: from ``ONSET`` of the peak to the peak.
         decay_per_s: rate of the exponential from the peak to half of it.
-        duration_s: from ``ONSET`` until it falls below that for good, or until the reflected wave arrives.
+        duration_s: from ``ONSET`` until it first falls below that again, or until the reflected wave arrives.
     """
 
     peak: Peak
@@ -44,6 +45,7 @@ class PulseShape:
 
 
 ONSET = 0.02
+FINER = 100  # times the samples: where the fit and the pulse end
 
 
 def incident_pulse(time_s: Array, signal: Array) -> PulseShape:
@@ -56,10 +58,10 @@ def incident_pulse(time_s: Array, signal: Array) -> PulseShape:
     found = peaks(time_s, signal)
     first, reflected = found[0], max(found[1:], key=lambda peak: peak.value)
     onset = rising_crossing(time_s, signal, ONSET * first.value, first)
-    half = first.sample + int(np.argmax(signal[first.sample :] < first.value / 2))
-    falling = slice(first.sample, half)
-    rate = np.polyfit(time_s[falling], np.log(signal[falling]), 1)[0]
-    before = signal[first.sample : reflected.sample]
-    quiet = before < ONSET * first.value
-    end = first.sample + (int(np.argmax(quiet)) if quiet.any() else int(np.argmin(before)))
-    return PulseShape(first, first.time_s - onset, float(rate), float(time_s[end]) - onset)
+    after = np.linspace(first.time_s, reflected.time_s, FINER * (reflected.sample - first.sample))
+    falling = np.asarray(make_interp_spline(time_s, signal, k=5)(after))
+    half = int(np.argmax(falling < first.value / 2))
+    rate = np.polyfit(after[:half], np.log(falling[:half]), 1)[0]
+    quiet = falling < ONSET * first.value
+    end = int(np.argmax(quiet)) if quiet.any() else int(np.argmin(falling))
+    return PulseShape(first, first.time_s - onset, float(rate), float(after[end]) - onset)

@@ -143,6 +143,7 @@ def _claims(path: Path) -> dict[str, list[dict[str, str]]]:
         computed = row["reference"]
         rows[row["verdict"]].append({
             "id": row["id"], "where": row["where"], "quote": row["quote"], "unit": row["unit"],
+            "ours": "our criterion" if row["number_is"] == "ours" else "",
             "quoted": f"{relations[row['relation']]}{float(row['quoted']):.8g}",
             "within": f"± {float(row['within']):g}" if row["within"] != "" and row["relation"] == "equals" else "",
             "computed": f"{float(computed):.8g}" if row["verdict"] == "reproduced" and _tight(row)

@@ -24,7 +24,7 @@ class Particles:
 
     @property
     def speed_constant_m_s(self) -> float:
-        """C of Eq. (1): ``c^2 = 2 E / (pi rho (1 - nu^2))``; of the order of the bulk sound speed."""
+        """The constant c of Eq. (1): ``c^2 = 2 E / (pi rho (1 - nu^2))``; of the order of the bulk sound speed."""
         return sqrt(2 * self.youngs_modulus_Pa / (pi * self.density_kg_m3 * (1 - self.poisson_ratio**2)))
 
     @property

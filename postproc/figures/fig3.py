@@ -49,7 +49,7 @@ def make(runs: Path) -> Product:
     theory = _theory(points)
     experiment = measured()
     score = scores(points, experiment)
-    figure, axes = pyplot().subplots(3, 1, figsize=(COLUMN_IN, 6.6), height_ratios=[3.4, 0.9, 1])
+    figure, axes = pyplot().subplots(3, 1, figsize=(COLUMN_IN, 7.0), height_ratios=[3.4, 0.9, 1.5])
     _draw_speeds(axes[0], points, theory, experiment)
     _draw_differences(axes[1], points)
     _draw_scores(axes[2], score)
@@ -138,7 +138,7 @@ def scores(points: pd.DataFrame, experiment: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     exact = points[(points["engine"] == "reference") & points["gravity"]]
-    for reading, column in (("contact force", "force_N"), ("sensor average", "sensor_amplitude_N")):
+    for reading, column in (("contact force", "force_N"), ("average of the sensor", "sensor_amplitude_N")):
         for modulus in MODULI_MPA:
             own = exact[exact["modulus_MPa"] == modulus]
             logs = np.log(own[column].to_numpy()), np.log(own["speed_m_s"].to_numpy())
@@ -210,20 +210,18 @@ def _draw_differences(axis: Any, points: pd.DataFrame) -> None:
 
 def _draw_scores(axis: Any, score: pd.DataFrame) -> None:
     axis.axis("off")
-    own = score[score["force_read_as"] == "contact force"]
     rows = []
-    for modulus in MODULI_MPA:
-        some = own[own["modulus_MPa"] == modulus]
+    for (reading, modulus), some in score.groupby(["force_read_as", "modulus_MPa"]):
         large = some["force_N"] >= LARGE_N
-        rows.append([
-            f"{modulus} MPa", *(f"{value:+.0f}" for value in some["deviation_pct"]),
-            *(f"{np.sqrt((some['deviation_standard_errors'][which] ** 2).mean()):.1f}" for which in (large, ~large)),
-        ])  # fmt: skip
-    headings = ["", *(f"{force:g} N" for force in own["force_N"].unique()), f"≥ {LARGE_N:g} N", f"< {LARGE_N:g} N"]
-    drawn = axis.table(rows, colLabels=headings, cellLoc="center", bbox=[0, 0, 1, 0.8],
-                       colWidths=[0.19, *([0.11] * 5), 0.13, 0.13])  # fmt: skip
+        rms = (np.sqrt((some["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large))
+        deviations = (f"{value:+.0f}" for value in some["deviation_pct"])
+        rows.append([str(reading).split()[0], f"{modulus}", *deviations, *(f"{value:.1f}" for value in rms)])
+    forces = (f"{force:g} N" for force in score["force_N"].unique())
+    headings = ["$F_m$ as", "MPa", *forces, f"≥ {LARGE_N:g} N", f"< {LARGE_N:g} N"]
+    drawn = axis.table(rows, colLabels=headings, cellLoc="center", bbox=[0, 0, 1, 0.88],
+                       colWidths=[0.14, 0.1, *([0.105] * 5), 0.12, 0.12])  # fmt: skip
     drawn.auto_set_font_size(False)
     drawn.set_fontsize(6.5)
     for cell in drawn.get_celld().values():
         cell.set_linewidth(0.3)
-    axis.set_title("measured off simulated speed, %; right: rms in standard errors", loc="left", fontsize=7, y=0.85)
+    axis.set_title("measured off simulated speed, %; right: rms in standard errors", loc="left", fontsize=7, y=0.92)

@@ -18,6 +18,7 @@ from validation.strikes import contact_peak, static_force
 Run = Callable[[Case], Simulation]
 
 BARE = ("gravity=", "wall=")  # a chain that nothing compresses
+SIGNIFICANT = 0.05  # of the first wave of a train
 SMALL = 0.02  # prominence of the waves of a train, over the largest
 HIGH, LOW = 1.9023, 0.0443  # striker speeds of the table's 5 and 0.06 N, m/s
 
@@ -45,6 +46,16 @@ def width_ratio_bare(run: Run) -> float:
     found = [run(case_of("table1", *BARE, f"striker.speed={v} m/s", "run.duration=2 ms")) for v in (LOW, HIGH)]
     low, high = (one.values["bead_5_width_4pct_diameters"] for one in found)
     return low / high
+
+
+def width_by_modulus(run: Run) -> float:
+    """Width at 4 % with gravity for 600 MPa over that for 1460 MPa, at strikes that give the same forces."""
+    slower = HIGH * (1460 / 600) ** (1 / 3)  # F ~ k^(2/5) v^(6/5)
+    strikes = ((600, slower), (1460, HIGH))
+    found = [run(case_of("table1", f"materials.ptfe.youngs_modulus={modulus} MPa", f"striker.speed={speed!r} m/s"))
+             for modulus, speed in strikes]  # fmt: skip
+    soft, hard = (one.values["bead_5_width_4pct_diameters"] for one in found)
+    return soft / hard
 
 
 def width_by_gravity(run: Run) -> float:
@@ -84,11 +95,20 @@ def theory_and_chain(run: Run) -> float:
     return 100 * max(found)
 
 
-def contact_force_behind_sensor(run: Run) -> float:
-    """Simulated peak contact force over that of Eq. (6), beta being the solitary wave's."""
+def contact_force_high(run: Run) -> float:
+    """Simulated peak contact force over that of Eq. (6) at the table's 5 N, beta being the solitary wave's."""
+    return _contact_force(run, HIGH)
+
+
+def contact_force_low(run: Run) -> float:
+    """The same at the table's 0.06 N."""
+    return _contact_force(run, LOW)
+
+
+def _contact_force(run: Run, speed: float) -> float:
     from validation.reference.precompressed_wave import solve_at_amplitude
 
-    one = run(case_of("table1", f"striker.speed={HIGH} m/s"))
+    one = run(case_of("table1", f"striker.speed={speed} m/s"))
     chain, static, peak = one.case.chain, static_force(one), contact_peak(one)
     wave = solve_at_amplitude(float(chain.stiffness[6]), float(chain.mass_kg[0]), static, peak / static - 1)
     average = (one.values["bead_9_amplitude_N"] + one.values["bead_5_amplitude_N"]) / 2
@@ -120,6 +140,16 @@ def fig4_speed(run: Run) -> float:
 def fig4_width(run: Run) -> float:
     """Width at bead 5 at 0.2 %, in diameters."""
     return _fig4(run).values["bead_5_width_0.2pct_diameters"]
+
+
+def fig4_amplitudes(run: Run) -> float:
+    """Peak of the sensor average in bead 9 over the quoted 2 N."""
+    return fig4_force(run) / float(quoted("fig4")["leading_force_N"])
+
+
+def fig4_duration(run: Run) -> float:
+    """Duration at bead 5 at 0.2 % of the peak, microseconds."""
+    return _fig4(run).values["bead_5_duration_0.2pct_s"] * 1e6
 
 
 def fig4_reflected(run: Run) -> float:
@@ -182,8 +212,13 @@ def _heavy_strike(run: Run, *settings: str) -> Simulation:
 
 def train_count(run: Run) -> float:
     """Waves above 5 % of the first, thirty beads below Fig. 5's striker, no gravity."""
-    found = _waves(_heavy_strike(run), 31)
-    return float(sum(peak.value > 0.05 * found[0].value for peak in found))
+    return _count(_waves(_heavy_strike(run), 31))
+
+
+def _count(train: list[Peak]) -> float:
+    """How many waves of a train exceed ``SIGNIFICANT`` of its first, before one rises again: a reflected wave."""
+    rising = next((i for i in range(1, len(train)) if train[i].value > train[i - 1].value), len(train))
+    return float(sum(peak.value > SIGNIFICANT * train[0].value for peak in train[:rising]))
 
 
 def splitting(run: Run) -> float:
@@ -195,10 +230,7 @@ def splitting(run: Run) -> float:
 
 def fig5_count(run: Run) -> float:
     """Waves that reach the wall in Fig. 5, above 5 % of the first, before the reflected one."""
-    force = run(case_of("fig5")).trace
-    found = peaks(force.time_s, force.force_N[:, 0], prominence=SMALL)
-    rising = next((i for i in range(1, len(found)) if found[i].value > found[i - 1].value), len(found))
-    return float(sum(peak.value > 0.05 * found[0].value for peak in found[:rising]))
+    return _count(_waves(run(case_of("fig5")), 1))
 
 
 def collision(run: Run) -> float:
@@ -278,30 +310,25 @@ def fig5_decay_ratio(run: Run) -> float:
 
 
 def fig6d_count(run: Run) -> float:
-    """Waves that reach the wall in Fig. 6d, above 2 % of the first, before the reflected one."""
-    trace = run(case_of("fig6d")).trace
-    found = peaks(trace.time_s, trace.force_N[:, 0], prominence=0.005)
-    rising = next((i for i in range(1, len(found)) if found[i].value > found[i - 1].value), len(found))
-    return float(sum(peak.value > 0.02 * found[0].value for peak in found[:rising]))
-
-
-def fig6b_second(run: Run) -> float:
-    """Second over first wave at the wall in Fig. 6b."""
-    first, second = _waves(run(case_of("fig6b")), 1)[:2]
-    return second.value / first.value
+    """Waves that reach the wall in Fig. 6d, above 5 % of the first, before the reflected one."""
+    return _count(_waves(run(case_of("fig6d")), 1, prominence=0.005))
 
 
 COMPUTED = {
     "eq3-exponent": exponent,
     "width-without-gravity": width_ratio_bare,
+    "width-modulus": width_by_modulus,
     "width-by-gravity": width_by_gravity,
     "gravity-low": gravity_low,
     "gravity-high": gravity_high,
     "fig3-theory": theory_and_chain,
-    "eq6-force": contact_force_behind_sensor,
+    "eq6-force": contact_force_high,
+    "eq6-force-low": contact_force_low,
     "fig4-force": fig4_force,
     "fig4-speed": fig4_speed,
     "fig4-width": fig4_width,
+    "fig4-amplitudes-agree": fig4_amplitudes,
+    "fig4-duration": fig4_duration,
     "fig4-reflected": fig4_reflected,
     "fig4-to-wall": fig4_to_the_wall,
     "eq5-deviation": gauge_faces,
@@ -323,5 +350,4 @@ COMPUTED = {
     "fig5-duration": fig5_duration,
     "fig5-decay-ratio": fig5_decay_ratio,
     "fig6d-count": fig6d_count,
-    "fig6b-second": fig6b_second,
 }

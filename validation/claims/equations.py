@@ -22,7 +22,7 @@ def _case() -> Case:
 
 
 def speed_constant() -> float:
-    """C of the discrete chain, ``c^2 = k a^(5/2) / m``, over that of the formula."""
+    """Speed constant c of the discrete chain, ``c^2 = k a^(5/2) / m``, over that of the formula."""
     p = _particles()
     return sqrt(p.stiffness * p.diameter_m**2.5 / p.mass_kg) / p.speed_constant_m_s
 

@@ -1,5 +1,7 @@
 """What the paper says of materials, masses and contacts, computed from its own constants."""
 
+from math import pi, sqrt
+
 from postproc.quoted import quoted
 from validation import theory
 from validation.simulate import case_of
@@ -76,6 +78,48 @@ def sensor_mass() -> float:
     return float(quoted("sensor")["caps_g"] + quoted("sensor")["gauge_g"])
 
 
+def _sphere_mass(material: str, diameter_m: float) -> float:
+    """Mass of a ball of the material's density in ``inputs/materials.toml``, g."""
+    density = case_of("fig6b").scene.materials[material].density
+    assert density is not None
+    return 1e3 * density * pi / 6 * diameter_m**3
+
+
+def steel_ball() -> float:
+    """Mass of a 2 mm ball of stainless steel, g."""
+    return _sphere_mass("stainless-steel", 2e-3)
+
+
+def bead() -> float:
+    """Mass of a 4.76 mm ball of the nominal density, g."""
+    return _sphere_mass("ptfe", 4.76e-3)
+
+
+def small_bead() -> float:
+    """Mass of a 2.38 mm ball of the nominal density, g."""
+    return _sphere_mass("ptfe", 2.38e-3)
+
+
+def large_ball() -> float:
+    """Mass of a 5 mm ball of the nominal density, g."""
+    return _sphere_mass("ptfe", 5e-3)
+
+
+def nylon_amplitude() -> float:
+    """1 N over 0.03 N."""
+    return 1.0 / 0.03
+
+
+def speed_accuracy() -> float:
+    """Independent errors of 1 mm in each of two sensors over their distance of four beads, per cent."""
+    return float(100 * sqrt(2) * quoted("accuracy")["sensor_position_m"] / (4 * _particles().diameter_m))
+
+
+def bulk_speed() -> float:
+    """C of Eq. (1) over the bulk sound speed of 1.68 km/s."""
+    return _particles().speed_constant_m_s / 1680.0
+
+
 def fig5_mass_ratio() -> float:
     """Striker over bead of Fig. 5."""
     return _mass_ratio("fig5")
@@ -111,6 +155,13 @@ COMPUTED = {
     "slower-than-sound-in-air": air_over_slowest,
     "slower-than-on-nylon": nylon_over_slowest,
     "sensor-mass": sensor_mass,
+    "steel-ball": steel_ball,
+    "bead-mass": bead,
+    "small-bead-mass": small_bead,
+    "fig6-ball": large_ball,
+    "nylon-amplitude": nylon_amplitude,
+    "speed-accuracy": speed_accuracy,
+    "bulk-speed": bulk_speed,
     "fig5-mass-ratio": fig5_mass_ratio,
     "fig6-mass-ratio": fig6_mass_ratio,
     "table1-measured-widths": measured_widths,

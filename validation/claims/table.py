@@ -47,6 +47,7 @@ class Claim(BaseModel):
     because: str = ""
     explained: str = ""
     experiment: bool = False
+    ours: bool = False
     note: str = ""
 
     def holds_for(self, value: float) -> bool:
@@ -169,7 +170,7 @@ def _runner(code: str, runs: Path) -> chains.Run:
 
 
 def _words(function: Callable[..., Any]) -> str:
-    return " ".join((function.__doc__ or "").split())
+    return " ".join((function.__doc__ or "").replace("``", "").split())
 
 
 def counted(verdicts: Iterable[str]) -> str:
@@ -186,7 +187,8 @@ def claims_table(judged: list[Judged]) -> pd.DataFrame:
         claim = each.claim
         rows.append({
             "id": claim.id, "where": claim.where, "quote": claim.quote, "relation": claim.relation,
-            "quoted": claim.quoted, "unit": claim.unit, "within": claim.within, "because": claim.because,
+            "quoted": claim.quoted, "number_is": "ours" if claim.ours else "the paper's", "unit": claim.unit,
+            "within": claim.within, "because": claim.because,
             **{engine: each.computed.get(engine, np.nan) for engine in engines},
             "difference": each.off, "verdict": each.verdict, "why": claim.explained or claim.note, "how": each.how,
         })  # fmt: skip

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from validation.reference.precompressed_wave import PrecompressedWave, solve_at_amplitude
-from validation.reference.travelling_wave import solve_travelling_wave
+from validation.reference.travelling_wave import fixed_point, solve_travelling_wave
 from validation.simulate import case_of
 
 STATIC_N = 0.0168
@@ -42,6 +42,12 @@ def energy_in_five() -> float:
     return 100 * max(share(centre, 5) / share(centre, 15) for centre in centres)
 
 
+def power_three() -> float:
+    """Power of the speed in the peak overlap of exact waves of a chain with F ~ overlap^3, at two speeds."""
+    slow, fast = (float(fixed_point(3.0, speed)[1].max()) for speed in (1.0, 2.0))
+    return float(np.log2(fast / slow))
+
+
 def beta_linear() -> float:
     """Beta of a wave of a tenth of the static force."""
     return _precompressed(0.1).beta
@@ -67,6 +73,7 @@ def averaging_widens() -> float:
 COMPUTED = {
     "width-five": averaged_width,
     "energy-in-five": energy_in_five,
+    "power-three": power_three,
     "beta-linear": beta_linear,
     "beta-modulus": beta_spread,
     "averaging-lowers": averaging_lowers,

@@ -73,30 +73,46 @@ class TravellingWave:
         return 2 * float(brentq(lambda x: signal(x) - level * signal(0.0), 0.0, 6.0, xtol=1e-14))
 
 
-@cache
-def solve_travelling_wave() -> TravellingWave:
-    """Iterates to the fixed point.
+def fixed_point(power: float = POWER, speed: float = 1.0) -> tuple[Array, Array, float]:
+    """The wave of a speed in a chain with ``F = overlap^power`` and m = 1, by Petviashvili's iteration.
+
+    Returns:
+        Places in beads, overlaps there, and the largest violation of the equation over the largest overlap.
 
     Raises:
-        ArithmeticError: it was not reached.
+        ArithmeticError: the fixed point was not reached.
     """
     place: Array = (np.arange(POINTS, dtype=float) - POINTS // 2) * (LENGTH / POINTS)
-    wave_number = 2 * np.pi * np.fft.rfftfreq(POINTS, LENGTH / POINTS)
-    box = np.sinc(wave_number / (2 * np.pi))  # Fourier transform of the box of width 1; its square is the tent's
 
-    def smooth(values: Array, kernel: Array) -> Array:
-        return np.asarray(np.fft.irfft(np.fft.rfft(values) * kernel, POINTS))
+    def image_of(overlap: Array) -> Array:
+        return _smooth(np.maximum(overlap, 0.0) ** power, 2) / speed**2
 
-    overlap = np.exp(-(place**2))
+    overlap = speed ** (2 / (power - 1)) * np.exp(-(place**2))
     for _ in range(ITERATIONS):
-        image = smooth(np.maximum(overlap, 0.0) ** POWER, box**2)
-        scale = float(overlap @ overlap / (overlap @ image))
-        overlap = scale ** (POWER / (POWER - 1)) * image
-    residual = float(np.abs(smooth(np.maximum(overlap, 0.0) ** POWER, box**2) - overlap).max() / overlap.max())
+        image = image_of(overlap)
+        overlap = float(overlap @ overlap / (overlap @ image)) ** (power / (power - 1)) * image
+    residual = float(np.abs(image_of(overlap) - overlap).max() / overlap.max())
     if not residual < RESIDUAL:
         raise ArithmeticError(f"the travelling wave is not found: residual {residual:.1e}")
+    return place, overlap, residual
+
+
+def _smooth(values: Array, times: int) -> Array:
+    """Convolution with the box of width 1, once or twice: twice is the tent."""
+    wave_number = np.fft.rfftfreq(POINTS, LENGTH / POINTS)
+    return np.asarray(np.fft.irfft(np.fft.rfft(values) * np.sinc(wave_number) ** times, POINTS))
+
+
+@cache
+def solve_travelling_wave() -> TravellingWave:
+    """The wave of the Hertz chain and what follows from it.
+
+    Raises:
+        ArithmeticError: it was not found.
+    """
+    place, overlap, residual = fixed_point()
     force = np.maximum(overlap, 0.0) ** POWER
-    velocity = smooth(force, box)
+    velocity = _smooth(force, 1)
     spacing = LENGTH / POINTS
     peak_force, peak_velocity = float(force.max()), float(velocity.max())
     momentum = float(velocity.sum()) * spacing
