@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import platform
 import subprocess
 from dataclasses import asdict, dataclass
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers import paths
+from drivers.whole_file import whole_file
 
 FILE = "run.json"
 
@@ -52,9 +52,8 @@ class RunRecord:
 
     def write(self, folder: Path) -> None:
         """Writes ``run.json`` into the run folder."""
-        draft = folder / f".{FILE}.{os.getpid()}"
-        draft.write_text(json.dumps(asdict(self), indent=2) + "\n")
-        draft.replace(folder / FILE)
+        with whole_file(folder / FILE) as draft:
+            draft.write_text(json.dumps(asdict(self), indent=2) + "\n")
 
 
 def read_record(folder: Path) -> RunRecord | None:

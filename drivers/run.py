@@ -21,6 +21,7 @@ from drivers.guard import reason_to_fail
 from drivers.process import UNKNOWN_VERSION, Outcome, run_command
 from drivers.record import RunRecord, provenance, read_record
 from drivers.trace import Trace, read_forces, whole_forces, write_forces, write_state
+from drivers.whole_file import whole_file
 
 LEAST_LIMIT_S = 60.0
 LONGEST_COMPLAINT = 300
@@ -111,9 +112,8 @@ def _told_again(found: EndedRun, case: Case) -> EndedRun:
     from postproc.sensors import write_sensors
 
     record = replace(found.record, **told)
-    draft = found.folder / f".sensors.{os.getpid()}"
-    write_sensors(case.layout, read_forces(found.folder / "forces.parquet"), draft)
-    draft.replace(found.folder / "sensors.csv")
+    with whole_file(found.folder / "sensors.csv") as draft:
+        write_sensors(case.layout, read_forces(found.folder / "forces.parquet"), draft)
     record.write(found.folder)
     return EndedRun(found.folder, record)
 
@@ -217,9 +217,8 @@ def _known_version(engine: Engine, executable: Path, home: Path) -> str:
     if version == UNKNOWN_VERSION:
         return version  # ask again next time: it may have been mended
     home.mkdir(parents=True, exist_ok=True)
-    draft = note.with_suffix(f".{os.getpid()}")
-    draft.write_text(json.dumps({"executable": key, "version": version}))
-    draft.replace(note)
+    with whole_file(note) as draft:
+        draft.write_text(json.dumps({"executable": key, "version": version}))
     return version
 
 

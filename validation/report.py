@@ -2,7 +2,6 @@
 
 import datetime
 import math
-import os
 from collections import Counter
 from collections.abc import Hashable
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import pandas as pd
 from drivers import deck, paths
 from drivers.engines import load_engine
 from drivers.record import provenance
+from drivers.whole_file import whole_file
 from postproc.observables import observe
 from postproc.style import inline_svg
 from validation.comparison import FAIL, NOT_RUN, PASS, Verdict
@@ -65,9 +65,8 @@ def write_report(scenes: list[ComparedScene], path: Path) -> Counter[str]:
         date=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    draft.write_text(text)
-    draft.replace(path)
+    with whole_file(path) as draft:
+        draft.write_text(text)
     return counts
 
 

@@ -1,6 +1,5 @@
 """Judges every claim of ``inputs/paper/claims.toml`` and writes ``results/claims.csv``."""
 
-import os
 from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +18,7 @@ from drivers.engines import installed_codes
 from drivers.errors import InputError
 from drivers.process import stop_all
 from drivers.read_scene import read_toml
+from drivers.whole_file import whole_file
 from validation.claims import chains, conservation, equations, materials, strikes, waves
 from validation.simulate import REFERENCE, Simulation, exact, run_codes
 
@@ -198,6 +198,5 @@ def claims_table(judged: list[Judged]) -> pd.DataFrame:
 def write_claims(judged: list[Judged], path: Path) -> None:
     """Writes the table, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    claims_table(judged).to_csv(draft, index=False)
-    draft.replace(path)
+    with whole_file(path) as draft:
+        claims_table(judged).to_csv(draft, index=False)
