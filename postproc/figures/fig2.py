@@ -39,7 +39,7 @@ def make(runs: Path) -> Product:
     points = _points(runs)
     _draw_beta(axes[2], waves, points)
     figure.subplots_adjust(hspace=0.42)
-    return Product(figure, pd.concat([forces, waves, points], ignore_index=True), {"_spread": _spread(waves, points)})
+    return Product(figure, pd.concat([forces, waves, points, _spread(waves, points)], ignore_index=True))
 
 
 def _draw_free_body(axis: Any) -> None:
@@ -171,8 +171,7 @@ def _spread(waves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
     both["amplitude"] = both["amplitude_over_static"].map(lambda value: float(f"{value:.2g}"))
     beta = both.groupby(["engine", "amplitude"], sort=False)["beta"]
     spread = (beta.max() - beta.min()) / beta.mean()
-    return (
-        spread.rename("beta_spread_over_moduli_share")
-        .reset_index()
-        .rename(columns={"amplitude": "amplitude_over_static"})
+    table = (
+        spread.rename("beta_spread_over_moduli_share").rename_axis(["engine", "amplitude_over_static"]).reset_index()
     )
+    return table.assign(panel="c, all moduli")

@@ -65,9 +65,11 @@ def test_table_1_has_the_printed_numbers(made: dict[str, Product]) -> None:
 
 
 def test_beta_does_not_depend_on_the_modulus_and_runs_lie_on_the_curve(made: dict[str, Product]) -> None:
-    spread = made["fig2"].more["_spread"]
-    assert spread["beta_spread_over_moduli_share"].max() < 0.01
     table = made["fig2"].table
+    spread = table[table["panel"] == "c, all moduli"]["beta_spread_over_moduli_share"]
+    assert len(spread) > 40
+    assert spread.max() < 1e-4  # the paper says < 1 %; by similarity there is none, and the codes' step adds little
+    table = table[table["panel"] != "c, all moduli"]
     waves = table[table["engine"] == "travelling wave"]
     assert waves["amplitude_over_static"].min() <= 0.1
     assert waves["amplitude_over_static"].max() >= 1e4
