@@ -25,8 +25,23 @@ def must_be_folder(option: str, path: Path | None) -> None:
     Raises:
         InputError: it is one.
     """
-    if path is not None and path.exists() and not path.is_dir():
-        raise InputError(f"{option} {path}", "", "a file", "a folder")
+    for place in (path, *path.parents) if path is not None else ():
+        if place.exists():
+            if not place.is_dir():
+                raise InputError(f"{option} {path}", "", f"{place} is a file", "a folder")
+            return
+
+
+def must_be_file(option: str, path: Path | None) -> None:
+    """Refuses a folder where a file is to be written.
+
+    Raises:
+        InputError: it is one, or no folder can hold it.
+    """
+    if path is not None:
+        if path.is_dir():
+            raise InputError(f"{option} {path}", "", "a folder", "a file")
+        must_be_folder(option, path.parent)
 
 
 def run_main(main: Callable[[], int]) -> NoReturn:

@@ -8,7 +8,7 @@ from drivers import paths
 from drivers.errors import InputError
 from drivers.layout import Layout, read_layout
 from drivers.record import FILE, RunRecord, read_record
-from drivers.trace import Trace, read_forces
+from drivers.trace import FORCES, Trace, read_forces
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class FinishedRun:
         Raises:
             InputError: the file is missing or damaged.
         """
-        path = self.folder / "forces.parquet"
+        path = self.folder / FORCES
         try:
             return read_forces(path)
         except Exception as error:  # a damaged file can make pyarrow raise almost anything

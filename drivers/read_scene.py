@@ -91,11 +91,11 @@ def read_toml(path: Path) -> dict[str, Any]:
     """
     where = paths.shown(path)
     if path.exists() and not path.is_file():
-        raise InputError(where, "", "a directory" if path.is_dir() else "no regular file", "a readable scene file")
+        raise InputError(where, "", "a directory" if path.is_dir() else "no regular file", "a readable TOML file")
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
-        raise InputError(where, "", error.strerror or str(error), "a readable scene file") from error
+        raise InputError(where, "", error.strerror or str(error), "a readable TOML file") from error
     except UnicodeDecodeError as error:
         raise InputError(where, "", f"byte 0x{error.object[error.start]:02x} at {error.start}", "UTF-8 text") from error
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, and numbers too long to read

@@ -1,6 +1,5 @@
 """``run.json``: what was run, with what, how it ended and what it cost."""
 
-import hashlib
 import json
 import platform
 import subprocess
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers import paths
-from drivers.whole_file import whole_file
+from drivers.whole_file import sha256_of, whole_file
 
 FILE = "run.json"
 
@@ -26,6 +25,7 @@ class RunRecord:
         elements: modelling elements, each in or out with its reason.
         wall_s, cpu_s: of the whole process.
         loop_s: of the engine's own time loop.
+        forces_sha256: of ``forces.parquet``, so that a damaged one is not taken for done; empty where there is none.
     """
 
     engine: str
@@ -45,6 +45,7 @@ class RunRecord:
     cpu_s: float
     loop_s: float | None
     memory_bytes: int
+    forces_sha256: str
     host: str
     commit: str
     dirty: bool
@@ -72,7 +73,7 @@ def provenance() -> dict[str, Any]:
         "host": f"{platform.node()}, {platform.system()} {platform.machine()}, Python {platform.python_version()}",
         "commit": commit or "unknown",
         "dirty": bool(_git("status", "--porcelain")),
-        "lock_sha256": hashlib.sha256(paths.LOCK.read_bytes()).hexdigest() if paths.LOCK.exists() else "",
+        "lock_sha256": sha256_of(paths.LOCK) if paths.LOCK.exists() else "",
     }
 
 

@@ -20,8 +20,8 @@ from drivers.errors import RunError
 from drivers.guard import reason_to_fail
 from drivers.process import UNKNOWN_VERSION, Outcome, run_command
 from drivers.record import RunRecord, provenance, read_record
-from drivers.trace import Trace, read_forces, whole_forces, write_forces, write_state
-from drivers.whole_file import whole_file
+from drivers.trace import FORCES, Trace, read_forces, write_forces, write_state
+from drivers.whole_file import sha256_of, whole_file
 
 LEAST_LIMIT_S = 60.0
 LONGEST_COMPLAINT = 300
@@ -67,7 +67,7 @@ def run_case(
         version = _known_version(engine, executable, home)
     identity = hashlib.sha256(f"{engine_name}\0{version}\0{deck.sha256}".encode()).hexdigest()[:12]
     found = find_run(home, identity)
-    if found and found.done and not rerun and _has_all(found.folder, case):
+    if found and found.done and not rerun and _has_all(found, case):
         return _told_again(found, case)
     with _workplace(home, identity) as folder:
         for name, text in deck.files.items():
@@ -86,6 +86,7 @@ def run_case(
             _remove(folder / name)
         if trace is not None:
             _write_products(case, trace, folder)
+            record = replace(record, forces_sha256=sha256_of(folder / FORCES))
         record.write(folder)
         target = home / f"{case.scene.name}-{identity}"
         spared = found and found.done and record.status != "done"
@@ -113,7 +114,7 @@ def _told_again(found: EndedRun, case: Case) -> EndedRun:
 
     record = replace(found.record, **told)
     with whole_file(found.folder / "sensors.csv") as draft:
-        write_sensors(case.layout, read_forces(found.folder / "forces.parquet"), draft)
+        write_sensors(case.layout, read_forces(found.folder / FORCES), draft)
     record.write(found.folder)
     return EndedRun(found.folder, record)
 
@@ -130,10 +131,11 @@ def _description(case: Case) -> dict[str, Any]:
     }
 
 
-def _has_all(folder: Path, case: Case) -> bool:
-    wanted = ["sensors.csv"] + (["state.parquet"] if "state" in case.scene.run.record else [])
-    there = all((folder / name).exists() for name in wanted)
-    return there and whole_forces(folder / "forces.parquet", case.scene.samples)
+def _has_all(found: EndedRun, case: Case) -> bool:
+    """Whether the run's files are there and its forces as they were written."""
+    wanted = [FORCES, "sensors.csv"] + (["state.parquet"] if "state" in case.scene.run.record else [])
+    there = all((found.folder / name).exists() for name in wanted)
+    return there and sha256_of(found.folder / FORCES) == found.record.forces_sha256
 
 
 def _launch(deck: Deck, executable: Path) -> tuple[str, ...]:
@@ -163,7 +165,7 @@ def _checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) -
 def _write_products(case: Case, trace: Trace, folder: Path) -> None:
     from postproc.sensors import write_sensors
 
-    write_forces(trace, folder / "forces.parquet")
+    write_forces(trace, folder / FORCES)
     write_sensors(case.layout, trace, folder / "sensors.csv")
     if "state" in case.scene.run.record:
         write_state(trace, folder / "state.parquet")
@@ -191,6 +193,7 @@ def _record(
         cpu_s=round(outcome.cpu_s, 4),
         loop_s=engine.loop_seconds(_text(folder / "stdout.txt")),
         memory_bytes=outcome.memory_bytes,
+        forces_sha256="",
         **_description(case),
         **provenance(),
     )

@@ -8,6 +8,8 @@ import pandas as pd
 
 from drivers.chain import Array, Chain
 
+FORCES = "forces.parquet"
+
 
 @dataclass(frozen=True)
 class Trace:
@@ -71,16 +73,6 @@ def read_forces(path: Path) -> Trace:
     contacts = [name for name in table.columns if name.startswith("contact_")]
     energies = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
     return Trace(table["time_s"].to_numpy(), table[contacts].to_numpy(), *(table[name].to_numpy() for name in energies))
-
-
-def whole_forces(path: Path, samples: int) -> bool:
-    """Whether a ``forces.parquet`` is there with all its rows; reads its footer only."""
-    import pyarrow.parquet
-
-    try:
-        return bool(pyarrow.parquet.read_metadata(path).num_rows == samples)
-    except (OSError, ValueError):  # pyarrow's own errors are ValueErrors
-        return False
 
 
 def write_state(trace: Trace, path: Path) -> None:

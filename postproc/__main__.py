@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from drivers.cli import Parser, must_be_folder, run_main
-from drivers.errors import RunError
+from drivers.errors import InputError, RunError
 
 FIGURES = ("fig1", "fig2", "fig3", "fig4", "fig5", "fig6", "table1")
 
@@ -72,19 +72,19 @@ def _figures(arguments: argparse.Namespace) -> int:
 
     must_be_folder("--out", arguments.out)
     must_be_folder("--runs", arguments.runs)
-    failed = False
+    code = 0
     for name in arguments.names:
         try:
             product = import_module(f"postproc.figures.{name}").make(arguments.runs or paths.RUNS)
-        except (RunError, ArithmeticError) as error:
+        except (RunError, InputError) as error:  # the other figures are made all the same
             print(f"{name}: {error}", file=sys.stderr)
-            failed = True
+            code = max(code, 2 if isinstance(error, InputError) else 1)
             continue
         for path in write_product(product, name, arguments.out or paths.RESULTS):
             print(paths.shown(path), flush=True)
     if missing_codes():
         print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
-    return 1 if failed else 0
+    return code
 
 
 def _share(text: str) -> float:

@@ -1,17 +1,96 @@
 """Numbers that the paper quotes, from ``inputs/paper/quoted.toml``."""
 
-import tomllib
 from functools import cache
-from typing import Any
+from typing import Annotated
+
+import pandas as pd
+from pydantic import Field
 
 from drivers import paths
+from drivers.complaints import validate
+from drivers.errors import InputError
+from drivers.read_scene import read_toml
+from drivers.scene import Part
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Negative = Annotated[float, Field(lt=0, allow_inf_nan=False)]
+Column = Annotated[tuple[Positive, ...], Field(min_length=2, strict=False)]
+
+
+class Table1(Part):
+    """Table 1, a column each."""
+
+    force_N: Column
+    measured_duration_us: Column
+    measured_speed_m_s: Column
+    measured_width_diameters: Column
+    computed_speed_m_s: Column
+    computed_width_2permille_diameters: Column = Field(alias="computed_width_0.2pct_diameters")
+    computed_width_4pct_diameters: Column
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The table, its columns named as in the file."""
+        return pd.DataFrame(self.model_dump(by_alias=True))
+
+
+class Accuracy(Part):
+    """Of the measurements, as shares but for the position."""
+
+    force_large: Positive
+    force_small: Positive
+    speed: Positive
+    sensor_position_m: Positive
+
+
+class Fig4(Part):
+    """The experiment of Fig. 4."""
+
+    leading_force_N: Positive
+    speed_m_s: Positive
+    duration_us: Positive
+
+
+class Fig5(Part):
+    """Experiment and calculation of Fig. 5."""
+
+    measured_envelope_per_us: Negative
+    computed_envelope_per_us: Negative
+    incident_rise_us: Positive
+    incident_decay_per_us: Negative
+    incident_duration_us: Positive
+
+
+class SensorParts(Part):
+    """Masses of a sensor bead: both caps together, and the gauge between them."""
+
+    caps_g: Positive
+    gauge_g: Positive
+
+
+class Quoted(Part):
+    """The file."""
+
+    table1: Table1
+    accuracy: Accuracy
+    fig4: Fig4
+    fig5: Fig5
+    sensor: SensorParts
 
 
 @cache
-def _tables() -> dict[str, Any]:
-    return tomllib.loads(paths.QUOTED.read_text())
+def quoted() -> Quoted:
+    """What the file holds.
 
-
-def quoted(table: str) -> dict[str, Any]:
-    """One table of the file, units in its keys."""
-    return dict(_tables()[table])
+    Raises:
+        InputError: anything wrong with it.
+    """
+    where = paths.shown(paths.QUOTED)
+    found = validate(Quoted, read_toml(paths.QUOTED), where)
+    rows = len(found.table1.force_N)
+    for name, column in found.table1.model_dump(by_alias=True).items():
+        if len(column) != rows:
+            raise InputError(where, f"table1.{name}", f"{len(column)} numbers", f"{rows}, as in table1.force_N")
+    if len(set(found.table1.force_N)) != rows:
+        raise InputError(where, "table1.force_N", "a force twice", "different forces")
+    return found

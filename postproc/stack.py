@@ -10,7 +10,7 @@ from drivers.layout import Layout
 from drivers.trace import Trace
 from postproc.residual import residual
 from postproc.sensors import sensor_signals
-from postproc.style import drawing_order, line_of, pyplot
+from postproc.style import FAINT, drawing_order, line_of, pyplot
 
 MICRO = 1e6
 EXACT = "reference"
@@ -75,9 +75,11 @@ def _draw_residuals(axis: Any, traces: Mapping[str, Trace], yardsticks: tuple[st
             axis.plot(traces[engine].time_s * MICRO, shown, color=line.colour, lw=width, ls=line.dashes)
         if others and len(yardsticks) > 1:
             axis.annotate(f"minus {yardstick}", (1, difference[-1]), xycoords=("axes fraction", "data"), xytext=(3, -3),
-                          textcoords="offset points", color="#555555")  # fmt: skip
+                          textcoords="offset points", color=FAINT)  # fmt: skip
     axis.set_yscale("log")
-    if len(yardsticks) == 1:
+    if not axis.lines:
+        axis.text(0.5, 0.5, "no other engine", transform=axis.transAxes, ha="center", color=FAINT)
+    elif len(yardsticks) == 1:
         axis.set_ylim(bottom=1e-3 * axis.dataLim.y1)
     axis.set_ylabel("|ΔF| / largest F")
     what = f" from the {yardsticks[0]}" if len(yardsticks) == 1 else ""

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.cli import Parser, run_main
+from drivers.cli import Parser, must_be_file, must_be_folder, run_main
 from drivers.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,8 +67,11 @@ def _wave(_: argparse.Namespace) -> int:
 
 def _claims(arguments: argparse.Namespace) -> int:
     from drivers import paths
+    from drivers.engines import missing_codes
     from validation.claims.table import counted, judge_all, write_claims
 
+    must_be_file("--out", arguments.out)
+    must_be_folder("--runs", arguments.runs)
     out = arguments.out or paths.RESULTS / paths.CLAIMS_TABLE
     judged = judge_all(arguments.runs or paths.RUNS)
     write_claims(judged, out)
@@ -77,6 +80,8 @@ def _claims(arguments: argparse.Namespace) -> int:
             claim = each.claim
             print(f"{claim.id}: quoted {claim.quoted:g}, computed {each.value:.4g} {claim.unit}: {claim.explained}")
     print(f"{paths.shown(out)}: {counted(each.verdict for each in judged)}")
+    if missing_codes():
+        print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
     faults = [each for each in judged if each.fault]
     for each in faults:
         print(f"{each.claim.id}: {each.fault}", file=sys.stderr)
@@ -137,6 +142,8 @@ def _report(arguments: argparse.Namespace) -> int:
     from validation.report import write_report
     from validation.scenes import run_and_compare
 
+    must_be_file("--out", arguments.out)
+    must_be_folder("--runs", arguments.runs)
     out = arguments.out or paths.RESULTS / "report.html"
     compared = []
     for source in arguments.scenes or PAPER:

@@ -3,12 +3,8 @@
 import datetime
 import math
 from collections import Counter
-from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
 
 from drivers import deck, paths
 from drivers.engines import load_engine
@@ -16,6 +12,7 @@ from drivers.record import provenance
 from drivers.whole_file import whole_file
 from postproc.observables import observe
 from postproc.style import inline_svg
+from validation.claims.section import read_section
 from validation.comparison import FAIL, NOT_RUN, PASS, Verdict
 from validation.plots import draw_scene
 from validation.scenes import ComparedScene
@@ -59,7 +56,7 @@ def write_report(scenes: list[ComparedScene], path: Path) -> Counter[str]:
         counts=counts,
         tolerances=_tolerances(scenes),
         scenes=[_section(scene) for scene in scenes],
-        claims=_claims(path.parent / paths.CLAIMS_TABLE),
+        claims=read_section(path.parent / paths.CLAIMS_TABLE),
         provenance=provenance(),
         versions=_versions(scenes),
         date=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
@@ -129,32 +126,6 @@ def _section(scene: ComparedScene) -> dict[str, object]:
         ],
         "folders": [(engine, paths.shown(scene.runs[engine].folder)) for engine in engines],
     }
-
-
-def _claims(path: Path) -> dict[str, list[dict[str, str]]]:
-    """The rows of the claims table by verdict, the differing ones first; empty where it was not made."""
-    if not path.exists():
-        return {}
-    table = pd.read_csv(path, keep_default_na=False)
-    rows: dict[str, list[dict[str, str]]] = {"differs": [], "reproduced": [], "experiment only": []}
-    relations = {"equals": "", "at most": "≤ ", "at least": "≥ "}
-    for row in table.to_dict("records"):
-        computed = row["reference"]
-        rows[row["verdict"]].append({
-            "id": row["id"], "where": row["where"], "quote": row["quote"], "unit": row["unit"],
-            "ours": "our criterion" if row["number_is"] == "ours" else "",
-            "quoted": f"{relations[row['relation']]}{float(row['quoted']):.8g}",
-            "within": f"± {float(row['within']):g}" if row["within"] != "" and row["relation"] == "equals" else "",
-            "computed": f"{float(computed):.8g}" if row["verdict"] == "reproduced" and _tight(row)
-            else f"{float(computed):.4g}" if computed != "" else "–",
-            "why": row["why"] or row["because"], "how": row["how"],
-        })  # fmt: skip
-    return rows
-
-
-def _tight(row: dict[Hashable, Any]) -> bool:
-    """Whether the quoted number has more digits than a table of four shows."""
-    return row["within"] != "" and 0 < float(row["within"]) < 1e-4 * abs(float(row["quoted"]))
 
 
 def _versions(scenes: list[ComparedScene]) -> dict[str, str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from drivers import paths
 from drivers.case import Case, build_case
 from drivers.engines import installed_codes
-from drivers.errors import RunError
+from drivers.errors import InputError, RunError
 from drivers.finished import open_run
 from drivers.read_scene import read_scene
 from drivers.run_many import run_many
@@ -21,6 +21,17 @@ REFERENCE = "reference"
 TOLERANCE = 1e-11  # of the largest force: far below the truncation error of any code's run
 
 
+class _Observables(dict[str, float]):
+    """Observables by name; one that the scene does not have is the scene's fault."""
+
+    def __init__(self, values: dict[str, float], scene: str) -> None:
+        super().__init__(values)
+        self.scene = scene
+
+    def __missing__(self, name: str) -> float:
+        raise InputError(self.scene, "chain.sensors", f"none that gives {name}", "the sensors of the paper's scene")
+
+
 @dataclass(frozen=True)
 class Simulation:
     """A case with the forces that one engine finds."""
@@ -31,8 +42,8 @@ class Simulation:
 
     @cached_property
     def values(self) -> dict[str, float]:
-        """Its observables."""
-        return observe(self.case.layout, self.trace)
+        """Its observables; asking for one that it has not raises an InputError that names the scene."""
+        return _Observables(observe(self.case.layout, self.trace), self.case.scene.file)
 
 
 def case_of(source: str | Path, *settings: str) -> Case:

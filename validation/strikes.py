@@ -8,6 +8,7 @@ import numpy as np
 
 from drivers import paths
 from drivers.case import Case, build_case
+from drivers.errors import InputError, RunError
 from postproc.signals import first_peak
 from validation.reference.travelling_wave import solve_travelling_wave
 from validation.simulate import Simulation, case_of, exact, run_codes, run_codes_on
@@ -17,20 +18,31 @@ MARGIN, BEYOND = 1.3, 10  # a search sees this many times the travel time, to be
 AFTER = 1.15  # times the arrival at the lower sensor: the run ends when the peak has passed
 EXACT_SPEED = 1e-12  # relative, of the striker speed that is solved for
 CODE_AMPLITUDE = 1e-7  # relative: a code's amplitude counts as the one wanted
-MAX_CORRECTIONS = 4
+MAX_CORRECTIONS = 8
 
 Amplitude = Callable[[Simulation], float]
 
 
+def sensor_pair(case: Case) -> tuple[int, int]:
+    """The beads of the upper and the lower sensor.
+
+    Raises:
+        InputError: the scene has not two of them.
+    """
+    beads = [sensor.from_wall for sensor in case.layout.sensors]
+    if len(beads) != 2:
+        raise InputError(case.scene.file, "chain.sensors", f"{len(beads)} sensors", "two, between which a wave travels")
+    return beads[0], beads[1]
+
+
 def sensor_amplitude(simulation: Simulation) -> float:
     """Mean over the sensors of the peak of their averages above the static value, N: F_m of Table 1."""
-    sensors = simulation.case.layout.sensors
-    return float(np.mean([simulation.values[f"bead_{sensor.from_wall}_amplitude_N"] for sensor in sensors]))
+    return float(np.mean([simulation.values[f"bead_{bead}_amplitude_N"] for bead in sensor_pair(simulation.case)]))
 
 
 def contact_peak(simulation: Simulation) -> float:
     """Mean of the first peaks of the contact forces between the upper and the lower sensor, static part included."""
-    upper, lower = (sensor.from_wall for sensor in simulation.case.layout.sensors)
+    upper, lower = sensor_pair(simulation.case)
     force, time = simulation.trace.force_N[:, lower:upper], simulation.trace.time_s
     static = force[0]
     firsts = [first_peak(time, column - column[0]) for column in force.T]
@@ -41,19 +53,19 @@ def contact_peak(simulation: Simulation) -> float:
 
 def static_force(simulation: Simulation) -> float:
     """Mean static force of the same contacts, N."""
-    upper, lower = (sensor.from_wall for sensor in simulation.case.layout.sensors)
+    upper, lower = sensor_pair(simulation.case)
     return float(simulation.trace.force_N[0, lower:upper].mean())
 
 
 def speed_between_sensors(simulation: Simulation) -> float:
     """Peak to peak, m/s."""
-    upper, lower = (sensor.from_wall for sensor in simulation.case.layout.sensors)
+    upper, lower = sensor_pair(simulation.case)
     return simulation.values[f"speed_{upper}_to_{lower}_m_s"]
 
 
 def arrival(simulation: Simulation) -> float:
     """When the peak reaches the lower sensor, s."""
-    return simulation.values[f"bead_{simulation.case.layout.sensors[-1].from_wall}_arrival_s"]
+    return simulation.values[f"bead_{sensor_pair(simulation.case)[1]}_arrival_s"]
 
 
 def strike(speed_m_s: float, duration_s: float, *settings: str) -> Case:
@@ -71,7 +83,7 @@ def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulati
         settings: laid over the scene.
 
     Raises:
-        ValueError: no striker speed gives this amplitude.
+        RunError: no striker speed gives this amplitude.
     """
     from scipy.optimize import brentq
 
@@ -84,6 +96,8 @@ def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulati
     low, high = start - 0.5, start + 0.5
     while excess(low) > 0 and low > start - 12:  # under precompression a weak strike gives less than the static force
         low -= 1.0
+    if not excess(low) < 0 < excess(high):
+        raise RunError(f"{SCENE}: no striker speed gives a wave of {force_N:g} N")
     root = float(brentq(excess, low, high, xtol=EXACT_SPEED))
     passed = AFTER * arrival(exact(strike(exp(root), MARGIN * travel_s, *settings)))
     return exact(strike(exp(root), passed, *settings))
@@ -97,7 +111,7 @@ def _estimates(case: Case, force_N: float) -> tuple[float, float]:
     wave, chain, j = solve_travelling_wave(), case.chain, case.chain.beads // 2
     stiffness, mass = float(chain.stiffness[j]), float(chain.mass_kg[j])
     speed = (force_N / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6) / 0.682
-    beads = chain.beads - case.layout.sensors[-1].from_wall + BEYOND
+    beads = chain.beads - sensor_pair(case)[1] + BEYOND
     return speed, beads / (wave.speed_by_force * stiffness ** (1 / 3) * mass**-0.5 * force_N ** (1 / 6))
 
 
@@ -107,8 +121,7 @@ def strikes_by_codes(
     """The same amplitudes solved for by each code: from the reference's speeds on, corrected by its own amplitudes.
 
     Raises:
-        RunError: a run failed.
-        ArithmeticError: the corrections do not settle.
+        RunError: a run failed, or a code's corrections do not settle.
     """
     solved: dict[str, list[Simulation]] = {}
     found = run_codes_on([simulation.case for simulation in exact_ones], runs)
@@ -122,7 +135,7 @@ def strikes_by_codes(
         if not wanted:
             return solved
         found = run_codes(wanted, runs)
-    raise ArithmeticError("a code's striker speed does not settle on the amplitude wanted")
+    raise RunError(f"{SCENE}: the striker speed of {', '.join(found)} does not settle on the amplitude wanted")
 
 
 def _corrected(case: Case, ratio: float) -> Case:

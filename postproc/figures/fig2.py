@@ -46,7 +46,7 @@ def _draw_free_body(axis: Any) -> None:
     """Caps of mass M, a gauge of mass m between them, contact forces outside, F_3 and F_4 on the gauge's faces."""
     from matplotlib.patches import Rectangle, Wedge
 
-    sensor = quoted("sensor")
+    sensor = quoted().sensor
     axis.set(xlim=(-3.4, 3.4), ylim=(-1.15, 1.3), aspect="equal")
     axis.axis("off")
     axis.set_title("(a) the sensor bead", loc="left")
@@ -65,9 +65,7 @@ def _draw_free_body(axis: Any) -> None:
         )
         axis.text(0.6 * side, -0.45, f"$F_{inner}$", color="#d55e00", ha="center", va="bottom")
     axis.add_patch(Rectangle((-0.12, -0.85), 0.24, 1.7, facecolor="#e69f00", edgecolor="black", lw=0.8))
-    axis.text(
-        0, 1.08, f"gauge, m = {sensor['gauge_g']:g} g; caps, 2M = {sensor['caps_g']:g} g", ha="center", va="bottom"
-    )
+    axis.text(0, 1.08, f"gauge, m = {sensor.gauge_g:g} g; caps, 2M = {sensor.caps_g:g} g", ha="center", va="bottom")
 
 
 def _draw_forces(axis: Any, runs: Path) -> pd.DataFrame:

@@ -54,8 +54,8 @@ def make(runs: Path) -> Product:
     _draw_differences(axes[1], points)
     _draw_scores(axes[2], score)
     figure.subplots_adjust(hspace=0.45)
-    table = pd.concat([points, theory, experiment.assign(source="experiment")], ignore_index=True)
-    return Product(figure, table, {"_score": score})
+    tables = [points, theory, experiment.assign(source="experiment"), score.assign(source="score")]
+    return Product(figure, pd.concat(tables, ignore_index=True))
 
 
 def _points(runs: Path) -> pd.DataFrame:
@@ -115,18 +115,18 @@ def measured() -> pd.DataFrame:
     The accuracy of the force goes linearly with its logarithm from that quoted for large amplitudes to that for
     small ones. That of the speed is drawn as quoted, and as +-1 mm in each sensor's place makes it.
     """
-    table, accuracy = quoted("table1"), quoted("accuracy")
-    force = np.array(table["force_N"], dtype=float)
+    table, accuracy = quoted().table1, quoted().accuracy
+    force = np.array(table.force_N, dtype=float)
     share = np.interp(np.log(force), np.log([force.min(), force.max()]),
-                      [accuracy["force_small"], accuracy["force_large"]])  # fmt: skip
+                      [accuracy.force_small, accuracy.force_large])  # fmt: skip
     from drivers.read_scene import read_scene
 
     gap = GAP_DIAMETERS * read_scene("table1").chain.diameter
-    speed = np.array(table["measured_speed_m_s"], dtype=float)
+    speed = np.array(table.measured_speed_m_s, dtype=float)
     return pd.DataFrame({
         "force_N": force, "speed_m_s": speed, "force_error_N": share * force,
-        "speed_error_m_s": accuracy["speed"] * speed,
-        "speed_error_by_position_m_s": np.sqrt(2) * accuracy["sensor_position_m"] / gap * speed,
+        "speed_error_m_s": accuracy.speed * speed,
+        "speed_error_by_position_m_s": np.sqrt(2) * accuracy.sensor_position_m / gap * speed,
     })  # fmt: skip
 
 

@@ -16,15 +16,15 @@ def make(runs: Path) -> Product:
     found = {engine: one for engine, (one,) in simulate([case], runs).items()}
     traces = {engine: simulation.trace for engine, simulation in found.items()}
     figure, axes = draw_stack(case.layout, traces, width_in=COLUMN_IN)
-    experiment, values = quoted("fig4"), found[REFERENCE].values
+    experiment, values = quoted().fig4, found[REFERENCE].values
     for name in ("bead_9", "bead_5"):
-        axes[name].axhline(experiment["leading_force_N"], color=FAINT, lw=0.8, ls=(0, (2, 2)))
+        axes[name].axhline(experiment.leading_force_N, color=FAINT, lw=0.8, ls=(0, (2, 2)))
     axes["bead_9"].annotate(
-        f"exper.: about {experiment['leading_force_N']:g} N", (0, experiment["leading_force_N"]),
+        f"exper.: about {experiment.leading_force_N:g} N", (0, experiment.leading_force_N),
         xycoords=("axes fraction", "data"), xytext=(4, 3), textcoords="offset points", color=FAINT,
     )  # fmt: skip
     axes["bead_5"].text(
-        0.015, 0.97, f"bead 9 to bead 5:\n{values['speed_9_to_5_m_s']:.1f} m/s, exper. {experiment['speed_m_s']:g}",
+        0.015, 0.97, f"bead 9 to bead 5:\n{values['speed_9_to_5_m_s']:.1f} m/s, exper. {experiment.speed_m_s:g}",
         transform=axes["bead_5"].transAxes, va="top", color=FAINT,
     )  # fmt: skip
     return Product(figure, stack_table(case.layout, traces))

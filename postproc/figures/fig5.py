@@ -24,7 +24,7 @@ def make(runs: Path) -> Product:
     case = case_of("fig5", "chain.sensors=[{ from_wall = 11 }, { from_wall = 10 }]")
     traces = {engine: one.trace for engine, (one,) in simulate([case], runs).items()}
     figure, axes = draw_stack(case.layout, traces, width_in=COLUMN_IN)
-    paper = quoted("fig5")
+    paper = quoted().fig5
     rows = []
     for engine, trace in traces.items():
         signals, time = sensor_signals(case.layout, trace), trace.time_s
@@ -39,9 +39,9 @@ def make(runs: Path) -> Product:
             }
             if engine == REFERENCE:
                 text = (
-                    f"rise {shape.rise_s * MICRO:.0f} µs ({paper['incident_rise_us']:g})\n"
-                    f"rate {shape.decay_per_s / MICRO:.4f} ({paper['incident_decay_per_us']:g})\n"
-                    f"lasts {shape.duration_s * MICRO:.0f} µs ({paper['incident_duration_us']:g})"
+                    f"rise {shape.rise_s * MICRO:.0f} µs ({paper.incident_rise_us:g})\n"
+                    f"rate {shape.decay_per_s / MICRO:.4f} ({paper.incident_decay_per_us:g})\n"
+                    f"lasts {shape.duration_s * MICRO:.0f} µs ({paper.incident_duration_us:g})"
                 )
                 which = "top bead" if name == ENTRANCE[0] else "second bead"
                 axes[name].set_title(f"{which}: mean of its contact forces (in brackets: quoted)", loc="left")
@@ -53,12 +53,17 @@ def make(runs: Path) -> Product:
             axes["wall"].plot(time[inside] * MICRO, wall.at(time[inside]), color="black", lw=0.8)
             axes["wall"].text(
                 0.57, 0.97, f"exp({wall.rate_per_s / MICRO:.4f} t / µs)\n"
-                f"paper: {paper['computed_envelope_per_us']} computed,\n{paper['measured_envelope_per_us']} measured",
+                f"paper: {paper.computed_envelope_per_us} computed,\n{paper.measured_envelope_per_us} measured",
                 transform=axes["wall"].transAxes, va="top", color=FAINT, fontsize=7,
             )  # fmt: skip
-    quotes = {"engine": "paper, computed", "wall_envelope_per_us": paper["computed_envelope_per_us"]}
-    measured = {"engine": "paper, measured", "wall_envelope_per_us": paper["measured_envelope_per_us"]}
+    quotes = {"engine": "paper, computed", "wall_envelope_per_us": paper.computed_envelope_per_us}
+    measured = {"engine": "paper, measured", "wall_envelope_per_us": paper.measured_envelope_per_us}
     for name in ENTRANCE:
-        measured |= {f"{name}_{key.removeprefix('incident_')}": paper[key] for key in paper if "incident" in key}
-    summary = pd.DataFrame([*rows, quotes, measured])
-    return Product(figure, stack_table(case.layout, traces), {"_pulses": summary})
+        measured |= {
+            f"{name}_rise_us": paper.incident_rise_us,
+            f"{name}_decay_per_us": paper.incident_decay_per_us,
+            f"{name}_duration_us": paper.incident_duration_us,
+        }
+    shapes = pd.DataFrame([*rows, quotes, measured]).assign(part="shape")
+    table = pd.concat([shapes, stack_table(case.layout, traces).assign(part="trace")], ignore_index=True)
+    return Product(figure, table)

@@ -27,7 +27,7 @@ def table(runs: Path) -> pd.DataFrame:
     from validation.simulate import REFERENCE
     from validation.strikes import sensor_amplitude, speed_between_sensors, strike_for, strikes_by_codes
 
-    paper = pd.DataFrame(quoted("table1"))
+    paper = quoted().table1.frame
     forces = paper["force_N"].astype(float).tolist()
     exact_ones = [strike_for(force, sensor_amplitude) for force in forces]
     solved = {REFERENCE: exact_ones} | strikes_by_codes(exact_ones, forces, sensor_amplitude, runs)
@@ -54,7 +54,7 @@ def _drawn(values: pd.DataFrame) -> tuple[Any, pd.DataFrame]:
     for _, row in values.iterrows():
         measured = [f"{row[f'measured_{name}']:g}" for name in ("duration_us", "speed_m_s", "width_diameters")]
         for source in ("computed", *engines):
-            digits = ("{:g}",) * 3 if source == "computed" else ("{:.2f}", "{:.3f}", "{:.3f}")
+            digits = ("{:g}", "{:.1f}", "{:.1f}") if source == "computed" else ("{:.2f}", "{:.3f}", "{:.3f}")
             numbers = [d.format(row[f"{source}_{name}"]) for d, name in zip(digits, COLUMNS, strict=True)]
             first = source == "computed"
             head = [f"{row['force_N']:g}", *measured] if first else [""] * 4

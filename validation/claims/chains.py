@@ -144,7 +144,7 @@ def fig4_width(run: Run) -> float:
 
 def fig4_amplitudes(run: Run) -> float:
     """Peak of the sensor average in bead 9 over the quoted 2 N."""
-    return fig4_force(run) / float(quoted("fig4")["leading_force_N"])
+    return fig4_force(run) / quoted().fig4.leading_force_N
 
 
 def fig4_duration(run: Run) -> float:
@@ -168,10 +168,10 @@ def fig4_to_the_wall(run: Run) -> float:
 
 def _gauge_faces(run: Run) -> tuple[Array, Array, Array]:
     """Times, F_3 and the mean of F_3 and F_4 in bead 5 while the incident wave passes; F_4 is as far from the mean."""
-    one, sensor = _fig4(run), quoted("sensor")
+    one, sensor = _fig4(run), quoted().sensor
     force, time = one.trace.force_N, one.trace.time_s
     passing = np.abs(time - one.values["bead_5_arrival_s"]) < 90e-6
-    third, _ = theory.sensor_forces(force[passing, 5], force[passing, 4], sensor["caps_g"], sensor["gauge_g"])
+    third, _ = theory.sensor_forces(force[passing, 5], force[passing, 4], sensor.caps_g, sensor.gauge_g)
     return time[passing], third, sensor_average(force, 5)[passing]
 
 

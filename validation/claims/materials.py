@@ -54,7 +54,7 @@ def strain_depth() -> float:
 
 def strain_rate() -> float:
     """The strain over the measured duration at 5 N, 1/s."""
-    return float(strain() / (quoted("table1")["measured_duration_us"][0] * 1e-6))
+    return strain() / (quoted().table1.measured_duration_us[0] * 1e-6)
 
 
 def slow_wave() -> float:
@@ -65,17 +65,17 @@ def slow_wave() -> float:
 
 def air_over_slowest() -> float:
     """Speed of sound in air over the slowest measured wave's."""
-    return float(SOUND_IN_AIR_M_S / min(quoted("table1")["measured_speed_m_s"]))
+    return SOUND_IN_AIR_M_S / min(quoted().table1.measured_speed_m_s)
 
 
 def nylon_over_slowest() -> float:
     """The slowest wave on nylon beads over the slowest one here."""
-    return float(NYLON_M_S / min(quoted("table1")["measured_speed_m_s"]))
+    return NYLON_M_S / min(quoted().table1.measured_speed_m_s)
 
 
 def sensor_mass() -> float:
     """Mass of two caps and a gauge, g."""
-    return float(quoted("sensor")["caps_g"] + quoted("sensor")["gauge_g"])
+    return quoted().sensor.caps_g + quoted().sensor.gauge_g
 
 
 def _sphere_mass(material: str, diameter_m: float) -> float:
@@ -112,7 +112,7 @@ def nylon_amplitude() -> float:
 
 def speed_accuracy() -> float:
     """Independent errors of 1 mm in each of two sensors over their distance of four beads, per cent."""
-    return float(100 * sqrt(2) * quoted("accuracy")["sensor_position_m"] / (4 * _particles().diameter_m))
+    return 100 * sqrt(2) * quoted().accuracy.sensor_position_m / (4 * _particles().diameter_m)
 
 
 def bulk_speed() -> float:
@@ -137,10 +137,9 @@ def _mass_ratio(scene: str) -> float:
 
 def measured_widths() -> float:
     """Largest difference between the table's measured L/2R and its duration times speed over 2R."""
-    table = quoted("table1")
-    columns = zip(table["measured_duration_us"], table["measured_speed_m_s"], table["measured_width_diameters"],
-                  strict=True)  # fmt: skip
-    return float(max(abs(1e-6 * time * speed / _particles().diameter_m - width) for time, speed, width in columns))
+    table = quoted().table1
+    columns = zip(table.measured_duration_us, table.measured_speed_m_s, table.measured_width_diameters, strict=True)
+    return max(abs(1e-6 * time * speed / _particles().diameter_m - width) for time, speed, width in columns)
 
 
 COMPUTED = {

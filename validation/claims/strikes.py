@@ -15,11 +15,20 @@ LARGE, SMALL = slice(0, 2), slice(2, None)  # rows of Table 1
 NAMES = dict(zip(("speed", "width-0.2", "width-4"), COLUMNS, strict=True))
 
 
+def table1_claims() -> list[str]:
+    """The ids of the claims on Table 1's numerical half."""
+    return [_claim(force, name) for force in quoted().table1.force_N for name in NAMES]
+
+
+def _claim(force_N: float, name: str) -> str:
+    return f"table1-{force_N:g}N-{name}"
+
+
 def table1(runs: Path) -> dict[str, dict[str, float]]:
     """The fifteen numbers of Table 1's numerical half by claim and engine."""
     found = table(runs)
     return {
-        f"table1-{row['force_N']:g}N-{name}": {engine: row[f"{engine}_{column}"] for engine in engines_of(found)}
+        _claim(row["force_N"], name): {engine: row[f"{engine}_{column}"] for engine in engines_of(found)}
         for _, row in found.iterrows()
         for name, column in NAMES.items()
     }
@@ -28,9 +37,9 @@ def table1(runs: Path) -> dict[str, dict[str, float]]:
 @cache
 def _deviations(reading: Amplitude) -> pd.DataFrame:
     """Measured over simulated speed, less 1, by force and modulus; the measured force is of the given reading."""
-    paper = quoted("table1")
+    paper = quoted().table1
     rows = {}
-    for force, measured in zip(paper["force_N"], paper["measured_speed_m_s"], strict=True):
+    for force, measured in zip(paper.force_N, paper.measured_speed_m_s, strict=True):
         rows[float(force)] = {
             modulus: measured / speed_between_sensors(
                 strike_for(force, reading, f"materials.ptfe.youngs_modulus={modulus} MPa")

@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict
+from pydantic import Field
 
 from drivers import paths
 from drivers.case import Case
@@ -18,6 +18,7 @@ from drivers.engines import installed_codes
 from drivers.errors import InputError
 from drivers.process import stop_all
 from drivers.read_scene import read_toml
+from drivers.scene import Part
 from drivers.whole_file import whole_file
 from validation.claims import chains, conservation, equations, materials, strikes, waves
 from validation.simulate import REFERENCE, Simulation, exact, run_codes
@@ -32,18 +33,16 @@ PLAIN: dict[str, Callable[[], float]] = {
 }
 
 
-class Claim(BaseModel):
+class Claim(Part):
     """A statement of the paper; see the head of the file for the keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     id: str
     where: str
     quote: str
-    quoted: float
+    quoted: Annotated[float, Field(allow_inf_nan=False)]
     unit: str = ""
     relation: Literal["equals", "at most", "at least"] = "equals"
-    within: float | None = None
+    within: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     because: str = ""
     explained: str = ""
     experiment: bool = False
@@ -59,12 +58,10 @@ class Claim(BaseModel):
         return abs(value - self.quoted) <= (self.within or 0.0)
 
 
-class ClaimsFile(BaseModel):
+class ClaimsFile(Part):
     """The file."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    claim: tuple[Claim, ...]
+    claim: Annotated[tuple[Claim, ...], Field(strict=False)]
 
 
 @dataclass(frozen=True)
@@ -114,13 +111,23 @@ def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
     """
     where = paths.shown(path)
     claims = validate(ClaimsFile, read_toml(path), where).claim
-    computable = {*PLAIN, *chains.COMPUTED}
+    counts = Counter(claim.id for claim in claims)
+    computable = {*PLAIN, *chains.COMPUTED, *strikes.table1_claims()}
     for claim in claims:
-        known = claim.experiment or claim.id in computable or claim.id.startswith("table1-")
-        if not known:
-            raise InputError(where, "claim.id", f'"{claim.id}"', "a claim that validation/claims computes")
-        if not claim.experiment and claim.relation == "equals" and claim.within is None:
-            raise InputError(where, f"claim {claim.id}", "no within", "a tolerance with its reason")
+        key = f"claim {claim.id}"
+        if counts[claim.id] > 1:
+            raise InputError(where, key, "the same id twice", "an id of its own for each claim")
+        if claim.experiment:
+            continue
+        if claim.id not in computable:
+            raise InputError(where, key, "nothing that computes it", "an id of a function in validation/claims")
+        if claim.relation == "equals" and claim.within is None:
+            raise InputError(where, key, "no within", "a tolerance")
+        if not claim.because:
+            raise InputError(where, key, "no because", "the reason of the tolerance")
+    forgotten = sorted(computable - set(counts))
+    if forgotten:
+        raise InputError(where, "claim", f"no {forgotten[0]}", "a claim for everything that is computed")
     return claims
 
 
@@ -130,10 +137,11 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
     Raises:
         RunError: a run failed.
     """
+    claims = read_claims()
     table1 = strikes.table1(runs)
     simulated = _by_engine(runs)
     judged = []
-    for claim in read_claims():
+    for claim in claims:
         if claim.id in table1:
             judged.append(Judged(claim, table1[claim.id], _words(strikes.table1)))
         elif claim.id in PLAIN:
@@ -176,7 +184,9 @@ def _words(function: Callable[..., Any]) -> str:
 def counted(verdicts: Iterable[str]) -> str:
     """How many claims have which verdict, in words."""
     counts = Counter(verdicts)
-    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in (REPRODUCED, DIFFERS, EXPERIMENT_ONLY))
+    return (
+        f"{counts[REPRODUCED]} reproduced, {counts[DIFFERS]} differ, {counts[EXPERIMENT_ONLY]} of the experiment only"
+    )
 
 
 def claims_table(judged: list[Judged]) -> pd.DataFrame:

@@ -5,8 +5,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from drivers import paths
 from drivers.errors import InputError
 from validation.claims import chains
+from validation.claims.section import read_section
 from validation.claims.table import (
     DIFFERS,
     EXPERIMENT_ONLY,
@@ -19,6 +21,7 @@ from validation.claims.table import (
     read_claims,
     write_claims,
 )
+from validation.report import write_report
 from validation.tests.conftest import need
 
 
@@ -28,6 +31,9 @@ def judged(shared_runs: Path) -> list[Judged]:
     for code in ("liggghts", "yade"):
         need(code)
     return judge_all(shared_runs)
+
+
+ONE = '[[claim]]\nid = "eq1-c"\nwhere = "a"\nquote = "b"\nquoted = 1\nwithin = 1\nbecause = "c"\n'
 
 
 def claim(**values: object) -> Claim:
@@ -91,6 +97,14 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
+        ("claim = []\n", "a claim for everything"),
+        (ONE + ONE, "twice"),
+        (ONE.replace("within = 1", "within = -1"), "above 0"),
+        (ONE.replace("within = 1", "within = inf"), "finite"),
+        (ONE.replace("quoted = 1", "quoted = nan"), "finite"),
+        (ONE.replace("quoted = 1", "quoted = true"), "quoted"),
+        (ONE.replace("eq1-c", "table1-7N-speed"), "table1-7N-speed"),
+        (ONE.replace('because = "c"', ""), "no because"),
         ('[[claim]]\nid = "nobody"\nwhere = "a"\nquote = "b"\nquoted = 1\nwithin = 1\n', "nobody"),
         ('[[claim]]\nid = "eq1-c"\nwhere = "a"\nquote = "b"\nquoted = 1\n', "no within"),
         ('[[claim]]\nid = "eq1-c"\nwhere = "a"\nquote = "b"\nquoted = "one"\nwithin = 1\n', "quoted"),
@@ -115,3 +129,28 @@ def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], 
     assert {"reference", "liggghts", "yade"} <= set(table.columns)
     assert table.loc["energy-in-five", "reference"] == pytest.approx(99.9999955, abs=5e-8)
     assert len(claims_table(judged)) == len(judged)
+    section = read_section(tmp_path / "claims.csv")
+    assert sum(len(rows) for rows in section["rows"].values()) == len(judged)
+    assert section["engines"] == ["liggghts", "reference", "yade"]
+
+
+@pytest.mark.parametrize("damage", ["", "id,where\n", "\x00\xff", "cut", "verdict"])
+def test_a_damaged_table_is_not_shown_as_if_whole(damage: str, judged: list[Judged], tmp_path: Path) -> None:
+    path = tmp_path / "claims.csv"
+    write_claims(judged, path)
+    whole = path.read_text()
+    damaged = {"cut": whole[: len(whole) // 2], "verdict": whole.replace(",reproduced,", ",great,")}.get(damage, damage)
+    path.write_bytes(damaged.encode("latin-1", errors="replace") if damage == "\x00\xff" else damaged.encode())
+    with pytest.raises(InputError) as caught:
+        read_section(path)
+    assert "claims.csv" in str(caught.value)
+    assert "make claims" in str(caught.value)
+
+
+def test_the_page_shows_every_verdict(judged: list[Judged], tmp_path: Path) -> None:
+    write_claims(judged, tmp_path / paths.CLAIMS_TABLE)
+    write_report([], tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    for each in judged:
+        assert f">{each.claim.id}<" in page
+    assert "our criterion" in page

@@ -8,11 +8,13 @@ import pandas as pd
 import pytest
 
 from drivers import paths
+from drivers.errors import InputError, RunError
 from postproc.__main__ import FIGURES
 from postproc.product import Product, write_product
 from postproc.pulse import envelope, incident_pulse
 from postproc.quoted import quoted
 from postproc.signals import Peak
+from validation.strikes import contact_peak, strike_for
 from validation.tests.conftest import command_line, need
 
 CODES = ("liggghts", "yade")
@@ -38,7 +40,7 @@ def test_every_figure_is_on_the_command_line_and_a_make_target() -> None:
 def test_all_are_made_and_written_whole(made: dict[str, Product], tmp_path: Path) -> None:
     for name, product in made.items():
         written = write_product(product, name, tmp_path)
-        assert {path.name for path in written} >= {f"{name}.svg", f"{name}.png", f"{name}.csv"}
+        assert {path.name for path in written} == {f"{name}.svg", f"{name}.png", f"{name}.csv"}
         assert all(path.stat().st_size > 200 for path in written)
         assert "<svg" in (tmp_path / f"{name}.svg").read_text()
     assert not list(tmp_path.glob(".*"))
@@ -85,7 +87,7 @@ def test_beta_does_not_depend_on_the_modulus_and_runs_lie_on_the_curve(made: dic
 
 def test_speeds_follow_the_theory_without_gravity_and_exceed_it_with(made: dict[str, Product]) -> None:
     table = made["fig3"].table
-    assert set(table["source"]) == {"simulated", "Eq. (3)", "Eq. (4)", "experiment"}
+    assert set(table["source"]) == {"simulated", "Eq. (3)", "Eq. (4)", "experiment", "score"}
     assert set(table["curve"].dropna()) == set(range(1, 9))
     exact = table[table["engine"] == "reference"]
     assert exact["force_N"].min() == pytest.approx(0.03, rel=1e-9)
@@ -103,8 +105,8 @@ def test_speeds_follow_the_theory_without_gravity_and_exceed_it_with(made: dict[
 
 
 def test_the_score_prefers_the_moduli_that_the_paper_does(made: dict[str, Product]) -> None:
-    score = made["fig3"].more["_score"]
-    score = score[score["force_read_as"] == "contact force"]
+    table = made["fig3"].table
+    score = table[(table["source"] == "score") & (table["force_read_as"] == "contact force")]
     for large, best in ((True, 1460), (False, 1000)):
         some = score[(score["force_N"] >= 2) == large]
         rms = (some["deviation_standard_errors"] ** 2).groupby(some["modulus_MPa"]).mean()
@@ -114,6 +116,8 @@ def test_the_score_prefers_the_moduli_that_the_paper_does(made: dict[str, Produc
 @pytest.mark.parametrize("name", ["fig4", "fig5", "fig6"])
 def test_traces_hold_every_engine_and_stay_near_the_reference(made: dict[str, Product], name: str) -> None:
     table = made[name].table
+    if name == "fig5":
+        table = table[table["part"] == "trace"]
     assert set(table["engine"]) == set(ENGINES)
     residual = table[table["engine"] != "reference"]["residual_to_reference_share"]
     assert 0 < residual.max() < 3e-4
@@ -129,11 +133,11 @@ def test_fig_4_lasts_until_the_reflected_wave_has_passed_the_upper_sensor(made: 
 
 
 def test_fig_5_says_by_how_much_the_incident_pulse_differs(made: dict[str, Product]) -> None:
-    pulses = made["fig5"].more["_pulses"].set_index("engine")
+    pulses = made["fig5"].table.query("part == 'shape'").set_index("engine")
     assert pulses.loc["reference", "wall_envelope_per_us"] == pytest.approx(-0.00597, abs=2e-5)
     assert pulses.loc["reference", "bead_11_rise_us"] == pytest.approx(30.8, abs=0.5)
     assert pulses.loc["reference", "bead_10_rise_us"] == pytest.approx(53.0, abs=0.5)
-    assert pulses.loc["paper, measured", "bead_11_decay_per_us"] == quoted("fig5")["incident_decay_per_us"]
+    assert pulses.loc["paper, measured", "bead_11_decay_per_us"] == quoted().fig5.incident_decay_per_us
 
 
 def test_an_envelope_goes_through_its_exponential() -> None:
@@ -153,9 +157,9 @@ def test_the_shape_of_a_pulse_made_of_known_pieces() -> None:
 
 
 def test_quoted_numbers_are_whole() -> None:
-    table = quoted("table1")
-    assert {len(column) for column in table.values()} == {5}
-    assert pd.DataFrame(table).notna().all().all()
+    table = quoted().table1.frame
+    assert table.shape == (5, 7)
+    assert table.notna().all().all()
 
 
 def test_a_figure_without_an_engine_says_so(tmp_path: Path) -> None:
@@ -165,6 +169,64 @@ def test_a_figure_without_an_engine_says_so(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "without what is not installed: liggghts, yade" in done.stderr
     assert set(pd.read_csv(tmp_path / "out" / "fig6.csv")["engine"]) == {"reference"}
+
+
+@pytest.mark.parametrize("name", ["fig4", "fig5", "table1"])
+def test_a_figure_of_the_reference_alone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    product = import_module(f"postproc.figures.{name}").make(tmp_path / "runs")
+    assert len(write_product(product, name, tmp_path / "out")) == 3
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("[fig5]", "[fig55]", "fig5"),
+        ("force_N = [5, 2, 0.6, 0.1, 0.06]", "", "table1.force_N"),
+        ("force_N = [5, 2, 0.6, 0.1, 0.06]", "force_N = [5, 2]", "5 numbers"),
+        ("force_N = [5, 2,", "force_N = [5, 5,", "a force twice"),
+        ("force_N = [5, 2,", 'force_N = ["x", 2,', "table1.force_N"),
+        ("force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
+        ("force_N = [5, 2,", "force_N = [-5, 2,", "above 0"),
+        ("speed_m_s = 152 ", "sped_m_s = 152 ", "sped_m_s"),
+        ("[table1]", "[[", "TOML"),
+    ],
+)
+def test_broken_quotations_are_refused_in_one_line(
+    old: str, new: str, complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "quoted.toml"
+    text = paths.QUOTED.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    monkeypatch.setattr(paths, "QUOTED", path)
+    quoted.cache_clear()
+    try:
+        with pytest.raises(InputError) as caught:
+            quoted()
+    finally:
+        quoted.cache_clear()
+    assert complaint in str(caught.value)
+    assert "quoted.toml" in str(caught.value)
+
+
+def test_forces_that_no_strike_gives_are_an_error_in_words() -> None:
+    for force in (1e9, 1e-3):
+        with pytest.raises(RunError, match="no striker speed gives"):
+            strike_for(force, contact_peak)
+
+
+def test_a_scene_without_the_sensors_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    scenes = tmp_path / "scenes"
+    scenes.mkdir()
+    for scene in ("fig4", "table1"):
+        text = (paths.SCENES / f"{scene}.toml").read_text()
+        (scenes / f"{scene}.toml").write_text("\n".join(line for line in text.splitlines() if "sensors" not in line))
+    monkeypatch.setattr(paths, "SCENES", scenes)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    for name in ("fig4", "table1", "fig3"):
+        with pytest.raises(InputError, match=r"chain\.sensors"):
+            import_module(f"postproc.figures.{name}").make(tmp_path / "runs")
 
 
 def test_a_figure_whose_run_fails_leaves_nothing(tmp_path: Path) -> None:
