@@ -21,10 +21,10 @@ def make(runs: Path) -> Product:
         axes[name].axhline(experiment.leading_force_N, color=FAINT, lw=0.8, ls=(0, (2, 2)))
     axes["bead_9"].annotate(
         f"exper.: about {experiment.leading_force_N:g} N", (0, experiment.leading_force_N),
-        xycoords=("axes fraction", "data"), xytext=(4, 3), textcoords="offset points", color=FAINT,
+        xycoords=("axes fraction", "data"), xytext=(4, 3), textcoords="offset points", color=FAINT, fontsize=7,
     )  # fmt: skip
     axes["bead_5"].text(
-        0.015, 0.97, f"bead 9 to bead 5:\n{values['speed_9_to_5_m_s']:.1f} m/s, exper. {experiment.speed_m_s:g}",
-        transform=axes["bead_5"].transAxes, va="top", color=FAINT,
+        0.015, 0.97, f"bead 9 to bead 5:\n{values['speed_9_to_5_m_s']:.1f} m/s,\nexper. {experiment.speed_m_s:g} m/s",
+        transform=axes["bead_5"].transAxes, va="top", color=FAINT, fontsize=7,
     )  # fmt: skip
     return Product(figure, stack_table(case.layout, traces))

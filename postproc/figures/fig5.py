@@ -45,7 +45,7 @@ def make(runs: Path) -> Product:
                 )
                 which = "top bead" if name == ENTRANCE[0] else "second bead"
                 axes[name].set_title(f"{which}: mean of its contact forces (in brackets: quoted)", loc="left")
-                axes[name].text(0.13, 1.0, text, transform=axes[name].transAxes, va="top", color=FAINT, fontsize=7)
+                axes[name].text(0.12, 1.0, text, transform=axes[name].transAxes, va="top", color=FAINT, fontsize=6.5)
         rows.append(row)
         if engine == REFERENCE:
             until = time <= peaks(time, signals["wall"])[MAXIMA].time_s

@@ -23,7 +23,7 @@ def make(runs: Path) -> Product:
     cases = [case_of(scene, "run.duration=0.9 ms") for scene in PANELS]
     found = simulate(cases, runs)
     figure, axes = pyplot().subplots(
-        4, 1, sharex=True, figsize=(COLUMN_IN, 5.2), height_ratios=[1.6, 0.8, 1.6, 0.8], squeeze=True
+        4, 1, sharex=True, figsize=(COLUMN_IN, 5.6), height_ratios=[1.6, 0.8, 1.6, 0.8], squeeze=True
     )
     tables = []
     for place, (case, (scene, title)) in enumerate(zip(cases, PANELS.items(), strict=True)):
@@ -47,8 +47,8 @@ def make(runs: Path) -> Product:
         force.set_ylabel("wall force (N)")
         difference.set(yscale="log", ylim=(1e-7, 1e-3), ylabel="|ΔF| / largest")
         tables.append(stack_table(case.layout, traces).assign(scene=scene))
-    axes[0].legend(loc="upper left")
+    axes[0].legend(loc="upper right")
     axes[-1].set(xlabel="time since impact (µs)", xlim=(0, 900))
     figure.align_ylabels()
-    figure.subplots_adjust(hspace=0.25)
+    figure.subplots_adjust(hspace=0.4)
     return Product(figure, pd.concat(tables, ignore_index=True))

@@ -33,6 +33,11 @@ def test_the_paper_s_scenes(scene: str) -> None:
         ("tube=",),
         ("tube.inner_diameter=50 mm",),
         ("striker.shape=flat", "striker.diameter=", "striker.material=alumina"),
+        ("chain.bead=[{ from_wall = 8, gap_below = '100 m' }]",),
+        ("tube.inner_diameter=1 m",),
+        ("tube.top=3 m",),
+        ("tube.top=0 mm",),
+        ("striker.shape=flat", "striker.diameter=", "striker.mass=50 kg"),
         ("chain.count=2000", "chain.sensors=[{ from_wall = 1500 }, { from_wall = 3 }]"),
         ("chain.count=200000",),
     ],
@@ -54,6 +59,16 @@ def test_a_long_chain_is_broken_but_keeps_its_ends_and_sensors() -> None:
     assert len(table) < 60
     below = table["drawn_height_m"].diff().iloc[1:]
     assert (below > 0).all()
+
+
+def test_what_is_special_is_drawn_even_in_a_long_chain() -> None:
+    case = case_of("fig4", "chain.count=1000", "chain.bead=[{ from_wall = 400, diameter = '4 mm' }]")
+    figure, table = draw_scene(case.scene, case.chain)
+    assert 400 in set(table["body"])
+    words = " ".join(text.get_text() for text in figure.axes[0].texts)
+    assert "bead 400: ⌀ 4 mm" in words
+    for cut in ("590 beads", "386 beads"):
+        assert cut in words
 
 
 def test_on_the_command_line(scene_file: SceneWriter, tmp_path: Path) -> None:
