@@ -188,7 +188,7 @@ def test_a_figure_of_the_reference_alone(name: str, tmp_path: Path, monkeypatch:
         ("force_N = [5, 2,", 'force_N = ["x", 2,', "table1.force_N"),
         ("force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
         ("force_N = [5, 2,", "force_N = [-5, 2,", "above 0"),
-        ("speed_m_s = 152 ", "sped_m_s = 152 ", "sped_m_s"),
+        ("speed_m_s = 152 ", "sped_m_s = 152 ", "fig4.speed_m_s"),
         ("[table1]", "[[", "TOML"),
     ],
 )
@@ -211,9 +211,8 @@ def test_broken_quotations_are_refused_in_one_line(
 
 
 def test_forces_that_no_strike_gives_are_an_error_in_words() -> None:
-    for force in (1e9, 1e-3):
-        with pytest.raises(RunError, match="no striker speed gives"):
-            strike_for(force, contact_peak)
+    with pytest.raises(RunError, match="no striker speed gives"):
+        strike_for(1e-3, contact_peak)  # below the static force between the sensors
 
 
 def test_a_scene_without_the_sensors_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
