@@ -7,6 +7,8 @@ import subprocess
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,8 +18,9 @@ UNKNOWN_VERSION = "unknown"
 COULD_NOT_START = 127  # as a shell says it
 
 
+_lock = threading.Lock()
 _running: set[int] = set()  # leaders of the process groups under way
-_stopped = threading.Event()
+_stops = 0  # how many ask that nothing runs
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,10 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
         except OSError as error:
             err.write(f"cannot start: {error}\n".encode())
             return Outcome(COULD_NOT_START, timed_out=False, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
-        _running.add(process.pid)
-        if _stopped.is_set():
+        with _lock:
+            _running.add(process.pid)
+            stopped = _stops > 0
+        if stopped:
             _kill_group(process.pid)
         expired = threading.Event()
 
@@ -78,16 +83,16 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
         timer = threading.Timer(min(limit_s, threading.TIMEOUT_MAX), expire)
         timer.start()
         try:
-            _, status, usage = os.wait4(process.pid, 0)
-            process.returncode = os.waitstatus_to_exitcode(status)
-        except BaseException:
-            _kill_group(process.pid)
-            raise
+            os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # its id stays its own until it is reaped below
         finally:
             timer.cancel()
-            _running.discard(process.pid)
-    _kill_group(process.pid)  # what it may have left behind
-    if _stopped.is_set():
+            with _lock:
+                _running.discard(process.pid)
+                stopped = _stops > 0
+            _kill_group(process.pid)  # it, if this was interrupted, and what it may have left behind
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if stopped:
         raise KeyboardInterrupt
     return Outcome(
         code=process.returncode,
@@ -98,11 +103,19 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
     )
 
 
-def stop_all() -> None:
-    """Kills all that runs in other threads, for good: what they wait for ends as if by Ctrl-C."""
-    _stopped.set()
-    for leader in tuple(_running):
-        _kill_group(leader)
+@contextmanager
+def all_stopped() -> Iterator[None]:
+    """Kills all that other threads run, and all they start meanwhile: it ends there as if by Ctrl-C."""
+    global _stops
+    with _lock:
+        _stops += 1
+        for leader in _running:
+            _kill_group(leader)
+    try:
+        yield
+    finally:
+        with _lock:
+            _stops -= 1
 
 
 def first_line_of(command: tuple[str, ...]) -> str:

@@ -88,11 +88,14 @@ def run_case(
             _write_products(case, trace, folder)
             record = replace(record, forces_sha256=sha256_of(folder / FORCES))
         record.write(folder)
+        faster = find_run(home, identity)  # another process may have been
+        if faster and faster.done and not rerun and _has_all(faster, case):
+            return _told_again(faster, case)
         target = home / f"{case.scene.name}-{identity}"
-        spared = found and found.done and record.status != "done"
+        spared = faster and faster.done and record.status != "done"
         if spared:  # what is done stays
             target = target.with_name(f"{target.name}-failed")
-        _move_into_place(folder, target, None if spared or not found else found.folder)
+        _move_into_place(folder, target, None if spared or not faster else faster.folder)
     return EndedRun(target, record)
 
 
@@ -230,9 +233,9 @@ def _workplace(home: Path, identity: str) -> Iterator[Path]:
     """A folder to work in, gone afterwards unless it was moved into place; leftovers of the dead are cleared."""
     home.mkdir(parents=True, exist_ok=True)
     for leftover in home.glob(f".{'?' * len(identity)}.*"):
-        if leftover.is_dir() and not _alive(leftover.suffix[1:]):
+        if leftover.is_dir() and not _alive(leftover.suffix[1:].partition("-")[0]):
             shutil.rmtree(leftover, ignore_errors=True)
-    folder = home / f".{identity}.{os.getpid()}"
+    folder = home / f".{identity}.{os.getpid()}-{threading.get_ident()}"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     try:
@@ -252,17 +255,20 @@ def _alive(process: str) -> bool:
 
 
 def _move_into_place(folder: Path, target: Path, former: Path | None) -> None:
-    """Moves a complete folder to its name; a former run of the same hash gives way."""
-    for old in {former, target if target.exists() else None} - {None}:
+    """Moves a complete folder to its name; a former run of the same hash gives way, and is there until then."""
+    asides = []
+    for place, old in enumerate({former, target} - {None}):
         assert old is not None
-        aside = folder.with_name(folder.name + "-former")
+        aside = folder.with_name(f"{folder.name}-former{place}")
         try:
             old.rename(aside)
         except FileNotFoundError:
-            continue  # another process was faster
-        shutil.rmtree(aside, ignore_errors=True)
+            continue  # there is none, or another process was faster
+        asides.append(aside)
     try:
         folder.rename(target)
     except OSError:
         if read_record(target) is None:
             raise
+    for aside in asides:
+        shutil.rmtree(aside, ignore_errors=True)

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,8 +15,8 @@ from drivers.case import Case
 from drivers.complaints import validate
 from drivers.engines import installed_codes
 from drivers.errors import InputError
-from drivers.process import stop_all
 from drivers.read_scene import read_toml
+from drivers.run_many import workers
 from drivers.scene import Part
 from drivers.whole_file import whole_file
 from validation.claims import chains, conservation, equations, materials, strikes, waves
@@ -161,13 +160,8 @@ def _by_engine(runs: Path) -> dict[str, dict[str, float]]:
     def compute(run: chains.Run) -> dict[str, float]:
         return {name: function(run) for name, function in chains.COMPUTED.items()}
 
-    with ThreadPoolExecutor() as pool:
-        try:
-            return dict(zip(engines, pool.map(compute, engines.values()), strict=True))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            stop_all()
-            raise
+    with workers(len(engines)) as pool:
+        return dict(zip(engines, pool.map(compute, engines.values()), strict=True))
 
 
 def _runner(code: str, runs: Path) -> chains.Run:
