@@ -8,7 +8,7 @@ from pathlib import Path
 from drivers.cli import Parser, must_be_folder, run_main
 from drivers.errors import InputError, RunError
 
-FIGURES = ("fig1", "fig2", "fig3", "fig4", "fig5", "fig6", "table1")
+FIGURES = tuple(sorted(file.stem for file in (Path(__file__).parent / "figures").glob("[a-z]*.py")))
 
 
 def main() -> int:

@@ -8,6 +8,10 @@ from scipy.interpolate import make_interp_spline
 from drivers.chain import Array
 from postproc.signals import Peak, peaks, rising_crossing
 
+ONSET = 0.02
+ENVELOPE_MAXIMA = 3  # that the envelope of a train goes through
+FINER = 100  # times the samples: where the fit and the pulse end
+
 
 @dataclass(frozen=True)
 class Envelope:
@@ -34,7 +38,7 @@ class PulseShape:
     Attributes:
         peak: its first maximum.
         rise_s: from ``ONSET`` of the peak to the peak.
-        decay_per_s: rate of the exponential from the peak to half of it.
+        decay_per_s: rate of the exponential from the peak to half of it; NaN if it never falls so far.
         duration_s: from ``ONSET`` until it first falls below that again, or until the reflected wave arrives.
     """
 
@@ -44,24 +48,22 @@ class PulseShape:
     duration_s: float
 
 
-ONSET = 0.02
-FINER = 100  # times the samples: where the fit and the pulse end
-
-
-def incident_pulse(time_s: Array, signal: Array) -> PulseShape:
-    """The shape of the first pulse of a signal whose largest later maximum is the reflected wave.
+def incident_pulse(time_s: Array, signal: Array) -> PulseShape | None:
+    """The shape of the first pulse of a signal whose largest later maximum is the reflected wave; None without them.
 
     Args:
         time_s: equally spaced. Shape (samples,).
         signal: above its static value. Shape (samples,).
     """
     found = peaks(time_s, signal)
+    if len(found) < 2:
+        return None
     first, reflected = found[0], max(found[1:], key=lambda peak: peak.value)
     onset = rising_crossing(time_s, signal, ONSET * first.value, first)
     after = np.linspace(first.time_s, reflected.time_s, FINER * (reflected.sample - first.sample))
     falling = np.asarray(make_interp_spline(time_s, signal, k=5)(after))
     half = int(np.argmax(falling < first.value / 2))
-    rate = np.polyfit(after[:half], np.log(falling[:half]), 1)[0]
+    rate = np.polyfit(after[:half], np.log(falling[:half]), 1)[0] if half > 1 else np.nan
     quiet = falling < ONSET * first.value
     end = int(np.argmax(quiet)) if quiet.any() else int(np.argmin(falling))
     return PulseShape(first, first.time_s - onset, float(rate), float(after[end]) - onset)

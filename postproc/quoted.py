@@ -67,6 +67,24 @@ class SensorParts(Part):
     caps_g: Positive
     gauge_g: Positive
 
+    @property
+    def mass_g(self) -> float:
+        """Of the whole bead."""
+        return self.caps_g + self.gauge_g
+
+    @property
+    def gauge_share(self) -> float:
+        """The gauge's mass over that of the bead: ``m / (2M + m)`` of Eq. (5)."""
+        return self.gauge_g / self.mass_g
+
+
+class Ptfe(Part):
+    """Young's moduli that the paper computes with, and the bulk sound speeds it takes two of them from."""
+
+    moduli_MPa: Column
+    hugoniot_m_s: Positive
+    ultrasound_m_s: Positive
+
 
 class Quoted(Part):
     """The file."""
@@ -76,6 +94,7 @@ class Quoted(Part):
     fig4: Fig4
     fig5: Fig5
     sensor: SensorParts
+    ptfe: Ptfe
 
 
 @cache

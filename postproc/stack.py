@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from drivers.chain import Array
 from drivers.layout import Layout
 from drivers.trace import Trace
 from postproc.residual import residual
@@ -32,7 +33,7 @@ def draw_stack(
     """
     plt = pyplot()
     signals = {engine: sensor_signals(layout, trace) for engine, trace in traces.items()}
-    gauges = list(next(iter(signals.values())))
+    gauges, time_s = list(next(iter(signals.values()))), next(iter(traces.values())).time_s
     heights = [1.5] * len(gauges) + [1.9]
     scale = min(1.0, 0.45 + 0.55 * width_in / 6.4)
     figure, grid = plt.subplots(
@@ -41,21 +42,26 @@ def draw_stack(
     )  # fmt: skip
     axes = dict(zip([*gauges, "residual"], grid[:, 0], strict=True))
     for gauge in gauges:
-        for engine in drawing_order(list(traces)):
-            line, time_us = line_of(engine), traces[engine].time_s * MICRO
-            signal = signals[engine][gauge]
-            axes[gauge].plot(time_us, signal, color=line.colour, lw=line.width, ls=line.dashes, label=engine)
+        draw_lines(axes[gauge], time_s, {engine: own[gauge] for engine, own in signals.items()})
         axes[gauge].set_ylabel("force (N)")
         axes[gauge].set_title(gauge_name(gauge), loc="left")
-        axes[gauge].set_xlim(0, float(time_us[-1]))
+        axes[gauge].set_xlim(0, float(time_s[-1]) * MICRO)
     if gauges:
         figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="lower left", ncols=4, columnspacing=1.2,
                       borderaxespad=0, bbox_to_anchor=(0.02, 1.3), bbox_transform=grid[0, 0].transAxes)  # fmt: skip
-    _draw_residuals(axes["residual"], traces, yardsticks)
+    draw_residuals(axes["residual"], traces, yardsticks)
     axes["residual"].set_xlabel("time since impact (µs)")
     figure.align_ylabels()
     figure.subplots_adjust(hspace=0.38 if width_in < 5 else 0.32)
     return figure, axes
+
+
+def draw_lines(axis: Any, time_s: Array, forces: Mapping[str, Array]) -> None:
+    """Each engine's forces against time in its own line, the widest first. Shape (samples,) or (samples, curves)."""
+    for engine in drawing_order(list(forces)):
+        line = line_of(engine)
+        drawn = axis.plot(time_s * MICRO, forces[engine], color=line.colour, lw=line.width, ls=line.dashes)
+        drawn[0].set_label(engine)
 
 
 def gauge_name(gauge: str) -> str:
@@ -63,7 +69,8 @@ def gauge_name(gauge: str) -> str:
     return "wall" if gauge == "wall" else f"sensor bead {gauge.removeprefix('bead_')}: mean of its two contact forces"
 
 
-def _draw_residuals(axis: Any, traces: Mapping[str, Trace], yardsticks: tuple[str, ...]) -> None:
+def draw_residuals(axis: Any, traces: Mapping[str, Trace], yardsticks: tuple[str, ...] = (EXACT,)) -> None:
+    """Largest force difference over all contacts against time, to each yardstick."""
     for yardstick in yardsticks:
         if yardstick not in traces:
             continue

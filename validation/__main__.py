@@ -68,7 +68,7 @@ def _wave(_: argparse.Namespace) -> int:
 def _claims(arguments: argparse.Namespace) -> int:
     from drivers import paths
     from drivers.engines import missing_codes
-    from validation.claims.table import counted, judge_all, write_claims
+    from validation.claims.judge import counted, judge_all, write_claims
 
     must_be_file("--out", arguments.out)
     must_be_folder("--runs", arguments.runs)
@@ -79,7 +79,7 @@ def _claims(arguments: argparse.Namespace) -> int:
         if each.verdict == "differs":
             claim = each.claim
             print(f"{claim.id}: quoted {claim.quoted:g}, computed {each.value:.4g} {claim.unit}: {claim.explained}")
-    print(f"{paths.shown(out)}: {counted(each.verdict for each in judged)}")
+    print(f"{paths.shown(out)}: {counted(judged)}")
     if missing_codes():
         print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
     faults = [each for each in judged if each.fault]

@@ -18,6 +18,7 @@ from validation.arrays import arrays_of
 from validation.reference.adaptive import integrate_adaptive
 
 REFERENCE = "reference"
+UNTIL_REFLECTED = "run.duration=0.9 ms"  # until the reflected wave has come by, in Figs. 4 and 6
 TOLERANCE = 1e-11  # of the largest force: far below the truncation error of any code's run
 
 

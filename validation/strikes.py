@@ -16,9 +16,11 @@ from validation.simulate import Simulation, case_of, exact, run_codes, run_codes
 SCENE = "table1"
 MARGIN, BEYOND = 1.3, 10  # a search sees this many times the travel time, to beads beyond the lower sensor
 AFTER = 1.15  # times the arrival at the lower sensor: the run ends when the peak has passed
-EXACT_SPEED = 1e-12  # relative, of the striker speed that is solved for
+FOUND = 1e-12  # relative: where the search for a striker speed ends; the integration is good to 1e-11
 CODE_AMPLITUDE = 1e-7  # relative: a code's amplitude counts as the one wanted
 MAX_CORRECTIONS = 8
+SEARCHED = 6.0  # about the logarithm of the estimated striker speed
+HANDED_ON = 0.682  # of an equal striker's speed, to the leading wave's v_m: measured with the reference
 
 Amplitude = Callable[[Simulation], float]
 
@@ -51,10 +53,10 @@ def contact_peak(simulation: Simulation) -> float:
     )
 
 
-def static_force(simulation: Simulation) -> float:
-    """Mean static force of the same contacts, N."""
-    upper, lower = sensor_pair(simulation.case)
-    return float(simulation.trace.force_N[0, lower:upper].mean())
+def static_force(case: Case) -> float:
+    """Mean static force of the contacts between the upper and the lower sensor, N."""
+    upper, lower = sensor_pair(case)
+    return float(case.chain.force_N[lower:upper].mean())
 
 
 def speed_between_sensors(simulation: Simulation) -> float:
@@ -94,11 +96,13 @@ def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulati
         return amplitude(exact(strike(exp(log_speed), MARGIN * travel_s, *settings))) / force_N - 1
 
     low, high = start - 0.5, start + 0.5
-    while excess(low) > 0 and low > start - 12:  # under precompression a weak strike gives less than the static force
+    while excess(low) > 0 and low > start - SEARCHED:
         low -= 1.0
+    while excess(high) < 0 and high < start + SEARCHED:
+        high += 0.5
     if not excess(low) < 0 < excess(high):
         raise RunError(f"{SCENE}: no striker speed gives a wave of {force_N:g} N")
-    root = float(brentq(excess, low, high, xtol=EXACT_SPEED))
+    root = float(brentq(excess, low, high, xtol=FOUND))
     passed = AFTER * arrival(exact(strike(exp(root), MARGIN * travel_s, *settings)))
     return exact(strike(exp(root), passed, *settings))
 
@@ -106,11 +110,11 @@ def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulati
 def _estimates(case: Case, force_N: float) -> tuple[float, float]:
     """Striker speed and travel time to beyond the lower sensor for a wave of some force without a static one.
 
-    An equal striker hands on v_m = 0.682 v; under a static force the wave is faster.
+    Under a static force the wave is faster.
     """
     wave, chain, j = solve_travelling_wave(), case.chain, case.chain.beads // 2
     stiffness, mass = float(chain.stiffness[j]), float(chain.mass_kg[j])
-    speed = (force_N / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6) / 0.682
+    speed = (force_N / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6) / HANDED_ON
     beads = chain.beads - sensor_pair(case)[1] + BEYOND
     return speed, beads / (wave.speed_by_force * stiffness ** (1 / 3) * mass**-0.5 * force_N ** (1 / 6))
 
@@ -123,19 +127,22 @@ def strikes_by_codes(
     Raises:
         RunError: a run failed, or a code's corrections do not settle.
     """
-    solved: dict[str, list[Simulation]] = {}
-    found = run_codes_on([simulation.case for simulation in exact_ones], runs)
+    solved = run_codes_on([simulation.case for simulation in exact_ones], runs)
     for _ in range(MAX_CORRECTIONS):
-        wanted: dict[str, list[Case]] = {}
-        for code, simulations in found.items():
-            solved[code] = simulations
-            ratios = [amplitude(s) / force for s, force in zip(simulations, forces_N, strict=True)]
-            if max(abs(ratio - 1) for ratio in ratios) > CODE_AMPLITUDE:
-                wanted[code] = [_corrected(s.case, ratio) for s, ratio in zip(simulations, ratios, strict=True)]
-        if not wanted:
+        off: dict[str, dict[int, float]] = {}
+        for code, simulations in solved.items():
+            ratios = {i: amplitude(one) / forces_N[i] for i, one in enumerate(simulations)}
+            off[code] = {i: ratio for i, ratio in ratios.items() if not abs(ratio - 1) <= CODE_AMPLITUDE}
+        if not any(off.values()):
             return solved
-        found = run_codes(wanted, runs)
-    raise RunError(f"{SCENE}: the striker speed of {', '.join(found)} does not settle on the amplitude wanted")
+        again = {
+            code: [_corrected(solved[code][i].case, ratio) for i, ratio in own.items()] for code, own in off.items()
+        }
+        for code, simulations in run_codes(again, runs).items():
+            for i, simulation in zip(off[code], simulations, strict=True):
+                solved[code][i] = simulation
+    unsettled = ", ".join(code for code, own in off.items() if own)
+    raise RunError(f"{SCENE}: the striker speed of {unsettled} does not settle on the amplitude wanted")
 
 
 def _corrected(case: Case, ratio: float) -> Case:

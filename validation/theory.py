@@ -166,14 +166,18 @@ def precompressed_speed(particles: Particles, force_N: float, static_N: float) -
     return float(0.9314 * _force_scale(particles) * static_N ** (1 / 6) * sqrt(bracket) / (f ** (2 / 3) - 1))
 
 
-def sensor_forces(lower_N: Array, upper_N: Array, caps_kg: float, gauge_kg: float) -> tuple[Array, Array]:
+def sensor_forces(first_N: Array, second_N: Array, gauge_share: float) -> tuple[Array, Array]:
     """Eq. (5): forces F_3, F_4 on the faces of a gauge of mass m between two caps, 2M together.
 
     ``F_3,4 = (F_1 + F_2)/2 +- (F_1 - F_2)/2 m / (2M + m)``
+
+    Args:
+        first_N: contact force on the side that the wave comes from.
+        second_N: contact force on the other side.
+        gauge_share: m / (2M + m).
     """
-    mean, half = (lower_N + upper_N) / 2, (lower_N - upper_N) / 2
-    share = gauge_kg / (caps_kg + gauge_kg)
-    return mean + half * share, mean - half * share
+    mean, half = (first_N + second_N) / 2, (first_N - second_N) / 2
+    return mean + half * gauge_share, mean - half * gauge_share
 
 
 def contact_force(beta: float, average_N: float, static_N: float) -> float:

@@ -11,20 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from drivers.chain import Array
 from postproc.product import Product
 from postproc.quoted import quoted
 from postproc.sensors import sensor_average
-from postproc.style import COLUMN_IN, FAINT, drawing_order, line_of, marker_of, pyplot
+from postproc.stack import MICRO, draw_lines
+from postproc.style import COLUMN_IN, FAINT, drawing_order, marker_of, pyplot
 
 if TYPE_CHECKING:
     from validation.simulate import Simulation
 
-MODULI_MPA = (600, 1000, 1460)
-STATIC_N = 0.0168  # what 14 beads weigh: the static force between the two sensors of the paper's chain of 21
 CURVE = np.geomspace(0.1, 1e4, 31)
 STRIKES = (1.0, 10.0, 100.0, 1e3, 1e4)  # amplitudes (F_m - F_0)/F_0 of the simulations
-CHAIN = ("chain.count=45", "chain.sensors=[{ from_wall = 20 }, { from_wall = 10 }]", "gravity=",
-         f"chain.precompression={STATIC_N} N")  # fmt: skip
+CHAIN = ("chain.count=45", "chain.sensors=[{ from_wall = 20 }, { from_wall = 10 }]", "gravity=")
 STEADY = 1e-3  # relative change of the amplitude between the sensors
 SENSOR = 5  # bead of Fig. 4's chain shown in (b)
 
@@ -40,6 +39,15 @@ def make(runs: Path) -> Product:
     _draw_beta(axes[2], waves, points)
     figure.subplots_adjust(hspace=0.42)
     return Product(figure, pd.concat([forces, waves, points, _spread(waves, points)], ignore_index=True))
+
+
+def _chains() -> dict[float, tuple[str, ...]]:
+    """Settings of the precompressed chain by modulus in MPa; the static force is Table 1's between its sensors."""
+    from validation.simulate import case_of
+    from validation.strikes import static_force
+
+    pressed = (*CHAIN, f"chain.precompression={static_force(case_of('table1'))!r} N")
+    return {modulus: (*pressed, f"materials.ptfe.youngs_modulus={modulus} MPa") for modulus in quoted().ptfe.moduli_MPa}
 
 
 def _draw_free_body(axis: Any) -> None:
@@ -69,33 +77,35 @@ def _draw_free_body(axis: Any) -> None:
 
 
 def _draw_forces(axis: Any, runs: Path) -> pd.DataFrame:
-    from validation.simulate import case_of, simulate
+    from validation.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
 
-    found = {engine: one for engine, (one,) in simulate([case_of("fig4", "run.duration=0.9 ms")], runs).items()}
-    tables = []
-    for engine in drawing_order(list(found)):
-        trace, line = found[engine].trace, line_of(engine)
-        first, second = trace.force_N[:, SENSOR], trace.force_N[:, SENSOR - 1]  # the wave comes from above
-        average = sensor_average(trace.force_N, SENSOR)
-        near = np.abs(trace.time_s - found[engine].values[f"bead_{SENSOR}_arrival_s"]) < 90e-6
-        time_us = trace.time_s[near] * 1e6
-        for force in (first, second, average):
-            axis.plot(time_us, force[near], color=line.colour, lw=line.width, ls=line.dashes)
-        axis.plot([], [], color=line.colour, lw=line.width, ls=line.dashes, label=engine)
-        columns = {"panel": "b", "engine": engine, "time_s": trace.time_s[near], "F1_N": first[near]}
-        tables.append(pd.DataFrame(columns | {"F2_N": second[near], "average_N": average[near]}))
+    found = {engine: one for engine, (one,) in simulate([case_of("fig4", UNTIL_REFLECTED)], runs).items()}
+    time = found[REFERENCE].trace.time_s
+    near = np.abs(time - found[REFERENCE].values[f"bead_{SENSOR}_arrival_s"]) < 90e-6
+    forces = {engine: _sensor_forces(one.trace.force_N[near]) for engine, one in found.items()}
+    draw_lines(axis, time[near], forces)
+    first, second, average = forces[REFERENCE].T
+    time_us = time[near] * MICRO
     for force, label, side in ((first, "$F_1$", -1), (second, "$F_2$", 1)):
-        top = int(np.argmax(force[near]))
-        axis.annotate(label, (time_us[top], force[near][top]), xytext=(12 * side, 1), textcoords="offset points",
+        top = int(np.argmax(force))
+        axis.annotate(label, (time_us[top], force[top]), xytext=(12 * side, 1), textcoords="offset points",
                       ha="center", va="bottom")  # fmt: skip
-    rise = int(np.argmax(average[near] > 0.4 * average[near].max()))
-    axis.annotate("average", (time_us[rise], average[near][rise]), xytext=(-10, 4), textcoords="offset points",
+    rise = int(np.argmax(average > 0.4 * average.max()))
+    axis.annotate("average", (time_us[rise], average[rise]), xytext=(-10, 4), textcoords="offset points",
                   ha="right", arrowprops={"arrowstyle": "-", "lw": 0.5})  # fmt: skip
     axis.set(xlabel="time since impact (µs)", ylabel="force (N)")
-    axis.set_ylim(top=1.18 * float(first[near].max()))
+    axis.set_ylim(top=1.18 * float(first.max()))
     axis.set_title(f"(b) contact forces of bead {SENSOR}, Fig. 4's scene", loc="left")
     axis.legend(loc="upper right", handlelength=1.6)
+    names = ["F1_N", "F2_N", "average_N"]
+    tables = [pd.DataFrame(columns, columns=names).assign(panel="b", engine=engine, time_s=time[near])
+              for engine, columns in forces.items()]  # fmt: skip
     return pd.concat(tables, ignore_index=True)
+
+
+def _sensor_forces(force_N: Array) -> Array:
+    """F_1 above, F_2 below, and their mean. Shape (samples, 3)."""
+    return np.column_stack([force_N[:, SENSOR], force_N[:, SENSOR - 1], sensor_average(force_N, SENSOR)])
 
 
 def _waves() -> pd.DataFrame:
@@ -104,35 +114,37 @@ def _waves() -> pd.DataFrame:
     from validation.simulate import case_of
 
     tables = []
-    for modulus in MODULI_MPA:
-        chain = case_of("table1", *CHAIN, f"materials.ptfe.youngs_modulus={modulus} MPa").chain
-        found = [solve_at_amplitude(float(chain.stiffness[1]), float(chain.mass_kg[0]), STATIC_N, a) for a in CURVE]
+    for modulus, settings in _chains().items():
+        chain = case_of("table1", *settings).chain
+        stiffness, mass = float(chain.stiffness[1]), float(chain.mass_kg[0])
+        beta = [solve_at_amplitude(stiffness, mass, chain.precompression_N, amplitude).beta for amplitude in CURVE]
         columns = {"panel": "c", "engine": "travelling wave", "modulus_MPa": modulus}
-        values = {"amplitude_over_static": CURVE, "beta": [wave.beta for wave in found]}
-        tables.append(pd.DataFrame(columns | values))
+        tables.append(pd.DataFrame(columns | {"amplitude_over_static": CURVE, "beta": beta}))
     return pd.concat(tables, ignore_index=True)
 
 
 def _points(runs: Path) -> pd.DataFrame:
     """Beta from full simulations by every engine."""
-    from validation.simulate import simulate
-    from validation.strikes import contact_peak, static_force, strike_for
+    from validation.simulate import case_of, simulate
+    from validation.strikes import contact_peak, sensor_pair, static_force, strike_for
 
     def dynamic_peak(simulation: "Simulation") -> float:
-        return contact_peak(simulation) - static_force(simulation)
+        return contact_peak(simulation) - static_force(simulation.case)
 
-    wanted = [(modulus, amplitude) for modulus in MODULI_MPA for amplitude in STRIKES]
-    cases = [strike_for(amplitude * STATIC_N, dynamic_peak, *CHAIN, f"materials.ptfe.youngs_modulus={modulus} MPa").case
-             for modulus, amplitude in wanted]  # fmt: skip
+    cases = {}
+    for modulus, settings in _chains().items():
+        static = static_force(case_of("table1", *settings))
+        for amplitude in STRIKES:
+            cases[modulus, amplitude] = strike_for(amplitude * static, dynamic_peak, *settings).case
     rows = []
-    for engine, simulations in simulate(cases, runs).items():
-        for (modulus, _), simulation in zip(wanted, simulations, strict=True):
-            upper, lower = (
-                simulation.values[f"bead_{s.from_wall}_amplitude_N"] for s in simulation.case.layout.sensors
-            )
+    for engine, simulations in simulate(list(cases.values()), runs).items():
+        for (modulus, _), simulation in zip(cases, simulations, strict=True):
+            beads = sensor_pair(simulation.case)
+            upper, lower = (simulation.values[f"bead_{bead}_amplitude_N"] for bead in beads)
             peak = dynamic_peak(simulation)
             rows.append({
-                "panel": "c", "engine": engine, "modulus_MPa": modulus, "amplitude_over_static": peak / STATIC_N,
+                "panel": "c", "engine": engine, "modulus_MPa": modulus,
+                "amplitude_over_static": peak / static_force(simulation.case),
                 "beta": peak / ((upper + lower) / 2), "change_between_sensors": lower / upper - 1,
                 "solitary": abs(lower / upper - 1) < STEADY,
             })  # fmt: skip
@@ -142,8 +154,9 @@ def _points(runs: Path) -> pd.DataFrame:
 def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
     from validation.reference.travelling_wave import solve_travelling_wave
 
+    moduli = ", ".join(f"{modulus:g}" for modulus in sorted(waves["modulus_MPa"].unique()))
     limit = solve_travelling_wave().contact_over_average
-    first = waves[waves["modulus_MPa"] == MODULI_MPA[0]]
+    first = waves[waves["modulus_MPa"] == waves["modulus_MPa"].min()]
     axis.plot(first["amplitude_over_static"], first["beta"], color="black", lw=1, label="travelling wave")
     for engine in drawing_order(list(points["engine"].unique())):
         own = points[points["engine"] == engine]
@@ -160,7 +173,7 @@ def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
     axis.text(1e4, 1.003, "linear waves: 1", ha="right", va="bottom", color=FAINT)
     axis.set(xscale="log", xlabel=r"$(F_m - F_0)\,/\,F_0$", ylabel=r"$\beta$", ylim=(0.98, 1.46))
     axis.set_title("(c) peak contact force over peak average", loc="left")
-    axis.legend(loc="lower right", bbox_to_anchor=(1, 0.1), title="600, 1000, 1460 MPa alike", title_fontsize=8)
+    axis.legend(loc="lower right", bbox_to_anchor=(1, 0.1), title=f"{moduli} MPa alike", title_fontsize=8)
 
 
 def _spread(waves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:

@@ -12,16 +12,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from drivers.chain import Array
 from postproc.product import Product
 from postproc.quoted import quoted
 from postproc.style import COLUMN_IN, FAINT, drawing_order, line_of, marker_of, pyplot
 
 FORCES_N = np.geomspace(0.03, 20, 13)
 BY_CODES = slice(0, 13, 3)  # the amplitudes that the codes run as well
-MODULI_MPA = (600, 1000, 1460)
-PRINTED = {600: 1, 1460: 5}  # number of a modulus' first curve in the paper
-GAP_DIAMETERS = 4  # between the sensors
+PRINTED = {600.0: 1, 1460.0: 5}  # number of a modulus' first curve in the paper
 XLIM_N = (0.011, 70)
 LARGE_N = 2.0  # amplitudes from here on are the large ones of the table
 
@@ -30,7 +27,7 @@ LARGE_N = 2.0  # amplitudes from here on are the large ones of the table
 class Curve:
     """One modulus with or without gravity."""
 
-    modulus_MPa: int
+    modulus_MPa: float
     gravity: bool
 
     @property
@@ -40,15 +37,18 @@ class Curve:
         return (modulus,) if self.gravity else (modulus, "gravity=")
 
 
-CURVES = tuple(Curve(modulus, gravity) for modulus in MODULI_MPA for gravity in (False, True))
+def curves() -> list[Curve]:
+    """All of them."""
+    return [Curve(modulus, gravity) for modulus in quoted().ptfe.moduli_MPa for gravity in (False, True)]
 
 
 def make(runs: Path) -> Product:
     """Runs the strikes and draws them over the theory, with the codes' differences and the scores below."""
+    from validation.measured import measured_points, scores
+
     points = _points(runs)
     theory = _theory(points)
-    experiment = measured()
-    score = scores(points, experiment)
+    experiment, score = measured_points(), scores()
     figure, axes = pyplot().subplots(3, 1, figsize=(COLUMN_IN, 7.0), height_ratios=[3.4, 0.9, 1.5])
     _draw_speeds(axes[0], points, theory, experiment)
     _draw_differences(axes[1], points)
@@ -63,7 +63,7 @@ def _points(runs: Path) -> pd.DataFrame:
     from validation.simulate import REFERENCE, run_codes_on
     from validation.strikes import contact_peak, sensor_amplitude, speed_between_sensors, static_force, strike_for
 
-    exact_ones = {curve: [strike_for(force, contact_peak, *curve.settings) for force in FORCES_N] for curve in CURVES}
+    exact_ones = {curve: [strike_for(force, contact_peak, *curve.settings) for force in FORCES_N] for curve in curves()}
     chosen = [(curve, simulation.case) for curve, some in exact_ones.items() for simulation in some[BY_CODES]]
     found = {code: list(zip([curve for curve, _ in chosen], simulations, strict=True))
              for code, simulations in run_codes_on([case for _, case in chosen], runs).items()}  # fmt: skip
@@ -76,7 +76,7 @@ def _points(runs: Path) -> pd.DataFrame:
             rows.append({
                 "source": "simulated", "engine": engine, "curve": _number(curve, theory=False),
                 "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "striker_m_s": striker.speed,
-                "force_N": contact_peak(simulation), "static_N": static_force(simulation),
+                "force_N": contact_peak(simulation), "static_N": static_force(simulation.case),
                 "sensor_amplitude_N": sensor_amplitude(simulation), "speed_m_s": speed_between_sensors(simulation),
             })  # fmt: skip
     return pd.DataFrame(rows)
@@ -95,7 +95,7 @@ def _theory(points: pd.DataFrame) -> pd.DataFrame:
 
     static = float(points.loc[points["gravity"], "static_N"].iloc[0])
     rows = []
-    for curve in CURVES:
+    for curve in curves():
         particles = particles_of(case_of("table1", *curve.settings))
         for force in FORCES_N:
             speed = (
@@ -109,65 +109,11 @@ def _theory(points: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def measured() -> pd.DataFrame:
-    """The experiment's points with their stated uncertainties.
-
-    The accuracy of the force goes linearly with its logarithm from that quoted for large amplitudes to that for
-    small ones. That of the speed is drawn as quoted, and as +-1 mm in each sensor's place makes it.
-    """
-    table, accuracy = quoted().table1, quoted().accuracy
-    force = np.array(table.force_N, dtype=float)
-    share = np.interp(np.log(force), np.log([force.min(), force.max()]),
-                      [accuracy.force_small, accuracy.force_large])  # fmt: skip
-    from drivers.read_scene import read_scene
-
-    gap = GAP_DIAMETERS * read_scene("table1").chain.diameter
-    speed = np.array(table.measured_speed_m_s, dtype=float)
-    return pd.DataFrame({
-        "force_N": force, "speed_m_s": speed, "force_error_N": share * force,
-        "speed_error_m_s": accuracy.speed * speed,
-        "speed_error_by_position_m_s": np.sqrt(2) * accuracy.sensor_position_m / gap * speed,
-    })  # fmt: skip
-
-
-def scores(points: pd.DataFrame, experiment: pd.DataFrame) -> pd.DataFrame:
-    """How far the experiment is from each modulus, with gravity, in per cent of speed and in standard errors.
-
-    The force of a measured point is read as the contact's and as the sensors' average: the paper does not say which.
-    The error of the force enters with the slope of the simulated curve.
-    """
-    rows = []
-    exact = points[(points["engine"] == "reference") & points["gravity"]]
-    for reading, column in (("contact force", "force_N"), ("average of the sensor", "sensor_amplitude_N")):
-        for modulus in MODULI_MPA:
-            own = exact[exact["modulus_MPa"] == modulus]
-            logs = np.log(own[column].to_numpy()), np.log(own["speed_m_s"].to_numpy())
-            for _, point in experiment.iterrows():
-                expected, slope = _interpolated(float(np.log(point["force_N"])), *logs)
-                deviation = point["speed_m_s"] / np.exp(expected) - 1
-                error = np.hypot(point["speed_error_m_s"] / point["speed_m_s"],
-                                 slope * point["force_error_N"] / point["force_N"])  # fmt: skip
-                rows.append({
-                    "force_read_as": reading, "modulus_MPa": modulus, "force_N": point["force_N"],
-                    "measured_m_s": point["speed_m_s"], "simulated_m_s": np.exp(expected),
-                    "deviation_pct": 100 * deviation, "deviation_standard_errors": deviation / error,
-                })  # fmt: skip
-    return pd.DataFrame(rows)
-
-
-def _interpolated(log_force: float, log_forces: Array, log_speeds: Array) -> tuple[float, float]:
-    """The simulated curve and its slope at a place, in logarithms."""
-    from scipy.interpolate import CubicSpline
-
-    curve = CubicSpline(log_forces, log_speeds)
-    return float(curve(log_force)), float(curve(log_force, 1))
-
-
 def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experiment: pd.DataFrame) -> None:
-    for modulus in (600, 1460):
+    for modulus in PRINTED:
         for source, dashes in (("Eq. (3)", (0, (4, 2))), ("Eq. (4)", (0, (1, 1)))):
             own = theory[(theory["modulus_MPa"] == modulus) & (theory["source"] == source)]
-            label = source if modulus == MODULI_MPA[0] else None
+            label = source if modulus == min(PRINTED) else None
             axis.plot(own["force_N"], own["speed_m_s"], color="black", lw=0.9, ls=dashes, label=label)
     for _, own in points[points["engine"] == "reference"].groupby(["modulus_MPa", "gravity"]):
         axis.plot(own["force_N"], own["speed_m_s"], color=line_of("reference").colour, lw=0.8)
@@ -175,10 +121,12 @@ def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experime
         own = points[points["engine"] == engine]
         look = marker_of(engine) | ({"ms": 4.5} if engine == "reference" else {"ms": 2.6, "mew": 0.8})
         axis.plot(own["force_N"], own["speed_m_s"], ls="", label=engine, **look)
-    for modulus in MODULI_MPA:
+    for modulus in quoted().ptfe.moduli_MPa:
         own = points[(points["engine"] == "reference") & (points["modulus_MPa"] == modulus)]
         end = own[~own["gravity"]].iloc[-1]
-        axis.annotate(f"{modulus} MPa", (end["force_N"], end["speed_m_s"]), xytext=(7, -2), textcoords="offset points")
+        axis.annotate(
+            f"{modulus:g} MPa", (end["force_N"], end["speed_m_s"]), xytext=(7, -2), textcoords="offset points"
+        )
         if modulus in PRINTED:
             first = PRINTED[modulus]
             for gravity, number in ((False, first), (True, first + 2)):
@@ -204,7 +152,7 @@ def _draw_differences(axis: Any, points: pd.DataFrame) -> None:
             own = points[points["engine"] == engine]
             share = own["speed_m_s"].to_numpy() / exact.loc[own["striker_m_s"]].to_numpy() - 1
             axis.plot(own["force_N"], 1e6 * share, ls="", **marker_of(engine))
-    axis.set(xscale="log", xlim=XLIM_N, ylim=(0, None), xlabel=r"$F_m$ (N)", ylabel=r"$10^6\,\Delta V_s/V_s$")
+    axis.set(xscale="log", xlim=XLIM_N, xlabel=r"$F_m$ (N)", ylabel=r"$10^6\,\Delta V_s/V_s$")
     axis.set_title("speed by the codes less that by the reference, same strike", loc="left")
 
 
@@ -215,7 +163,7 @@ def _draw_scores(axis: Any, score: pd.DataFrame) -> None:
         large = some["force_N"] >= LARGE_N
         rms = (np.sqrt((some["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large))
         deviations = (f"{value:+.0f}" for value in some["deviation_pct"])
-        rows.append([str(reading).split()[0], f"{modulus}", *deviations, *(f"{value:.1f}" for value in rms)])
+        rows.append([str(reading).split()[0], f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
     forces = (f"{force:g} N" for force in score["force_N"].unique())
     headings = ["$F_m$ as", "MPa", *forces, f"≥ {LARGE_N:g} N", f"< {LARGE_N:g} N"]
     drawn = axis.table(rows, colLabels=headings, cellLoc="center", bbox=[0, 0, 1, 0.88],

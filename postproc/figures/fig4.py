@@ -10,10 +10,10 @@ from postproc.style import COLUMN_IN, FAINT
 
 def make(runs: Path) -> Product:
     """Runs Fig. 4's scene and draws it as in the paper's (b), what is quoted of (a) as notes."""
-    from validation.simulate import REFERENCE, case_of, simulate
+    from validation.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
     from validation.strikes import sensor_pair, speed_between_sensors
 
-    case = case_of("fig4", "run.duration=0.9 ms")  # until the reflected wave has passed bead 9
+    case = case_of("fig4", UNTIL_REFLECTED)
     found = {engine: one for engine, (one,) in simulate([case], runs).items()}
     traces = {engine: simulation.trace for engine, simulation in found.items()}
     figure, axes = draw_stack(case.layout, traces, width_in=COLUMN_IN)

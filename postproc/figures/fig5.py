@@ -1,69 +1,111 @@
 """Fig. 5: a heavy flat striker on 11 beads: a train of solitary waves at the wall, and the pulse that enters."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
+from drivers.errors import InputError
+from drivers.trace import Trace
 from postproc.product import Product
-from postproc.pulse import envelope, incident_pulse
+from postproc.pulse import ENVELOPE_MAXIMA, Envelope, PulseShape, envelope, incident_pulse
 from postproc.quoted import quoted
-from postproc.sensors import sensor_signals
+from postproc.sensors import sensor_average
 from postproc.signals import peaks
 from postproc.stack import MICRO, draw_stack, stack_table
 from postproc.style import COLUMN_IN, FAINT
 
-ENTRANCE = ("bead_11", "bead_10")  # the top bead and the next
-MAXIMA = 3  # that the envelope goes through
+if TYPE_CHECKING:
+    from drivers.case import Case
+
+PLACES = ("top bead", "second bead")  # where the pulse enters
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """What a trace shows of the two.
+
+    Attributes:
+        wall: envelope of the force on the wall, and when its first maximum beyond the envelope comes.
+        entrance: the pulse in each of ``PLACES``.
+    """
+
+    wall: Envelope
+    until_s: float
+    entrance: tuple[PulseShape, ...]
 
 
 def make(runs: Path) -> Product:
     """Runs Fig. 5's scene and draws the entrance, the wall with its envelope, and what is quoted of both."""
-    import pandas as pd
-
     from validation.simulate import REFERENCE, case_of, simulate
 
+    top = case_of("fig5").chain.beads
     # gauges without a mass of their own only change what is read, not what is run
-    case = case_of("fig5", "chain.sensors=[{ from_wall = 11 }, { from_wall = 10 }]")
+    case = case_of("fig5", f"chain.sensors=[{{ from_wall = {top} }}, {{ from_wall = {top - 1} }}]")
     traces = {engine: one.trace for engine, (one,) in simulate([case], runs).items()}
+    shapes = {engine: _shapes(case, trace) for engine, trace in traces.items()}
     figure, axes = draw_stack(case.layout, traces, width_in=COLUMN_IN)
+    for bead, place, shape in zip((top, top - 1), PLACES, shapes[REFERENCE].entrance, strict=True):
+        _note_entrance(axes[f"bead_{bead}"], place, shape)
+    _draw_envelope(axes["wall"], traces[REFERENCE], shapes[REFERENCE])
+    table = [_table(shapes).assign(part="shape"), stack_table(case.layout, traces).assign(part="trace")]
+    return Product(figure, pd.concat(table, ignore_index=True))
+
+
+def _shapes(case: "Case", trace: Trace) -> Shapes:
+    """Envelope and entrance of a trace.
+
+    Raises:
+        InputError: the scene ends too early.
+    """
+    maxima = peaks(trace.time_s, trace.force_N[:, 0])
+    top = case.chain.beads
+    readings = [sensor_average(trace.force_N, bead) for bead in (top, top - 1)]
+    entrance = [incident_pulse(trace.time_s, reading - reading[0]) for reading in readings]
+    whole = tuple(shape for shape in entrance if shape is not None)
+    if len(maxima) <= ENVELOPE_MAXIMA or len(whole) < len(PLACES):
+        raise InputError(case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
+    return Shapes(envelope(maxima[:ENVELOPE_MAXIMA]), maxima[ENVELOPE_MAXIMA].time_s, whole)
+
+
+def _note_entrance(axis: Any, place: str, shape: PulseShape) -> None:
     paper = quoted().fig5
+    words = (
+        f"rise {shape.rise_s * MICRO:.0f} µs ({paper.incident_rise_us:g})\n"
+        f"rate {shape.decay_per_s / MICRO:.4f} ({paper.incident_decay_per_us:g})\n"
+        f"lasts {shape.duration_s * MICRO:.0f} µs ({paper.incident_duration_us:g})"
+    )
+    axis.set_title(f"{place}: mean of its contact forces (in brackets: quoted)", loc="left")
+    axis.text(0.12, 1.0, words, transform=axis.transAxes, va="top", color=FAINT, fontsize=6.5)
+
+
+def _draw_envelope(axis: Any, trace: Trace, shapes: Shapes) -> None:
+    time, wall, paper = trace.time_s, shapes.wall, quoted().fig5
+    inside = (time <= shapes.until_s) & (wall.at(time) <= 1.5 * trace.force_N[:, 0].max())
+    axis.plot(time[inside] * MICRO, wall.at(time[inside]), color="black", lw=0.8)
+    words = (
+        f"exp({wall.rate_per_s / MICRO:.4f} t / µs)\n"
+        f"paper: {paper.computed_envelope_per_us} computed,\n{paper.measured_envelope_per_us} measured"
+    )
+    axis.text(0.57, 0.97, words, transform=axis.transAxes, va="top", color=FAINT, fontsize=7)
+
+
+def _table(shapes: dict[str, Shapes]) -> pd.DataFrame:
+    """A row per engine and place, and the paper's numbers."""
     rows = []
-    for engine, trace in traces.items():
-        signals, time = sensor_signals(case.layout, trace), trace.time_s
-        wall = envelope(peaks(time, signals["wall"])[:MAXIMA])
-        row = {"engine": engine, "wall_envelope_per_us": wall.rate_per_s / MICRO}
-        for name in ENTRANCE:
-            shape = incident_pulse(time, signals[name] - signals[name][0])
-            row |= {
-                f"{name}_rise_us": shape.rise_s * MICRO,
-                f"{name}_decay_per_us": shape.decay_per_s / MICRO,
-                f"{name}_duration_us": shape.duration_s * MICRO,
-            }
-            if engine == REFERENCE:
-                text = (
-                    f"rise {shape.rise_s * MICRO:.0f} µs ({paper.incident_rise_us:g})\n"
-                    f"rate {shape.decay_per_s / MICRO:.4f} ({paper.incident_decay_per_us:g})\n"
-                    f"lasts {shape.duration_s * MICRO:.0f} µs ({paper.incident_duration_us:g})"
-                )
-                which = "top bead" if name == ENTRANCE[0] else "second bead"
-                axes[name].set_title(f"{which}: mean of its contact forces (in brackets: quoted)", loc="left")
-                axes[name].text(0.12, 1.0, text, transform=axes[name].transAxes, va="top", color=FAINT, fontsize=6.5)
-        rows.append(row)
-        if engine == REFERENCE:
-            until = time <= peaks(time, signals["wall"])[MAXIMA].time_s
-            inside = until & (wall.at(time) <= 1.5 * signals["wall"].max())
-            axes["wall"].plot(time[inside] * MICRO, wall.at(time[inside]), color="black", lw=0.8)
-            axes["wall"].text(
-                0.57, 0.97, f"exp({wall.rate_per_s / MICRO:.4f} t / µs)\n"
-                f"paper: {paper.computed_envelope_per_us} computed,\n{paper.measured_envelope_per_us} measured",
-                transform=axes["wall"].transAxes, va="top", color=FAINT, fontsize=7,
-            )  # fmt: skip
-    quotes = {"engine": "paper, computed", "wall_envelope_per_us": paper.computed_envelope_per_us}
-    measured = {"engine": "paper, measured", "wall_envelope_per_us": paper.measured_envelope_per_us}
-    for name in ENTRANCE:
-        measured |= {
-            f"{name}_rise_us": paper.incident_rise_us,
-            f"{name}_decay_per_us": paper.incident_decay_per_us,
-            f"{name}_duration_us": paper.incident_duration_us,
-        }
-    shapes = pd.DataFrame([*rows, quotes, measured]).assign(part="shape")
-    table = pd.concat([shapes, stack_table(case.layout, traces).assign(part="trace")], ignore_index=True)
-    return Product(figure, table)
+    for engine, own in shapes.items():
+        for place, shape in zip(PLACES, own.entrance, strict=True):
+            rows.append({
+                "engine": engine, "place": place, "wall_envelope_per_us": own.wall.rate_per_s / MICRO,
+                "rise_us": shape.rise_s * MICRO, "decay_per_us": shape.decay_per_s / MICRO,
+                "duration_us": shape.duration_s * MICRO,
+            })  # fmt: skip
+    paper = quoted().fig5
+    rows.append({"engine": "paper, computed", "wall_envelope_per_us": paper.computed_envelope_per_us})
+    rows.append({
+        "engine": "paper, measured", "place": "entrance", "wall_envelope_per_us": paper.measured_envelope_per_us,
+        "rise_us": paper.incident_rise_us, "decay_per_us": paper.incident_decay_per_us,
+        "duration_us": paper.incident_duration_us,
+    })  # fmt: skip
+    return pd.DataFrame(rows)

@@ -2,53 +2,45 @@
 
 from pathlib import Path
 
+from drivers.scene import Scene
 from postproc.product import Product
-from postproc.residual import residual
-from postproc.stack import MICRO, stack_table
-from postproc.style import COLUMN_IN, drawing_order, line_of, pyplot
+from postproc.stack import draw_lines, draw_residuals, stack_table
+from postproc.style import COLUMN_IN, pyplot
 
-PANELS = {
-    "fig6b": "(b) 2 mm steel ball, 0.036 g, at 0.89 m/s",
-    "fig6d": "(d) 4.76 mm PTFE ball, 0.123 g, at 0.89 m/s",
-}
+PANELS = {"fig6b": "(b)", "fig6d": "(d)"}
 
 
 def make(runs: Path) -> Product:
     """Runs both scenes and draws the wall's force over its residual for each."""
-    import numpy as np
     import pandas as pd
 
-    from validation.simulate import REFERENCE, case_of, simulate
+    from validation.simulate import UNTIL_REFLECTED, case_of, simulate
 
-    cases = [case_of(scene, "run.duration=0.9 ms") for scene in PANELS]
+    cases = [case_of(scene, UNTIL_REFLECTED) for scene in PANELS]
     found = simulate(cases, runs)
-    figure, axes = pyplot().subplots(
-        4, 1, sharex=True, figsize=(COLUMN_IN, 5.6), height_ratios=[1.6, 0.8, 1.6, 0.8], squeeze=True
-    )
+    figure, axes = pyplot().subplots(4, 1, sharex=True, figsize=(COLUMN_IN, 5.8), height_ratios=[1.6, 0.8, 1.6, 0.8])
     tables = []
-    for place, (case, (scene, title)) in enumerate(zip(cases, PANELS.items(), strict=True)):
+    for place, (case, letter) in enumerate(zip(cases, PANELS.values(), strict=True)):
         traces = {engine: simulations[place].trace for engine, simulations in found.items()}
         force, difference = axes[2 * place : 2 * place + 2]
-        for engine in drawing_order(list(traces)):
-            line, trace = line_of(engine), traces[engine]
-            force.plot(
-                trace.time_s * MICRO,
-                trace.force_N[:, 0],
-                color=line.colour,
-                lw=line.width,
-                ls=line.dashes,
-                label=engine,
-            )
-            if engine != REFERENCE:
-                share = residual(trace, traces[REFERENCE])
-                shown = np.where(share > 0, share, np.nan)
-                difference.plot(trace.time_s * MICRO, shown, color=line.colour, lw=1.2, ls=line.dashes)
-        force.set_title(title, loc="left")
-        force.set_ylabel("wall force (N)")
-        difference.set(yscale="log", ylim=(1e-7, 1e-3), ylabel="|ΔF| / largest")
-        tables.append(stack_table(case.layout, traces).assign(scene=scene))
+        time_s = case.sample_times_s
+        draw_lines(force, time_s, {engine: trace.force_N[:, 0] for engine, trace in traces.items()})
+        draw_residuals(difference, traces)
+        force.set(ylabel="wall force (N)", xlim=(0, float(time_s[-1]) * 1e6))
+        force.set_title(f"{letter} {_striker(case.scene)}", loc="left")
+        difference.set_ylabel("|ΔF| / largest")
+        tables.append(stack_table(case.layout, traces).assign(scene=case.scene.name))
     axes[0].legend(loc="upper right")
-    axes[-1].set(xlabel="time since impact (µs)", xlim=(0, 900))
+    axes[-1].set_xlabel("time since impact (µs)")
     figure.align_ylabels()
-    figure.subplots_adjust(hspace=0.4)
+    figure.subplots_adjust(hspace=0.5)
     return Product(figure, pd.concat(tables, ignore_index=True))
+
+
+def _striker(scene: Scene) -> str:
+    """The striker in words."""
+    striker = scene.striker
+    assert striker is not None
+    mass = f", {1e3 * striker.mass:g} g" if striker.mass else ""
+    size = f"{1e3 * striker.diameter:g} mm " if striker.diameter else ""
+    return f"{size}{striker.material} ball{mass}, at {striker.speed:g} m/s"

@@ -1,8 +1,4 @@
-"""Table 1: speed and width of solitary waves of five amplitudes, measured, as printed, and computed here.
-
-The amplitude is that of the sensors' averages above their static value, of a chain without lighter sensor beads,
-E = 1.46 GPa, gravity on, the striker counted among the 21 beads: the reading that reproduces the printed numbers.
-"""
+"""Table 1: speed and width of solitary waves of five amplitudes, measured, as printed, and computed here."""
 
 from pathlib import Path
 from typing import Any
@@ -10,45 +6,22 @@ from typing import Any
 import pandas as pd
 
 from postproc.product import Product
-from postproc.quoted import quoted
 from postproc.style import pyplot
 
-COLUMNS = ("speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters")
 HEADINGS = (r"$V_s$ (m/s)", r"$L/2R$, 0.2 %", r"$L/2R$, 4 %")
 
 
 def make(runs: Path) -> Product:
     """Solves for the striker speeds by the reference and by each code."""
-    return Product(*_drawn(table(runs)))
+    from validation.table1 import solve_table1
 
-
-def table(runs: Path) -> pd.DataFrame:
-    """A row per amplitude: the paper's columns, then the striker speed and the three numbers by each engine."""
-    from validation.simulate import REFERENCE
-    from validation.strikes import sensor_amplitude, speed_between_sensors, strike_for, strikes_by_codes
-
-    paper = quoted().table1.frame
-    forces = paper["force_N"].astype(float).tolist()
-    exact_ones = [strike_for(force, sensor_amplitude) for force in forces]
-    solved = {REFERENCE: exact_ones} | strikes_by_codes(exact_ones, forces, sensor_amplitude, runs)
-    for engine, simulations in solved.items():
-        lower = f"bead_{simulations[0].case.layout.sensors[-1].from_wall}"
-        strikers = [simulation.case.scene.striker for simulation in simulations]
-        paper[f"{engine}_striker_m_s"] = [striker.speed for striker in strikers if striker]
-        paper[f"{engine}_speed_m_s"] = [speed_between_sensors(simulation) for simulation in simulations]
-        for name in COLUMNS[1:]:
-            paper[f"{engine}_{name}"] = [simulation.values[f"{lower}_{name}"] for simulation in simulations]
-    return paper
-
-
-def engines_of(values: pd.DataFrame) -> list[str]:
-    """The engines whose columns a table has."""
-    ending = "_striker_m_s"
-    return [str(name).removesuffix(ending) for name in values.columns if str(name).endswith(ending)]
+    return Product(*_drawn(solve_table1(runs)))
 
 
 def _drawn(values: pd.DataFrame) -> tuple[Any, pd.DataFrame]:
     """The table as a figure: measured, then printed, reference and codes for each of the three numbers."""
+    from validation.table1 import COLUMNS, engines_of
+
     engines = engines_of(values)
     rows, colours = [], []
     for _, row in values.iterrows():

@@ -21,19 +21,24 @@ def _nominal_density() -> float:
     return density
 
 
+def _modulus(bulk_speed_m_s: float) -> float:
+    """Young's modulus behind a bulk speed at the nominal density, Pa."""
+    return theory.bulk_modulus_to_youngs(bulk_speed_m_s, _particles().poisson_ratio, _nominal_density())
+
+
 def modulus_from_hugoniot() -> float:
     """E from the bulk speed 1.68 km/s and the nominal density, GPa."""
-    return theory.bulk_modulus_to_youngs(1680.0, _particles().poisson_ratio, _nominal_density()) / 1e9
+    return _modulus(quoted().ptfe.hugoniot_m_s) / 1e9
 
 
 def modulus_from_ultrasound() -> float:
     """E from the bulk speed 1.139 km/s and the nominal density, MPa."""
-    return theory.bulk_modulus_to_youngs(1139.0, _particles().poisson_ratio, _nominal_density()) / 1e6
+    return _modulus(quoted().ptfe.ultrasound_m_s) / 1e6
 
 
 def modulus_ratio() -> float:
     """The ratio of the two moduli, in which the density cancels: that of the speeds squared."""
-    return (1680.0 / 1139.0) ** 2
+    return (quoted().ptfe.hugoniot_m_s / quoted().ptfe.ultrasound_m_s) ** 2
 
 
 def peak_stress() -> float:
@@ -75,7 +80,7 @@ def nylon_over_slowest() -> float:
 
 def sensor_mass() -> float:
     """Mass of two caps and a gauge, g."""
-    return quoted().sensor.caps_g + quoted().sensor.gauge_g
+    return quoted().sensor.mass_g
 
 
 def _sphere_mass(material: str, diameter_m: float) -> float:
@@ -117,7 +122,7 @@ def speed_accuracy() -> float:
 
 def bulk_speed() -> float:
     """C of Eq. (1) over the bulk sound speed of 1.68 km/s."""
-    return _particles().speed_constant_m_s / 1680.0
+    return _particles().speed_constant_m_s / quoted().ptfe.hugoniot_m_s
 
 
 def fig5_mass_ratio() -> float:

@@ -9,7 +9,7 @@ import pandas as pd
 from drivers import paths
 from drivers.engines import engine_names
 from drivers.errors import InputError
-from validation.claims.table import DIFFERS, EXPERIMENT_ONLY, REPRODUCED, read_claims
+from validation.claims.judge import DIFFERS, EXPERIMENT_ONLY, REPRODUCED, read_claims
 
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 
@@ -46,6 +46,7 @@ def _cells(row: dict[Hashable, Any]) -> dict[str, str]:
         "quote": row["quote"],
         "unit": row["unit"],
         "ours": "our criterion" if row["number_is"] == "ours" else "",
+        "kind": "plain arithmetic" if row["kind"] == "arithmetic" else "",
         "quoted": f"{RELATIONS[row['relation']]}{quoted:.8g}",
         "within": f"± {float(within):g}" if within != "" and row["relation"] == "equals" else "",
         "computed": f"{float(computed):.{digits}g}" if computed != "" else "–",

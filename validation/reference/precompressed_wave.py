@@ -23,7 +23,8 @@ STABILISER = 2.2  # exponent of Petviashvili's factor: the nonlinearity acts lik
 ITERATIONS = 500
 SETTLED = 1e-14  # relative change in an iteration
 RESIDUAL = 1e-13
-FASTEST = 1e4  # times the speed of sound: an amplitude of some 1e24 static forces
+FASTEST = 1e4  # times the speed of sound
+WEAKEST, STRONGEST = 1e-2, 1e20  # amplitudes over the static force, both tested
 
 
 @dataclass(frozen=True)
@@ -70,12 +71,13 @@ def solve_at_speed(stiffness: float, mass_kg: float, static_N: float, speed: flo
     """The wave of a given speed, in beads per second.
 
     Raises:
-        ValueError: no speed above that of sound.
-        ArithmeticError: the iteration did not get there (amplitudes below some 1e-3 of the static force).
+        ValueError: a speed not above that of sound, or beyond ``FASTEST`` times it.
+        ArithmeticError: the iteration did not get there (amplitudes below some 0.005 of the static force).
     """
     sound = sound_speed(stiffness, mass_kg, static_N)
-    if not sound < speed < FASTEST * sound:
-        raise ValueError(f"speed: {speed:g} beads/s, expected above that of sound ({sound:g})")
+    if not sound < speed <= FASTEST * sound:
+        expected = f"above that of sound ({sound:g}), up to {FASTEST:g} times it"
+        raise ValueError(f"speed: {speed:g} beads/s, expected {expected}")
     mach = speed / sound
     decay = _tail_decay(mach)
     per_bead = PER_BEAD_LONG if mach < LONG else PER_BEAD
@@ -111,9 +113,12 @@ def solve_at_amplitude(stiffness: float, mass_kg: float, static_N: float, amplit
     """The wave whose peak dynamic force is ``amplitude`` times the static force.
 
     Raises:
-        ArithmeticError: the iteration did not get there (amplitudes below some 1e-3).
+        ValueError: an amplitude below ``WEAKEST``, where the wave is lost in rounding, or above ``STRONGEST``.
     """
     from scipy.optimize import brentq
+
+    if not WEAKEST <= amplitude <= STRONGEST:
+        raise ValueError(f"amplitude: {amplitude:g}, expected from {WEAKEST:g} to {STRONGEST:g}")
 
     sound = sound_speed(stiffness, mass_kg, static_N)
     # (c/c_0)^2 - 1 of the long-wave theory, Eq. (4) of the paper, is good to a few per cent

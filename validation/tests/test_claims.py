@@ -7,13 +7,14 @@ import pytest
 
 from drivers import paths
 from drivers.errors import InputError
-from validation.claims import chains
-from validation.claims.section import read_section
-from validation.claims.table import (
+from postproc.quoted import quoted
+from validation.claims import table1
+from validation.claims.judge import (
     DIFFERS,
     EXPERIMENT_ONLY,
     PLAIN,
     REPRODUCED,
+    SIMULATED,
     Claim,
     Judged,
     claims_table,
@@ -21,6 +22,7 @@ from validation.claims.table import (
     read_claims,
     write_claims,
 )
+from validation.claims.section import read_section
 from validation.report import write_report
 from validation.tests.conftest import need
 
@@ -49,7 +51,7 @@ def test_there_are_enough_and_each_has_its_reason() -> None:
 
 
 def test_everything_that_is_computed_is_a_claim() -> None:
-    assert {*PLAIN, *chains.COMPUTED} <= {each.id for each in read_claims()}
+    assert {*PLAIN, *SIMULATED} <= {each.id for each in read_claims()}
 
 
 @pytest.mark.timeout(400)
@@ -120,6 +122,30 @@ def test_a_broken_list_is_refused_in_one_line(text: str, complaint: str, tmp_pat
         read_claims(path)
     assert complaint in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_an_explanation_without_a_difference_is_a_fault() -> None:
+    assert "explained" in Judged(claim(within=0.1, explained="misprint"), {"reference": 2.0}, "").fault
+
+
+def test_what_was_computed_is_told_in_full(judged: list[Judged]) -> None:
+    for each in judged:
+        assert not each.how.startswith(("The same", "Its ", "Their ", "For ", "They ")), each.claim.id
+
+
+def test_numbers_quoted_twice_are_the_same() -> None:
+    claims, table = {each.id: each.quoted for each in read_claims()}, quoted().table1.frame
+    for _, row in table.iterrows():
+        for name, column in table1.NAMES.items():
+            assert claims[table1.claim_id(row["force_N"], name)] == row[f"computed_{column}"]
+    paper = quoted()
+    assert claims["fig4-force"] == paper.fig4.leading_force_N
+    assert claims["fig4-speed"] == paper.fig4.speed_m_s
+    assert claims["fig4-duration"] == paper.fig4.duration_us
+    assert claims["fig5-envelope"] == paper.fig5.computed_envelope_per_us
+    assert claims["fig5-rise"] == paper.fig5.incident_rise_us
+    assert claims["fig5-decay"] == paper.fig5.incident_decay_per_us
+    assert claims["fig5-duration"] == paper.fig5.incident_duration_us
 
 
 def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], tmp_path: Path) -> None:

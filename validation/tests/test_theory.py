@@ -72,6 +72,17 @@ def test_its_limits_are_the_linear_chain_and_the_wave_without_a_static_force() -
     assert strong.speed == pytest.approx(free.speed_by_force * 1e7 ** (1 / 3) * 1e-4**-0.5 * 1e9 ** (1 / 6), rel=1e-5)
 
 
+@pytest.mark.parametrize("amplitude", [1e-2, 1e20])
+def test_amplitudes_at_both_ends_of_what_is_offered(amplitude: float) -> None:
+    assert solve_at_amplitude(1e7, 1e-4, 1.0, amplitude).amplitude == pytest.approx(amplitude, rel=1e-9)
+
+
+@pytest.mark.parametrize("amplitude", [0.0, -1.0, 9e-3, 2e20, float("nan")])
+def test_amplitudes_beyond_are_refused(amplitude: float) -> None:
+    with pytest.raises(ValueError, match="expected from"):
+        solve_at_amplitude(1e7, 1e-4, 1.0, amplitude)
+
+
 @pytest.mark.parametrize("speed", [0.5, 1.0, 1e5])
 def test_a_speed_that_no_wave_has_is_refused(speed: float) -> None:
     sound = precompressed_wave.sound_speed(1e7, 1e-4, 1.0)
@@ -105,7 +116,7 @@ def test_a_struck_chain_under_a_static_force_settles_to_the_wave() -> None:
 
 def test_gauge_faces_sum_to_the_contact_forces() -> None:
     first, second = np.array([3.0, 1.0]), np.array([1.0, 2.0])
-    third, fourth = theory.sensor_forces(first, second, 0.093, 0.023)
+    third, fourth = theory.sensor_forces(first, second, 0.023 / 0.116)
     assert third + fourth == pytest.approx(first + second)
     assert (third - fourth) == pytest.approx((first - second) * equations.sensor_share(), rel=1e-12)
 

@@ -1,7 +1,7 @@
 """Judges every claim of ``inputs/paper/claims.toml`` and writes ``results/claims.csv``."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,16 +19,34 @@ from drivers.read_scene import read_toml
 from drivers.run_many import workers
 from drivers.scene import Part
 from drivers.whole_file import whole_file
-from validation.claims import chains, conservation, equations, materials, strikes, waves
+from validation.claims import (
+    conservation,
+    equations,
+    exact_waves,
+    materials,
+    moduli,
+    sensor_beads,
+    solitary_waves,
+    striker_pulse,
+    table1,
+    trains,
+)
+from validation.claims.simulated import Run
 from validation.simulate import REFERENCE, Simulation, exact, run_codes
 
 REPRODUCED, DIFFERS, EXPERIMENT_ONLY = "reproduced", "differs", "experiment only"
 PLAIN: dict[str, Callable[[], float]] = {
     **equations.COMPUTED,
-    **waves.COMPUTED,
+    **exact_waves.COMPUTED,
     **materials.COMPUTED,
     **conservation.COMPUTED,
-    **strikes.COMPUTED,
+    **moduli.COMPUTED,
+}
+SIMULATED: dict[str, Callable[[Run], float]] = {
+    **solitary_waves.COMPUTED,
+    **sensor_beads.COMPUTED,
+    **trains.COMPUTED,
+    **striker_pulse.COMPUTED,
 }
 
 
@@ -46,6 +64,7 @@ class Claim(Part):
     explained: str = ""
     experiment: bool = False
     ours: bool = False
+    arithmetic: bool = False
     note: str = ""
 
     def holds_for(self, value: float) -> bool:
@@ -95,9 +114,11 @@ class Judged:
 
     @property
     def fault(self) -> str:
-        """Why this cannot stand: a difference nobody explained, or engines of different verdicts; else empty."""
+        """Why this cannot stand: a difference that nobody explained or an explanation without one, engines apart."""
         if self.verdict == DIFFERS and not self.claim.explained:
             return f"differs without an explanation: {self.value:.6g}, quoted {self.claim.quoted:g}"
+        if self.verdict == REPRODUCED and self.claim.explained:
+            return "is reproduced, but a difference is explained"
         other = [e for e, v in self.computed.items() if self.claim.holds_for(v) != self.claim.holds_for(self.value)]
         return f"{', '.join(other)} disagree with the reference" if other and not self.claim.experiment else ""
 
@@ -111,7 +132,7 @@ def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
     where = paths.shown(path)
     claims = validate(ClaimsFile, read_toml(path), where).claim
     counts = Counter(claim.id for claim in claims)
-    computable = {*PLAIN, *chains.COMPUTED, *strikes.table1_claims()}
+    computable = {*PLAIN, *SIMULATED, *table1.all_ids()}
     for claim in claims:
         key = f"claim {claim.id}"
         if counts[claim.id] > 1:
@@ -137,17 +158,17 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
         RunError: a run failed.
     """
     claims = read_claims()
-    table1 = strikes.table1(runs)
+    printed, how = table1.compute(runs), table1.all_ids()
     simulated = _by_engine(runs)
     judged = []
     for claim in claims:
-        if claim.id in table1:
-            judged.append(Judged(claim, table1[claim.id], _words(strikes.table1)))
+        if claim.id in printed:
+            judged.append(Judged(claim, printed[claim.id], how[claim.id]))
         elif claim.id in PLAIN:
             judged.append(Judged(claim, {REFERENCE: PLAIN[claim.id]()}, _words(PLAIN[claim.id])))
-        elif claim.id in chains.COMPUTED:
+        elif claim.id in SIMULATED:
             computed = {engine: values[claim.id] for engine, values in simulated.items()}
-            judged.append(Judged(claim, computed, _words(chains.COMPUTED[claim.id])))
+            judged.append(Judged(claim, computed, _words(SIMULATED[claim.id])))
         else:
             judged.append(Judged(claim, {}, ""))
     return judged
@@ -155,16 +176,16 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
 
 def _by_engine(runs: Path) -> dict[str, dict[str, float]]:
     """All claims on simulated chains by every engine, the codes side by side."""
-    engines: dict[str, chains.Run] = {REFERENCE: exact} | {code: _runner(code, runs) for code in installed_codes()}
+    engines: dict[str, Run] = {REFERENCE: exact} | {code: _runner(code, runs) for code in installed_codes()}
 
-    def compute(run: chains.Run) -> dict[str, float]:
-        return {name: function(run) for name, function in chains.COMPUTED.items()}
+    def compute(run: Run) -> dict[str, float]:
+        return {name: function(run) for name, function in SIMULATED.items()}
 
     with workers(len(engines)) as pool:
         return dict(zip(engines, pool.map(compute, engines.values()), strict=True))
 
 
-def _runner(code: str, runs: Path) -> chains.Run:
+def _runner(code: str, runs: Path) -> Run:
     def run(case: Case) -> Simulation:
         return run_codes({code: [case]}, runs)[code][0]
 
@@ -175,12 +196,12 @@ def _words(function: Callable[..., Any]) -> str:
     return " ".join((function.__doc__ or "").replace("``", "").split())
 
 
-def counted(verdicts: Iterable[str]) -> str:
+def counted(judged: list[Judged]) -> str:
     """How many claims have which verdict, in words."""
-    counts = Counter(verdicts)
-    return (
-        f"{counts[REPRODUCED]} reproduced, {counts[DIFFERS]} differ, {counts[EXPERIMENT_ONLY]} of the experiment only"
-    )
+    counts = Counter(each.verdict for each in judged)
+    plain = sum(each.claim.arithmetic for each in judged if each.verdict == REPRODUCED)
+    reproduced = f"{counts[REPRODUCED]} reproduced ({plain} of them by plain arithmetic)"
+    return f"{reproduced}, {counts[DIFFERS]} differ, {counts[EXPERIMENT_ONLY]} of the experiment only"
 
 
 def claims_table(judged: list[Judged]) -> pd.DataFrame:
@@ -192,6 +213,7 @@ def claims_table(judged: list[Judged]) -> pd.DataFrame:
         rows.append({
             "id": claim.id, "where": claim.where, "quote": claim.quote, "relation": claim.relation,
             "quoted": claim.quoted, "number_is": "ours" if claim.ours else "the paper's", "unit": claim.unit,
+            "kind": "arithmetic" if claim.arithmetic else "computed",
             "within": claim.within, "because": claim.because,
             **{engine: each.computed.get(engine, np.nan) for engine in engines},
             "difference": each.off, "verdict": each.verdict, "why": claim.explained or claim.note, "how": each.how,

@@ -3,11 +3,12 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from postproc.quoted import quoted
 from validation.reference.precompressed_wave import PrecompressedWave, solve_at_amplitude
 from validation.reference.travelling_wave import fixed_point, solve_travelling_wave
 from validation.simulate import case_of
 
-STATIC_N = 0.0168
+STATIC_N = 0.02  # any static force: only the amplitude over it matters
 AMPLITUDES = (1.0, 10.0, 100.0)
 
 
@@ -54,8 +55,8 @@ def beta_linear() -> float:
 
 
 def beta_spread() -> float:
-    """Largest relative difference of beta between 600, 1000 and 1460 MPa, in per cent."""
-    found = np.array([[_precompressed(a, modulus).beta for modulus in (600, 1000, 1460)] for a in AMPLITUDES])
+    """Largest relative difference of beta between 600, 1000 and 1460 MPa, per cent."""
+    found = np.array([[_precompressed(a, modulus).beta for modulus in quoted().ptfe.moduli_MPa] for a in AMPLITUDES])
     return float(100 * ((found.max(axis=1) - found.min(axis=1)) / found.mean(axis=1)).max())
 
 

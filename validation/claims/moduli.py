@@ -1,0 +1,71 @@
+"""Claims on which Young's modulus the measured speeds speak for."""
+
+import numpy as np
+
+from postproc.quoted import quoted
+from validation.measured import deviations
+from validation.strikes import Amplitude, contact_peak, sensor_amplitude
+
+LARGE, SMALL = slice(0, 2), slice(2, None)  # rows of Table 1
+
+
+def _rms(modulus_MPa: float, forces: slice, reading: Amplitude = contact_peak) -> float:
+    """Measured speed off the simulated, root mean square over some forces, per cent."""
+    return float(100 * np.sqrt((deviations(modulus_MPa, reading)[forces] ** 2).mean()))
+
+
+def _nearest(forces: slice, reading: Amplitude) -> float:
+    """The modulus whose simulated speeds are nearest to the measured ones, MPa."""
+    return min(quoted().ptfe.moduli_MPa, key=lambda modulus: _rms(modulus, forces, reading))
+
+
+def nearest_large() -> float:
+    """Nearest of the paper's three moduli for 5 and 2 N, the measured force read as the contact's."""
+    return _nearest(LARGE, contact_peak)
+
+
+def nearest_small() -> float:
+    """Nearest of the paper's three moduli for 0.6, 0.1 and 0.06 N, the measured force read as the contact's."""
+    return _nearest(SMALL, contact_peak)
+
+
+def nearest_large_average() -> float:
+    """Nearest of the paper's three moduli for 5 and 2 N, the measured force read as the sensors' average."""
+    return _nearest(LARGE, sensor_amplitude)
+
+
+def nearest_small_average() -> float:
+    """Nearest of the three moduli for 0.6, 0.1 and 0.06 N, the measured force read as the sensors' average."""
+    return _nearest(SMALL, sensor_amplitude)
+
+
+def middle_at_low() -> float:
+    """Measured speed off the simulated for 1000 MPa, root mean square over 0.6, 0.1 and 0.06 N, per cent."""
+    return _rms(1000, SMALL)
+
+
+def hard_at_low() -> float:
+    """Measured speed off the simulated for 1460 MPa, root mean square over 0.6, 0.1 and 0.06 N, per cent."""
+    return _rms(1460, SMALL)
+
+
+def soft_at_high() -> float:
+    """Measured speed off the simulated for 600 MPa, root mean square over 5 and 2 N, per cent."""
+    return _rms(600, LARGE)
+
+
+def softer_is_worse() -> float:
+    """Measured speed off the simulated at 5 N for 400 MPa over the same for 600 MPa."""
+    return float(deviations(400, contact_peak)[0] / deviations(600, contact_peak)[0])
+
+
+COMPUTED = {
+    "modulus-large": nearest_large,
+    "modulus-small": nearest_small,
+    "modulus-large-average": nearest_large_average,
+    "modulus-small-average": nearest_small_average,
+    "modulus-1000-fits": middle_at_low,
+    "modulus-1460-low": hard_at_low,
+    "modulus-600-high": soft_at_high,
+    "modulus-400": softer_is_worse,
+}
