@@ -109,7 +109,7 @@ def force_coefficient() -> float:
 
 
 def discrete_force_coefficient() -> float:
-    """The same coefficient of the exact solitary wave of the discrete chain."""
+    """The coefficient of the last form of Eq. (3) for the exact solitary wave of the discrete chain."""
     p, wave = _particles(), solve_travelling_wave()
     speed = wave.speed_by_force * p.stiffness ** (1 / 3) * p.mass_kg**-0.5 * p.diameter_m  # at 1 N
     return theory.force_coefficient(p, speed, 1.0)

@@ -70,7 +70,7 @@ def test_codes_agree_with_the_reference_on_every_simulated_claim(judged: list[Ju
     assert len(simulated) >= 40
     for each in simulated:
         for code in ("liggghts", "yade"):
-            assert each.computed[code] == pytest.approx(each.value, rel=2e-4, abs=1e-9), each.claim.id
+            assert each.computed[code] == pytest.approx(each.value, rel=5e-4, abs=1e-9), each.claim.id
 
 
 @pytest.mark.parametrize(

@@ -29,11 +29,16 @@ def made(shared_runs: Path) -> dict[str, Product]:
     return {name: import_module(f"postproc.figures.{name}").make(shared_runs) for name in FIGURES}
 
 
-def test_every_figure_is_on_the_command_line_and_a_make_target() -> None:
-    modules = {file.stem for file in (paths.ROOT / "postproc" / "figures").glob("[a-z]*.py")}
-    assert modules == set(FIGURES)
-    line = next(text for text in (paths.ROOT / "Makefile").read_text().splitlines() if text.startswith("FIGURES :="))
-    assert line.split(":=")[1].split() == list(FIGURES)
+def test_make_knows_every_figure_and_the_scenes_it_takes() -> None:
+    makefile = (paths.ROOT / "Makefile").read_text()
+    for name in FIGURES:
+        assert f"\n{name}: ## " in makefile
+        line = next(text for text in makefile.splitlines() if text.startswith(f"SCENES_{name} := "))
+        said = set(line.partition(":= ")[2].split())
+        module = (paths.ROOT / "postproc" / "figures" / f"{name}.py").read_text()
+        scenes = {scene.stem for scene in paths.SCENES.glob("*.toml")}
+        assert said <= scenes
+        assert {scene for scene in scenes if f'"{scene}"' in module} <= said
 
 
 @pytest.mark.timeout(400)
