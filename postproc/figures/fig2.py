@@ -173,7 +173,7 @@ def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
     axis.text(1e4, 1.003, "linear waves: 1", ha="right", va="bottom", color=FAINT)
     axis.set(xscale="log", xlabel=r"$(F_m - F_0)\,/\,F_0$", ylabel=r"$\beta$", ylim=(0.98, 1.46))
     axis.set_title("(c) peak contact force over peak average", loc="left")
-    axis.legend(loc="lower right", bbox_to_anchor=(1, 0.1), title=f"{moduli} MPa alike", title_fontsize=8)
+    axis.legend(loc="lower right", bbox_to_anchor=(1, 0.08), fontsize=7, title=f"{moduli} MPa alike", title_fontsize=7)
 
 
 def _spread(waves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
