@@ -7,7 +7,7 @@ and a deck shows 0.00476, not 0.0047599999999999995.
 import re
 from collections.abc import Callable
 from decimal import Decimal
-from functools import cache
+from functools import cache, lru_cache
 from typing import Annotated, Any
 
 import pint
@@ -28,6 +28,7 @@ def _registry() -> pint.UnitRegistry[Any]:
     return pint.UnitRegistry(non_int_type=Decimal)
 
 
+@lru_cache(maxsize=4096)  # scenes that differ in one key are read by the thousand
 def to_si(text: str, unit: str) -> float:
     """The value of ``text`` in the SI ``unit``.
 

@@ -11,10 +11,18 @@ import pandas as pd
 from drivers.chain import Array
 from postproc.quoted import quoted
 from validation.simulate import case_of
-from validation.strikes import Amplitude, contact_peak, sensor_amplitude, sensor_pair, speed_between_sensors, strike_for
+from validation.strikes import (
+    Amplitude,
+    contact_peak,
+    sensor_amplitude,
+    sensor_pair,
+    speed_between_sensors,
+    strike_for,
+    struck_faster,
+)
 
 READINGS: dict[str, Amplitude] = {"contact force": contact_peak, "average of the sensors": sensor_amplitude}
-NEARBY = 1.05  # ratio of forces over which a slope is taken
+NEARBY = 1.02  # ratio of striker speeds over which a slope is taken
 
 
 def measured_points() -> pd.DataFrame:
@@ -37,15 +45,18 @@ def measured_points() -> pd.DataFrame:
 
 
 @cache
-def _simulated(force_N: float, modulus_MPa: float, reading: Amplitude) -> float:
-    """Speed between the sensors at an amplitude, m/s."""
-    return speed_between_sensors(strike_for(force_N, reading, f"materials.ptfe.youngs_modulus={modulus_MPa} MPa"))
+def _simulated(force_N: float, modulus_MPa: float, reading: Amplitude) -> tuple[float, float]:
+    """Speed between the sensors at an amplitude in m/s, and the slope of its logarithm by that of the amplitude."""
+    one = strike_for(force_N, reading, f"materials.ptfe.youngs_modulus={modulus_MPa} MPa")
+    other = struck_faster(one, NEARBY)
+    speed, faster = speed_between_sensors(one), speed_between_sensors(other)
+    return speed, float(np.log(faster / speed) / np.log(reading(other) / reading(one)))
 
 
 def deviations(modulus_MPa: float, reading: Amplitude) -> Array:
     """Measured over simulated speed, less 1. Shape (amplitudes,)."""
     points = measured_points()
-    simulated = np.array([_simulated(force, modulus_MPa, reading) for force in points["force_N"]])
+    simulated = np.array([_simulated(force, modulus_MPa, reading)[0] for force in points["force_N"]])
     return np.asarray(points["speed_m_s"].to_numpy() / simulated - 1)
 
 
@@ -58,10 +69,7 @@ def scores() -> pd.DataFrame:
     forces = points["force_N"].to_numpy()
     for name, reading in READINGS.items():
         for modulus in quoted().ptfe.moduli_MPa:
-            speeds, above = (
-                np.array([_simulated(ratio * force, modulus, reading) for force in forces]) for ratio in (1.0, NEARBY)
-            )
-            slope = np.log(above / speeds) / np.log(NEARBY)
+            speeds, slope = np.array([_simulated(force, modulus, reading) for force in forces]).T
             off = deviations(modulus, reading)
             error = np.hypot(points["speed_error_m_s"] / points["speed_m_s"], slope * points["force_error_N"] / forces)
             columns = {"force_read_as": name, "modulus_MPa": modulus, "force_N": forces}
