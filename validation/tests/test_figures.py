@@ -155,15 +155,18 @@ def test_an_envelope_goes_through_its_exponential() -> None:
 
 
 def test_the_shape_of_a_pulse_made_of_known_pieces() -> None:
-    time = np.arange(0, 2e-3, 1e-6)
-    pulse = np.where(time < 1e-4, np.sin(np.pi / 2 * time / 1e-4), np.exp(-(time - 1e-4) / 2e-4))
-    reflected = 2 * np.exp(-(((time - 1.6e-3) / 5e-5) ** 2))
+    """A quarter sine up, an exponential down to 0.4, a faster one from there, and a reflected wave."""
+    time, rise, slow, fast = np.arange(0, 2e-3, 1e-6), 1e-4, 2e-4, 1e-4
+    turn = rise + slow * np.log(1 / 0.4)
+    falling = np.where(time < turn, np.exp(-(time - rise) / slow), 0.4 * np.exp(-(time - turn) / fast))
+    pulse = np.where(time < rise, np.sin(np.pi / 2 * time / rise), falling)
     assert incident_pulse(time, pulse) is None
-    shape = incident_pulse(time, pulse + reflected)
+    shape = incident_pulse(time, pulse + 2 * np.exp(-(((time - 1.6e-3) / 5e-5) ** 2)))
     assert shape is not None
-    assert shape.rise_s == pytest.approx(1e-4 * (1 - 2 / np.pi * np.arcsin(0.02)), rel=0.02)
-    assert shape.decay_per_s == pytest.approx(-1 / 2e-4, rel=0.02)
-    assert shape.duration_s == pytest.approx(1e-4 - 1.3e-6 + 2e-4 * np.log(50), rel=0.02)
+    onset = rise * 2 / np.pi * np.arcsin(0.02)
+    assert shape.rise_s == pytest.approx(rise - onset, rel=0.02)
+    assert shape.decay_per_s == pytest.approx(-1 / slow, rel=0.01)
+    assert shape.duration_s == pytest.approx(turn + fast * np.log(0.4 / 0.02) - onset, rel=0.01)
 
 
 def test_quoted_numbers_are_whole() -> None:
