@@ -98,7 +98,10 @@ def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulati
         with np.errstate(invalid="ignore", divide="ignore"):
             return float(np.log(amplitude(exact(_struck_at(long, exp(log_speed)))) / force_N))
 
-    found = exp(_root(excess, log(speed)))
+    root = _root(excess, log(speed))
+    if root is None:
+        raise RunError(f"{SCENE}: no striker speed gives a wave of {force_N:g} N")
+    found = exp(root)
     passed = AFTER * arrival(exact(_struck_at(long, found)))
     return exact(strike(found, passed, *settings))
 
@@ -115,13 +118,11 @@ def _struck_at(case: Case, speed_m_s: float) -> Case:
     return replace(case, chain=replace(case.chain, velocity_m_s=velocity))
 
 
-def _root(excess: Callable[[float], float], start: float) -> float:
+def _root(excess: Callable[[float], float], start: float) -> float | None:
     """Where the logarithm of an amplitude over the one wanted is zero, by that of the striker speed.
 
     Without a static force it is a straight line of slope 6/5, which secants find at once; under one it bends.
-
-    Raises:
-        RunError: nowhere within ``SEARCHED`` of the start.
+    None where there is no such place within ``SEARCHED`` of the start.
     """
     from scipy.optimize import brentq, root_scalar
 
@@ -136,7 +137,7 @@ def _root(excess: Callable[[float], float], start: float) -> float:
     while excess(high) < 0 and high < start + SEARCHED:
         high += 0.5
     if not excess(low) < 0 < excess(high):
-        raise RunError(f"{SCENE}: no striker speed gives a wave of the amplitude wanted")
+        return None
     return float(brentq(excess, low, high, xtol=FOUND))
 
 

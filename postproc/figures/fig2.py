@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 CURVE = np.geomspace(0.1, 1e4, 31)
 STRIKES = (1.0, 10.0, 100.0, 1e3, 1e4)  # amplitudes (F_m - F_0)/F_0 of the simulations
-CHAIN = ("chain.count=45", "chain.sensors=[{ from_wall = 20 }, { from_wall = 10 }]", "gravity=")
+CHAIN = ("chain.count=60", "chain.sensors=[{ from_wall = 20 }, { from_wall = 10 }]", "gravity=")
 STEADY = 1e-3  # relative change of the amplitude between the sensors
 SENSOR = 5  # bead of Fig. 4's chain shown in (b)
 
