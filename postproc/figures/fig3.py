@@ -17,7 +17,7 @@ from postproc.quoted import quoted
 from postproc.style import COLUMN_IN, FAINT, drawing_order, line_of, marker_of, pyplot
 
 FORCES_N = np.geomspace(0.03, 20, 13)
-BY_CODES = slice(0, 13, 3)  # the amplitudes that the codes run as well
+BY_CODES = slice(0, 13, 4)  # the amplitudes that the codes run as well
 PRINTED = {600.0: 1, 1460.0: 5}  # number of a modulus' first curve in the paper
 XLIM_N = (0.011, 70)
 LARGE_N = 2.0  # amplitudes from here on are the large ones of the table
