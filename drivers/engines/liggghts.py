@@ -23,7 +23,6 @@ VARIABLES: dict[str, str] = {}
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
-HEADER_LINES = 9  # of a frame of a dump
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def render(case: Case) -> Deck:
         "z_high": round(float(height.max() + reach), digits),
     }
     files = {name: render_template(f"liggghts/{name}.j2", **values) for name in ("chain.in", "chain.data")}
-    return Deck(files, COMMAND, raw=("chain.dump",))
+    return Deck(files, COMMAND, raw=("chain.bin",))
 
 
 def _pair_stiffnesses(chain: Chain, radius: Array, labels: list[str], unique: list[str], wall_type: int) -> list[float]:
@@ -113,7 +112,7 @@ def _pair_stiffnesses(chain: Chain, radius: Array, labels: list[str], unique: li
 
 
 def read(case: Case, folder: Path) -> Trace:
-    """The dump as a trace.
+    """The binary dump as a trace.
 
     ``fz`` is the total force on a bead, so with the wall's force F_1 known, contact forces follow upwards:
     ``F_{j+1} = F_j - fz_j + load_j``.
@@ -122,28 +121,21 @@ def read(case: Case, folder: Path) -> Trace:
         RunError: frames or beads are missing, or the file is torn.
     """
     chain, samples = case.chain, case.scene.samples
-    try:
-        text = (folder / "chain.dump").read_text(errors="replace")
-    except OSError as error:
-        raise RunError(f"no output: {error.strerror}") from error
-    lines = text.splitlines()
-    frame = HEADER_LINES + chain.bodies
-    counts = lines[3::frame]
-    if counts != [str(chain.bodies)] * len(counts):
-        first = next(i for i, count in enumerate(counts) if count != str(chain.bodies))
-        at = case.sample_times_s[min(first, samples - 1)]
-        raise RunError(f"{counts[first]} bodies instead of {chain.bodies} at t = {at:g} s: one was lost")
-    if len(lines) != frame * samples or not text.endswith("\n"):
-        raise RunError(f"output ends in sample {min(len(lines) // frame + 1, samples)} of {samples}")
-    body = [line for start in range(0, len(lines), frame) for line in lines[start + HEADER_LINES : start + frame]]
     columns = 5 if chain.wall else 4
-    try:
-        numbers = np.array(" ".join(body).split(), dtype=float).reshape(samples, chain.bodies, columns)
-        steps = np.array([int(line) for line in lines[1::frame]])
-    except ValueError as error:
-        raise RunError(f"output is torn: {error}") from error
-    if not np.array_equal(steps, case.sample_steps):
+    frames = _frames(folder / "chain.bin", chain.bodies, columns)
+    good = (frames["atoms"] == chain.bodies) & (frames["count"] == chain.bodies * columns)
+    if not good.all():
+        first = int(np.argmin(good))
+        atoms, count = frames["atoms"][first], frames["count"][first]
+        if 0 <= atoms < chain.bodies and count == atoms * columns:
+            at = case.sample_times_s[min(first, samples - 1)]
+            raise RunError(f"{atoms} bodies instead of {chain.bodies} at t = {at:g} s: one was lost")
+        raise RunError(f"output is torn in sample {first + 1}")
+    if len(frames) != samples:
+        raise RunError(f"output ends in sample {min(len(frames) + 1, samples)} of {samples}")
+    if not np.array_equal(frames["step"], case.sample_steps):
         raise RunError("output has other time steps than the samples")
+    numbers = frames["values"]
     if (numbers[:, :, 0] != np.arange(1, chain.bodies + 1)).any():
         raise RunError("output has its beads in another order")
     z, vz, fz = numbers[:, :, 1], numbers[:, :, 2], numbers[:, :, 3]
@@ -154,6 +146,32 @@ def read(case: Case, folder: Path) -> Trace:
     if np.isinf(chain.radius_m[-1]):
         z = z - np.array([0.0] * (chain.bodies - 1) + [chain.radius_m[-2]])  # the face of the striker
     return make_trace(chain, case.sample_times_s, force, z, vz)
+
+
+def _frames(dump: Path, bodies: int, columns: int) -> Array:
+    """The whole frames of a binary dump, as LIGGGHTS 3.8 lays them out on one process.
+
+    Raises:
+        RunError: there is no dump.
+    """
+    frame = np.dtype(
+        [
+            ("step", "i8"),
+            ("atoms", "i8"),
+            ("triclinic", "i4"),
+            ("boundary", "i4", 6),
+            ("box", "f8", 6),
+            ("columns", "i4"),
+            ("processes", "i4"),
+            ("count", "i4"),
+            ("values", "f8", (bodies, columns)),
+        ]
+    )
+    try:
+        raw = dump.read_bytes()
+    except OSError as error:
+        raise RunError(f"no output: {error.strerror}") from error
+    return np.frombuffer(raw, frame, count=len(raw) // frame.itemsize)
 
 
 def complaint(stdout: str, stderr: str) -> str:
