@@ -31,6 +31,41 @@ def _parser() -> Parser:
     run.add_argument("--rerun", action="store_true", help="run again what is done")
     run.add_argument("--time-limit", type=_seconds, metavar="S", help="seconds after which a run is killed")
     run.set_defaults(action=_run)
+
+    batch = commands.add_parser("batch", help="run what is not done of a study and write its table")
+    _add_study(batch)
+    batch.add_argument("--results", type=Path, metavar="DIR", help="where the tables go (default: results/)")
+    batch.add_argument("--workers", type=_count, metavar="N", help="processes on this machine (default: its cores)")
+    batch.add_argument(
+        "--dry-run", action="store_true", help="validate every case, say what there is to do, run nothing"
+    )
+    batch.add_argument("--retry", action="store_true", help="run failed cases again")
+    batch.add_argument("--yes", action="store_true", help="yes, more than 20,000 cases")
+    place = batch.add_mutually_exclusive_group()
+    place.add_argument("--slice", type=_slice, metavar="I/N", help="run part I of N here, and write no table")
+    place.add_argument(
+        "--dask",
+        nargs="?",
+        const="local",
+        metavar="ADDRESS",
+        help="run on a Dask cluster; without an address on one of its own",
+    )
+    place.add_argument("--slurm", action="store_true", help="run as a Slurm job array")
+    batch.add_argument(
+        "--slices", type=_count, metavar="N", help="tasks of the job array (default: by the time to expect)"
+    )
+    batch.add_argument("--wait", action="store_true", help="wait for the job array, then write the table")
+    batch.set_defaults(action=_batch)
+
+    status = commands.add_parser("status", help="what is done, failed, stale, running and to do of a study")
+    _add_study(status)
+    status.add_argument("--list", action="store_true", help="case by case")
+    status.set_defaults(action=_status)
+
+    show = commands.add_parser("show", help="lay a case of a study out as run folders with their decks")
+    _add_study(show, select=False)
+    show.add_argument("case", type=_count, metavar="CASE", help="its number, as in the table")
+    show.set_defaults(action=_show)
     return parser
 
 
@@ -44,6 +79,37 @@ def _add_scene(parser: argparse.ArgumentParser) -> None:
         dest="settings",
         help="lay a value over the scene, such as chain.count=60 or run.time_step='10 ns'; empty: leave the key out",
     )
+
+
+def _add_study(parser: argparse.ArgumentParser, *, select: bool = True) -> None:
+    parser.add_argument("study", metavar="STUDY", help="a study file, or the name of one in inputs/studies")
+    parser.add_argument("--runs", type=Path, metavar="DIR", help="where runs are kept (default: runs/ of the checkout)")
+    parser.add_argument("--engine", action="append", default=[], metavar="E", help="repeatable; one of the study's")
+    if select:
+        parser.add_argument(
+            "--only",
+            action="append",
+            default=[],
+            metavar="PATTERN",
+            help="cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label like GLOB; repeatable",
+        )
+
+
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) < 9 and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"found {text}; allowed: a whole number from 1")
+    return int(text)
+
+
+def _slice(text: str) -> tuple[int, int]:
+    part, _, parts = text.partition("/")
+    try:
+        found = _count(part), _count(parts)
+    except argparse.ArgumentTypeError:
+        found = (1, 0)
+    if found[0] > found[1]:
+        raise argparse.ArgumentTypeError(f"found {text}; allowed: I/N with I from 1 to N")
+    return found
 
 
 def _seconds(text: str) -> float:
@@ -110,6 +176,52 @@ def _run(arguments: argparse.Namespace) -> int:
     if missing:
         print(f"not run, since not installed ({len(missing)}): {', '.join(missing)}", file=sys.stderr)
     return 1 if failures else 0
+
+
+def _batch(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from drivers.batch.command import Where, batch, run_part
+    from drivers.process import cores
+
+    runs, results = arguments.runs or paths.RUNS, arguments.results or paths.RESULTS
+    must_be_folder("--runs", runs)
+    must_be_folder("--results", results)
+    for option in ("wait", "slices"):
+        if getattr(arguments, option) and not arguments.slurm:
+            raise InputError(f"--{option}", "", "no --slurm", "it goes with --slurm")
+    if arguments.slice:
+        part, parts = arguments.slice
+        return run_part(arguments.study, runs, part, parts, arguments.engine, arguments.only, arguments.retry)
+    where = Where(arguments.workers or cores(), arguments.dask, arguments.slurm, arguments.wait, arguments.slices)
+    return batch(
+        arguments.study,
+        runs,
+        results,
+        where,
+        engines=arguments.engine,
+        only=arguments.only,
+        retry=arguments.retry,
+        dry_run=arguments.dry_run,
+        yes=arguments.yes,
+    )
+
+
+def _status(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from drivers.batch.command import status
+
+    runs = arguments.runs or paths.RUNS
+    must_be_folder("--runs", runs)
+    return status(arguments.study, runs, engines=arguments.engine, only=arguments.only, every=arguments.list)
+
+
+def _show(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from drivers.batch.command import show
+
+    runs = arguments.runs or paths.RUNS
+    must_be_folder("--runs", runs)
+    return show(arguments.study, arguments.case, runs, arguments.engine)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
 """Decks: the input files of an engine, rendered from templates that read like decks written by hand."""
 
 import hashlib
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import jinja2
 
@@ -31,6 +33,11 @@ class Deck:
         for name, text in sorted(self.files.items()):
             digest.update(f"\0{name}\0{text}".encode())
         return digest.hexdigest()
+
+    def command_with(self, executable: Path) -> tuple[str, ...]:
+        """The command with the program that was found, so that what runs is what its version was asked of."""
+        names = (executable.name, "python") if executable == Path(sys.executable) else (executable.name,)
+        return tuple(str(executable.absolute()) if word in names else word for word in self.command)
 
 
 def render(template: str, **values: object) -> str:

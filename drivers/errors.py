@@ -12,9 +12,27 @@ class InputError(Exception):
     """
 
     def __init__(self, where: str, key: str, found: str, allowed: str) -> None:
+        super().__init__(where, key, found, allowed)  # so that it passes from process to process
+
+    def __str__(self) -> str:
+        """The one line."""
+        where, key, found, allowed = self.args
         place = f"{where}: {key}" if key else where
-        super().__init__(f"{place}: found {found}; allowed: {allowed}".replace("\n", " "))
+        return f"{place}: found {found}; allowed: {allowed}".replace("\n", " ")
 
 
 class RunError(Exception):
-    """A run that cannot count as done; the message is the reason that its record keeps."""
+    """A run that cannot count as done; the message is the reason that its record keeps.
+
+    Args:
+        reason: why.
+        status: ``failed`` or ``timeout``.
+    """
+
+    def __init__(self, reason: str, status: str = "failed") -> None:
+        super().__init__(reason, status)
+        self.status = status
+
+    def __str__(self) -> str:
+        """The reason."""
+        return str(self.args[0])

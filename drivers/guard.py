@@ -1,10 +1,38 @@
 """What a finished run has to satisfy before it counts as done."""
 
+from pathlib import Path
+
 import numpy as np
 
+from drivers.case import Case
 from drivers.chain import Array, Chain, energy_put_in
+from drivers.engines import Engine
+from drivers.errors import RunError
+from drivers.process import Outcome
 from drivers.tolerances import tolerance
 from drivers.trace import Trace
+
+LONGEST_COMPLAINT = 300
+
+
+def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) -> Trace:
+    """The trace of a process that ended.
+
+    Raises:
+        RunError: it cannot count as done.
+    """
+    if outcome.timed_out:
+        raise RunError(f"killed at the time limit of {outcome.limit_s:g} s", status="timeout")
+    if outcome.code != 0:
+        stdout, stderr = ((folder / name).read_text(errors="replace") for name in ("stdout.txt", "stderr.txt"))
+        ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
+        words = "".join(c if c.isprintable() else " " for c in engine.complaint(stdout, stderr))
+        raise RunError(f"{ending}: {words[:LONGEST_COMPLAINT]}")
+    trace = engine.read(case, folder)
+    reason = reason_to_fail(case.chain, trace)
+    if reason:
+        raise RunError(reason)
+    return trace
 
 
 def reason_to_fail(chain: Chain, trace: Trace) -> str | None:

@@ -5,6 +5,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 INPUTS = ROOT / "inputs"
 SCENES = INPUTS / "scenes"
+STUDIES = INPUTS / "studies"
 MATERIALS = INPUTS / "materials.toml"
 TOLERANCES = INPUTS / "tolerances.toml"
 QUOTED = INPUTS / "paper" / "quoted.toml"

@@ -1,6 +1,7 @@
 """Runs an engine as a process of its own, in a scrubbed environment and within a time limit."""
 
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -11,12 +12,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 KEPT = ("PATH", "HOME", "USER", "LOGNAME", "TMPDIR", "LD_LIBRARY_PATH")
 PROBE_LIMIT_S = 20.0
 UNKNOWN_VERSION = "unknown"
 COULD_NOT_START = 127  # as a shell says it
 
+Stream = IO[bytes] | int
 
 _lock = threading.Lock()
 _running: set[int] = set()  # leaders of the process groups under way
@@ -29,13 +32,14 @@ class Outcome:
 
     Attributes:
         code: exit code; negative for a signal.
-        timed_out: it was killed at the time limit.
+        timed_out: it was killed at the time limit, ``limit_s``.
         wall_s, cpu_s: of the whole process with its children.
         memory_bytes: the most it held.
     """
 
     code: int
     timed_out: bool
+    limit_s: float
     wall_s: float
     cpu_s: float
     memory_bytes: int
@@ -53,32 +57,18 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
     ``variables`` are added to the environment. The process leads a group of its own, which is killed at the time
     limit; where the system can, it is also killed when this one dies.
     """
-    guard = ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
     began = time.perf_counter()
     with open(folder / "stdout.txt", "wb") as out, open(folder / "stderr.txt", "wb") as err:
         try:
-            process = subprocess.Popen(
-                (*guard, *command),
-                cwd=folder,
-                env=scrubbed_environment() | variables,
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=err,
-                start_new_session=True,
-            )
+            process = start(command, folder, subprocess.DEVNULL, out, err, **variables)
         except OSError as error:
             err.write(f"cannot start: {error}\n".encode())
-            return Outcome(COULD_NOT_START, timed_out=False, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
-        with _lock:
-            _running.add(process.pid)
-            stopped = _stops > 0
-        if stopped:
-            _kill_group(process.pid)
+            return Outcome(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
         expired = threading.Event()
 
         def expire() -> None:
             expired.set()
-            _kill_group(process.pid)
+            kill_group(process.pid)
 
         timer = threading.Timer(min(limit_s, threading.TIMEOUT_MAX), expire)
         timer.start()
@@ -86,21 +76,63 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
             os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # its id stays its own until it is reaped below
         finally:
             timer.cancel()
-            with _lock:
-                _running.discard(process.pid)
-                stopped = _stops > 0
-            _kill_group(process.pid)  # it, if this was interrupted, and what it may have left behind
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    if stopped:
-        raise KeyboardInterrupt
+            usage = reap(process)  # or stop it, if this was interrupted
     return Outcome(
         code=process.returncode,
         timed_out=expired.is_set(),
+        limit_s=limit_s,
         wall_s=time.perf_counter() - began,
         cpu_s=usage.ru_utime + usage.ru_stime,
         memory_bytes=usage.ru_maxrss * 1024,
     )
+
+
+def start(
+    command: tuple[str, ...], folder: Path, stdin: Stream, stdout: Stream, stderr: Stream, **variables: str
+) -> subprocess.Popen[bytes]:
+    """Starts a process that leads a group of its own and, where the system can, dies with this one.
+
+    Raises:
+        OSError: it cannot be started.
+    """
+    guard = ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
+    process = subprocess.Popen(
+        (*guard, *command),
+        cwd=folder,
+        env=scrubbed_environment() | variables,
+        stdin=stdin,
+        stdout=stdout,
+        stderr=stderr,
+        start_new_session=True,
+    )
+    with _lock:
+        _running.add(process.pid)
+        stopped = _stops > 0
+    if stopped:
+        kill_group(process.pid)
+    return process
+
+
+def reap(process: subprocess.Popen[bytes]) -> resource.struct_rusage:
+    """Kills what is left of a process and of its group; what it used.
+
+    Raises:
+        KeyboardInterrupt: everything is being stopped.
+    """
+    with _lock:
+        _running.discard(process.pid)
+        stopped = _stops > 0
+    kill_group(process.pid)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if stopped:
+        raise KeyboardInterrupt
+    return usage
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
@@ -110,7 +142,7 @@ def all_stopped() -> Iterator[None]:
     with _lock:
         _stops += 1
         for leader in _running:
-            _kill_group(leader)
+            kill_group(leader)
     try:
         yield
     finally:
@@ -126,7 +158,8 @@ def first_line_of(command: tuple[str, ...]) -> str:
     return lines[0].strip() if lines else ""
 
 
-def _kill_group(leader: int) -> None:
+def kill_group(leader: int) -> None:
+    """Kills a process with all it started."""
     try:
         os.killpg(leader, signal.SIGKILL)
     except (ProcessLookupError, PermissionError):

@@ -34,7 +34,21 @@ def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
         lay_over(data, setting)
     if settings:
         where += f" with --set {shorten(' '.join(settings))}"
-    library = read_toml(paths.MATERIALS)
+    return make_scene(data, read_toml(paths.MATERIALS), path.stem, where)
+
+
+def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: str) -> Scene:
+    """The scene of a file's tables.
+
+    Args:
+        data: the tables; materials of the scene's own are completed in place.
+        library: the tables of ``inputs/materials.toml``.
+        name: the scene's name.
+        where: the scene as messages name it.
+
+    Raises:
+        InputError: anything wrong with it.
+    """
     _complete_own_materials(data, library)
     file = validate(SceneFile, data, where)
     for complaint in not_yet(file):
@@ -47,7 +61,7 @@ def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
         | {
             "materials": materials,
             "run": file.run.model_copy(update={"time_step": time_step}),
-            "name": path.stem,
+            "name": name,
             "file": where,
             "steps_per_sample": every,
             "samples": samples,
@@ -67,19 +81,28 @@ def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
 
 def find_scene(source: str | Path) -> Path:
     """The path of a scene file, given by path or by the name of one in ``inputs/scenes``."""
+    return find_input(source, paths.SCENES, "scene")
+
+
+def find_input(source: str | Path, home: Path, what: str) -> Path:
+    """The path of a TOML file, given by path or by the name of one in its ``home``.
+
+    Raises:
+        InputError: there is no such name, or the file's name is no name.
+    """
     path = Path(source)
     if path.suffix != ".toml" and path.name == str(source) and not path.is_file():
-        path = paths.SCENES / f"{source}.toml"
+        path = home / f"{source}.toml"
         if not path.is_file():
-            known = ", ".join(sorted(p.stem for p in paths.SCENES.glob("*.toml")))
-            raise InputError(str(source), "", "no such scene", f"a path to a .toml file, or one of {known}")
+            known = ", ".join(sorted(p.stem for p in home.glob("*.toml")))
+            raise InputError(str(source), "", f"no such {what}", f"a path to a .toml file, or one of {known}")
     if path.suffix != ".toml":
-        raise InputError(str(source), "", f'a file ending in "{path.suffix}"', "a scene file, ending in .toml")
+        raise InputError(str(source), "", f'a file ending in "{path.suffix}"', f"a {what} file, ending in .toml")
     stem = path.stem
     if not stem[:1].isalnum() or not stem.isascii() or not all(c.isalnum() or c in "-_." for c in stem):
-        raise InputError(str(source), "", f"the scene name {stem!r}", NAME_RULE)
+        raise InputError(str(source), "", f"the {what} name {stem!r}", NAME_RULE)
     if len(stem) > 100:
-        raise InputError(str(source), "", f"a scene name of {len(stem)} characters", "at most 100")
+        raise InputError(str(source), "", f"a {what} name of {len(stem)} characters", "at most 100")
     return path
 
 

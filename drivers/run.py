@@ -17,14 +17,13 @@ from drivers.case import Case
 from drivers.deck import Deck
 from drivers.engines import Engine, load_engine
 from drivers.errors import RunError
-from drivers.guard import reason_to_fail
+from drivers.guard import checked_trace
 from drivers.process import UNKNOWN_VERSION, Outcome, run_command
 from drivers.record import RunRecord, provenance, read_record
 from drivers.trace import FORCES, Trace, read_forces, write_forces, write_state
 from drivers.whole_file import sha256_of, whole_file
 
 LEAST_LIMIT_S = 60.0
-LONGEST_COMPLAINT = 300
 _asking_version = threading.Lock()
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: beyond it, a run hangs
 
@@ -63,25 +62,23 @@ def run_case(
         raise RunError(f"not installed; it comes with {engine.HOW_TO_GET}")
     deck = engine.render(case)
     home = runs / engine_name
-    with _asking_version:
-        version = _known_version(engine, executable, home)
-    identity = hashlib.sha256(f"{engine_name}\0{version}\0{deck.sha256}".encode()).hexdigest()[:12]
+    version = known_version(engine, executable, home)
+    identity = run_identity(engine_name, version, deck)
     found = find_run(home, identity)
     if found and found.done and not rerun and _has_all(found, case):
         return _told_again(found, case)
     with _workplace(home, identity) as folder:
         for name, text in deck.files.items():
             (folder / name).write_text(text)
-        outcome = run_command(_launch(deck, executable), folder, limit_s or default_limit_s(case), **engine.VARIABLES)
+        outcome = run_command(
+            deck.command_with(executable), folder, limit_s or default_limit_s(case), **engine.VARIABLES
+        )
         record = _record(case, engine_name, engine, version, deck, outcome, folder)
         trace = None
-        if outcome.timed_out:
-            record = replace(record, status="timeout", reason=f"killed at the time limit after {outcome.wall_s:.1f} s")
-        else:
-            try:
-                trace = _checked_trace(case, engine, outcome, folder)
-            except RunError as error:
-                record = replace(record, status="failed", reason=str(error))
+        try:
+            trace = checked_trace(case, engine, outcome, folder)
+        except RunError as error:
+            record = replace(record, status=error.status, reason=str(error))
         for name in deck.raw:
             _remove(folder / name)
         if trace is not None:
@@ -97,6 +94,11 @@ def run_case(
             target = target.with_name(f"{target.name}-failed")
         _move_into_place(folder, target, None if spared or not faster else faster.folder)
     return EndedRun(target, record)
+
+
+def run_identity(engine_name: str, version: str, deck: Deck) -> str:
+    """Digest of all that determines the numbers of a run."""
+    return hashlib.sha256(f"{engine_name}\0{version}\0{deck.sha256}".encode()).hexdigest()[:12]
 
 
 def find_run(home: Path, identity: str) -> EndedRun | None:
@@ -141,30 +143,6 @@ def _has_all(found: EndedRun, case: Case) -> bool:
     return there and sha256_of(found.folder / FORCES) == found.record.forces_sha256
 
 
-def _launch(deck: Deck, executable: Path) -> tuple[str, ...]:
-    """The deck's command with the program that was found, so that what runs is what its version was asked of."""
-    names = (executable.name, "python") if executable == Path(sys.executable) else (executable.name,)
-    return tuple(str(executable.absolute()) if word in names else word for word in deck.command)
-
-
-def _checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) -> Trace:
-    """The trace of a process that ended.
-
-    Raises:
-        RunError: it cannot count as done.
-    """
-    if outcome.code != 0:
-        stdout, stderr = (_text(folder / name) for name in ("stdout.txt", "stderr.txt"))
-        ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
-        words = "".join(c if c.isprintable() else " " for c in engine.complaint(stdout, stderr))
-        raise RunError(f"{ending}: {words[:LONGEST_COMPLAINT]}")
-    trace = engine.read(case, folder)
-    reason = reason_to_fail(case.chain, trace)
-    if reason:
-        raise RunError(reason)
-    return trace
-
-
 def _write_products(case: Case, trace: Trace, folder: Path) -> None:
     from postproc.sensors import write_sensors
 
@@ -206,8 +184,13 @@ def _text(path: Path) -> str:
     return path.read_text(errors="replace")
 
 
-def _known_version(engine: Engine, executable: Path, home: Path) -> str:
-    """The engine's version, asked once per executable: asking costs a start-up."""
+def known_version(engine: Engine, executable: Path, home: Path) -> str:
+    """The engine's version, asked once per executable and noted in its ``home``: asking costs a start-up."""
+    with _asking_version:
+        return _noted_version(engine, executable, home)
+
+
+def _noted_version(engine: Engine, executable: Path, home: Path) -> str:
     if not executable.exists() or str(executable) == sys.executable:
         return engine.version(executable)
     status = executable.stat()

@@ -1,6 +1,5 @@
 """Runs many cases side by side, one engine process per core."""
 
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -10,7 +9,7 @@ from pathlib import Path
 from drivers import paths
 from drivers.case import Case
 from drivers.engines import load_engine
-from drivers.process import all_stopped
+from drivers.process import all_stopped, cores
 from drivers.run import EndedRun, run_case
 
 
@@ -26,7 +25,7 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[
 
     keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
     different = dict(zip(keys, jobs, strict=True))
-    with workers(_cores()) as pool:
+    with workers(cores()) as pool:
         under_way = {key: pool.submit(run_case, *job, runs) for key, job in different.items()}
         bar = tqdm(under_way.items(), unit="run", leave=False, disable=None, file=sys.stderr)
         ended = {key: future.result() for key, future in bar}
@@ -46,8 +45,3 @@ def workers(count: int) -> Iterator[ThreadPoolExecutor]:
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
-
-
-def _cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

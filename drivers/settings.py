@@ -7,22 +7,34 @@ from drivers.errors import InputError
 
 
 def lay_over(data: dict[str, Any], setting: str) -> None:
-    """Sets one ``path=value`` in the tables of a scene file."""
+    """Sets one ``path=value`` in the tables of a scene file.
+
+    Raises:
+        InputError: there is no such place.
+    """
     where = f"--set {setting}"
     path, equals, text = setting.partition("=")
-    keys = path.strip().split(".")
-    if not equals or not all(keys):
+    if not equals or not all(path.strip().split(".")):
         raise InputError(where, "", "no path=value", "a key of the scene and its value, such as chain.count=60")
+    set_value(data, path.strip(), read_value(text), where)
+
+
+def set_value(data: dict[str, Any], path: str, value: Any, where: str) -> None:
+    """Sets the value at a path such as ``chain.sensors.0.mass``; an empty text leaves the key out.
+
+    Raises:
+        InputError: there is no such place.
+    """
+    *keys, last = path.split(".")
     here: Any = data
-    for key in keys[:-1]:
+    for key in keys:
         here = _step_into(here, key, where)
-    last = keys[-1]
     if isinstance(here, list):
-        here[_index(here, last, where)] = _value(text)
+        here[_index(here, last, where)] = value
     elif not isinstance(here, dict):
         raise InputError(where, path, "a key below a plain value", "a key of a table")
-    elif text.strip():
-        here[last] = _value(text)
+    elif value != "":
+        here[last] = value
     else:
         here.pop(last, None)
 
@@ -41,7 +53,8 @@ def _index(entries: list[Any], key: str, where: str) -> int:
     return int(key)
 
 
-def _value(text: str) -> Any:
+def read_value(text: str) -> Any:
+    """A value as TOML has it, or else plain text."""
     try:
         table = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):

@@ -1,5 +1,6 @@
 """The force trace: what every engine's raw output becomes, and where post-processing starts."""
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,6 +54,14 @@ def make_trace(chain: Chain, time_s: Array, force_N: Array, height_m: Array, vel
         height_m=height_m,
         velocity_m_s=velocity_m_s,
     )
+
+
+def digest_of(trace: Trace) -> str:
+    """Digest of the forces and energies: equal only where they are, bit for bit."""
+    digest = hashlib.sha256()
+    for array in (trace.force_N, trace.kinetic_energy_J, trace.total_energy_J, trace.momentum_N_s):
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
 
 
 def write_forces(trace: Trace, path: Path) -> None:

@@ -6,6 +6,7 @@ and a deck shows 0.00476, not 0.0047599999999999995.
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache, lru_cache
 from typing import Annotated, Any
@@ -51,7 +52,14 @@ def to_si(text: str, unit: str) -> float:
     return float(value)
 
 
-def _quantity(what: str, unit: str, example: str, allows: Callable[[float], bool]) -> BeforeValidator:
+@dataclass(frozen=True)
+class InUnit(BeforeValidator):
+    """What reads a quantity, and the SI unit it is read to."""
+
+    unit: str = ""
+
+
+def _quantity(what: str, unit: str, example: str, allows: Callable[[float], bool]) -> InUnit:
     allowed = f'{what} with its unit, such as "{example}"'
 
     def read(value: object) -> float:
@@ -67,7 +75,7 @@ def _quantity(what: str, unit: str, example: str, allows: Callable[[float], bool
             raise NotAllowedError(allowed)
         return number
 
-    return BeforeValidator(read)
+    return InUnit(read, unit=unit)
 
 
 def _above_zero(value: float) -> bool:

@@ -8,13 +8,15 @@ An engine module has
 * ``VARIABLES``: environment variables it needs;
 * ``version(executable)``: its version, part of a run's identity;
 * ``render(case)``: the deck, complete with the command that runs it inside its folder;
+* ``SERVER``: files and command of a process that runs many decks, asked over its standard input;
+* ``request(folder, word)``: what to write there, so that it runs the deck of a folder and prints the word on a line;
 * ``read(case, folder)``: the raw output there as a force trace, or a RunError saying what is wrong with it;
 * ``complaint(stdout, stderr)``: the engine's own words for why it ended badly;
 * ``loop_seconds(stdout)``: seconds in the engine's own time loop, None where it did not get there.
 """
 
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
@@ -30,6 +32,7 @@ class Engine(Protocol):
     HOW_TO_GET: str
     IN_REPOSITORY: bool
     VARIABLES: Mapping[str, str]
+    SERVER: Deck
 
     @staticmethod
     def find() -> Path | None:
@@ -44,6 +47,11 @@ class Engine(Protocol):
     @staticmethod
     def render(case: Case) -> Deck:
         """The deck of a case."""
+        ...
+
+    @staticmethod
+    def request(folder: str, word: str) -> str:
+        """What makes the server run the deck of a folder and say the word; without a folder, just say it."""
         ...
 
     @staticmethod
@@ -72,14 +80,19 @@ def codes() -> list[str]:
     return [name for name in engine_names() if not load_engine(name).IN_REPOSITORY]
 
 
+def installed(names: Iterable[str]) -> tuple[str, ...]:
+    """Those of the engines that are there."""
+    return tuple(name for name in names if load_engine(name).find() is not None)
+
+
 def installed_codes() -> list[str]:
     """The codes that are there."""
-    return [name for name in codes() if load_engine(name).find() is not None]
+    return list(installed(codes()))
 
 
 def missing_codes() -> list[str]:
     """The codes that are not."""
-    return [name for name in codes() if load_engine(name).find() is None]
+    return [name for name in codes() if name not in installed_codes()]
 
 
 def load_engine(name: str) -> Engine:

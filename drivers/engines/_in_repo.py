@@ -19,6 +19,7 @@ HOW_TO_GET = "nothing: it is part of this repository"
 IN_REPOSITORY = True
 VARIABLES = {"PYTHONPATH": str(paths.ROOT)}
 COMMAND = ("python", "-m", "validation.reference", "chain.json")
+SERVER = Deck({}, ("python", "-m", "validation.reference", "-"), raw=())  # takes requests from stdin
 
 
 def find() -> Path | None:
@@ -54,6 +55,11 @@ def render(case: Case, method: str, **timing: float) -> Deck:
     }
     lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(value)}" for key, value in values.items())
     return Deck({"chain.json": f"{{{lines}}}\n"}, COMMAND, raw=("chain.npz",))
+
+
+def request(folder: str, word: str) -> str:
+    """A line for the program's standard input."""
+    return f"{folder} {word}\n"
 
 
 def read(case: Case, folder: Path) -> Trace:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.case import Case
 from drivers.chain import Array, Chain, energy_put_in
@@ -21,6 +22,7 @@ HOW_TO_GET = "Debian's package liggghts"
 IN_REPOSITORY = False
 VARIABLES: dict[str, str] = {}
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
+SERVER = Deck({}, ("stdbuf", "-oL", "liggghts", "-log", "none"), raw=())  # takes its commands from stdin
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
 
@@ -111,6 +113,12 @@ def _pair_stiffnesses(chain: Chain, radius: Array, labels: list[str], unique: li
     return [float(value) for value in kn.ravel()]
 
 
+def request(folder: str, word: str) -> str:
+    """Runs the deck of a folder, forgets it, and says the word; without a folder, just says it."""
+    deck = f"shell cd {folder}\ninclude chain.in\nclear\nshell cd ..\n" if folder else ""
+    return f'{deck}print "{word}"\n'
+
+
 def read(case: Case, folder: Path) -> Trace:
     """The binary dump as a trace.
 
@@ -148,7 +156,7 @@ def read(case: Case, folder: Path) -> Trace:
     return make_trace(chain, case.sample_times_s, force, z, vz)
 
 
-def _frames(dump: Path, bodies: int, columns: int) -> Array:
+def _frames(dump: Path, bodies: int, columns: int) -> NDArray[np.void]:
     """The whole frames of a binary dump, as LIGGGHTS 3.8 lays them out on one process.
 
     Raises:

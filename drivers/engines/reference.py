@@ -6,15 +6,29 @@ from drivers.engines import _in_repo
 from drivers.engines._in_repo import (
     HOW_TO_GET,
     IN_REPOSITORY,
+    SERVER,
     VARIABLES,
     complaint,
     find,
     loop_seconds,
     read,
+    request,
     version,
 )
 
-__all__ = ["HOW_TO_GET", "IN_REPOSITORY", "VARIABLES", "complaint", "find", "loop_seconds", "read", "render", "version"]
+__all__ = [
+    "HOW_TO_GET",
+    "IN_REPOSITORY",
+    "SERVER",
+    "VARIABLES",
+    "complaint",
+    "find",
+    "loop_seconds",
+    "read",
+    "render",
+    "request",
+    "version",
+]
 
 
 def render(case: Case) -> Deck:

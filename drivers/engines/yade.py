@@ -20,6 +20,7 @@ HOW_TO_GET = "Debian's packages yade and python3-yade"
 IN_REPOSITORY = False
 VARIABLES: dict[str, str] = {}
 COMMAND = ("yade", "-n", "-x", "chain.py")
+SERVER = Deck({"serve.py": render_template("yade/serve.py.j2")}, ("yade", "-n", "-x", "serve.py"), raw=())
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
 
 
@@ -77,6 +78,11 @@ def render(case: Case) -> Deck:
         planes=([0] if chain.wall else []) + ([chain.bodies - 1 - first] if flat else []),
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
+
+
+def request(folder: str, word: str) -> str:
+    """A line for ``serve.py``."""
+    return f"{folder} {word}\n"
 
 
 def read(case: Case, folder: Path) -> Trace:

@@ -248,7 +248,7 @@ def test_a_hanging_engine_is_killed_and_its_children_with_it(
         "yade", 'case "$*" in *--version*) echo "Yade version: 0"; exit;; esac\nsleep 987 & echo $! > "$0.pid"; wait'
     )
     status, reason = failing_run(scene_file(), "yade", tmp_path / "runs", limit_s=1)
-    assert (status, reason[:30]) == ("timeout", "killed at the time limit after")
+    assert (status, reason) == ("timeout", "killed at the time limit of 1 s")
     child = int((tmp_path / "bin" / "yade.pid").read_text())
     assert not running(child)
 

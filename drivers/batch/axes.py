@@ -1,0 +1,218 @@
+"""Axes of a study: what one of them varies, expanded to one choice of values after the other."""
+
+import csv
+import math
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from drivers import paths, units
+from drivers.complaints import shorten
+from drivers.errors import InputError
+from drivers.read_scene import read_toml
+from drivers.scene import Part
+from drivers.settings import read_value
+
+MAX_VALUES = 1_000_000
+FORMS = ("values", "from", "factors", "zip", "seeds", "table")
+HEADING = re.compile(r"(?P<key>[^\[\]]+?)(?: *\[(?P<unit>[^\[\]]+)\])?")
+NAME = r"^[A-Za-z][A-Za-z0-9_.-]*$"
+
+Choice = dict[str, Any]  # scene key -> value as a scene file has it
+
+Keys = Annotated[
+    tuple[Annotated[str, Field(min_length=1)], ...],
+    BeforeValidator(lambda value: (value,) if isinstance(value, str) else tuple(value)),
+]
+
+
+class Axis(Part):
+    """One ``[[axis]]`` of a study file, in one of six forms.
+
+    ``key`` with ``values``; with ``from``, ``to``, ``count`` and ``spacing``; or with ``factors`` of the base scene's
+    value. Several keys all get the same value. ``zip``: keys whose lists are walked together. ``seeds``: that many
+    random draws. ``table``: a CSV file with a column per key and a row per case.
+    """
+
+    key: Keys = Field(default=(), strict=False)
+    name: Annotated[str, Field(pattern=NAME, max_length=60)] | None = None
+    values: tuple[Any, ...] | None = Field(default=None, strict=False)
+    from_: str | int | float | None = Field(default=None, alias="from")
+    to: str | int | float | None = None
+    count: Annotated[int, Field(ge=2, le=MAX_VALUES)] | None = None
+    spacing: Literal["linear", "log"] = "linear"
+    factors: tuple[Annotated[float, Field(gt=0, allow_inf_nan=False)], ...] | None = Field(default=None, strict=False)
+    zip: dict[str, tuple[Any, ...]] | None = Field(default=None, strict=False)
+    seeds: Annotated[int, Field(ge=1, le=MAX_VALUES)] | None = None
+    table: str | None = None
+
+    @property
+    def form(self) -> str:
+        """The form it has; empty where it has none or several."""
+        given = [form for form in FORMS if getattr(self, "from_" if form == "from" else form) is not None]
+        return given[0] if len(given) == 1 else ""
+
+
+def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: str) -> list[Choice]:
+    """The choices of an axis, in order.
+
+    Args:
+        axis: as the study file has it.
+        base: tables of the base scene, which factors multiply.
+        folder: of the study file, where its tables lie.
+        where: the study as messages name it.
+        place: the axis as messages name it.
+
+    Raises:
+        InputError: it has no form or no values.
+    """
+    form = axis.form
+    if not form:
+        raise InputError(where, place, "none or several of its forms", f"exactly one of {', '.join(FORMS)}")
+    if bool(axis.key) != (form in ("values", "from", "factors")):
+        needs = "a key" if not axis.key else f"no key beside {form}"
+        raise InputError(where, f"{place}.key", str(list(axis.key)), needs)
+    if form == "zip":
+        assert axis.zip is not None
+        return _zipped(axis.zip, where, f"{place}.zip")
+    if form == "table":
+        assert axis.table is not None
+        return _table(folder / axis.table, where, f"{place}.table")
+    if form == "seeds":
+        assert axis.seeds is not None
+        return [{"seed": seed} for seed in range(1, axis.seeds + 1)]
+    if form == "factors":
+        assert axis.factors is not None
+        if not axis.factors:
+            raise InputError(where, f"{place}.factors", "an empty list", "at least one factor")
+        return [{key: _multiplied(base, key, factor, where, place) for key in axis.key} for factor in axis.factors]
+    values = _range(axis, where, place) if form == "from" else list(axis.values or ())
+    if not values:
+        raise InputError(where, f"{place}.values", "an empty list", "at least one value")
+    return [dict.fromkeys(axis.key, value) for value in values]
+
+
+def _zipped(lists: dict[str, tuple[Any, ...]], where: str, place: str) -> list[Choice]:
+    lengths = {key: len(values) for key, values in lists.items()}
+    if not lists or 0 in lengths.values():
+        raise InputError(where, place, "an empty list", "keys with at least one value each")
+    if len(set(lengths.values())) > 1:
+        found = ", ".join(f"{length} of {key}" for key, length in lengths.items())
+        raise InputError(where, place, found, "lists of equal length")
+    return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+
+
+def _range(axis: Axis, where: str, place: str) -> list[Any]:
+    """Values from one end to the other, both included; whole ends give whole values."""
+    if axis.from_ is None or axis.to is None or axis.count is None:
+        missing = next(name for name in ("to", "count") if getattr(axis, name) is None)
+        raise InputError(where, f"{place}.{missing}", "nothing", "from, to and count go together")
+    low, unit = _number(axis.from_, where, f"{place}.from")
+    high, other = _number(axis.to, where, f"{place}.to")
+    if unit != other:
+        high = _converted(str(axis.to), unit, where, f"{place}.to")
+    if axis.spacing == "log" and not (low > 0 and high > 0):
+        raise InputError(where, f"{place}.from", f"{axis.from_} to {axis.to}", 'ends above zero for spacing = "log"')
+    steps = axis.count - 1
+    if axis.spacing == "log":
+        inner = [low * math.exp(math.log(high / low) * i / steps) for i in range(1, steps)]
+    else:
+        inner = [low + (high - low) * i / steps for i in range(1, steps)]
+    values = [low, *inner, high]
+    if isinstance(axis.from_, int) and isinstance(axis.to, int):
+        return list(dict.fromkeys(round(value) for value in values))
+    return [f"{value!r} {unit}" if unit else value for value in values]
+
+
+def _number(value: str | int | float, where: str, place: str) -> tuple[float, str]:
+    """A plain number, or a number with its unit."""
+    if isinstance(value, str):
+        match = units.NUMBER_AND_UNIT.fullmatch(value)
+        if match is None:
+            raise InputError(where, place, shorten(value), 'a number, with its unit where it has one: "2 m/s"')
+        return float(match.group(1)), match.group(2)
+    if not math.isfinite(value):
+        raise InputError(where, place, str(value), "a finite number")
+    return float(value), ""
+
+
+def _converted(text: str, unit: str, where: str, place: str) -> float:
+    """A quantity's number in the unit of another."""
+    try:
+        return units.to_si(text, unit)
+    except ValueError as error:
+        raise InputError(
+            where, place, shorten(text), f"a quantity in {unit or 'plain numbers'}, as from has"
+        ) from error
+
+
+def _multiplied(base: dict[str, Any], key: str, factor: float, where: str, place: str) -> Any:
+    """The base scene's value at a key, times a factor."""
+    value = _look_up(base, key)
+    if value is None and key.startswith("materials."):
+        value = _look_up(read_toml(paths.MATERIALS), key.removeprefix("materials."))
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        product = value * factor
+        return int(product) if isinstance(value, int) and product.is_integer() else product
+    match = units.NUMBER_AND_UNIT.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        found = "nothing" if value is None else shorten(value)
+        raise InputError(
+            where, f"{place}.factors", f"{found} at {key} of the base scene", "a number or a quantity there"
+        )
+    return f"{float(match.group(1)) * factor!r} {match.group(2)}"
+
+
+def _look_up(tables: Any, key: str) -> Any:
+    for part in key.split("."):
+        if isinstance(tables, dict):
+            tables = tables.get(part)
+        elif isinstance(tables, list) and part.isascii() and part.isdecimal() and int(part) < len(tables):
+            tables = tables[int(part)]
+        else:
+            return None
+    return tables
+
+
+def _table(path: Path, where: str, place: str) -> list[Choice]:
+    """The rows of a CSV file: the heading of a column is a key, with its unit in brackets over plain numbers."""
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            rows = [row for row in csv.reader(file, strict=True) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        found = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(where, place, f"{paths.shown(path)}: {found}", "a readable CSV file") from error
+    shown = paths.shown(path)
+    if len(rows) < 2:
+        raise InputError(shown, "", f"{len(rows)} lines", "a line of keys and at least one line of values")
+    matches = [HEADING.fullmatch(heading.strip()) for heading in rows[0]]
+    columns: list[tuple[str, str]] = []
+    for heading, match in zip(rows[0], matches, strict=True):
+        if match is None:
+            raise InputError(shown, "line 1", shorten(heading), "a key of the scene, such as striker.speed [m/s]")
+        columns.append((match["key"].strip(), match["unit"] or ""))
+    if len({key for key, _ in columns}) < len(columns):
+        raise InputError(shown, "line 1", "a key twice", "each key once")
+    choices = []
+    for number, row in enumerate(rows[1:], start=2):
+        if len(row) != len(columns):
+            raise InputError(shown, f"line {number}", f"{len(row)} values", f"{len(columns)}, one for each key")
+        cells = zip(columns, row, strict=True)
+        choices.append({key: _cell(cell.strip(), unit, shown, f"line {number}, {key}") for (key, unit), cell in cells})
+    return choices
+
+
+def _cell(text: str, unit: str, where: str, place: str) -> Any:
+    if not unit:
+        if not text:
+            raise InputError(where, place, "nothing", "a value")
+        return read_value(text)
+    try:
+        finite = math.isfinite(float(text))
+    except ValueError:
+        finite = False
+    if not finite:
+        raise InputError(where, place, shorten(text), f"a plain number, since the heading has its unit ({unit})")
+    return f"{text} {unit}"

@@ -1,0 +1,152 @@
+"""Workers on this machine: processes that live as long as the batch."""
+
+import ctypes
+import multiprocessing
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drivers.batch.plan import Plan, joined, plan_part
+from drivers.batch.store import Store
+from drivers.batch.study import Study
+from drivers.batch.worker import CHUNK, run_cases
+from drivers.errors import RunError
+
+POLL_S = 0.2
+LIVES = 3  # how often workers that die are replaced
+PLAN_CHUNK = 250
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What a worker process is for."""
+
+    study: Study
+    store: Store
+    taken: Any  # shared: how many of the numbers have been taken up
+
+
+_work: _Work | None = None  # of a worker process
+
+
+@contextmanager
+def worker_pool(workers: int, study: Study, store: Store) -> Iterator[ProcessPoolExecutor]:
+    """Worker processes for a study; whatever happens here, they end with it."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["drivers.batch.worker", "postproc.observables", "postproc.residual"])
+    pool = ProcessPoolExecutor(workers, context, _begin, (study, store.runs, context.Value("q", 0)))
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def plan_on(pool: ProcessPoolExecutor, study: Study, versions: dict[str, str]) -> Iterator[Plan]:
+    """Plans of consecutive cases, which validates them all.
+
+    Raises:
+        InputError: one of the cases makes no scene.
+    """
+    starts = range(1, study.count + 1, PLAN_CHUNK)
+    chunks = [range(start, min(start + PLAN_CHUNK, study.count + 1)) for start in starts]
+    yield from pool.map(_plan, chunks, [versions] * len(chunks))
+
+
+def plan_here(study: Study, versions: dict[str, str]) -> Plan:
+    """The whole plan, worked out in this process."""
+    return joined([plan_part(study, range(1, study.count + 1), versions)])
+
+
+def run_locally(
+    study: Study,
+    numbers: Sequence[int],
+    engines: tuple[str, ...],
+    store: Store,
+    workers: int,
+    retry_before: float,
+) -> Iterator[None]:
+    """Runs cases side by side, and yields now and then until all are through.
+
+    Raises:
+        RunError: workers die again and again.
+        OSError: the disk is full, or something else is wrong with the runs folder.
+    """
+    for life in range(LIVES):
+        try:
+            while numbers:
+                with worker_pool(workers, study, store) as pool:
+                    futures = [pool.submit(_run, numbers, workers, engines, retry_before) for _ in range(workers)]
+                    yield from _waiting(futures)
+                numbers = [number for future in futures for number in future.result()]
+                if numbers:  # another batch is at work on them
+                    time.sleep(POLL_S)
+            return
+        except BrokenProcessPool as error:
+            if life == LIVES - 1:
+                raise RunError(
+                    f"workers were killed {LIVES} times; what is done is kept: run the batch again"
+                ) from error
+
+
+def _waiting(futures: list[Future[Any]]) -> Iterator[None]:
+    """Yields until all are through; the first error ends it."""
+    waiting = set(futures)
+    while waiting:
+        ended, waiting = wait(waiting, POLL_S)
+        for future in ended:
+            future.result()
+        yield
+
+
+def _begin(study: Study, runs: Path, taken: Any) -> None:
+    """A worker's first act: it leaves Ctrl-C to the batch, ends in order when asked to, and never outlives it."""
+    global _work
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _end)
+    if sys.platform == "linux":
+        death_signal = 1
+        ctypes.CDLL(None).prctl(death_signal, signal.SIGKILL)
+    _work = _Work(study, Store(runs), taken)
+
+
+def _end(*_: object) -> None:
+    """Leaves what is under way, so that its engines are ended and its rows kept, and takes up nothing more."""
+    global _work
+    _work = None
+    raise SystemExit
+
+
+def _run(numbers: Sequence[int], workers: int, engines: tuple[str, ...], retry_before: float) -> list[int]:
+    """Takes up chunk after chunk of the numbers that all workers share; those left to another batch."""
+    if _work is None:
+        return []
+    return run_cases(_work.study, _chunks(numbers, workers, _work.taken), engines, _work.store, retry_before)
+
+
+def _chunks(numbers: Sequence[int], workers: int, taken: Any) -> Iterator[Sequence[int]]:
+    """Chunks that get smaller towards the end, so that all workers end at about the same time."""
+    while True:
+        with taken.get_lock():
+            start = taken.value
+            size = max(1, min(CHUNK, (len(numbers) - start) // (4 * workers)))
+            taken.value = start + size
+        if start >= len(numbers):
+            return
+        yield numbers[start : start + size]
+
+
+def _plan(numbers: Sequence[int], versions: dict[str, str]) -> Plan:
+    assert _work is not None
+    return plan_part(_work.study, numbers, versions)

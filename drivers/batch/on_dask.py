@@ -1,0 +1,93 @@
+"""Slices of a study on a Dask cluster, through the executor interface of ``distributed``."""
+
+import math
+from collections.abc import Iterator
+from concurrent.futures import wait
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from drivers.batch.selection import Selection
+from drivers.batch.slices import run_slice
+from drivers.batch.study import Study
+from drivers.batch.worker import CHUNK
+from drivers.errors import InputError, RunError
+
+LOCAL = "local"
+CONNECT_S = 10
+POLL_S = 0.2
+SLICES_PER_THREAD = 4  # so that a slow slice does not keep the others waiting
+RETRIES = 3  # of a slice of which the worker died
+
+
+def run_on_dask(
+    address: str, study: Study, selection: Selection, todo: list[int], runs: Path, *, workers: int, retry: bool
+) -> Iterator[None]:
+    """Runs the slices that have something to do, and yields now and then until all are through.
+
+    Args:
+        address: of a scheduler, or ``local`` for a cluster of ``workers`` processes that lives as long as this.
+        study: the study.
+        selection: what is asked for of it.
+        todo: numbers of the cases that are not done.
+        runs: the runs folder, which all Dask workers have to see.
+        workers: of a local cluster.
+        retry: run failed cases again.
+
+    Raises:
+        InputError: ``distributed`` is not installed, or no scheduler answers.
+        RunError: a slice failed as a whole.
+    """
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise InputError("--dask", "", "no distributed package", "an environment with it: make cluster") from error
+    with ExitStack() as stack:
+        client: Any
+        if address == LOCAL:
+            cluster = stack.enter_context(
+                LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50)
+            )
+            client = stack.enter_context(Client(cluster))
+        else:
+            try:
+                client = stack.enter_context(Client(address, timeout=CONNECT_S))
+            except (OSError, ValueError) as error:
+                allowed = "the address of a running scheduler, such as tcp://10.0.0.1:8786"
+                raise InputError(f"--dask {address}", "", "nobody who answers", allowed) from error
+        threads = max(1, sum(client.nthreads().values()))
+        parts = max(SLICES_PER_THREAD * threads, math.ceil(len(selection.numbers) / CHUNK))
+        executor = stack.enter_context(client.get_executor(pure=False, retries=RETRIES))
+        futures = [
+            executor.submit(
+                run_slice,
+                study.path,
+                part,
+                parts,
+                runs,
+                engines=selection.engines,
+                patterns=selection.patterns,
+                retry=retry,
+            )
+            for part in slices_with_work(selection, todo, parts)
+        ]
+        waiting = set(futures)
+        while waiting:
+            ended, waiting = wait(waiting, POLL_S)
+            for future in ended:
+                _raise_error_of(future)
+            yield
+
+
+def slices_with_work(selection: Selection, todo: list[int], parts: int) -> list[int]:
+    """Which of the slices hold a case that is not done."""
+    places = {number: place for place, number in enumerate(selection.numbers)}
+    return sorted({places[number] % parts + 1 for number in todo})
+
+
+def _raise_error_of(future: Any) -> None:
+    error = future.exception()
+    if isinstance(error, (InputError, RunError, OSError)):
+        raise error
+    if error is not None:
+        raise RunError(f"a slice failed on the cluster: {type(error).__name__}: {error}") from error

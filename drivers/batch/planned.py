@@ -1,0 +1,72 @@
+"""What a study asks for: its cases with their decks, and the identities by which finished rows are found."""
+
+import hashlib
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+
+from drivers import paths
+from drivers.batch.study import Study
+from drivers.case import Case
+from drivers.deck import Deck
+from drivers.engines import installed, load_engine
+from drivers.run import known_version, run_identity
+
+REFERENCE = "reference"
+OBSERVING = ("observables.py", "residual.py", "sensors.py", "signals.py")  # what turns a trace into a row
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A case of a study.
+
+    Attributes:
+        decks: by engine.
+        runs: identities of the runs by engine, as run folders have them.
+        identities: of the rows by engine: of the run, the gauges, and what observes them.
+    """
+
+    number: int
+    label: str
+    case: Case
+    decks: dict[str, Deck]
+    runs: dict[str, str]
+    identities: dict[str, str]
+
+    @property
+    def work(self) -> int:
+        """Bodies times steps: what a run's cost goes with."""
+        return self.case.chain.bodies * self.case.scene.steps
+
+
+def versions_of(engines: tuple[str, ...], runs: Path) -> dict[str, str]:
+    """Versions of installed engines, and of the reference, by which errors are counted."""
+    versions = {}
+    for name in dict.fromkeys((*installed(engines), REFERENCE)):
+        engine = load_engine(name)
+        executable = engine.find()
+        assert executable is not None
+        versions[name] = known_version(engine, executable, runs / name)
+    return versions
+
+
+def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
+    """A case of the study with what identifies it on each engine.
+
+    Raises:
+        InputError: the case makes no scene.
+    """
+    case = study.case(number)
+    gauges = f"{asdict(case.layout)}\0{versions[REFERENCE]}\0{_observing()}"
+    decks = {name: load_engine(name).render(case) for name in versions}
+    runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
+    identities = {name: hashlib.sha256(f"{run}\0{gauges}".encode()).hexdigest()[:20] for name, run in runs.items()}
+    return Planned(number, study.label(number), case, decks, runs, identities)
+
+
+@cache
+def _observing() -> str:
+    digest = hashlib.sha256()
+    for name in OBSERVING:
+        digest.update((paths.ROOT / "postproc" / name).read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,116 @@
+"""Finished rows, many to a file; a file is written whole, named by its digest, and never changed."""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+ENDING = ".jsonl"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One case on one engine.
+
+    Attributes:
+        identity: of all that determines the row; ``run``: of the run, as run folders have it.
+        study, label: for whom it was run, under which values: a row of the same label and another identity is stale.
+        status: ``done``, ``failed`` or ``timeout``; ``reason`` says why in the latter cases.
+        values: observables by name.
+        force_error: largest force difference from the exact forces, over the largest force; None for these.
+        trace_sha256: digest of the forces and energies.
+        work: bodies times steps.
+        cost: seconds by what they were spent on.
+        ended: when it was run, in seconds of Unix time.
+    """
+
+    identity: str
+    run: str
+    study: str
+    label: str
+    engine: str
+    status: str
+    reason: str
+    values: dict[str, float]
+    force_error: float | None
+    trace_sha256: str
+    work: int
+    cost: dict[str, float | None]
+    ended: float
+
+    @property
+    def done(self) -> bool:
+        """Whether its numbers count."""
+        return self.status == "done"
+
+
+class Store:
+    """All rows of a runs folder; files are read once, so that looking again costs little.
+
+    Attributes:
+        rows: by identity; of several, one that is done, or else the last.
+        damaged: files that are not as they were written; their rows do not count.
+    """
+
+    def __init__(self, runs: Path) -> None:
+        self.runs = runs
+        self.folder = runs / "batch"
+        self.rows: dict[str, Row] = {}
+        self.damaged: set[str] = set()
+        self._read: set[str] = set()
+        self._labels: set[tuple[str, str, str]] = set()
+
+    def refresh(self) -> list[Row]:
+        """Reads what is new; the new rows."""
+        try:
+            names = {entry.name for entry in os.scandir(self.folder) if entry.name.endswith(ENDING)}
+        except FileNotFoundError:
+            names = set()
+        fresh: list[Row] = []
+        for name in sorted(names - self._read):
+            self._read.add(name)
+            content = (self.folder / name).read_bytes()
+            if _name_of(content) == name:
+                fresh += [Row(**json.loads(line)) for line in content.splitlines()]
+            else:
+                self.damaged.add(name)
+        for row in fresh:
+            known = self.rows.get(row.identity)
+            if known is None or (row.done, row.ended) > (known.done, known.ended):
+                self.rows[row.identity] = row
+            self._labels.add((row.study, row.engine, row.label))
+        return fresh
+
+    def was_run(self, study: str, engine: str, label: str) -> bool:
+        """Whether a study has had a row for these values, whatever its identity."""
+        return (study, engine, label) in self._labels
+
+
+def commit(rows: Iterable[Row], folder: Path, workplace: Path) -> None:
+    """Adds rows to the store in one file that is there whole or not at all, even after the power went."""
+    content = "".join(f"{json.dumps(asdict(row))}\n" for row in rows).encode()
+    if not content:
+        return
+    draft = workplace / "draft"
+    with open(draft, "wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    draft.replace(folder / _name_of(content))
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _name_of(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:24] + ENDING
+
+
+def plain(values: dict[str, Any]) -> dict[str, float]:
+    """Observables as plain floats."""
+    return {name: float(value) for name, value in values.items()}

@@ -1,0 +1,145 @@
+"""An engine process that serves one case after another: start-up is most of a small case's cost."""
+
+import os
+import selectors
+import subprocess
+import time
+from pathlib import Path
+
+from drivers.deck import Deck
+from drivers.engines import Engine
+from drivers.process import COULD_NOT_START, Outcome, reap, start
+
+DONE = "the-case-has-ended"  # the word a server says; no engine does by itself
+START_LIMIT_S = 60.0
+EXIT_LIMIT_S = 5.0
+STDERR = "stderr.txt"
+
+
+class Session:
+    """A server of one engine; started when first asked, and again after a case that killed it.
+
+    Attributes:
+        start_s: what its starts have cost so far.
+        served: cases that its last process was asked for.
+    """
+
+    def __init__(self, engine: Engine, executable: Path, folder: Path) -> None:
+        self.engine = engine
+        self.executable = executable
+        self.folder = folder
+        self.start_s = 0.0
+        self.served = 0
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def run(self, deck: Deck, name: str, limit_s: float) -> Outcome:
+        """Runs a deck in a folder of that name; what the engine said is beside its output afterwards.
+
+        A case that the process does not survive ends as it would in a process of its own, and the next one gets a
+        new process.
+        """
+        folder = self.folder / name
+        folder.mkdir()
+        for file, text in deck.files.items():
+            (folder / file).write_text(text)
+        if self._process is None:
+            outcome = self._start(folder)
+            if outcome is not None:
+                return outcome
+        self.served += 1
+        return self._ask(name, folder, limit_s)
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is no process at hand: the last case, or the start, ended it."""
+        return self._process is None
+
+    def close(self) -> None:
+        """Ends the process."""
+        if self._process is not None:
+            self._end()
+
+    def _start(self, folder: Path) -> Outcome | None:
+        """Starts the server; how it ended, if it did not come up."""
+        server = self.engine.SERVER
+        for file, text in server.files.items():
+            (self.folder / file).write_text(text)
+        began = time.perf_counter()
+        try:
+            with open(self.folder / STDERR, "wb") as stderr:
+                self._process = start(
+                    server.command_with(self.executable),
+                    self.folder,
+                    subprocess.PIPE,
+                    subprocess.PIPE,
+                    stderr,
+                    **self.engine.VARIABLES,
+                )
+        except OSError as error:
+            (folder / "stdout.txt").write_text("")
+            (folder / STDERR).write_text(f"cannot start: {error}\n")
+            return Outcome(COULD_NOT_START, False, START_LIMIT_S, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+        self.served = 0
+        outcome = self._ask("", folder, START_LIMIT_S)
+        self.start_s += time.perf_counter() - began
+        return None if self._process is not None else outcome
+
+    def _ask(self, name: str, folder: Path, limit_s: float) -> Outcome:
+        """Sends a request and waits for the word, the process's end, or the limit."""
+        process = self._process
+        assert process is not None
+        assert process.stdin is not None
+        began = time.perf_counter()
+        try:
+            process.stdin.write(self.engine.request(name, DONE).encode())
+            process.stdin.flush()
+        except OSError:
+            pass  # it is dead: there is an end of its output to read
+        said, state = _listen(process, began + limit_s)
+        wall_s = time.perf_counter() - began
+        (folder / "stdout.txt").write_bytes(said)
+        if state == "done":
+            (folder / STDERR).write_text("")
+            return Outcome(0, False, limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
+        if state == "ended":
+            _await_end(process)
+        (folder / STDERR).write_bytes((self.folder / STDERR).read_bytes())
+        return Outcome(self._end(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
+
+    def _end(self) -> int:
+        process, self._process = self._process, None
+        assert process is not None
+        for stream in (process.stdin, process.stdout):
+            if stream is not None:
+                try:
+                    stream.close()
+                except OSError:
+                    pass  # what was not sent is not needed any more
+        reap(process)
+        return process.returncode
+
+
+def _await_end(process: subprocess.Popen[bytes]) -> None:
+    """Lets a process that has closed its output exit by itself, so that its code is its own."""
+    until = time.perf_counter() + EXIT_LIMIT_S
+    while time.perf_counter() < until:
+        if os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None:
+            return
+        time.sleep(0.005)
+
+
+def _listen(process: subprocess.Popen[bytes], until: float) -> tuple[bytes, str]:
+    """What the process says before the word, and whether it is ``done``, has ``ended`` or is ``late``."""
+    assert process.stdout is not None
+    word = f"{DONE}\n".encode()
+    said = b""
+    with selectors.DefaultSelector() as selector:
+        selector.register(process.stdout, selectors.EVENT_READ)
+        while not said.endswith(word):
+            if not selector.select(max(until - time.perf_counter(), 0.0)):
+                return said, "late"
+            part = os.read(process.stdout.fileno(), 1 << 16)
+            if not part:
+                return said, "ended"
+            said += part
+    return said.removesuffix(word), "done"
