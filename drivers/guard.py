@@ -44,9 +44,8 @@ def reason_to_fail(chain: Chain, trace: Trace) -> str | None:
     finite = np.isfinite(trace.force_N).all(axis=1) & np.isfinite(trace.total_energy_J)
     if not finite.all():
         return f"not finite from t = {trace.time_s[np.argmin(finite)]:g} s on"
-    existing = chain.stiffness > 0
-    overlap = (np.maximum(trace.force_N[:, existing], 0.0) / chain.stiffness[existing]) ** (2 / 3)
-    passed = (overlap > chain.smaller_radius_m[existing]).any(axis=1)
+    through = chain.stiffness * chain.smaller_radius_m**1.5  # the force at an overlap of a radius
+    passed = (trace.force_N > through).any(axis=1)
     if passed.any():
         return f"beads pressed through each other at t = {trace.time_s[np.argmax(passed)]:g} s: overlap beyond a radius"
     limit = tolerance("guard", "energy").limit

@@ -5,6 +5,8 @@ for a pulse of width w sampled every h the error goes with (h/w)^6.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
+from math import factorial
 
 import numpy as np
 from scipy.interpolate import PPoly, make_interp_spline
@@ -50,10 +52,10 @@ def _places(values: Array, prominence: float) -> list[int]:
 
 
 def _refined(time_s: Array, values: Array, place: int) -> Peak:
-    curve = _local_curve(time_s, values, place)
-    low, high = time_s[max(place - 1, 0)], time_s[min(place + 1, len(time_s) - 1)]
+    first, last = max(place - 1, 0), min(place + 1, len(time_s) - 1)
+    curve = _local_curve(time_s, values, place, first, last)
     roots = np.asarray(curve.derivative().roots(extrapolate=False))
-    inside = roots[(roots >= low) & (roots <= high)]  # a flat stretch gives NaN, which is not inside
+    inside = roots[(roots >= time_s[first]) & (roots <= time_s[last])]  # a flat stretch gives NaN, which is not inside
     candidates = [(float(curve(root)), float(root)) for root in inside]
     value, time = max([*candidates, (float(values[place]), float(time_s[place]))])
     return Peak(time, value, place)
@@ -65,7 +67,7 @@ def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) ->
     if not below.size or below[-1] >= before.sample:
         return float("nan")
     place = int(below[-1])
-    curve = _local_curve(time_s, values, place)
+    curve = _local_curve(time_s, values, place, place, place + 1)
     roots = np.asarray(curve.solve(level, extrapolate=False))
     inside = roots[(roots >= time_s[place]) & (roots <= time_s[place + 1])]
     if inside.size:
@@ -74,11 +76,30 @@ def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) ->
     return float(time_s[place] + rise * (time_s[place + 1] - time_s[place]))
 
 
-def _local_curve(time_s: Array, values: Array, place: int) -> PPoly:
-    window = slice(max(place - REACH, 0), place + REACH + 1)
-    degree = min(5, len(values[window]) - 1)
+def _local_curve(time_s: Array, values: Array, place: int, first: int, last: int) -> PPoly:
+    """The spline around a place, from the ``first`` sample to the ``last``.
+
+    Samples are equally spaced, so its coefficients are linear in the values.
+    """
+    start = max(place - REACH, 0)
+    samples = values[start : place + REACH + 1]
+    per_value = _spline_of_units(len(samples))[:, first - start : last - start]
+    spacing = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    powers = spacing ** np.arange(len(per_value) - 1, -1, -1.0)
+    return PPoly.construct_fast((per_value @ samples) / powers[:, np.newaxis], time_s[first : last + 1])
+
+
+@lru_cache(maxsize=64)
+def _spline_of_units(count: int) -> Array:
+    """Splines through 0 ... 1 ... 0 on samples one apart: Taylor coefficients at each, the highest power first.
+
+    Shape (powers, intervals, values).
+    """
+    degree = min(5, count - 1)
     degree -= 1 - degree % 2  # splines of odd degree
-    return PPoly.from_spline(make_interp_spline(time_s[window], values[window], k=degree).tck)
+    times = np.arange(count, dtype=float)
+    splines = make_interp_spline(times, np.eye(count), k=degree)
+    return np.stack([splines(times[:-1], nu=power) / factorial(power) for power in range(degree, -1, -1)])
 
 
 def integral(time_s: Array, values: Array) -> Array:

@@ -1,7 +1,7 @@
 """What a study asks for: its cases with their decks, and the identities by which finished rows are found."""
 
 import hashlib
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -57,7 +57,7 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
         InputError: the case makes no scene.
     """
     case = study.case(number)
-    gauges = f"{asdict(case.layout)}\0{versions[REFERENCE]}\0{_observing()}"
+    gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_observing()}"
     decks = {name: load_engine(name).render(case) for name in versions}
     runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
     identities = {name: hashlib.sha256(f"{run}\0{gauges}".encode()).hexdigest()[:20] for name, run in runs.items()}

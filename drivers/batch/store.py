@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +91,7 @@ class Store:
 
 def commit(rows: Iterable[Row], folder: Path, workplace: Path) -> None:
     """Adds rows to the store in one file that is there whole or not at all, even after the power went."""
-    content = "".join(f"{json.dumps(asdict(row))}\n" for row in rows).encode()
+    content = "".join(f"{json.dumps(vars(row))}\n" for row in rows).encode()
     if not content:
         return
     draft = workplace / "draft"

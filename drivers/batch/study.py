@@ -1,6 +1,6 @@
 """A study: one base scene, what is varied over it, on which engines, and what is tabulated."""
 
-import copy
+import pickle
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
@@ -104,9 +104,11 @@ class Study:
             InputError: the scene with the case's values is wrong.
         """
         where = f"{self.where}: case {number} ({shorten(self.label(number)).strip(chr(34))})"
-        data = copy.deepcopy(self.base)
-        for key, value in self.choice(number).items():
-            set_value(data, key, copy.deepcopy(value), where)
+        data, choice = pickle.loads(
+            pickle.dumps((self.base, self.choice(number)))
+        )  # a deep copy, in a fifth of the time
+        for key, value in choice.items():
+            set_value(data, key, value, where)
         return build_case(make_scene(data, self.library, self.scene.stem, where))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from drivers import paths
 from drivers.case import Case
 from drivers.deck import Deck
-from drivers.engines._arrays import load_arrays
+from drivers.engines._arrays import load_array
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "nothing: it is part of this repository"
@@ -54,7 +54,7 @@ def render(case: Case, method: str, **timing: float) -> Deck:
         "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
     }
     lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(value)}" for key, value in values.items())
-    return Deck({"chain.json": f"{{{lines}}}\n"}, COMMAND, raw=("chain.npz",))
+    return Deck({"chain.json": f"{{{lines}}}\n"}, COMMAND, raw=("chain.npy",))
 
 
 def request(folder: str, word: str) -> str:
@@ -68,10 +68,9 @@ def read(case: Case, folder: Path) -> Trace:
     Raises:
         RunError: the file or part of it is missing.
     """
-    shape = (case.scene.samples, case.chain.bodies)
-    arrays = load_arrays(folder / "chain.npz", dict.fromkeys(("force", "displacement", "velocity"), shape))
-    height = case.chain.height_m + arrays["displacement"]
-    return make_trace(case.chain, case.sample_times_s, arrays["force"], height, arrays["velocity"])
+    force, displacement, velocity = load_array(folder / "chain.npy", (3, case.scene.samples, case.chain.bodies))
+    height = case.chain.height_m + displacement
+    return make_trace(case.chain, case.sample_times_s, force, height, velocity)
 
 
 def complaint(stdout: str, stderr: str) -> str:

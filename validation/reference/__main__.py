@@ -1,4 +1,4 @@
-"""``python -m validation.reference chain.json``: integrates the chain of a deck and writes ``chain.npz``.
+"""``python -m validation.reference chain.json``: integrates the chain of a deck and writes ``chain.npy``.
 
 With ``-`` in place of the deck it serves many: each line of its input names a folder and a word to print afterwards.
 """
@@ -33,12 +33,7 @@ def main(deck: Path) -> None:
     start = time.perf_counter()
     motion = _integrate(chain, values)
     seconds = time.perf_counter() - start
-    np.savez(
-        deck.with_suffix(".npz"),
-        force=motion.force_N,
-        displacement=motion.displacement_m,
-        velocity=motion.velocity_m_s,
-    )
+    np.save(deck.with_suffix(".npy"), [motion.force_N, motion.displacement_m, motion.velocity_m_s])
     print(f"completed {values['samples']} samples in {seconds:.6f} s")
 
 

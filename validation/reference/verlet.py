@@ -32,17 +32,17 @@ def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: in
     """
     _check(time_step_s, steps_per_sample, samples)
     arrays, half_kick = _start(chain, time_step_s), 0.5 * time_step_s / chain.mass_kg
-    velocity, overlap, force = arrays[:3]
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
-    nothing, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
-    for sample in range(samples):
-        if sample:
-            for first in range(0, steps_per_sample, BLOCK):
-                steps = min(BLOCK, steps_per_sample - first)
-                _advance(arrays, time_step_s, 0, overlap.size, False, False, 0, steps, steps, nothing, nowhere, force)
-        motion.force_N[sample] = force[:-1]
-        motion.displacement_m[sample] = overlap
-        motion.velocity_m_s[sample] = velocity[1:] + half_kick * (force[:-1] - force[1:] + chain.load_N)
+    _sample(
+        arrays,
+        time_step_s,
+        steps_per_sample,
+        half_kick,
+        chain.load_N,
+        motion.force_N,
+        motion.displacement_m,
+        motion.velocity_m_s,
+    )
     return Motion(motion.force_N, displacements(chain, motion.displacement_m), motion.velocity_m_s)
 
 
@@ -190,6 +190,25 @@ def _advance(
                 below += kick[low - 1] * (force[low - 1] - force[low]) + drop[low - 1]
             _step_range(arrays, dt, low, high, below, done + step, every, places, recorded)
         start += TILE
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sample(
+    arrays: Arrays, dt: float, every: int, half_kick: Array, load: Array,
+    forces: Array, overlaps: Array, velocities: Array,
+) -> None:  # fmt: skip
+    """Fills the samples, the first with the start; velocities are brought to the time of the forces."""
+    velocity, overlap, force = arrays[0], arrays[1], arrays[2]
+    nothing, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
+    for sample in range(len(forces)):
+        if sample:
+            for first in range(0, every, BLOCK):
+                steps = min(BLOCK, every - first)
+                _advance(arrays, dt, 0, overlap.size, False, False, 0, steps, steps, nothing, nowhere, force)
+        for j in range(overlap.size):
+            forces[sample, j] = force[j]
+            overlaps[sample, j] = overlap[j]
+            velocities[sample, j] = velocity[j + 1] + half_kick[j] * (force[j] - force[j + 1] + load[j])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
