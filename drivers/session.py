@@ -2,6 +2,7 @@
 
 import os
 import selectors
+import shutil
 import subprocess
 import time
 from pathlib import Path
@@ -20,6 +21,7 @@ class Session:
     """A server of one engine; started when first asked, and again after a case that killed it.
 
     Attributes:
+        case: the folder in which cases run.
         start_s: what its starts have cost so far.
         served: cases that its last process was asked for.
     """
@@ -28,26 +30,30 @@ class Session:
         self.engine = engine
         self.executable = executable
         self.folder = folder
+        self.case = folder / "case"
         self.start_s = 0.0
         self.served = 0
         self._process: subprocess.Popen[bytes] | None = None
 
-    def run(self, deck: Deck, name: str, limit_s: float) -> Outcome:
-        """Runs a deck in a folder of that name; what the engine said is beside its output afterwards.
+    def run(self, deck: Deck, limit_s: float) -> Outcome:
+        """Runs a deck in ``case``; its output and what the engine said are there until the next one.
 
         A case that the process does not survive ends as it would in a process of its own, and the next one gets a
         new process.
         """
-        folder = self.folder / name
-        folder.mkdir()
-        for file, text in deck.files.items():
-            (folder / file).write_text(text)
         if self._process is None:
-            outcome = self._start(folder)
+            shutil.rmtree(self.case, ignore_errors=True)  # nothing of a case that ended badly stays
+            self.case.mkdir(parents=True)
+        for name in deck.raw:
+            (self.case / name).unlink(missing_ok=True)
+        for name, text in deck.files.items():
+            (self.case / name).write_text(text)
+        if self._process is None:
+            outcome = self._start()
             if outcome is not None:
                 return outcome
         self.served += 1
-        return self._ask(name, folder, limit_s)
+        return self._ask(self.case.name, limit_s)
 
     @property
     def ended(self) -> bool:
@@ -59,7 +65,7 @@ class Session:
         if self._process is not None:
             self._end()
 
-    def _start(self, folder: Path) -> Outcome | None:
+    def _start(self) -> Outcome | None:
         """Starts the server; how it ended, if it did not come up."""
         server = self.engine.SERVER
         for file, text in server.files.items():
@@ -76,15 +82,15 @@ class Session:
                     **self.engine.VARIABLES,
                 )
         except OSError as error:
-            (folder / "stdout.txt").write_text("")
-            (folder / STDERR).write_text(f"cannot start: {error}\n")
+            (self.case / "stdout.txt").write_text("")
+            (self.case / STDERR).write_text(f"cannot start: {error}\n")
             return Outcome(COULD_NOT_START, False, START_LIMIT_S, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
         self.served = 0
-        outcome = self._ask("", folder, START_LIMIT_S)
+        outcome = self._ask("", START_LIMIT_S)
         self.start_s += time.perf_counter() - began
         return None if self._process is not None else outcome
 
-    def _ask(self, name: str, folder: Path, limit_s: float) -> Outcome:
+    def _ask(self, name: str, limit_s: float) -> Outcome:
         """Sends a request and waits for the word, the process's end, or the limit."""
         process = self._process
         assert process is not None
@@ -97,13 +103,12 @@ class Session:
             pass  # it is dead: there is an end of its output to read
         said, state = _listen(process, began + limit_s)
         wall_s = time.perf_counter() - began
-        (folder / "stdout.txt").write_bytes(said)
+        (self.case / "stdout.txt").write_bytes(said)
         if state == "done":
-            (folder / STDERR).write_text("")
             return Outcome(0, False, limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
         if state == "ended":
             _await_end(process)
-        (folder / STDERR).write_bytes((self.folder / STDERR).read_bytes())
+        (self.case / STDERR).write_bytes((self.folder / STDERR).read_bytes())
         return Outcome(self._end(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
 
     def _end(self) -> int:

@@ -2,12 +2,11 @@
 
 import errno
 import os
-import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from itertools import chain, count
+from itertools import chain
 from pathlib import Path
 
 from drivers.batch.claims import WORK, Workplace, workplace
@@ -149,24 +148,17 @@ def _run(study: Study, planned: Planned, name: str, session: Session) -> _Result
     return result
 
 
-_names = count(1)
-
-
 def _run_once(study: Study, planned: Planned, name: str, session: Session) -> _Result:
     began, starting = time.perf_counter(), session.start_s
     engine, case, deck = load_engine(name), planned.case, planned.decks[name]
-    folder = session.folder / f"case-{next(_names)}"
     result = _Result()
+    outcome = session.run(deck, study.limit_s or default_limit_s(case))
+    loop_s = engine.loop_seconds((session.case / "stdout.txt").read_text(errors="replace"))
     try:
-        outcome = session.run(deck, folder.name, study.limit_s or default_limit_s(case))
-        loop_s = engine.loop_seconds((folder / "stdout.txt").read_text(errors="replace"))
-        try:
-            result.trace = checked_trace(case, engine, outcome, folder)
-        except RunError as error:
-            _disk_has_room(folder)
-            result.status, result.reason = error.status, str(error)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        result.trace = checked_trace(case, engine, outcome, session.case)
+    except RunError as error:
+        _disk_has_room(session.case)
+        result.status, result.reason = error.status, str(error)
     start_s = session.start_s - starting
     workflow_s = time.perf_counter() - began - outcome.wall_s - start_s
     result.cost = {"engine_s": outcome.wall_s, "loop_s": loop_s, "start_s": start_s, "workflow_s": workflow_s}
