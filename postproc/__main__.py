@@ -34,6 +34,11 @@ def main() -> int:
     draw.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
     _add_out(draw)
     draw.set_defaults(action=_draw)
+    study = commands.add_parser("study", help="the figure of a study that has been run: curves, or a tornado chart")
+    study.add_argument("study", metavar="STUDY", help="a study file, or the name of one in inputs/studies")
+    study.add_argument("--results", type=Path, metavar="DIR", help="where its table is (default: results/)")
+    _add_out(study)
+    study.set_defaults(action=_study)
     for name in (*FIGURES, "figures"):
         what = "all figures and the table" if name == "figures" else f"{name} of the paper, running what is not done"
         figure = commands.add_parser(name, help=what)
@@ -60,6 +65,27 @@ def _draw(arguments: argparse.Namespace) -> int:
     product = Product(*draw_scene(case.scene, case.chain))
     for path in write_product(product, f"scene-{case.scene.name}", arguments.out or paths.RESULTS):
         print(paths.shown(path))
+    return 0
+
+
+def _study(arguments: argparse.Namespace) -> int:
+    import pandas as pd
+
+    from drivers import paths
+    from drivers.batch.study import read_study
+    from postproc.product import write_product
+    from postproc.study import draw_study, draw_tornado
+
+    must_be_folder("--out", arguments.out)
+    study = read_study(arguments.study)
+    results = arguments.results or paths.RESULTS
+    path = results / f"{study.name}.parquet"
+    if not path.is_file():
+        raise InputError(paths.shown(path), "", "no table", f"python -m drivers batch {arguments.study} makes it")
+    draw = draw_tornado if study.one_by_one else draw_study
+    product = draw(pd.read_parquet(path), study.title or study.name, study.figure, study.where)
+    for written in write_product(product, f"{study.name}-figure", arguments.out or results):
+        print(paths.shown(written))
     return 0
 
 

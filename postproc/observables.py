@@ -37,6 +37,7 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
         values[f"{name}_arrival_s"] = first.time_s if first else np.nan
         for level in levels:
             values[f"{name}_duration_{_percent(level)}_s"] = _duration(time, signal, first, level)
+    values |= _trains(layout, found)
     values |= _reflected(layout, found)
     values |= _speeds_and_widths(layout, values, levels)
     values |= _balances(layout, trace)
@@ -52,6 +53,13 @@ def _duration(time_s: Array, signal: Array, peak: Peak | None, level: float) -> 
     if peak is None:
         return float("nan")
     return 2 * (peak.time_s - rising_crossing(time_s, signal, level * peak.value, peak))
+
+
+def _trains(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]:
+    """How many pulses come by each sensor before the wall's force peaks: those of the incident train."""
+    turned = found["wall"][0].time_s if layout.wall and found["wall"] else np.inf
+    names = [f"bead_{sensor.from_wall}" for sensor in layout.sensors]
+    return {f"{name}_pulses": float(sum(peak.time_s < turned for peak in found[name])) for name in names}
 
 
 def _reflected(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]:

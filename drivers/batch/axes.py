@@ -44,7 +44,7 @@ class Axis(Part):
     count: Annotated[int, Field(ge=2, le=MAX_VALUES)] | None = None
     spacing: Literal["linear", "log"] = "linear"
     factors: tuple[Annotated[float, Field(gt=0, allow_inf_nan=False)], ...] | None = Field(default=None, strict=False)
-    zip: dict[str, tuple[Any, ...]] | None = Field(default=None, strict=False)
+    zip: dict[str, Annotated[tuple[Any, ...], Field(strict=False)]] | None = None
     seeds: Annotated[int, Field(ge=1, le=MAX_VALUES)] | None = None
     table: str | None = None
 

@@ -32,6 +32,7 @@ class StudyFile(Part):
     set: dict[str, Any] = Field(default_factory=dict)
     engines: tuple[str, ...] = Field(default=(), strict=False)
     observables: tuple[str, ...] = Field(default=("*",), strict=False)
+    figure: tuple[str, ...] = Field(default=(), strict=False)
     combine: Literal["grid", "one by one"] = "grid"
     limit: units.Duration | None = None
     axis: tuple[Axis, ...] = Field(default=(), strict=False)
@@ -49,6 +50,7 @@ class Study:
         library: the tables of ``inputs/materials.toml``.
         engines: in the order of the table; all that are installed where the file names none.
         observables: patterns of the observables to tabulate.
+        figure: observables that its figure shows.
         limit_s: time limit of a case; None: by its size.
         axes: the choices of each axis.
         one_by_one: axes are varied one by one instead of as a grid.
@@ -64,6 +66,7 @@ class Study:
     library: dict[str, Any]
     engines: tuple[str, ...]
     observables: tuple[str, ...]
+    figure: tuple[str, ...]
     limit_s: float | None
     axes: tuple[tuple[Choice, ...], ...]
     one_by_one: bool
@@ -162,6 +165,7 @@ def read_study(source: str | Path) -> Study:
         library=read_toml(paths.MATERIALS),
         engines=tuple(dict.fromkeys(file.engines)) or installed(engine_names()),
         observables=file.observables,
+        figure=file.figure,
         limit_s=file.limit,
         axes=tuple(axes),
         one_by_one=file.combine == "one by one",
