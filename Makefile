@@ -3,11 +3,13 @@ PYTHON ?= python3
 PY := .venv/bin/python
 ENGINES := liggghts yade
 FOUND := $(strip $(foreach engine,$(ENGINES),$(if $(shell command -v $(engine)),$(engine))))
+STUDIES := $(basename $(notdir $(wildcard inputs/studies/*.toml)))
 FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*.py))
-SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*')
+SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*' \
+  -not -path 'inputs/studies/*' -not -path 'drivers/batch/*' -not -name study.py)
 # what every figure depends on, beside its own module and scenes
 COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/claims/% \
-  $(addprefix validation/,bench.py comparison.py plots.py report.py rounding.py scenes.py __main__.py),$(SOURCES))
+  $(addprefix validation/,bench.py bench_batch.py comparison.py plots.py report.py rounding.py scenes.py __main__.py),$(SOURCES))
 SCENES_fig1 := fig4
 SCENES_fig2 := fig4 table1
 SCENES_fig3 := table1
@@ -20,12 +22,14 @@ APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo)
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
-.PHONY: help setup engines $(FIGURES) figures claims report test bench lint clean FORCE
+.PHONY: help setup cluster engines $(FIGURES) figures claims study report test test-slurm bench lint clean FORCE
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
 
 setup: .venv/.ready ## make .venv with the locked packages
+
+cluster: .venv/.ready-cluster ## setup, and Dask for studies on many machines
 
 engines: ## install LIGGGHTS and YADE where they are missing
 	@$(MAKE) --no-print-directory .venv/.engines AGAIN=FORCE
@@ -41,10 +45,19 @@ figures: $(FIGURES) ## all figures and the table
 
 claims: results/.claims ## every quantitative statement of the paper, computed
 
+study: .venv/.ready .venv/.engines ## run a study and draw its figure: make study STUDY=sensitivity
+	@test -n "$(STUDY)" || { echo "which? make study STUDY=$(firstword $(STUDIES)); there are $(STUDIES)"; exit 2; }
+	$(PY) -m drivers batch $(STUDY)
+	$(PY) -m postproc study $(STUDY)
+
 report: results/.report ## run the paper's scenes on all engines and write results/report.html
 
 test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests
 	$(PY) -m pytest
+
+test-slurm: .venv/.ready-dev ## studies on a real Slurm of this machine, installed where it is missing
+	@command -v slurmctld >/dev/null && command -v munged >/dev/null || $(MAKE) --no-print-directory .slurm
+	$(PY) -m pytest -m slurm validation/tests/test_slurm.py
 
 bench: .venv/.ready .venv/.engines ## what the integrators and engines cost, as ratios
 	$(PY) -m validation bench
@@ -83,6 +96,10 @@ results/.report: $(filter-out postproc/figures/%,$(SOURCES)) .venv/.ready .venv/
 	$(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements-dev.lock
 	@touch $@
 
+.venv/.ready-cluster: requirements-cluster.lock .venv/.ready
+	$(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements-cluster.lock
+	@touch $@
+
 # a .pth file puts the checkout on the path, so that python -m drivers works from any folder
 define make_venv
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or later is needed: make PYTHON=python3.11"; exit 1; }
@@ -97,6 +114,12 @@ endef
 	@echo "installing python3-venv from the system's packages"
 	$(AS_ROOT) apt-get update -qq
 	$(INSTALL) -qq python3-venv >/dev/null
+
+.PHONY: .slurm
+.slurm:
+	@test -n "$(APT)" || { echo "no Slurm here: install slurmctld, slurmd and munge"; exit 1; }
+	$(AS_ROOT) apt-get update -qq
+	$(INSTALL) -qq munge slurmctld slurmd slurm-client slurm-wlm-basic-plugins >/dev/null
 
 # remembers which engines were there; it is newer only when that changed
 .venv/.engines: $(AGAIN) $(if $(filter-out $(shell cat .venv/.engines 2>/dev/null),$(FOUND)),FORCE) | .venv/.ready

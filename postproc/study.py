@@ -49,6 +49,9 @@ def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], wh
     done = table[table["status"] == "done"]
     groups = list(done.groupby(others, dropna=False, sort=False)) if others else [((), done)]
     for axis, name in zip(axes.flat, observables, strict=False):
+        if across == "seed":
+            _draw_spread(axis, done, name)
+            continue
         for place, (values, part) in enumerate(groups):
             for engine, rows in part.groupby("engine", sort=False):
                 ordered = rows.sort_values(across) if across in numeric else rows
@@ -58,9 +61,9 @@ def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], wh
             axis.set_xscale("log")
     for axis in axes.flat[len(observables) :]:
         axis.set_visible(False)
-    if others:
+    if others and across != "seed":
         axes.flat[0].legend(fontsize=6, loc="best")
-    figure.suptitle(_subtitle(title, done), fontsize=8)
+    figure.suptitle(title if across == "seed" else _subtitle(title, done), fontsize=8)
     return Product(figure, done[["case", *swept, "engine", *observables]])
 
 
@@ -157,6 +160,16 @@ def _draw_curve(axis: Any, rows: pd.DataFrame, across: str, name: str, engine: s
     else:
         style = marker_of(engine) | {"color": line_of(engine).colour}
         axis.plot(rows[across], rows[name], ls="none", **style)
+
+
+def _draw_spread(axis: Any, rows: pd.DataFrame, name: str) -> None:
+    """How an observable scatters over random draws, on each engine."""
+    for engine, values in rows.groupby("engine", sort=False)[name]:
+        line = line_of(str(engine))
+        told = f"{engine}: {values.mean():.5g} ± {values.std():.2g}"
+        axis.hist(values, bins=15, histtype="step", color=line.colour, lw=line.width, ls=line.dashes, label=told)
+    axis.set(xlabel=name, ylabel="draws")
+    axis.legend(fontsize=6)
 
 
 def _label(names: list[str], values: Any) -> str:
