@@ -2,6 +2,7 @@
 
 import ctypes
 import multiprocessing
+import os
 import signal
 import sys
 import time
@@ -122,17 +123,17 @@ def _begin(study: Study, runs: Path, taken: Any) -> None:
 
 
 def _end(*_: object) -> None:
-    """Leaves what is under way, so that its engines are ended and its rows kept, and takes up nothing more."""
-    global _work
-    _work = None
+    """Leaves what is under way, so that its engines are ended and its rows kept."""
     raise SystemExit
 
 
 def _run(numbers: Sequence[int], workers: int, engines: tuple[str, ...], retry_before: float) -> list[int]:
     """Takes up chunk after chunk of the numbers that all workers share; those left to another batch."""
-    if _work is None:
-        return []
-    return run_cases(_work.study, _chunks(numbers, workers, _work.taken), engines, _work.store, retry_before)
+    assert _work is not None
+    try:
+        return run_cases(_work.study, _chunks(numbers, workers, _work.taken), engines, _work.store, retry_before)
+    except SystemExit:
+        os._exit(1)  # everything is closed: the pool must not hand out more, nor say a word
 
 
 def _chunks(numbers: Sequence[int], workers: int, taken: Any) -> Iterator[Sequence[int]]:
