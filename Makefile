@@ -53,7 +53,7 @@ study: .venv/.ready .venv/.engines ## run a study and draw its figure: make stud
 report: results/.report ## run the paper's scenes on all engines and write results/report.html
 
 test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests
-	$(PY) -m pytest
+	$(PY) -m pytest -n 2 --dist loadfile
 
 test-slurm: .venv/.ready-dev ## studies on a real Slurm of this machine, installed where it is missing
 	@command -v slurmctld >/dev/null && command -v munged >/dev/null || $(MAKE) --no-print-directory .slurm

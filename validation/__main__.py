@@ -90,8 +90,10 @@ def _claims(arguments: argparse.Namespace) -> int:
 
 def _bench(_: argparse.Namespace) -> int:
     from validation.bench import bench
+    from validation.bench_batch import bench_batch
 
     bench()
+    bench_batch()
     return 0
 
 

@@ -14,7 +14,7 @@ from drivers.batch.worker import CHUNK
 from drivers.errors import InputError, RunError
 
 LOCAL = "local"
-CONNECT_S = 10
+CONNECT_S = 5
 POLL_S = 0.2
 SLICES_PER_THREAD = 4  # so that a slow slice does not keep the others waiting
 RETRIES = 3  # of a slice of which the worker died

@@ -13,6 +13,7 @@ from drivers.engines import installed, load_engine
 from drivers.run import known_version, run_identity
 
 REFERENCE = "reference"
+SMALL = 1000  # bodies
 OBSERVING = ("observables.py", "residual.py", "sensors.py", "signals.py")  # what turns a trace into a row
 
 
@@ -21,7 +22,7 @@ class Planned:
     """A case of a study.
 
     Attributes:
-        decks: by engine.
+        small_decks: by engine; those of long chains are not kept, since many cases are planned at a time.
         runs: identities of the runs by engine, as run folders have them.
         identities: of the rows by engine: of the run, the gauges, and what observes them.
     """
@@ -29,9 +30,13 @@ class Planned:
     number: int
     label: str
     case: Case
-    decks: dict[str, Deck]
+    small_decks: dict[str, Deck]
     runs: dict[str, str]
     identities: dict[str, str]
+
+    def deck(self, engine: str) -> Deck:
+        """The deck of an engine."""
+        return self.small_decks.get(engine) or load_engine(engine).render(self.case)
 
     @property
     def work(self) -> int:
@@ -61,7 +66,8 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
     decks = {name: load_engine(name).render(case) for name in versions}
     runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
     identities = {name: hashlib.sha256(f"{run}\0{gauges}".encode()).hexdigest()[:20] for name, run in runs.items()}
-    return Planned(number, study.label(number), case, decks, runs, identities)
+    small = case.chain.bodies < SMALL
+    return Planned(number, study.label(number), case, decks if small else {}, runs, identities)
 
 
 @cache

@@ -52,7 +52,7 @@ class Store:
 
     Attributes:
         rows: by identity; of several, one that is done, or else the last.
-        damaged: files that are not as they were written; their rows do not count.
+        damaged: files that are not as this version writes them; their rows do not count.
     """
 
     def __init__(self, runs: Path) -> None:
@@ -73,9 +73,11 @@ class Store:
         for name in sorted(names - self._read):
             self._read.add(name)
             content = (self.folder / name).read_bytes()
-            if _name_of(content) == name:
+            try:
+                if _name_of(content) != name:
+                    raise ValueError("not as it was written")
                 fresh += [Row(**json.loads(line)) for line in content.splitlines()]
-            else:
+            except (ValueError, TypeError):  # damaged, or rows of another version
                 self.damaged.add(name)
         for row in fresh:
             known = self.rows.get(row.identity)

@@ -150,7 +150,7 @@ def _run(study: Study, planned: Planned, name: str, session: Session) -> _Result
 
 def _run_once(study: Study, planned: Planned, name: str, session: Session) -> _Result:
     began, starting = time.perf_counter(), session.start_s
-    engine, case, deck = load_engine(name), planned.case, planned.decks[name]
+    engine, case, deck = load_engine(name), planned.case, planned.deck(name)
     result = _Result()
     outcome = session.run(deck, study.limit_s or default_limit_s(case))
     loop_s = engine.loop_seconds((session.case / "stdout.txt").read_text(errors="replace"))
