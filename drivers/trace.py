@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from drivers.chain import Array, Chain
 
@@ -66,6 +65,8 @@ def digest_of(trace: Trace) -> str:
 
 def write_forces(trace: Trace, path: Path) -> None:
     """Writes ``forces.parquet``: time, every contact, energies and momentum."""
+    import pandas as pd
+
     columns = {"time_s": trace.time_s}
     columns |= {f"contact_{j}_N": column for j, column in enumerate(trace.force_N.T, start=1)}
     columns |= {
@@ -78,6 +79,8 @@ def write_forces(trace: Trace, path: Path) -> None:
 
 def read_forces(path: Path) -> Trace:
     """Reads ``forces.parquet`` back, bit for bit; the state is not in it."""
+    import pandas as pd
+
     table = pd.read_parquet(path)
     contacts = [name for name in table.columns if name.startswith("contact_")]
     energies = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
@@ -86,6 +89,8 @@ def read_forces(path: Path) -> Trace:
 
 def write_state(trace: Trace, path: Path) -> None:
     """Writes ``state.parquet``: height and velocity of each body."""
+    import pandas as pd
+
     assert trace.height_m is not None
     assert trace.velocity_m_s is not None
     columns = {"time_s": trace.time_s}

@@ -9,10 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache, lru_cache
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import pint
 from pydantic import BeforeValidator
+
+if TYPE_CHECKING:
+    import pint
 
 NUMBER_AND_UNIT = re.compile(
     r" *([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?) *([A-Za-zµμ][\w*/^() .·-]*?) *"
@@ -25,7 +27,9 @@ class NotAllowedError(ValueError):
 
 
 @cache
-def _registry() -> pint.UnitRegistry[Any]:
+def _registry() -> "pint.UnitRegistry[Any]":
+    import pint
+
     return pint.UnitRegistry(non_int_type=Decimal)
 
 
