@@ -22,8 +22,8 @@ class Session:
 
     Attributes:
         case: the folder in which cases run.
-        start_s: what its starts have cost so far.
-        served: cases that its last process was asked for.
+        start_s: what was waited for its starts so far.
+        served: cases that its process, or its last one, was asked for.
     """
 
     def __init__(self, engine: Engine, executable: Path, folder: Path) -> None:
@@ -41,19 +41,49 @@ class Session:
         A case that the process does not survive ends as it would in a process of its own, and the next one gets a
         new process.
         """
-        if self._process is None:
+        if self._process is None or not self.served:
             shutil.rmtree(self.case, ignore_errors=True)  # nothing of a case that ended badly stays
             self.case.mkdir(parents=True)
         for name in deck.raw:
             (self.case / name).unlink(missing_ok=True)
         for name, text in deck.files.items():
             (self.case / name).write_text(text)
-        if self._process is None:
-            outcome = self._start()
-            if outcome is not None:
+        began = time.perf_counter()
+        try:
+            self.start()
+        except OSError as error:
+            (self.case / "stdout.txt").write_text("")
+            (self.case / STDERR).write_text(f"cannot start: {error}\n")
+            return Outcome(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+        if self.served == 0:
+            outcome = self._ask("", START_LIMIT_S)
+            self.start_s += time.perf_counter() - began
+            if self.ended:
                 return outcome
         self.served += 1
         return self._ask(self.case.name, limit_s)
+
+    def start(self) -> None:
+        """Starts the server if there is none, without waiting for it.
+
+        Raises:
+            OSError: it cannot be started.
+        """
+        if self._process is not None:
+            return
+        server = self.engine.SERVER
+        for file, text in server.files.items():
+            (self.folder / file).write_text(text)
+        self.served = 0
+        with open(self.folder / STDERR, "wb") as stderr:
+            self._process = start(
+                server.command_with(self.executable),
+                self.folder,
+                subprocess.PIPE,
+                subprocess.PIPE,
+                stderr,
+                **self.engine.VARIABLES,
+            )
 
     @property
     def ended(self) -> bool:
@@ -64,31 +94,6 @@ class Session:
         """Ends the process."""
         if self._process is not None:
             self._end()
-
-    def _start(self) -> Outcome | None:
-        """Starts the server; how it ended, if it did not come up."""
-        server = self.engine.SERVER
-        for file, text in server.files.items():
-            (self.folder / file).write_text(text)
-        began = time.perf_counter()
-        try:
-            with open(self.folder / STDERR, "wb") as stderr:
-                self._process = start(
-                    server.command_with(self.executable),
-                    self.folder,
-                    subprocess.PIPE,
-                    subprocess.PIPE,
-                    stderr,
-                    **self.engine.VARIABLES,
-                )
-        except OSError as error:
-            (self.case / "stdout.txt").write_text("")
-            (self.case / STDERR).write_text(f"cannot start: {error}\n")
-            return Outcome(COULD_NOT_START, False, START_LIMIT_S, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
-        self.served = 0
-        outcome = self._ask("", START_LIMIT_S)
-        self.start_s += time.perf_counter() - began
-        return None if self._process is not None else outcome
 
     def _ask(self, name: str, limit_s: float) -> Outcome:
         """Sends a request and waits for the word, the process's end, or the limit."""

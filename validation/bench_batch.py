@@ -18,7 +18,7 @@ from drivers.read_scene import read_scene
 
 WORKERS = 2
 SINGLE_CASES = 12
-BATCH_CASES = {"liggghts": 300, "yade": 100, "verlet": 1500, "reference": 1500}
+BATCH_CASES = {"liggghts": 500, "yade": 200, "verlet": 3000, "reference": 3000}
 LISTED = 10_000
 
 STUDY = """

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drivers import paths
 from drivers.batch.claims import WORK, claimed
-from drivers.batch.local import plan_here, plan_on, run_locally, worker_pool
+from drivers.batch.local import get_ready, plan_here, plan_on, run_locally, worker_pool
 from drivers.batch.plan import Plan, joined, keep_plan, kept_plan
 from drivers.batch.planned import plan_case, versions_of
 from drivers.batch.progress import Progress, expected_s, in_words, states_on, told
@@ -18,6 +18,7 @@ from drivers.batch.store import Row, Store
 from drivers.batch.study import Study, read_study
 from drivers.batch.worker import to_run
 from drivers.errors import InputError
+from drivers.process import cores
 
 MANY = 20_000  # cases that nobody asks for by accident
 MANY_TO_PLAN = 500  # from here on, workers share the planning
@@ -78,6 +79,8 @@ def batch(
         from drivers.batch.on_slurm import must_have_slurm
 
         must_have_slurm()
+    if not (where.dask or where.slurm or dry_run):
+        get_ready()
     opened = _open(source, runs, engines, only, where.workers, yes=yes)
     retry_before = time.time() if retry else 0.0
     todo = opened.todo(retry_before)
@@ -121,7 +124,7 @@ def status(
     source: str, runs: Path, *, engines: Sequence[str] = (), only: Sequence[str] = (), every: bool = False
 ) -> int:
     """Prints what is done, failed, stale, running and to do; ``every``: case by case."""
-    opened = _open(source, runs, engines, only, 1, yes=True)
+    opened = _open(source, runs, engines, only, cores(), yes=True)
     if every:
         lines = []
         running = claimed(opened.store.folder / WORK)

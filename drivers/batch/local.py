@@ -11,6 +11,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +38,22 @@ class _Work:
 _work: _Work | None = None  # of a worker process
 
 
+def get_ready() -> None:
+    """Starts what workers are forked from, without waiting for it."""
+    _context()
+    forkserver.ensure_running()
+
+
+def _context() -> multiprocessing.context.ForkServerContext:
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["drivers.batch.worker", "postproc.observables", "postproc.residual"])
+    return context
+
+
 @contextmanager
 def worker_pool(workers: int, study: Study, store: Store) -> Iterator[ProcessPoolExecutor]:
     """Worker processes for a study; whatever happens here, they end with it."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["drivers.batch.worker", "postproc.observables", "postproc.residual"])
+    context = _context()
     pool = ProcessPoolExecutor(workers, context, _begin, (study, store.runs, context.Value("q", 0)))
     try:
         yield pool

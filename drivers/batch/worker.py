@@ -4,7 +4,7 @@ import errno
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -85,6 +85,10 @@ def _run_chunk(
     free = set(place.claim(missing)) if missing else set()
     store.refresh()  # what others finished before the claim
     free = {identity for identity in free if to_run(store, identity, retry_before)}
+    if free:
+        for name in {*engines, REFERENCE}:  # they start side by side
+            with suppress(OSError):
+                session_of(name).start()
     rows: list[Row] = []
     committed = time.monotonic()
     try:

@@ -39,6 +39,9 @@ def main(deck: Path) -> None:
 
 def serve(requests: Iterable[str]) -> None:
     """Runs deck after deck; one that cannot be run ends it, as it would end a process of its own."""
+    import validation.reference.adaptive
+    import validation.reference.verlet  # noqa: F401  before the first request, not in it
+
     for line in requests:
         folder, word = line.rstrip("\n").split(" ")
         if folder:
