@@ -11,6 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from drivers.batch.command import Where, batch, status
+from drivers.batch.progress import SPENT
 from drivers.case import build_case
 from drivers.engines import load_engine
 from drivers.process import run_command
@@ -78,7 +79,7 @@ def _rate_in_batch(names: tuple[str, ...], cases: int) -> tuple[float, float]:
         took = time.perf_counter() - began
         spent = pd.read_parquet(Path(home, "bench-cost.parquet"))
         own = spent["workflow_s"].sum()
-        return len(spent) / took, own / (own + spent[["start_s", "engine_s"]].sum().sum())
+        return len(spent) / took, own / spent[list(SPENT)].sum().sum()
 
 
 def _listing_s() -> float:

@@ -8,6 +8,9 @@ from drivers.batch.store import Row, Store
 from drivers.batch.study import Study
 
 
+SPENT = ("start_s", "engine_s", "workflow_s", "reference_s")  # of a worker's time
+
+
 class Progress:
     """A bar over the rows that are awaited; quiet where nobody looks on."""
 
@@ -69,7 +72,7 @@ def expected_s(plan: Plan, store: Store, engine: str, places: list[int]) -> floa
     import numpy as np
     from scipy.optimize import nnls
 
-    spent = np.array([sum(row.cost[name] or 0.0 for name in ("start_s", "engine_s", "workflow_s")) for row in rows])
+    spent = np.array([sum(row.cost[name] or 0.0 for name in SPENT) for row in rows])
     work = np.array([float(row.work) for row in rows])
     scale = work.max()
     if np.ptp(work) == 0:

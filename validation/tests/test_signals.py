@@ -44,9 +44,9 @@ def test_no_peak_no_crossing() -> None:
     assert peaks(time, time) == []
 
 
-def test_integral_of_a_cubic_is_exact() -> None:
+def test_integral_of_a_quintic_is_exact() -> None:
     time = np.linspace(0, 2, 9)
-    np.testing.assert_allclose(integral(time, time**3), time**4 / 4, atol=1e-14)
+    np.testing.assert_allclose(integral(time, time**5), time**6 / 6, atol=1e-14)
 
 
 def test_a_sensor_reads_the_mean_of_its_contacts() -> None:
