@@ -7,7 +7,6 @@ from drivers.batch.plan import Plan
 from drivers.batch.store import Row, Store
 from drivers.batch.study import Study
 
-
 SPENT = ("start_s", "engine_s", "workflow_s", "reference_s")  # of a worker's time
 
 
