@@ -83,15 +83,7 @@ def test_the_table(study: StudyWriter, scene_file: SceneWriter, tmp_path: Path) 
     assert errors.count()["reference"] == 0
     assert (errors.get_group("verlet") < 1e-4).all()
     costs = pd.read_parquet(results_of(tmp_path / "runs") / "study-cost.parquet")
-    assert list(costs.columns) == [
-        "case",
-        "engine",
-        "bodies_times_steps",
-        "start_s",
-        "engine_s",
-        "loop_s",
-        "workflow_s",
-    ]
+    assert list(costs.columns)[3:] == ["start_s", "engine_s", "loop_s", "workflow_s", "reference_s"]
     assert (costs["engine_s"] > 0).all()
 
 
