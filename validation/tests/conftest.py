@@ -31,7 +31,10 @@ time_step = "{step}"
 STRIKER = '[striker]\nmaterial = "ptfe"\ndiameter = "4.76 mm"\nspeed = "1 m/s"\n'
 WALL = '[wall]\nmaterial = "brass"\n'
 
+SPEEDS = '[[axis]]\nkey = "striker.speed"\nfrom = "0.5 m/s"\nto = "2 m/s"\ncount = {}\n'
+
 SceneWriter = Callable[..., Path]
+StudyWriter = Callable[..., Path]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -57,6 +60,20 @@ def scene_file(tmp_path: Path) -> SceneWriter:
         path = tmp_path / f"{name}.toml"
         text = BASE.format(count=count, chain=chain, striker=striker, wall=wall, duration=duration, step=step)
         path.write_text(f"{top}\n{text}")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def study_file(scene_file: SceneWriter, tmp_path: Path) -> StudyWriter:
+    """Writes a study of the small scene with the axes and on the engines given."""
+    scene_file()
+
+    def write(axes: str, *engines: str, top: str = "") -> Path:
+        path = tmp_path / "study.toml"
+        names = ", ".join(f'"{name}"' for name in engines)
+        path.write_text(f'scene = "scene.toml"\nengines = [{names}]\n{top}\n{axes}')
         return path
 
     return write

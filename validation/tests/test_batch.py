@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
@@ -19,26 +19,9 @@ from drivers.batch.store import Store
 from drivers.engines import installed
 from postproc.observables import observe
 from validation.simulate import exact
-from validation.tests.conftest import SceneWriter, case_of, command_line, need
+from validation.tests.conftest import SPEEDS, SceneWriter, StudyWriter, case_of, command_line, need
 
 ALL = ("reference", "verlet", "liggghts", "yade")
-SPEEDS = '[[axis]]\nkey = "striker.speed"\nfrom = "0.5 m/s"\nto = "2 m/s"\ncount = {}\n'
-
-StudyWriter = Callable[..., Path]
-
-
-@pytest.fixture
-def study(scene_file: SceneWriter, tmp_path: Path) -> StudyWriter:
-    """Writes a study of a small scene."""
-    scene_file()
-
-    def written(axes: str, *engines: str, top: str = "") -> Path:
-        path = tmp_path / "study.toml"
-        names = ", ".join(f'"{name}"' for name in engines)
-        path.write_text(f'scene = "scene.toml"\nengines = [{names}]\n{top}\n{axes}')
-        return path
-
-    return written
 
 
 def batch(study: Path, runs: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
@@ -63,8 +46,8 @@ def stored(runs: Path) -> Counter[str]:
     return Counter(row.identity for row in store.refresh())
 
 
-def test_the_table(study: StudyWriter, scene_file: SceneWriter, tmp_path: Path) -> None:
-    path = study(SPEEDS.format(3) + '[[axis]]\nkey = "chain.count"\nvalues = [3, 5]', "verlet", "reference")
+def test_the_table(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: Path) -> None:
+    path = study_file(SPEEDS.format(3) + '[[axis]]\nkey = "chain.count"\nvalues = [3, 5]', "verlet", "reference")
     done = batch(path, tmp_path / "runs")
     assert (done.returncode, done.stderr) == (0, "")
     found = table(tmp_path / "runs")
@@ -87,8 +70,8 @@ def test_the_table(study: StudyWriter, scene_file: SceneWriter, tmp_path: Path) 
     assert (costs["engine_s"] > 0).all()
 
 
-def test_what_is_done_is_not_run_again(study: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study(SPEEDS.format(4), "verlet"), tmp_path / "runs"
+def test_what_is_done_is_not_run_again(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(4), "verlet"), tmp_path / "runs"
     plan = batch(path, runs, "--dry-run")
     assert "verlet     0 done, 4 to do, cost not measured yet" in plan.stdout
     assert not stored(runs)
@@ -155,10 +138,10 @@ exec {real} "$@" < $fifo
     ],
 )
 def test_a_failure_is_charged_to_its_case(
-    command: str, status: str, reason: str, study: StudyWriter, tmp_path: Path
+    command: str, status: str, reason: str, study_file: StudyWriter, tmp_path: Path
 ) -> None:
     need("liggghts")
-    path, runs = study(SPEEDS.format(4), "liggghts", top='limit = "3 s"'), tmp_path / "runs"
+    path, runs = study_file(SPEEDS.format(4), "liggghts", top='limit = "3 s"'), tmp_path / "runs"
     programs = tmp_path / "bin"
     programs.mkdir()
     meddler = programs / "liggghts"
@@ -183,9 +166,9 @@ def test_a_failure_is_charged_to_its_case(
     assert set(table(runs)["status"]) == {"done"}
 
 
-def test_an_unstable_case_fails_and_the_others_go_on(study: StudyWriter, tmp_path: Path) -> None:
+def test_an_unstable_case_fails_and_the_others_go_on(study_file: StudyWriter, tmp_path: Path) -> None:
     axes = '[[axis]]\nzip = { "run.time_step" = ["0.1 us", "25 us"], "run.sample_interval" = ["1 us", "25 us"] }'
-    done = batch(study(axes, *installed(ALL)), tmp_path / "runs")
+    done = batch(study_file(axes, *installed(ALL)), tmp_path / "runs")
     assert done.returncode == 1
     found = table(tmp_path / "runs").set_index(["case", "engine"])["status"]
     assert set(found[1]) == {"done"}
@@ -193,19 +176,19 @@ def test_an_unstable_case_fails_and_the_others_go_on(study: StudyWriter, tmp_pat
     assert found[2, "reference"] == "done"
 
 
-def test_a_missing_engine_is_a_failure_and_the_others_run(study: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study(SPEEDS.format(2), "verlet", "yade"), tmp_path / "runs"
+def test_a_missing_engine_is_a_failure_and_the_others_run(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(2), "verlet", "yade"), tmp_path / "runs"
     done = command_line("drivers", "batch", path, "--runs", runs, "--results", results_of(runs), PATH="/usr/none")
     assert (done.returncode, "yade       2 not installed" in done.stdout) == (1, True)
     assert list(table(runs)["status"]) == ["done", "not installed"] * 2
 
 
-def test_exactly_what_changed_is_stale(study: StudyWriter, scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_exactly_what_changed_is_stale(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: Path) -> None:
     need("yade")
     checkout = tmp_path / "checkout"  # a copy, to change a template in
     for folder in ("drivers", "inputs", "postproc", "templates", "validation"):
         shutil.copytree(paths.ROOT / folder, checkout / folder, ignore=shutil.ignore_patterns("tests", "__pycache__"))
-    path, runs = study('[[axis]]\nkey = "chain.count"\nvalues = [3, 4]', "verlet", "yade"), tmp_path / "runs"
+    path, runs = study_file('[[axis]]\nkey = "chain.count"\nvalues = [3, 4]', "verlet", "yade"), tmp_path / "runs"
 
     def asked(command: str, *words: str | Path) -> str:
         done = subprocess.run(
@@ -232,8 +215,8 @@ def test_exactly_what_changed_is_stale(study: StudyWriter, scene_file: SceneWrit
     assert "verlet     1 done, 1 to do\n" in asked("status")
 
 
-def test_two_batches_at_once_share_the_work(study: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study(SPEEDS.format(150), "verlet", "reference"), tmp_path / "runs"
+def test_two_batches_at_once_share_the_work(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(150), "verlet", "reference"), tmp_path / "runs"
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs)]
     results = [tmp_path / "one", tmp_path / "two"]
     both = [subprocess.Popen([*words, "--results", str(place)], stdout=subprocess.DEVNULL) for place in results]
@@ -243,10 +226,10 @@ def test_two_batches_at_once_share_the_work(study: StudyWriter, tmp_path: Path) 
     assert len(stored(runs)) == 300
 
 
-def test_killed_at_random_moments(study: StudyWriter, tmp_path: Path) -> None:
+def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> None:
     """SIGKILL of the whole process group, at least twenty times; the table is that of an undisturbed run."""
     need("liggghts")
-    path = study(SPEEDS.format(250), "liggghts", "verlet")
+    path = study_file(SPEEDS.format(250), "liggghts", "verlet")
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--results", str(tmp_path / "runs-results")]
     runs, moments, kills, kept = tmp_path / "runs", random.Random(5), 0, 0
     while kills < 22:
@@ -285,8 +268,8 @@ def _processes_of(folder: Path) -> list[str]:
     return found
 
 
-def test_interrupted_in_order(study: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
+def test_interrupted_in_order(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 60
@@ -300,8 +283,8 @@ def test_interrupted_in_order(study: StudyWriter, tmp_path: Path) -> None:
     assert not _processes_of(runs)
 
 
-def test_damaged_files_do_not_count(study: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study(SPEEDS.format(4), "verlet"), tmp_path / "runs"
+def test_damaged_files_do_not_count(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(4), "verlet"), tmp_path / "runs"
     assert batch(path, runs).returncode == 0
     first = table_bytes(runs)
     for file in (runs / "batch").glob("*.jsonl"):
@@ -328,9 +311,9 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("engine", ["verlet", "liggghts"])
-def test_a_full_disk_ends_the_batch(engine: str, study: StudyWriter, small_disk: Path) -> None:
+def test_a_full_disk_ends_the_batch(engine: str, study_file: StudyWriter, small_disk: Path) -> None:
     need(engine)
-    path, runs = study(SPEEDS.format(20), engine), small_disk / "runs"
+    path, runs = study_file(SPEEDS.format(20), engine), small_disk / "runs"
     free = shutil.disk_usage(small_disk).free
     (small_disk / "ballast").write_bytes(b"\0" * (free - 60_000))
     done = batch(path, runs)
@@ -344,8 +327,8 @@ def test_a_full_disk_ends_the_batch(engine: str, study: StudyWriter, small_disk:
     assert set(table(runs)["status"]) == {"done"}
 
 
-def test_status_lists_cases(study: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study(SPEEDS.format(2), "verlet"), tmp_path / "runs"
+def test_status_lists_cases(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(2), "verlet"), tmp_path / "runs"
     assert batch(path, runs, "--slice", "2/2").returncode == 0
     told = command_line("drivers", "status", path, "--runs", runs, "--list").stdout
     assert told.splitlines() == [

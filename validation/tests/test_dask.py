@@ -13,17 +13,7 @@ from pathlib import Path
 import pytest
 
 from drivers.batch.store import Store
-from validation.tests.conftest import SceneWriter, command_line
-
-STUDY = """
-scene = "{scene}"
-engines = ["reference", "verlet"]
-[[axis]]
-key = "striker.speed"
-from = "0.5 m/s"
-to = "2 m/s"
-count = {count}
-"""
+from validation.tests.conftest import SPEEDS, StudyWriter, command_line
 
 
 @dataclass(frozen=True)
@@ -67,9 +57,8 @@ def _wait_for(found: Callable[[], re.Match[str] | None]) -> re.Match[str]:
     raise AssertionError("it did not happen in time")
 
 
-def test_a_worker_killed_in_the_middle(cluster: Cluster, scene_file: SceneWriter, tmp_path: Path) -> None:
-    path, runs, here = tmp_path / "study.toml", tmp_path / "runs", tmp_path / "here"
-    path.write_text(STUDY.format(scene=scene_file(), count=300))
+def test_a_worker_killed_in_the_middle(cluster: Cluster, study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs, here = study_file(SPEEDS.format(300), "reference", "verlet"), tmp_path / "runs", tmp_path / "here"
     words = ["drivers", "batch", str(path), "--dask", cluster.address, "--runs", str(runs), "--results", str(tmp_path)]
     process = subprocess.Popen(
         [sys.executable, "-m", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -86,8 +75,7 @@ def test_a_worker_killed_in_the_middle(cluster: Cluster, scene_file: SceneWriter
     assert (tmp_path / "study.parquet").read_bytes() == (here / "study.parquet").read_bytes()
 
 
-def test_a_local_cluster_on_request(scene_file: SceneWriter, tmp_path: Path) -> None:
-    path, runs = tmp_path / "study.toml", tmp_path / "runs"
-    path.write_text(STUDY.format(scene=scene_file(), count=2))
+def test_a_local_cluster_on_request(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(2), "reference", "verlet"), tmp_path / "runs"
     done = command_line("drivers", "batch", path, "--dask", "--runs", runs, "--results", tmp_path)
     assert (done.returncode, "reference  2 done" in done.stdout) == (0, True), done.stderr

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.tests.conftest import SceneWriter, command_line
+from validation.tests.conftest import SPEEDS, StudyWriter, command_line
 
 pytestmark = pytest.mark.slurm
 
@@ -37,16 +37,6 @@ MpiDefault=none
 ReturnToService=2
 NodeName={host} NodeAddr=127.0.0.1 CPUs={cpus} RealMemory=1000 State=UNKNOWN
 PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
-"""
-
-STUDY = """
-scene = "{scene}"
-engines = ["reference", "verlet"]
-[[axis]]
-key = "striker.speed"
-from = "0.5 m/s"
-to = "2 m/s"
-count = 12
 """
 
 
@@ -96,11 +86,9 @@ def _wait_for(happened: Callable[[], bool], seconds: float = 60) -> None:
 
 
 @pytest.fixture
-def study(scene_file: SceneWriter, tmp_path: Path) -> Path:
+def study(study_file: StudyWriter) -> Path:
     """A study of twelve cases on the in-repo engines."""
-    path = tmp_path / "study.toml"
-    path.write_text(STUDY.format(scene=scene_file()))
-    return path
+    return study_file(SPEEDS.format(12), "reference", "verlet")
 
 
 def batch(study: Path, runs: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:

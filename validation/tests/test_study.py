@@ -1,6 +1,5 @@
 """Study files: what they may say, and what they are refused for."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,22 +10,13 @@ from drivers.batch.command import Where, batch
 from drivers.batch.selection import select
 from drivers.batch.study import read_study
 from drivers.errors import InputError
-from validation.tests.conftest import SceneWriter, command_line
-
-StudyWriter = Callable[..., Path]
+from validation.tests.conftest import SceneWriter, StudyWriter, command_line
 
 
 @pytest.fixture
-def write(scene_file: SceneWriter, tmp_path: Path) -> StudyWriter:
-    """Writes a study of a small scene with the axes given."""
-    scene_file()
-
-    def written(axes: str, top: str = "", name: str = "study") -> Path:
-        path = tmp_path / f"{name}.toml"
-        path.write_text(f'scene = "scene.toml"\nengines = ["reference"]\n{top}\n{axes}')
-        return path
-
-    return written
+def write(study_file: StudyWriter) -> StudyWriter:
+    """Writes a study on the reference."""
+    return lambda axes, top="": study_file(axes, "reference", top=top)
 
 
 def choices(path: Path) -> list[dict[str, object]]:
