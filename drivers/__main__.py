@@ -189,6 +189,11 @@ def _batch(arguments: argparse.Namespace) -> int:
     for option in ("wait", "slices"):
         if getattr(arguments, option) and not arguments.slurm:
             raise InputError(f"--{option}", "", "no --slurm", "it goes with --slurm")
+    for option in ("dry_run", "workers"):
+        if arguments.slice and getattr(arguments, option):
+            raise InputError(
+                f"--{option.replace('_', '-')}", "", "--slice", "one of the two: a slice runs here, by itself"
+            )
     if arguments.slice:
         part, parts = arguments.slice
         return run_part(arguments.study, runs, part, parts, arguments.engine, arguments.only, arguments.retry)

@@ -14,6 +14,7 @@ from drivers.process import COULD_NOT_START, Outcome, reap, start
 DONE = "the-case-has-ended"  # the word a server says; no engine does by itself
 START_LIMIT_S = 60.0
 EXIT_LIMIT_S = 5.0
+LONGEST_WAIT_S = 3600.0  # at once: the system counts no further than some weeks
 STDERR = "stderr.txt"
 
 
@@ -146,7 +147,10 @@ def _listen(process: subprocess.Popen[bytes], until: float) -> tuple[bytes, str]
     with selectors.DefaultSelector() as selector:
         selector.register(process.stdout, selectors.EVENT_READ)
         while not said.endswith(word):
-            if not selector.select(max(until - time.perf_counter(), 0.0)):
+            rest = until - time.perf_counter()
+            if not selector.select(min(max(rest, 0.0), LONGEST_WAIT_S)):
+                if rest > LONGEST_WAIT_S:
+                    continue
                 return said, "late"
             part = os.read(process.stdout.fileno(), 1 << 16)
             if not part:

@@ -39,6 +39,8 @@ def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], wh
     """
     _must_have(table, observables, where)
     swept = swept_columns(table)
+    if not swept or not (table["status"] == "done").any():
+        raise InputError(where, "", "nothing swept, or nothing done", "a finished batch of a study with axes")
     numeric = [name for name in swept if pd.api.types.is_numeric_dtype(table[name])]
     counts = {name: table[name].nunique() for name in numeric or swept}
     across = max(counts, key=lambda name: counts[name])
@@ -81,6 +83,8 @@ def draw_tornado(table: pd.DataFrame, title: str, observables: tuple[str, ...], 
     """
     _must_have(table, observables, where)
     changes = sensitivities(table, where)
+    if changes.empty:
+        raise InputError(where, "axis", "no number that was varied", "a finished batch with numbers varied one by one")
     plt = pyplot()
     columns = min(2, len(observables))
     lines = -(-len(observables) // columns)

@@ -24,7 +24,7 @@ Choice = dict[str, Any]  # scene key -> value as a scene file has it
 
 Keys = Annotated[
     tuple[Annotated[str, Field(min_length=1)], ...],
-    BeforeValidator(lambda value: (value,) if isinstance(value, str) else tuple(value)),
+    BeforeValidator(lambda value: (value,) if isinstance(value, str) else value),
 ]
 
 
@@ -117,7 +117,7 @@ def _range(axis: Axis, where: str, place: str) -> list[Any]:
         raise InputError(where, f"{place}.from", f"{axis.from_} to {axis.to}", 'ends above zero for spacing = "log"')
     steps = axis.count - 1
     if axis.spacing == "log":
-        inner = [low * math.exp(math.log(high / low) * i / steps) for i in range(1, steps)]
+        inner = [math.exp(math.log(low) + (math.log(high) - math.log(low)) * i / steps) for i in range(1, steps)]
     else:
         inner = [low + (high - low) * i / steps for i in range(1, steps)]
     values = [low, *inner, high]
@@ -132,10 +132,20 @@ def _number(value: str | int | float, where: str, place: str) -> tuple[float, st
         match = units.NUMBER_AND_UNIT.fullmatch(value)
         if match is None:
             raise InputError(where, place, shorten(value), 'a number, with its unit where it has one: "2 m/s"')
-        return float(match.group(1)), match.group(2)
-    if not math.isfinite(value):
-        raise InputError(where, place, str(value), "a finite number")
-    return float(value), ""
+        number, unit = float(match.group(1)), match.group(2)
+    else:
+        number, unit = _float(value), ""
+    if not math.isfinite(number):
+        raise InputError(where, place, shorten(value), "a finite number")
+    return number, unit
+
+
+def _float(value: int | float) -> float:
+    """A number as a float; a whole one that is too large for that is infinite."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
 
 
 def _converted(text: str, unit: str, where: str, place: str) -> float:
@@ -154,7 +164,7 @@ def _multiplied(base: dict[str, Any], key: str, factor: float, where: str, place
     if value is None and key.startswith("materials."):
         value = _look_up(read_toml(paths.MATERIALS), key.removeprefix("materials."))
     if isinstance(value, (int, float)) and not isinstance(value, bool):
-        product = value * factor
+        product = _float(value) * factor
         return int(product) if isinstance(value, int) and product.is_integer() else product
     match = units.NUMBER_AND_UNIT.fullmatch(value) if isinstance(value, str) else None
     if match is None:
@@ -181,7 +191,7 @@ def _table(path: Path, where: str, place: str) -> list[Choice]:
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.reader(file, strict=True) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, ValueError, csv.Error) as error:
         found = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(where, place, f"{paths.shown(path)}: {found}", "a readable CSV file") from error
     shown = paths.shown(path)

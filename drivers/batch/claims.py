@@ -1,20 +1,26 @@
 """Workplaces of batches: folders that exist as long as a live process holds their lock.
 
-The lock is the kernel's: it goes with the process, however that ends. A workplace without it belongs to the dead and
-is cleared. Where a file system knows no locks, two batches may run a case twice, which costs time and nothing else.
+On one machine the lock is the kernel's: it goes with the process, however that ends, and the workplace of a dead one is
+cleared. Of other machines a shared file system may or may not show the locks, so there a workplace is alive as long as
+its process touches it. At worst two batches run a case twice, which costs time and nothing else.
 """
 
 import fcntl
 import json
 import os
+import platform
 import shutil
+import time
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 CLAIM = "claim.json"
+ALIVE = "alive"
+FRESH_S = 120.0  # a workplace of another machine touched within this is alive
+FORGOTTEN_S = 86400.0
 WORK = ".work"  # of a store: where workplaces are
 
 
@@ -24,13 +30,12 @@ class Workplace:
 
     folder: Path
 
-    def claim(self, identities: list[str]) -> list[str]:
+    def claim(self, identities: set[str]) -> set[str]:
         """Claims those that no other live process works on, in place of what was claimed before."""
         with _locked(self.folder.parent / "lock"):
-            others = claimed(self.folder.parent, self.folder)
-            free = [identity for identity in identities if identity not in others]
+            free = identities - claimed(self.folder.parent, self.folder)
             draft = self.folder / f".{CLAIM}"
-            draft.write_text(json.dumps(free))
+            draft.write_text(json.dumps(sorted(free)))
             draft.replace(self.folder / CLAIM)
         return free
 
@@ -39,12 +44,12 @@ class Workplace:
 def workplace(home: Path) -> Iterator[Workplace]:
     """A workplace below ``home``, gone afterwards."""
     home.mkdir(parents=True, exist_ok=True)
-    name = uuid.uuid4().hex[:12]
-    draft = home / f".{name}"
+    folder = home / f"{uuid.uuid4().hex[:12]}@{_machine()}"
+    draft = folder.with_name(f".{folder.name}")
     draft.mkdir()
-    folder = home / name
-    with open(draft / "alive", "w") as alive:
-        _held(alive.fileno())
+    with open(draft / ALIVE, "w") as alive:
+        with suppress(OSError):  # no locks here: it is alive as long as it is touched
+            fcntl.flock(alive.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
         draft.rename(folder)
         try:
             yield Workplace(folder)
@@ -55,30 +60,42 @@ def workplace(home: Path) -> Iterator[Workplace]:
 def claimed(home: Path, own: Path | None = None) -> set[str]:
     """What live processes work on; the workplaces of dead ones are cleared."""
     identities: set[str] = set()
-    for folder in home.glob("[!.]*/"):
+    for folder in home.glob("*@*"):
         if folder == own:
             continue
         try:
-            with open(folder / "alive", "r+") as alive:
-                held = _held(alive.fileno())
-                if held:
-                    identities |= set(json.loads((folder / CLAIM).read_text()))
-                elif held is not None:
-                    shutil.rmtree(folder, ignore_errors=True)
+            if _alive(folder):
+                identities |= set(json.loads((folder / CLAIM).read_text()))
         except (OSError, ValueError):
             continue  # it is just beginning or just ending
     return identities
 
 
-def _held(handle: int) -> bool | None:
-    """Whether somebody else holds the lock; it is taken if not. None: this file system knows no locks."""
+def _alive(folder: Path) -> bool:
+    """Whether the process of a workplace is; clears it if certainly not."""
+    here = folder.name.endswith(f"@{_machine()}")
+    age = time.time() - (folder / ALIVE).stat().st_mtime
+    lock_free = False
+    if here:
+        with open(folder / ALIVE, "r+") as alive, suppress(OSError):
+            fcntl.flock(alive.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_free = True
+        fresh_draft = folder.name.startswith(".") and age < FRESH_S  # not locked yet
+        if lock_free and not fresh_draft:
+            shutil.rmtree(folder, ignore_errors=True)
+        return not lock_free
+    if age > FORGOTTEN_S:
+        shutil.rmtree(folder, ignore_errors=True)
+    return age < FRESH_S
+
+
+def _machine() -> str:
+    """This machine since it was started: locks and processes do not outlive that."""
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()[:8]
     except OSError:
-        return None
-    return False
+        boot = "boot"
+    return f"{platform.node()}-{boot}"
 
 
 @contextmanager

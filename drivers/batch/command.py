@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from drivers.batch.planned import plan_case, versions_of
 from drivers.batch.progress import Progress, expected_s, in_words, states_on, told
 from drivers.batch.selection import Selection, select
 from drivers.batch.slices import run_slice
-from drivers.batch.store import Row, Store
+from drivers.batch.store import Store
 from drivers.batch.study import Study, read_study
 from drivers.batch.worker import to_run
 from drivers.errors import InputError
@@ -47,6 +48,7 @@ class _Opened:
     """A study with its plan, what is selected of it, and what the store has."""
 
     study: Study
+    versions: dict[str, str]
     plan: Plan
     selection: Selection
     store: Store
@@ -90,7 +92,7 @@ def batch(
     submitted = False
     if numbers:
         identities = {opened.plan.identities[name][n - 1] for name, some in todo.items() for n in some}
-        progress = Progress(identities, opened.store)
+        progress = Progress(opened.study, opened.plan, identities, opened.store)
         try:
             for _ in _run(opened, numbers, where, retry_before):
                 progress.update()
@@ -116,7 +118,7 @@ def run_part(
     failures = [row for row in rows if not row.done]
     print(f"slice {part}/{parts}: {len(rows) - len(failures)} rows done, {len(failures)} failed")
     for row in failures:
-        print(told(row), file=sys.stderr)
+        print(told(row.label, row), file=sys.stderr)
     return 1 if failures else 0
 
 
@@ -162,7 +164,7 @@ def show(source: str, number: int, runs: Path, engines: Sequence[str]) -> int:
         ended = run_case(planned.case, name, runs, limit_s=study.limit_s)
         row = store.rows.get(planned.identities[name])
         if not ended.done:
-            print(f"{paths.shown(ended.folder)}  {ended.record.status}: {ended.record.reason}")
+            print(f"{paths.shown(ended.folder)}  {ended.record.status}: {ended.record.reason}", file=sys.stderr)
             code = 1
         elif row is None or not row.done:
             print(f"{paths.shown(ended.folder)}  {'not run yet' if row is None else row.status} in the batch")
@@ -189,7 +191,7 @@ def _open(source: str, runs: Path, engines: Sequence[str], only: Sequence[str], 
     if store.damaged:
         count = len(store.damaged)
         print(f"{count} damaged file{'s' * (count > 1)} in {paths.shown(store.folder)}: left out", file=sys.stderr)
-    return _Opened(study, plan, selection, store)
+    return _Opened(study, versions, plan, selection, store)
 
 
 def _planned(study: Study, versions: dict[str, str], store: Store, workers: int) -> Plan:
@@ -226,7 +228,7 @@ def _run(opened: _Opened, numbers: list[int], where: Where, retry_before: float)
         if where.wait:
             yield from waiting_for(job)
     else:
-        yield from run_locally(study, numbers, selection.engines, store, where.workers, retry_before)
+        yield from run_locally(study, numbers, selection.engines, opened.versions, store, where.workers, retry_before)
 
 
 def _expected(opened: _Opened, todo: dict[str, list[int]]) -> float | None:
@@ -252,21 +254,21 @@ def _tell_plan(opened: _Opened, todo: dict[str, list[int]], workers: int) -> int
 
 
 def _tell_end(opened: _Opened) -> int:
-    """Counts by engine, failures last; 1 if there are any, or if an engine asked for is not installed."""
+    """Counts by engine, failures last; 1 unless all that was asked for is done."""
     running = claimed(opened.store.folder / WORK)
-    chosen = set(opened.selection.numbers)
-    failures: list[Row] = []
-    absent = False
+    failures: list[str] = []
+    whole = True
     for name in opened.selection.engines:
-        found = states_on(name, opened.study, opened.plan, opened.store, running)
-        states = [state for number, state in found if number in chosen]
-        counts = [f"{states.count(state)} {state}" for state in STATES if state in states]
-        print(f"{name:<10} {', '.join(counts)}")
-        absent = absent or "not installed" in states
-        rows = opened.plan.rows_of(opened.store, name) if name in opened.plan.identities else []
-        failures += [row for number, row in enumerate(rows, 1) if number in chosen and row and not row.done]
-    for row in failures:
-        print(told(row), file=sys.stderr)
+        found = dict(states_on(name, opened.study, opened.plan, opened.store, running))
+        states = Counter(found[number] for number in opened.selection.numbers)
+        print(f"{name:<10} {', '.join(f'{states[state]} {state}' for state in STATES if states[state])}")
+        whole = whole and states["done"] == len(opened.selection.numbers)
+        if states["failed"]:
+            rows = opened.plan.rows_of(opened.store, name)
+            failed = [number for number in opened.selection.numbers if found[number] == "failed"]
+            failures += [told(opened.study.label(number), row) for number in failed if (row := rows[number - 1])]
+    for line in failures:
+        print(line, file=sys.stderr)
     if failures:
         print(f"{len(failures)} failed; --retry runs them again", file=sys.stderr)
-    return 1 if failures or absent else 0
+    return 0 if whole else 1

@@ -22,7 +22,9 @@ from drivers.batch.worker import CHUNK, run_cases
 from drivers.errors import RunError
 
 POLL_S = 0.2
-LIVES = 3  # how often workers that die are replaced
+OTHERS_S = 2.0  # between looks at what another batch is at work on
+PATIENCE_S = 10.0  # with workers that are asked to end
+LIVES = 3  # how often in a row workers may die without having done anything
 PLAN_CHUNK = 250
 
 
@@ -58,12 +60,14 @@ def worker_pool(workers: int, study: Study, store: Store) -> Iterator[ProcessPoo
     try:
         yield pool
     except BaseException:
+        processes = multiprocessing.active_children()
         pool.shutdown(wait=False, cancel_futures=True)
-        for process in multiprocessing.active_children():
+        for process in processes:
             process.terminate()
+        for process in processes:
+            process.join(PATIENCE_S)
         raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    pool.shutdown()
 
 
 def plan_on(pool: ProcessPoolExecutor, study: Study, versions: dict[str, str]) -> Iterator[Plan]:
@@ -86,6 +90,7 @@ def run_locally(
     study: Study,
     numbers: Sequence[int],
     engines: tuple[str, ...],
+    versions: dict[str, str],
     store: Store,
     workers: int,
     retry_before: float,
@@ -96,21 +101,22 @@ def run_locally(
         RunError: workers die again and again.
         OSError: the disk is full, or something else is wrong with the runs folder.
     """
-    for life in range(LIVES):
+    lives = LIVES
+    while numbers:
+        known = len(store.rows)
         try:
-            while numbers:
-                with worker_pool(workers, study, store) as pool:
-                    futures = [pool.submit(_run, numbers, workers, engines, retry_before) for _ in range(workers)]
-                    yield from _waiting(futures)
-                numbers = [number for future in futures for number in future.result()]
-                if numbers:  # another batch is at work on them
-                    time.sleep(POLL_S)
-            return
+            with worker_pool(workers, study, store) as pool:
+                words = (numbers, workers, engines, versions, retry_before)
+                futures = [pool.submit(_run, *words) for _ in range(workers)]
+                yield from _waiting(futures)
+            numbers = [number for future in futures for number in future.result()]
+            if numbers:  # another batch is at work on them
+                time.sleep(OTHERS_S)
         except BrokenProcessPool as error:
-            if life == LIVES - 1:
-                raise RunError(
-                    f"workers were killed {LIVES} times; what is done is kept: run the batch again"
-                ) from error
+            store.refresh()
+            lives = LIVES if len(store.rows) > known else lives - 1
+            if not lives:
+                raise RunError(f"workers were killed {LIVES} times; what is done is kept") from error
 
 
 def _waiting(futures: list[Future[Any]]) -> Iterator[None]:
@@ -139,11 +145,14 @@ def _end(*_: object) -> None:
     raise SystemExit
 
 
-def _run(numbers: Sequence[int], workers: int, engines: tuple[str, ...], retry_before: float) -> list[int]:
+def _run(
+    numbers: Sequence[int], workers: int, engines: tuple[str, ...], versions: dict[str, str], retry_before: float
+) -> list[int]:
     """Takes up chunk after chunk of the numbers that all workers share; those left to another batch."""
     assert _work is not None
     try:
-        return run_cases(_work.study, _chunks(numbers, workers, _work.taken), engines, _work.store, retry_before)
+        chunks = _chunks(numbers, workers, _work.taken)
+        return run_cases(_work.study, chunks, engines, versions, _work.store, retry_before)
     except SystemExit:
         os._exit(1)  # everything is closed: the pool must not hand out more, nor say a word
 

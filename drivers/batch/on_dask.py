@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from concurrent.futures import wait
+from concurrent.futures import CancelledError, wait
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -57,8 +57,9 @@ def run_on_dask(
                 raise InputError(f"--dask {address}", "", "nobody who answers", allowed) from error
         threads = max(1, sum(client.nthreads().values()))
         parts = max(SLICES_PER_THREAD * threads, math.ceil(len(selection.numbers) / CHUNK))
-        executor = stack.enter_context(client.get_executor(pure=False, retries=RETRIES))
-        futures = [
+        executor = client.get_executor(pure=False, retries=RETRIES)
+        stack.callback(executor.shutdown, wait=False)  # after an error or Ctrl-C nobody waits for the rest
+        waiting = {
             executor.submit(
                 run_slice,
                 study.path,
@@ -70,8 +71,7 @@ def run_on_dask(
                 retry=retry,
             )
             for part in slices_with_work(selection, todo, parts)
-        ]
-        waiting = set(futures)
+        }
         while waiting:
             ended, waiting = wait(waiting, POLL_S)
             for future in ended:
@@ -86,7 +86,10 @@ def slices_with_work(selection: Selection, todo: list[int], parts: int) -> list[
 
 
 def _raise_error_of(future: Any) -> None:
-    error = future.exception()
+    try:
+        error = future.exception()
+    except CancelledError as lost:
+        raise RunError("the cluster was lost; what is done is kept") from lost
     if isinstance(error, (InputError, RunError, OSError)):
         raise error
     if error is not None:

@@ -19,7 +19,8 @@ from drivers.errors import InputError, RunError
 
 MOST_TASKS = 1000  # Slurm's own limit of an array, unless its administrator raised it
 SECONDS_PER_TASK = 60.0  # a shorter one is not worth the scheduler's trouble
-POLL_S = 0.5
+POLL_S = 2.0
+PATIENCE = 30  # failures of squeue in a row
 FOLDER = ".slurm"
 
 SCRIPT = """\
@@ -87,16 +88,26 @@ def submit(script: Path) -> str:
 
 
 def waiting_for(job: str) -> Iterator[None]:
-    """Yields now and then until Slurm has no task of the job any more."""
-    while True:
-        words = ["squeue", "--noheader", "--jobs", job, "--format=%T"]
+    """Yields now and then until Slurm has no task of the job any more.
+
+    Raises:
+        RunError: Slurm does not answer.
+    """
+    words = ["squeue", "--noheader", "--jobs", job, "--format=%T"]
+    failures = 0
+    while failures < PATIENCE:
         done = subprocess.run(words, capture_output=True, text=True, check=False)
-        if done.returncode == 0 and not done.stdout.strip():
-            return
-        if done.returncode != 0 and "Invalid job id" in done.stderr:
+        if done.returncode == 0:
+            failures = 0
+            if not done.stdout.strip():
+                return
+        elif "Invalid job id" in done.stderr:
             return  # ended so long ago that Slurm forgot it
+        else:
+            failures += 1
         time.sleep(POLL_S)
         yield
+    raise RunError(f"job {job}: squeue does not answer: {done.stderr.strip()}")
 
 
 def _ranges(numbers: list[int]) -> str:

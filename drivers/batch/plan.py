@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -81,12 +82,10 @@ def keep_plan(plan: Plan, study: Study, versions: dict[str, str], store: Store) 
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as draft:
         draft.write_text(json.dumps(asdict(plan)))
-    for old in _oldest_first(path.parent)[:-KEPT_PLANS]:
-        old.unlink(missing_ok=True)
-
-
-def _oldest_first(folder: Path) -> list[Path]:
-    return sorted(folder.glob("[!.]*.json"), key=lambda path: path.stat().st_mtime)
+    with suppress(OSError):  # another batch may be tidying up too
+        kept = sorted(path.parent.glob("[!.]*.json"), key=lambda each: each.stat().st_mtime)
+        for old in kept[:-KEPT_PLANS]:
+            old.unlink(missing_ok=True)
 
 
 def _plan_file(study: Study, versions: dict[str, str], store: Store) -> Path:

@@ -11,10 +11,15 @@ from drivers.case import Case
 from drivers.deck import Deck
 from drivers.engines import installed, load_engine
 from drivers.run import known_version, run_identity
+from drivers.tolerances import tolerance
 
 REFERENCE = "reference"
 SMALL = 1000  # bodies
-OBSERVING = ("observables.py", "residual.py", "sensors.py", "signals.py")  # what turns a trace into a row
+ENGINES = paths.ROOT / "drivers" / "engines"
+OBSERVING = (  # what makes a row of raw output
+    *(f"drivers/{name}.py" for name in ("chain", "guard", "session", "trace")),
+    *(f"postproc/{name}.py" for name in ("observables", "residual", "sensors", "signals")),
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,10 @@ class Planned:
     def deck(self, engine: str) -> Deck:
         """The deck of an engine."""
         return self.small_decks.get(engine) or load_engine(engine).render(self.case)
+
+    def wanted(self, identities: set[str]) -> list[str]:
+        """The engines of which the row is among these."""
+        return [name for name, identity in self.identities.items() if identity in identities]
 
     @property
     def work(self) -> int:
@@ -62,17 +71,29 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
         InputError: the case makes no scene.
     """
     case = study.case(number)
-    gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_observing()}"
+    gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_digest_of(OBSERVING)}\0{tolerance('guard', 'energy').limit}"
     decks = {name: load_engine(name).render(case) for name in versions}
     runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
-    identities = {name: hashlib.sha256(f"{run}\0{gauges}".encode()).hexdigest()[:20] for name, run in runs.items()}
+    identities = {
+        name: hashlib.sha256(f"{run}\0{gauges}\0{_served(name)}".encode()).hexdigest()[:20]
+        for name, run in runs.items()
+    }
     small = case.chain.bodies < SMALL
     return Planned(number, study.label(number), case, decks if small else {}, runs, identities)
 
 
 @cache
-def _observing() -> str:
+def _served(engine: str) -> str:
+    """Digest of what asks an engine and reads what it says."""
+    modules = [path.name for path in ENGINES.glob("_*.py")]
+    return _digest_of(tuple(f"drivers/engines/{name}" for name in (*sorted(modules), f"{engine}.py"))) + str(
+        load_engine(engine).SERVER.sha256
+    )
+
+
+@cache
+def _digest_of(files: tuple[str, ...]) -> str:
     digest = hashlib.sha256()
-    for name in OBSERVING:
-        digest.update((paths.ROOT / "postproc" / name).read_bytes())
+    for name in files:
+        digest.update((paths.ROOT / name).read_bytes())
     return digest.hexdigest()

@@ -13,9 +13,11 @@ SPENT = ("start_s", "engine_s", "workflow_s", "reference_s")  # of a worker's ti
 class Progress:
     """A bar over the rows that are awaited; quiet where nobody looks on."""
 
-    def __init__(self, awaited: set[str], store: Store) -> None:
+    def __init__(self, study: Study, plan: Plan, awaited: set[str], store: Store) -> None:
         from tqdm import tqdm
 
+        self.study = study
+        self.numbers = {identity: n for some in plan.identities.values() for n, identity in enumerate(some, start=1)}
         self.awaited = awaited
         self.store = store
         self.bar: Any = tqdm(total=len(awaited), unit="row", leave=False, disable=None, file=sys.stderr)
@@ -26,17 +28,17 @@ class Progress:
             if row.identity in self.awaited:
                 self.awaited.discard(row.identity)
                 self.bar.update()
-                if not row.done:
-                    self.bar.write(told(row), file=sys.stderr)
+                if not row.done and not self.bar.disable:  # else the summary tells it
+                    self.bar.write(told(self.study.label(self.numbers[row.identity]), row), file=sys.stderr)
 
     def close(self) -> None:
         """Takes the bar away."""
         self.bar.close()
 
 
-def told(row: Row) -> str:
-    """A failed row in one line."""
-    return f"{row.label}: {row.engine} {row.status}: {row.reason}"
+def told(label: str, row: Row) -> str:
+    """A failed row of a case in one line."""
+    return f"{label}: {row.engine} {row.status}: {row.reason}"
 
 
 def states_on(engine: str, study: Study, plan: Plan, store: Store, running: set[str]) -> list[tuple[int, str]]:

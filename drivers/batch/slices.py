@@ -53,7 +53,7 @@ def run_slice(
     left = list(numbers)
     while left:
         chunks = [left[start : start + CHUNK] for start in range(0, len(left), CHUNK)]
-        left = run_cases(study, chunks, selection.engines, store, retry_before)
+        left = run_cases(study, chunks, selection.engines, versions, store, retry_before)
         if left:  # another process is at work on them
             time.sleep(POLL_S)
     store.refresh()

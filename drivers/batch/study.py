@@ -19,6 +19,8 @@ from drivers.read_scene import find_input, find_scene, make_scene, read_toml
 from drivers.scene import Part
 from drivers.settings import set_value
 
+RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns that every table has
+
 
 class StudyFile(Part):
     """A study as its file holds it.
@@ -144,13 +146,19 @@ def read_study(source: str | Path) -> Study:
         place = f"axis.{i}"
         choices = expand(axis, base, path.parent, where, place)
         for key in choices[0]:
-            if key in seen:
-                raise InputError(where, place, f"{key}, which {seen[key]} sets already", "each key once")
-            seen[key] = place
+            clash = next(
+                (old for old in seen if f"{old}.".startswith(f"{key}.") or f"{key}.".startswith(f"{old}.")), None
+            )
+            if clash is not None:
+                raise InputError(where, place, f"{key} beside {clash} of {seen[clash]}", "each key of the scene once")
+        seen |= dict.fromkeys(choices[0], place)
         keys = [axis.key[0]] if axis.key else list(choices[0])
         if axis.name and len(keys) > 1:
             raise InputError(where, f"{place}.name", f"{len(keys)} columns", "a name for one column")
-        columns |= {axis.name or key: key for key in keys}
+        for name, key in ((axis.name or key, key) for key in keys):
+            if name in columns or name in RESERVED:
+                raise InputError(where, f"{place}.name", f'"{name}", a column already', "another name")
+            columns[name] = key
         axes.append(tuple(choices))
     for name in file.engines:
         if name not in engine_names():
@@ -174,9 +182,9 @@ def read_study(source: str | Path) -> Study:
 
 
 def _base_scene(source: str, study: Path, where: str) -> Path:
-    """The base scene: beside the study file, by path, or by its name in ``inputs/scenes``."""
-    beside = study.parent / source
+    """The base scene: by its name in ``inputs/scenes``, or as a path from the study file's folder."""
     try:
-        return find_scene(beside if beside.suffix == ".toml" and beside.is_file() else source).resolve()
-    except InputError as error:
-        raise InputError(where, "scene", f'"{source}"', "the path of a scene file or the name of a scene") from error
+        return find_scene(source if "." not in source and "/" not in source else study.parent / source).resolve()
+    except (InputError, OSError, ValueError) as error:
+        allowed = "a scene file, as seen from the study, or the name of a scene"
+        raise InputError(where, "scene", shorten(source), allowed) from error

@@ -16,9 +16,8 @@ COSTS = ("start_s", "engine_s", "loop_s", "workflow_s", "reference_s")  # the la
 
 def tables(study: Study, plan: Plan, store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The numbers, which depend on nothing but the study, and the costs, which differ from run to run."""
-    missing = dict.fromkeys(range(study.count))
     by_engine = {
-        name: plan.rows_of(store, name) if name in plan.identities else list(missing.values()) for name in study.engines
+        name: plan.rows_of(store, name) if name in plan.identities else [None] * study.count for name in study.engines
     }
     rows = [(place, name, by_engine[name][place]) for place in range(study.count) for name in study.engines]
     keys: dict[str, list[Any]] = {"case": [place + 1 for place, _, _ in rows]}

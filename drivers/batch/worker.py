@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 
-from drivers.batch.claims import WORK, Workplace, workplace
-from drivers.batch.planned import REFERENCE, Planned, plan_case, versions_of
-from drivers.batch.store import Row, Store, commit, plain
+from drivers.batch.claims import WORK, workplace
+from drivers.batch.outbox import outbox
+from drivers.batch.planned import REFERENCE, Planned, plan_case
+from drivers.batch.store import Row, Store, plain
 from drivers.batch.study import Study
 from drivers.engines import load_engine
 from drivers.errors import RunError
@@ -21,7 +21,6 @@ from drivers.session import Session
 from drivers.trace import Trace, digest_of
 
 CHUNK = 64  # cases in a chunk, at most
-COMMIT_S = 1.0  # rows are not kept back for longer: a kill loses no more than that, and the case in flight
 PROBE_BYTES = 1 << 20
 
 
@@ -36,7 +35,12 @@ class _Result:
 
 
 def run_cases(
-    study: Study, chunks: Iterable[Sequence[int]], engines: tuple[str, ...], store: Store, retry_before: float = 0.0
+    study: Study,
+    chunks: Iterable[Sequence[int]],
+    engines: tuple[str, ...],
+    versions: dict[str, str],
+    store: Store,
+    retry_before: float = 0.0,
 ) -> list[int]:
     """Runs what is not done of some cases of a study.
 
@@ -44,6 +48,7 @@ def run_cases(
         study: the study.
         chunks: numbers of the cases, from 1; those of a chunk are planned and claimed together.
         engines: on which to run them; those not installed are left out.
+        versions: of the engines that are, and of the reference.
         store: of the runs folder.
         retry_before: failures that ended before this time are run again.
 
@@ -53,13 +58,33 @@ def run_cases(
     Raises:
         OSError: the disk is full, or something else is wrong with the runs folder.
     """
-    versions = versions_of(engines, store.runs)
-    wanted_engines = [name for name in engines if name in versions]
+    names = [name for name in engines if name in versions]
     left: list[int] = []
-    with workplace(store.folder / WORK) as place, _sessions(place.folder) as session_of:
+    with (
+        workplace(store.folder / WORK) as place,
+        outbox(store.folder, place.folder) as box,
+        _sessions(place.folder) as session_of,
+    ):
+        exact = _Exact(study, session_of)
+        ran: set[str] = set()
         for numbers in chunks:
             planned = [plan_case(study, number, versions) for number in numbers]
-            left += _run_chunk(study, planned, wanted_engines, store, place, session_of, retry_before)
+            store.refresh()
+            missing = {each.identities[name] for each in planned for name in names} - _settled(store, retry_before)
+            free = place.claim(missing) if missing else set()
+            store.refresh()  # what others finished before the claim
+            free -= _settled(store, retry_before)
+            for name in sorted({name for each in planned for name in each.wanted(free)}):  # they start side by side
+                for engine in (name, REFERENCE):
+                    with suppress(OSError):
+                        session_of(engine).start()
+            for each in planned:
+                for name in each.wanted(free - ran):
+                    box.add(_run_row(study, each, name, session_of, exact))
+                    ran.add(each.identities[name])
+            box.flush()  # before the claim is given up
+            others = missing - free - ran - _settled(store, retry_before)
+            left += [each.number for each in planned if others & set(each.identities.values())]
     return left
 
 
@@ -69,58 +94,48 @@ def to_run(store: Store, identity: str, retry_before: float) -> bool:
     return row is None or (not row.done and row.ended < retry_before)
 
 
-def _run_chunk(
-    study: Study,
-    planned: list[Planned],
-    engines: list[str],
-    store: Store,
-    place: Workplace,
-    session_of: Callable[[str], Session],
-    retry_before: float,
-) -> list[int]:
-    store.refresh()
-    missing = [
-        p.identities[name] for p in planned for name in engines if to_run(store, p.identities[name], retry_before)
-    ]
-    free = set(place.claim(missing)) if missing else set()
-    store.refresh()  # what others finished before the claim
-    free = {identity for identity in free if to_run(store, identity, retry_before)}
-    if free:
-        for name in {*engines, REFERENCE}:  # they start side by side
-            with suppress(OSError):
-                session_of(name).start()
-    rows: list[Row] = []
-    committed = time.monotonic()
-    try:
-        for row in chain.from_iterable(_run_case(study, each, free, session_of) for each in planned):
-            rows.append(row)
-            if time.monotonic() - committed > COMMIT_S:
-                commit(rows, store.folder, place.folder)
-                rows, committed = [], time.monotonic()
-    finally:
-        commit(rows, store.folder, place.folder)
-    others = set(missing) - free - set(store.rows)
-    return [each.number for each in planned if others & set(each.identities.values())]
+def _settled(store: Store, retry_before: float) -> set[str]:
+    """Rows that are not to be run."""
+    return {identity for identity in store.rows if not to_run(store, identity, retry_before)}
 
 
-def _run_case(study: Study, planned: Planned, wanted: set[str], session_of: Callable[[str], Session]) -> Iterator[Row]:
-    """The rows of a case of which the identities are wanted; the exact forces are computed once for all."""
-    exact: _Result | None = None
-    for name in (name for name, identity in planned.identities.items() if identity in wanted):
-        if name == REFERENCE:
-            result = exact = exact or _run(study, planned, name, session_of(name))
-        else:
-            result = _run(study, planned, name, session_of(name))
-            began = time.perf_counter()
-            exact = exact or _run(study, planned, REFERENCE, session_of(REFERENCE))
-            result.cost["reference_s"] = time.perf_counter() - began
-        began = time.perf_counter()
-        force_error = None
-        if name != REFERENCE and result.trace is not None and exact.trace is not None:
-            from postproc.residual import residual
+class _Exact:
+    """The exact forces of the last case asked for: engines, and time steps, share them."""
 
-            force_error = float(residual(result.trace, exact.trace).max())
-        yield _row(study, planned, name, result, force_error, began)
+    def __init__(self, study: Study, session_of: Callable[[str], Session]) -> None:
+        self._study = study
+        self._session_of = session_of
+        self._of = ""
+        self._result = _Result()
+
+    def of(self, planned: Planned) -> _Result:
+        """Those of a case."""
+        if self._of != planned.runs[REFERENCE]:
+            self._result = _run(self._study, planned, REFERENCE, self._session_of(REFERENCE))
+            self._of = planned.runs[REFERENCE]
+        return self._result
+
+
+def _run_row(study: Study, planned: Planned, name: str, session_of: Callable[[str], Session], exact: _Exact) -> Row:
+    """A case on an engine, with its error against the exact forces; without these it fails, so that it is retried."""
+    if name == REFERENCE:
+        result = exact.of(planned)
+        return _row(study, planned, name, result, None, time.perf_counter())
+    result = _run(study, planned, name, session_of(name))
+    if result.trace is None:
+        return _row(study, planned, name, result, None, time.perf_counter())
+    began = time.perf_counter()
+    truth = exact.of(planned)
+    result.cost["reference_s"] = time.perf_counter() - began
+    began = time.perf_counter()
+    force_error = None
+    if truth.trace is None:
+        result.status, result.reason = truth.status, f"no exact forces to count its error by: {truth.reason}"
+    else:
+        from postproc.residual import residual
+
+        force_error = float(residual(result.trace, truth.trace).max())
+    return _row(study, planned, name, result, force_error, began)
 
 
 def _row(study: Study, planned: Planned, engine: str, result: _Result, force_error: float | None, began: float) -> Row:
@@ -147,9 +162,9 @@ def _row(study: Study, planned: Planned, engine: str, result: _Result, force_err
 
 
 def _run(study: Study, planned: Planned, name: str, session: Session) -> _Result:
-    """A case on an engine; if it kills a process that has served others, it gets another one to itself."""
+    """A case on an engine; if it kills a process that has served others, or that did not start, it gets another."""
     result = _run_once(study, planned, name, session)
-    if result.status == "failed" and session.ended and session.served > 1:
+    if result.status == "failed" and session.ended and session.served != 1:
         result = _run_once(study, planned, name, session)
     return result
 
@@ -186,6 +201,8 @@ def _disk_has_room(folder: Path) -> None:
             os.fsync(file.fileno())
     except OSError as error:
         raise OSError(error.errno or errno.ENOSPC, error.strerror, str(folder)) from error
+    finally:
+        probe.unlink(missing_ok=True)
 
 
 @contextmanager

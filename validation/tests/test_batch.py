@@ -232,6 +232,7 @@ def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> No
     path = study_file(SPEEDS.format(250), "liggghts", "verlet")
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--results", str(tmp_path / "runs-results")]
     runs, moments, kills, kept = tmp_path / "runs", random.Random(5), 0, 0
+    leaders: list[int] = []
     while kills < 22:
         process = subprocess.Popen(
             [*words, "--runs", str(runs)], start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
@@ -244,6 +245,7 @@ def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> No
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+            leaders.append(process.pid)
             kills += 1
             rows = len(stored(runs))
             assert rows >= kept, "rows were lost"
@@ -251,27 +253,28 @@ def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> No
     assert batch(path, runs).returncode == 0
     assert batch(path, tmp_path / "undisturbed").returncode == 0
     assert table_bytes(runs) == table_bytes(tmp_path / "undisturbed")
-    assert not [place for place in (runs / "batch" / ".work").iterdir() if place.is_dir()]
+    assert not list((runs / "batch" / ".work").glob("[!.]*@*"))
     time.sleep(0.5)
-    assert not _processes_of(tmp_path)
+    assert not [left for leader in leaders for left in _processes_of(leader, tmp_path)]
 
 
-def _processes_of(folder: Path) -> list[str]:
-    """Commands of processes that run below a folder."""
+def _processes_of(leader: int, folder: Path) -> list[str]:
+    """Commands of processes of a session, and of those that work below a folder: engines lead sessions of their own."""
     found = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
-            if str((process / "cwd").resolve()).startswith(str(folder)):
+            session = int((process / "stat").read_text().rpartition(")")[2].split()[3])
+            if session == leader or str((process / "cwd").resolve()).startswith(str(folder)):
                 found.append((process / "cmdline").read_text())
         except OSError:
             continue
-    return found
+    return [command for command in found if command]  # the dead that nobody has asked for yet have none
 
 
 def test_interrupted_in_order(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 60
     while not stored(runs) and time.monotonic() < until:
         time.sleep(0.1)
@@ -280,7 +283,24 @@ def test_interrupted_in_order(study_file: StudyWriter, tmp_path: Path) -> None:
     assert (process.returncode, told) == (130, "interrupted\n")
     assert stored(runs)
     time.sleep(0.5)
-    assert not _processes_of(runs)
+    assert not _processes_of(process.pid, runs)
+
+
+def test_rows_without_exact_forces_are_tried_again(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(2), "verlet", top='limit = "1 us"'), tmp_path / "runs"
+    assert batch(path, runs).returncode == 1
+    assert set(table(runs)["status"]) == {"timeout"}
+    path.write_text(path.read_text().replace("1 us", "60 s"))
+    assert batch(path, runs).returncode == 1
+    assert batch(path, runs, "--retry").returncode == 0
+    assert table(runs)["force_error_share"].notna().all()
+
+
+def test_equal_cases_run_once(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file("[[axis]]\nseeds = 6", "verlet"), tmp_path / "runs"  # nothing is drawn at random
+    assert batch(path, runs).returncode == 0
+    assert list(stored(runs).values()) == [1]
+    assert list(table(runs)["status"]) == ["done"] * 6
 
 
 def test_damaged_files_do_not_count(study_file: StudyWriter, tmp_path: Path) -> None:

@@ -138,8 +138,8 @@ BAD = {
         "ends above zero"),
     "lists of unlike lengths": ('[[axis]]\nzip = { "chain.count" = [1, 2], "seed" = [1] }',
         "2 of chain.count, 1 of seed"),
-    "a key twice": ('[[axis]]\nkey = "seed"\nvalues = [1]\n[[axis]]\nseeds = 2', "seed, which axis.0 sets already"),
-    "a key also set": ('set = { seed = 1 }\n[[axis]]\nseeds = 2', "seed, which set sets already"),
+    "a key twice": ('[[axis]]\nkey = "seed"\nvalues = [1]\n[[axis]]\nseeds = 2', "seed beside seed of axis.0"),
+    "a key also set": ('set = { seed = 1 }\n[[axis]]\nseeds = 2', "seed beside seed of set"),
     "a factor of nothing": ('[[axis]]\nkey = "chain.precompression"\nfactors = [2]', "nothing at chain.precompression"),
     "a factor of a word": ('[[axis]]\nkey = "wall.material"\nfactors = [2]', '"brass" at wall.material'),
     "no table": ('[[axis]]\ntable = "none.csv"', "No such file"),
@@ -153,6 +153,14 @@ BAD = {
     "an unknown engine": ('engines = ["abaqus"]', '"abaqus"; allowed: liggghts, reference, verlet, yade'),
     "no base scene": ('scene = "nowhere"', 'scene: found "nowhere"'),
     "an unknown word": ("axes = 3", "axes: found an unknown key; allowed: did you mean axis?"),
+    "keys one below the other": (
+        '[[axis]]\nkey = "striker.speed"\nvalues = ["1 m/s"]\n[[axis]]\nkey = "striker"\nvalues = [""]',
+        "striker beside striker.speed of axis.0",
+    ),
+    "a name that is taken": ('[[axis]]\nkey = "seed"\nname = "case"\nvalues = [1]', '"case", a column already'),
+    "a key that is a number": ("[[axis]]\nkey = 5\nvalues = [1]", "axis.0.key: found 5; allowed: a list"),
+    "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number"),
+    "a table without a name": ('[[axis]]\ntable = "a\\u0000b"', "a readable CSV file"),
     "NaN": ('[[axis]]\nkey = "chain.count"\nfrom = nan\nto = 2\ncount = 3', "a finite number"),
 }  # fmt: skip
 
@@ -186,6 +194,7 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
         (["--dask", "tcp://127.0.0.1:9"], "nobody who answers"),
         (["--dask", "carrier pigeon"], "the address of a running scheduler"),
         (["--slurm", "--dask"], "not allowed with"),
+        (["--slice", "1/2", "--dry-run"], "a slice runs here, by itself"),
         (["--wait"], "it goes with --slurm"),
         (["--engine", "yade"], "the engines of the study: reference"),
         (["--only", "seed=9"], "no case"),
