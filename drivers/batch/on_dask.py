@@ -1,6 +1,7 @@
 """Slices of a study on a Dask cluster, through the executor interface of ``distributed``."""
 
 import math
+import signal
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, wait
 from contextlib import ExitStack
@@ -45,9 +46,11 @@ def run_on_dask(
     with ExitStack() as stack:
         client: Any
         if address == LOCAL:
+            former = signal.signal(signal.SIGINT, signal.SIG_IGN)  # its processes leave Ctrl-C to this one
             cluster = stack.enter_context(
                 LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50)
             )
+            signal.signal(signal.SIGINT, former)
             client = stack.enter_context(Client(cluster))
         else:
             try:
