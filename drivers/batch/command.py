@@ -103,11 +103,15 @@ def batch(
     if submitted:
         print("once the jobs are through, the same command without --slurm writes the table")
         return 0
-    from drivers.batch.table import write_tables
+    from drivers.batch.table import unmatched, write_tables
 
     for path in write_tables(opened.study, opened.plan, opened.store, results):
         print(paths.shown(path))
-    return _tell_end(opened)
+    code = _tell_end(opened)
+    for pattern in unmatched(opened.study, opened.plan, opened.store):
+        print(f'{opened.study.where}: observables: nothing is called like "{pattern}"', file=sys.stderr)
+        code = 1
+    return code
 
 
 def run_part(

@@ -30,17 +30,22 @@ def tables(study: Study, plan: Plan, store: Store) -> tuple[pd.DataFrame, pd.Dat
         "reason": [row.reason if row else "" for row in found],
         "force_error_share": [row.force_error if row else None for row in found],
     }
-    for name in observables_of(study, store, found):
+    for name in (name for name in _observed(found) if any(fnmatchcase(name, glob) for glob in study.observables)):
         numbers[name] = [row.values.get(name) if row else None for row in found]
     costs = {"case": keys["case"], "engine": keys["engine"], "bodies_times_steps": [plan.work[p] for p, _, _ in rows]}
     costs |= {name: [row.cost[name] if row else None for row in found] for name in COSTS}
     return _frame(numbers, set(plan.values)), _frame(costs, set())
 
 
-def observables_of(study: Study, store: Store, rows: list[Row | None]) -> list[str]:
-    """Names of the observables to tabulate, in the order in which they come."""
-    names = dict.fromkeys(name for row in rows if row for name in row.values)
-    return [name for name in names if any(fnmatchcase(name, pattern) for pattern in study.observables)]
+def unmatched(study: Study, plan: Plan, store: Store) -> list[str]:
+    """Patterns of observables that nothing is called like, as far as anything has been observed."""
+    names = _observed([row for engine in plan.identities for row in plan.rows_of(store, engine)])
+    return [glob for glob in study.observables if names and not any(fnmatchcase(name, glob) for name in names)]
+
+
+def _observed(rows: list[Row | None]) -> list[str]:
+    """Names of all observables of some rows, in the order in which they come."""
+    return list(dict.fromkeys(name for row in rows if row for name in row.values))
 
 
 def write_tables(study: Study, plan: Plan, store: Store, results: Path) -> list[Path]:

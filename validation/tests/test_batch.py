@@ -296,6 +296,13 @@ def test_rows_without_exact_forces_are_tried_again(study_file: StudyWriter, tmp_
     assert table(runs)["force_error_share"].notna().all()
 
 
+def test_observables_that_nothing_is_called_like(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(2), "verlet", top='observables = ["wall_peak_*", "wal_*"]'), tmp_path / "runs"
+    done = batch(path, runs)
+    assert (done.returncode, 'nothing is called like "wal_*"' in done.stderr) == (1, True)
+    assert list(table(runs).columns[-2:]) == ["force_error_share", "wall_peak_N"]
+
+
 def test_equal_cases_run_once(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file("[[axis]]\nseeds = 6", "verlet"), tmp_path / "runs"  # nothing is drawn at random
     assert batch(path, runs).returncode == 0
