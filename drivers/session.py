@@ -12,10 +12,11 @@ from drivers.engines import Engine
 from drivers.process import COULD_NOT_START, Outcome, reap, start
 
 DONE = "the-case-has-ended"  # the word a server says; no engine does by itself
-START_LIMIT_S = 60.0
+START_LIMIT_S, LEAST_START_S = 60.0, 10.0  # a start gets the case's limit, within these
 EXIT_LIMIT_S = 5.0
 LONGEST_WAIT_S = 3600.0  # at once: the system counts no further than some weeks
 STDERR = "stderr.txt"
+LONGEST_SAYING = 1 << 20  # bytes of what an engine says that are kept
 
 
 class Session:
@@ -57,7 +58,7 @@ class Session:
             (self.case / STDERR).write_text(f"cannot start: {error}\n")
             return Outcome(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
         if self.served == 0:
-            outcome = self._ask("", START_LIMIT_S)
+            outcome = self._ask("", min(START_LIMIT_S, max(limit_s, LEAST_START_S)))
             self.start_s += time.perf_counter() - began
             if self.ended:
                 return outcome
@@ -155,5 +156,7 @@ def _listen(process: subprocess.Popen[bytes], until: float) -> tuple[bytes, str]
             part = os.read(process.stdout.fileno(), 1 << 16)
             if not part:
                 return said, "ended"
-            said += part
+            said = (said + part)[-LONGEST_SAYING:]
+            if time.perf_counter() > until and not said.endswith(word):
+                return said, "late"
     return said.removesuffix(word), "done"

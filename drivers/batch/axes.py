@@ -113,6 +113,10 @@ def _range(axis: Axis, where: str, place: str) -> list[Any]:
     high, other = _number(axis.to, where, f"{place}.to")
     if unit != other:
         high = _converted(str(axis.to), unit, where, f"{place}.to")
+    if not math.isfinite(high - low):
+        raise InputError(
+            where, f"{place}.from", shorten(f"{axis.from_} to {axis.to}"), "ends that are not so far apart"
+        )
     if axis.spacing == "log" and not (low > 0 and high > 0):
         raise InputError(where, f"{place}.from", f"{axis.from_} to {axis.to}", 'ends above zero for spacing = "log"')
     steps = axis.count - 1

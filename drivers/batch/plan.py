@@ -71,9 +71,12 @@ def joined(parts: Sequence[Plan]) -> Plan:
 def kept_plan(study: Study, versions: dict[str, str], store: Store) -> Plan | None:
     """The plan as it was worked out before, if nothing it depends on has changed since."""
     try:
-        return Plan(**json.loads(_plan_file(study, versions, store).read_text()))
-    except (OSError, ValueError, TypeError):
+        plan = Plan(**json.loads(_plan_file(study, versions, store).read_text()))
+        columns: list[list[Any]] = [*plan.identities.values(), plan.work, *plan.values.values()]
+        whole = set(plan.identities) == set(versions) and {len(column) for column in columns} == {study.count}
+    except (OSError, ValueError, TypeError, AttributeError):
         return None
+    return plan if whole else None
 
 
 def keep_plan(plan: Plan, study: Study, versions: dict[str, str], store: Store) -> None:

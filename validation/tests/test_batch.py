@@ -271,6 +271,19 @@ def _processes_of(leader: int, folder: Path) -> list[str]:
     return [command for command in found if command]  # the dead that nobody has asked for yet have none
 
 
+def test_workers_do_not_outlive_a_killed_batch(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
+    words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
+    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL)
+    until = time.monotonic() + 60
+    while not stored(runs) and time.monotonic() < until:
+        time.sleep(0.1)
+    process.kill()  # it alone, not its group
+    process.wait()
+    time.sleep(2)
+    assert not _processes_of(process.pid, runs)
+
+
 def test_interrupted_in_order(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
