@@ -16,7 +16,7 @@ from multiprocessing import connection, forkserver
 from pathlib import Path
 from typing import Any
 
-from drivers.batch.plan import Plan, joined, plan_part
+from drivers.batch.plan import Plan, plan_part
 from drivers.batch.store import Store
 from drivers.batch.study import Study
 from drivers.batch.worker import CHUNK, run_cases
@@ -84,7 +84,7 @@ def plan_on(pool: ProcessPoolExecutor, study: Study, versions: dict[str, str]) -
 
 def plan_here(study: Study, versions: dict[str, str]) -> Plan:
     """The whole plan, worked out in this process."""
-    return joined([plan_part(study, range(1, study.count + 1), versions)])
+    return plan_part(study, range(1, study.count + 1), versions)
 
 
 def run_locally(

@@ -70,10 +70,11 @@ def run_cases(
         for numbers in chunks:
             planned = [plan_case(study, number, versions) for number in numbers]
             store.refresh()
-            missing = {each.identities[name] for each in planned for name in names} - _settled(store, retry_before)
+            asked = {each.identities[name] for each in planned for name in names}
+            missing = {identity for identity in asked if to_run(store, identity, retry_before)}
             free = place.claim(missing) if missing else set()
             store.refresh()  # what others finished before the claim
-            free -= _settled(store, retry_before)
+            free = {identity for identity in free if to_run(store, identity, retry_before)}
             for name in sorted({name for each in planned for name in each.wanted(free)}):  # they start side by side
                 for engine in (name, REFERENCE):
                     with suppress(OSError):
@@ -83,7 +84,7 @@ def run_cases(
                     box.add(_run_row(study, each, name, session_of, exact))
                     ran.add(each.identities[name])
             box.flush()  # before the claim is given up
-            others = missing - free - ran - _settled(store, retry_before)
+            others = {each for each in missing - free - ran if to_run(store, each, retry_before)}
             left += [each.number for each in planned if others & set(each.identities.values())]
     return left
 
@@ -92,11 +93,6 @@ def to_run(store: Store, identity: str, retry_before: float) -> bool:
     """Whether a row is missing, or is a failure to be tried again."""
     row = store.rows.get(identity)
     return row is None or (not row.done and row.ended < retry_before)
-
-
-def _settled(store: Store, retry_before: float) -> set[str]:
-    """Rows that are not to be run."""
-    return {identity for identity in store.rows if not to_run(store, identity, retry_before)}
 
 
 class _Exact:
