@@ -7,6 +7,8 @@ from pathlib import Path
 from drivers.cli import Parser, must_be_folder, run_main
 from drivers.errors import InputError, RunError
 
+AUTO = "auto"  # in place of an engine: the cheapest that models what the scene requires
+
 
 def main() -> int:
     """Reads the command line and does what it says."""
@@ -26,11 +28,17 @@ def _parser() -> Parser:
 
     run = commands.add_parser("run", help="run a scene and print the run folders")
     _add_scene(run)
-    run.add_argument("--engine", action="append", metavar="E", help="repeatable; without it: all that are installed")
+    run.add_argument(
+        "--engine", action="append", metavar="E", help="repeatable; auto: the cheapest; left out: all installed"
+    )
     run.add_argument("--runs", type=Path, metavar="DIR", help="where run folders go (default: runs/ of the checkout)")
     run.add_argument("--rerun", action="store_true", help="run again what is done")
     run.add_argument("--time-limit", type=_seconds, metavar="S", help="seconds after which a run is killed")
     run.set_defaults(action=_run)
+
+    plan = commands.add_parser("plan", help="time step, engine, errors and cost to expect of a scene")
+    _add_scene(plan)
+    plan.set_defaults(action=_plan)
 
     batch = commands.add_parser("batch", help="run what is not done of a study and write its table")
     _add_study(batch)
@@ -122,14 +130,14 @@ def _seconds(text: str) -> float:
     return value
 
 
-def _engines(asked: list[str] | None) -> tuple[list[str], list[str]]:
+def _engines(asked: list[str] | None, *, automatic: bool = False) -> tuple[list[str], list[str]]:
     """Engines to run and engines left out because nobody asked for them and they are not installed."""
     from drivers.engines import engine_names, load_engine
 
     names = engine_names()
     for name in asked or []:
         if name not in names:
-            raise InputError("--engine", "", f'"{name}"', ", ".join(names))
+            raise InputError("--engine", "", f'"{name}"', ", ".join(names + [AUTO] * automatic))
     if asked:
         return list(dict.fromkeys(asked)), []
     missing = [name for name in names if load_engine(name).find() is None]
@@ -139,10 +147,13 @@ def _engines(asked: list[str] | None) -> tuple[list[str], list[str]]:
 def _render(arguments: argparse.Namespace) -> int:
     from drivers.case import build_case
     from drivers.engines import load_engine
+    from drivers.plan import refuse_beyond_rounding
     from drivers.read_scene import read_scene
 
     (name,), _ = _engines([arguments.engine])
-    deck = load_engine(name).render(build_case(read_scene(arguments.scene, tuple(arguments.settings))))
+    case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
+    refuse_beyond_rounding(case, name)
+    deck = load_engine(name).render(case)
     must_be_folder("--out", arguments.out)
     arguments.out.mkdir(parents=True, exist_ok=True)
     for file, text in deck.files.items():
@@ -154,11 +165,18 @@ def _render(arguments: argparse.Namespace) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     from drivers import paths
     from drivers.case import build_case
+    from drivers.costs import cheapest
+    from drivers.plan import refuse_beyond_rounding
     from drivers.read_scene import read_scene
     from drivers.run import run_case
 
-    names, missing = _engines(arguments.engine)
+    asked = arguments.engine or []
+    named = [name for name in asked if name != AUTO]
+    _engines(named, automatic=True)  # a wrong name is wrong before anything is planned
     case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
+    names, missing = _engines(named + [cheapest(case)] if AUTO in asked else named)
+    for name in names:
+        refuse_beyond_rounding(case, name)
     runs = arguments.runs or paths.RUNS
     must_be_folder("--runs", runs)
     failures = 0
@@ -170,12 +188,23 @@ def _run(arguments: argparse.Namespace) -> int:
             failures += 1
             continue
         print(paths.shown(finished.folder), flush=True)
+        if finished.missed:
+            print(f"{case.scene.name}: {name} missed the accuracy: {finished.missed}", file=sys.stderr)
+            failures += 1
         if not finished.done:
             print(f"{case.scene.name}: {name} {finished.record.status}: {finished.record.reason}", file=sys.stderr)
             failures += 1
     if missing:
         print(f"not run, since not installed ({len(missing)}): {', '.join(missing)}", file=sys.stderr)
     return 1 if failures else 0
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    from drivers.outlook import outlook
+
+    for line in outlook(arguments.scene, tuple(arguments.settings)):
+        print(line)
+    return 0
 
 
 def _batch(arguments: argparse.Namespace) -> int:

@@ -1,6 +1,7 @@
 """A case: one scene made ready for any engine."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,14 +12,28 @@ from drivers.layout import Layout, make_layout
 from drivers.scene import RIGID, Scene
 from drivers.scene_rules import impossible
 
+if TYPE_CHECKING:
+    from drivers.plan import Plan
+
 
 @dataclass(frozen=True)
 class Case:
-    """What every engine's deck is rendered from, and what its raw output is read with."""
+    """What every engine's deck is rendered from, and what its raw output is read with.
+
+    Attributes:
+        plan: how the time step was chosen, where the scene asks for an accuracy instead.
+    """
 
     scene: Scene
     chain: Chain
     elements: tuple[Element, ...]
+    plan: "Plan | None" = None
+
+    def at(self, steps_per_sample: int) -> "Case":
+        """The same case at another time step."""
+        step = self.scene.run.sample_interval / steps_per_sample
+        run = self.scene.run.model_copy(update={"time_step": step})
+        return replace(self, scene=self.scene.model_copy(update={"run": run, "steps_per_sample": steps_per_sample}))
 
     @property
     def sample_times_s(self) -> Array:
@@ -54,12 +69,17 @@ class Case:
 
 
 def build_case(scene: Scene) -> Case:
-    """The case of a scene.
+    """The case of a scene; with the largest time step that keeps the accuracy where the scene asks for one.
 
     Raises:
-        InputError: its masses or loads make no chain.
+        InputError: its masses or loads make no chain, or its accuracy cannot be had.
     """
     chain = build_chain(scene)
     for complaint in impossible(scene, chain):
         raise InputError(scene.file, *complaint)
-    return Case(scene, chain, choose_elements(scene, chain))
+    case = Case(scene, chain, choose_elements(scene, chain))
+    if scene.run.accuracy is None:
+        return case
+    from drivers.plan import planned  # runs the in-repo scheme: only where it is needed
+
+    return planned(case)

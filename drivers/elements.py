@@ -10,6 +10,10 @@ from drivers.chain import Chain, bead_mass
 from drivers.scene import RIGID, Scene
 
 
+# what every engine of a straight chain models
+STRAIGHT = frozenset({"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter"})
+
+
 @dataclass(frozen=True)
 class Element:
     """One thing that a deck models, or does not, with the reason."""

@@ -25,6 +25,9 @@ class RunRecord:
         elements: modelling elements, each in or out with its reason.
         wall_s, cpu_s: of the whole process.
         loop_s: of the engine's own time loop.
+        error_budget: parts of the error of the force and of what gauges show (``validation.budget.Parts``).
+        error_note: what of it could not be measured, and why.
+        accuracy: by quantity what was ``asked``, ``predicted`` and ``measured``, where the scene asks for it.
         forces_sha256: of ``forces.parquet``, so that a damaged one is not taken for done; empty where there is none.
     """
 
@@ -46,6 +49,9 @@ class RunRecord:
     loop_s: float | None
     memory_bytes: int
     forces_sha256: str
+    error_budget: list[dict[str, Any]]
+    error_note: str
+    accuracy: dict[str, dict[str, float]] | None
     host: str
     commit: str
     dirty: bool

@@ -18,6 +18,7 @@ from drivers.deck import Deck
 from drivers.engines import Engine, load_engine
 from drivers.errors import RunError
 from drivers.guard import checked_trace
+from drivers.plan import refuse_beyond_rounding
 from drivers.process import UNKNOWN_VERSION, Outcome, run_command
 from drivers.record import RunRecord, provenance, read_record
 from drivers.trace import FORCES, Trace, read_forces, write_forces, write_state
@@ -36,6 +37,16 @@ class EndedRun:
     record: RunRecord
 
     @property
+    def missed(self) -> str | None:
+        """What it missed of the accuracy its scene asks for."""
+        beyond = [
+            f"{name} is off by {each['measured']:.3g}, asked were {each['asked']:g}"
+            for name, each in (self.record.accuracy or {}).items()
+            if not each["measured"] <= each["asked"]
+        ]
+        return "; ".join(beyond) or None
+
+    @property
     def done(self) -> bool:
         """Whether its numbers count."""
         return self.record.status == "done"
@@ -49,13 +60,15 @@ def default_limit_s(case: Case) -> float:
 def run_case(
     case: Case, engine_name: str, runs: Path = paths.RUNS, *, rerun: bool = False, limit_s: float | None = None
 ) -> EndedRun:
-    """Runs a case, or finds it done.
+    """Runs a case, or finds it done; its errors are measured and recorded.
 
     A run that failed before is tried again. The folder appears under its name only when it is complete.
 
     Raises:
         RunError: the engine is not installed.
+        InputError: the engine's coordinates cannot give the accuracy asked for.
     """
+    refuse_beyond_rounding(case, engine_name)
     engine = load_engine(engine_name)
     executable = engine.find()
     if executable is None:
@@ -83,7 +96,7 @@ def run_case(
             _remove(folder / name)
         if trace is not None:
             _write_products(case, trace, folder)
-            record = replace(record, forces_sha256=sha256_of(folder / FORCES))
+            record = replace(record, forces_sha256=sha256_of(folder / FORCES), **_errors(case, engine_name, trace))
         record.write(folder)
         faster = find_run(home, identity)  # another process may have been
         if faster and faster.done and not rerun and _has_all(faster, case):
@@ -113,13 +126,16 @@ def find_run(home: Path, identity: str) -> EndedRun | None:
 def _told_again(found: EndedRun, case: Case) -> EndedRun:
     """A run found for a scene of the same physics: its record and its sensors become those of the scene asked for."""
     told = json.loads(json.dumps(_description(case)))
-    if all(getattr(found.record, key) == value for key, value in told.items()):
+    asked = json.loads(json.dumps(case.plan.asked)) if case.plan else None
+    asked_before = found.record.accuracy and {name: each["asked"] for name, each in found.record.accuracy.items()}
+    if all(getattr(found.record, key) == value for key, value in told.items()) and asked == asked_before:
         return found
     from postproc.sensors import write_sensors
 
-    record = replace(found.record, **told)
+    trace = read_forces(found.folder / FORCES)
+    record = replace(found.record, **told, **_errors(case, found.record.engine, trace))
     with whole_file(found.folder / "sensors.csv") as draft:
-        write_sensors(case.layout, read_forces(found.folder / FORCES), draft)
+        write_sensors(case.layout, trace, draft)
     record.write(found.folder)
     return EndedRun(found.folder, record)
 
@@ -134,6 +150,21 @@ def _description(case: Case) -> dict[str, Any]:
         "time_step_s": case.scene.time_step_s,
         "steps": case.scene.steps,
     }
+
+
+def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
+    """The error budget, and what was kept of the accuracy asked for."""
+    from validation.budget import error_budget, measured_errors
+
+    parts, note = error_budget(case, engine, trace)
+    accuracy = None
+    if case.plan:
+        measured = measured_errors(case, trace, case.plan.asked)
+        accuracy = {
+            name: {"asked": share, "predicted": case.plan.predicted[name], "measured": measured[name]}
+            for name, share in case.plan.asked.items()
+        }
+    return {"error_budget": parts, "error_note": note, "accuracy": accuracy}
 
 
 def _has_all(found: EndedRun, case: Case) -> bool:
@@ -175,6 +206,9 @@ def _record(
         loop_s=engine.loop_seconds(_text(folder / "stdout.txt")),
         memory_bytes=outcome.memory_bytes,
         forces_sha256="",
+        error_budget=[],
+        error_note="",
+        accuracy=None,
         **_description(case),
         **provenance(),
     )

@@ -8,10 +8,13 @@ WHOLE = 1e-9  # relative: a step written with ten digits still divides its inter
 def steps_per_sample(interval_s: float, step_s: float | None, where: str) -> tuple[int, float]:
     """Steps from one sample to the next, and the time step as the exact part of the interval.
 
+    Without a time step, which is then to be chosen, the interval itself.
+
     Raises:
         InputError: the step does not divide the interval; the nearest that does is named.
     """
-    assert step_s is not None
+    if step_s is None:
+        return 1, interval_s
     ratio = interval_s / step_s
     every = max(1, round(ratio))
     if abs(ratio - every) > WHOLE * every:

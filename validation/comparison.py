@@ -18,10 +18,8 @@ from drivers.tolerances import Tolerance, tolerance
 from drivers.trace import Trace
 from postproc.observables import observe
 from postproc.residual import share_of_largest
-from validation.rounding import rounding_error
+from validation.rounding import HORIZON, ROUNDING_MARGIN, rounding_error
 
-ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding of the same size, not the same
-HORIZON = 1e-6  # where rounding alone makes this much, pointwise comparison of engines ends
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
 NOT_INSTALLED = "not installed"
 

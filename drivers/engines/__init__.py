@@ -5,6 +5,8 @@ An engine module has
 * ``find()``: path of its executable, or None where it is not installed;
 * ``HOW_TO_GET``: what to install then;
 * ``IN_REPOSITORY``: whether it is part of this repository, and so a yardstick for the others;
+* ``SCHEME``: how it integrates, one of those named below: what its runs are measured against;
+* ``MODELS``: the modelling elements (``drivers.elements``) that it can;
 * ``VARIABLES``: environment variables it needs;
 * ``version(executable)``: its version, part of a run's identity;
 * ``render(case)``: the deck, complete with the command that runs it inside its folder;
@@ -26,11 +28,18 @@ from drivers.deck import Deck
 from drivers.trace import Trace
 
 
+IN_HEIGHTS = "velocity Verlet in absolute heights"
+IN_OVERLAPS = "velocity Verlet in overlaps"
+EXACT = "exact to its tolerance, whatever the time step"
+
+
 class Engine(Protocol):
     """What a module of this package offers."""
 
     HOW_TO_GET: str
     IN_REPOSITORY: bool
+    SCHEME: str
+    MODELS: frozenset[str]
     VARIABLES: Mapping[str, str]
     SERVER: Deck
 

@@ -13,6 +13,8 @@ from drivers.case import Case
 from drivers.chain import Array, Chain, energy_put_in
 from drivers.deck import Deck
 from drivers.deck import render as render_template
+from drivers.elements import STRAIGHT
+from drivers.engines import IN_HEIGHTS
 from drivers.engines._materials import named_material
 from drivers.errors import RunError
 from drivers.process import UNKNOWN_VERSION, first_line_of
@@ -20,6 +22,8 @@ from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's package liggghts"
 IN_REPOSITORY = False
+SCHEME = IN_HEIGHTS
+MODELS = STRAIGHT
 VARIABLES: dict[str, str] = {}
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
 SERVER = Deck({}, ("stdbuf", "-oL", "liggghts", "-log", "none"), raw=())  # takes its commands from stdin

@@ -2,7 +2,8 @@
 
 from drivers.case import Case
 from drivers.deck import Deck
-from drivers.engines import _in_repo
+from drivers.elements import STRAIGHT
+from drivers.engines import IN_OVERLAPS, _in_repo
 from drivers.engines._in_repo import (
     HOW_TO_GET,
     IN_REPOSITORY,
@@ -19,6 +20,8 @@ from drivers.engines._in_repo import (
 __all__ = [
     "HOW_TO_GET",
     "IN_REPOSITORY",
+    "MODELS",
+    "SCHEME",
     "SERVER",
     "VARIABLES",
     "complaint",
@@ -29,6 +32,9 @@ __all__ = [
     "request",
     "version",
 ]
+
+SCHEME = IN_OVERLAPS
+MODELS = STRAIGHT
 
 
 def render(case: Case) -> Deck:

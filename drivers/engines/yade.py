@@ -10,6 +10,8 @@ import numpy as np
 from drivers.case import Case
 from drivers.deck import Deck
 from drivers.deck import render as render_template
+from drivers.elements import STRAIGHT
+from drivers.engines import IN_HEIGHTS
 from drivers.engines._arrays import load_arrays
 from drivers.engines._materials import named_material
 from drivers.errors import RunError
@@ -18,6 +20,8 @@ from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's packages yade and python3-yade"
 IN_REPOSITORY = False
+SCHEME = IN_HEIGHTS
+MODELS = STRAIGHT
 VARIABLES: dict[str, str] = {}
 COMMAND = ("yade", "-n", "-x", "chain.py")
 SERVER = Deck({"serve.py": render_template("yade/serve.py.j2")}, ("yade", "-n", "-x", "serve.py"), raw=())

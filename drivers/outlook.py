@@ -1,0 +1,139 @@
+"""What ``python -m drivers plan`` says of a scene: the choice with its reasons, other accuracies, the horizon."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from drivers.case import Case, build_case
+from drivers.costs import able, cheapest, cost_on
+from drivers.engines import installed
+from drivers.errors import InputError
+from drivers.plan import asked_of
+from drivers.read_scene import read_scene
+from validation.errors import FORCE
+from validation.rounding import HORIZON, ROUNDING_MARGIN
+from validation.step_choice import Chooser, Rounding
+
+TENFOLD = 10.0
+AMPLE = 1e-2  # differences beyond it are no agreement at all
+
+
+def outlook(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]:
+    """The lines, for a scene with an accuracy or a time step.
+
+    Raises:
+        InputError: anything wrong with the scene or its accuracy.
+    """
+    case = build_case(read_scene(source, settings))
+    began = time.perf_counter()
+    chooser, asked = _chooser(case)
+    errors = case.plan.predicted if case.plan else chooser.errors_at(case.scene.steps_per_sample)
+    rounding = chooser.rounding(case.scene.steps_per_sample)
+    rows = [*_neighbours(case, chooser, asked, errors)]
+    seconds = time.perf_counter() - began
+
+    yield f"{case.scene.name}: {case.summary}"
+    if case.plan:
+        yield f"accuracy   {_listed(asked)}"
+        yield f"time step  {_step(case)}: {_why(case, chooser)}"
+    else:
+        yield f"time step  {_step(case)}, as the scene has it"
+    yield f"stability  {_us(chooser.stable_s)}: 2 / omega_max at the largest overlaps of the exact motion"
+    yield f"predicted  {_listed(errors)}; rounding of absolute heights up to {rounding.allowance:.1e} more"
+    yield f"engine     {_engines(case)}"
+    yield ""
+    yield from _table(rows)
+    yield ""
+    yield f"horizon    {_horizon(case, rounding)}"
+    if case.plan:
+        yield f"planned in {1e3 * case.plan.seconds:.0f} ms with {case.plan.trials} trial runs, this table in"
+        yield f"           {1e3 * seconds:.0f} ms more"
+
+
+def _chooser(case: Case) -> tuple[Chooser, dict[str, float]]:
+    """What answers questions about the case, and the accuracy asked for; of a given time step its own error."""
+    if case.plan:
+        asked = asked_of(case)
+        strictest = min(asked.values()) / TENFOLD
+        return Chooser(case, tuple(asked), strictest), asked
+    chooser = Chooser(case, (FORCE,), 0.0)
+    return chooser, dict(chooser.errors_at(case.scene.steps_per_sample))
+
+
+def _neighbours(
+    case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float]
+) -> Iterator[tuple[str, Case | None, dict[str, float], str]]:
+    """Ten times less accuracy, this, and ten times more: label, case and errors, or why there is none."""
+    for label, factor in (("ten times less", TENFOLD), ("this", 1.0), ("ten times more", 1 / TENFOLD)):
+        if factor == 1.0:
+            yield label, case, errors, ""
+            continue
+        try:
+            choice = chooser.choose({name: min(factor * share, 0.99) for name, share in asked.items()})
+        except InputError as error:
+            yield label, None, {}, str(error).partition("allowed: ")[2] or str(error)
+            continue
+        yield label, choice.case, choice.errors, ""
+
+
+def _table(rows: list[tuple[str, Case | None, dict[str, float], str]]) -> Iterator[str]:
+    names = able(next(case for _, case, _, _ in rows if case))
+    yield f"{'accuracy':<16}{'time step':>12}{'error':>10}" + "".join(f"{name:>12}" for name in names)
+    for label, case, errors, why in rows:
+        if case is None:
+            yield f"{label:<16}not to be had: {why}"
+            continue
+        worst = max(errors.values())
+        seconds = "".join(f"{cost_on(name).run_s(case):>10.2f} s" for name in names)
+        yield f"{label:<16}{_us(case.scene.time_step_s):>12}{worst:>10.1e}{seconds}"
+
+
+def _why(case: Case, chooser: Chooser) -> str:
+    assert case.plan is not None
+    refused = case.plan.refused_steps
+    if not refused:
+        return "one step a sample is enough; a larger sample_interval would allow a larger one"
+    coarser = chooser.errors_at(refused)
+    return f"{_us(case.scene.run.sample_interval / refused)} would err by {_listed(coarser)}"
+
+
+def _engines(case: Case) -> str:
+    needed = ", ".join(element.name for element in case.elements if element.modelled) or "beads alone"
+    there = installed(able(case))
+    chosen = cheapest(case)
+    others = ", ".join(f"{name} {cost_on(name).run_s(case):.2g} s" for name in there if name != chosen)
+    seconds = cost_on(chosen).run_s(case)
+    return f"{chosen}, {seconds:.2g} s: the cheapest that models {needed}" + (f" ({others})" if others else "")
+
+
+def _horizon(case: Case, rounding: Rounding) -> str:
+    """Up to when engines can be compared sample by sample."""
+    share = ROUNDING_MARGIN * rounding.share
+    times = case.sample_times_s
+    if share[-1] <= HORIZON:
+        return (
+            f"to the end ({times[-1] * 1e3:.4g} ms) engines can be compared point by point: rounding stays below"
+            f" {share[-1]:.0e} of the largest force"
+        )
+    until = times[max(int(np.argmax(share > HORIZON)) - 1, 0)]
+    beyond = share > AMPLE
+    later = f", to {AMPLE:g} until {times[max(int(np.argmax(beyond)) - 1, 0)] * 1e3:.4g} ms" if beyond.any() else ""
+    return (
+        f"engines can be compared point by point to {HORIZON:g} until {until * 1e3:.4g} ms{later}; after that compare"
+        " energy, mean forces and other statistics"
+    )
+
+
+def _listed(errors: dict[str, float]) -> str:
+    return ", ".join(f"{name} {error:.2g}" for name, error in errors.items())
+
+
+def _step(case: Case) -> str:
+    steps = case.scene.steps_per_sample
+    return f"{_us(case.scene.time_step_s)} ({steps} step{'s' if steps > 1 else ''} a sample)"
+
+
+def _us(seconds: float) -> str:
+    return f"{seconds * 1e6:.5g} us"

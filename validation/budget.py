@@ -1,0 +1,126 @@
+"""The error budget of a run: model, rounding, truncation and sampling, which add up to the whole.
+
+With Q a quantity as the engine's run shows it, Q_h by velocity Verlet at the same step in absolute heights, Q_v the same
+in overlaps, Q_e exact at the same samples and Q_t true (from finer samples):
+
+* model = Q - Q_h: rounding in another order, unless something is wrong;
+* rounding = Q_h - Q_v: of absolute coordinates;
+* truncation = Q_v - Q_e: what the time step costs;
+* sampling = Q_e - Q_t: a peak read from samples.
+"""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from drivers.case import Case
+from drivers.engines import EXACT, IN_HEIGHTS, load_engine
+from drivers.trace import Trace
+from validation.errors import FORCE, Truth, errors_of, quantities, truth_of, verlet_of
+from validation.rounding import verlet_in_heights
+
+LARGEST = 20_000  # bodies: the exact motion of longer chains costs more than most runs of them
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Signed parts of the error of one quantity, as shares of the true value (of the largest force for ``force``).
+
+    Attributes:
+        whole: the error of what the run shows.
+        where: contact and time of the largest error, for ``force``.
+    """
+
+    quantity: str
+    whole: float
+    model: float
+    rounding: float
+    truncation: float
+    sampling: float
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class Yardsticks:
+    """What a case's runs are measured with.
+
+    Attributes:
+        heights: velocity Verlet at the case's step, its forces in absolute heights.
+        verlet: the same in overlaps.
+    """
+
+    truth: Truth
+    heights: Trace
+    verlet: Trace
+
+
+_last: dict[str, Yardsticks] = {}  # of the last case asked for: its engines share them
+
+
+def yardsticks(case: Case) -> Yardsticks:
+    """Those of a case.
+
+    Raises:
+        ArithmeticError: the exact motion cannot be followed.
+    """
+    key = load_engine("verlet").render(case).sha256
+    if key not in _last:
+        verlet = verlet_of(case)
+        made = Yardsticks(truth_of(case), replace(verlet, force_N=verlet_in_heights(case)), verlet)
+        _last.clear()
+        _last[key] = made
+    return _last[key]
+
+
+def error_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, Any]], str]:
+    """The parts of the error of the force and of all quantities a run shows, and why some or all are left out."""
+    if case.chain.bodies > LARGEST:
+        return [], f"not measured: the exact motion of more than {LARGEST} bodies costs more than most runs of them"
+    try:
+        rods = yardsticks(case)
+    except ArithmeticError as error:
+        return [], f"not measured: {error}"
+    parts, unseen = parts_of(case, engine, trace, rods)
+    note = "" if rods.truth.sampling_known else "sampling not measured: too many samples"
+    if unseen:
+        note = "; ".join(filter(None, (note, f"not in the run, but in the exact motion: {', '.join(unseen)}")))
+    return [asdict(each) for each in parts], note
+
+
+def measured_errors(case: Case, trace: Trace, names: Iterable[str]) -> dict[str, float]:
+    """Errors of the named quantities of a run against the exact motion."""
+    return errors_of(case, trace, yardsticks(case).truth, names)
+
+
+def parts_of(case: Case, engine: str, trace: Trace, rods: Yardsticks) -> tuple[list[Parts], list[str]]:
+    """The parts of the error of each quantity, the force first; and quantities that the run should show and does not."""
+    scheme = load_engine(engine).SCHEME
+    exact = rods.truth.trace
+    verlet = exact if scheme == EXACT else rods.verlet
+    heights = rods.heights if scheme == IN_HEIGHTS else verlet
+    stages = (trace, heights, verlet, exact)
+
+    difference = np.abs(trace.force_N - exact.force_N)
+    sample, column = np.unravel_index(int(np.argmax(difference)), difference.shape)
+    largest = float(np.abs(exact.force_N).max()) or 1.0
+    values = [float(stage.force_N[sample, column]) / largest for stage in stages]
+    where = f"contact {column + 1} at {trace.time_s[sample] * 1e6:g} us"
+    found = [_parts(FORCE, [*values, values[-1]], where)]
+
+    seen = [*(quantities(case, stage) for stage in stages), rods.truth.true]
+    unseen = []
+    for name, true in rods.truth.true.items():
+        if not true:
+            continue
+        if all(name in stage for stage in seen):
+            found.append(_parts(name, [stage[name] / abs(true) for stage in seen]))
+        elif name not in seen[0]:
+            unseen.append(name)
+    return found, unseen
+
+
+def _parts(quantity: str, shares: list[float], where: str = "") -> Parts:
+    run, heights, verlet, exact, true = shares
+    return Parts(quantity, run - true, run - heights, heights - verlet, verlet - exact, exact - true, where)
