@@ -174,7 +174,7 @@ def _run(arguments: argparse.Namespace) -> int:
     named = [name for name in asked if name != AUTO]
     _engines(named, automatic=True)  # a wrong name is wrong before anything is planned
     case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
-    names, missing = _engines(named + [cheapest(case)] if AUTO in asked else named)
+    names, missing = _engines([*named, cheapest(case)] if AUTO in asked else named)
     for name in names:
         refuse_beyond_rounding(case, name)
     runs = arguments.runs or paths.RUNS

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from drivers.chain import Chain, bead_mass
 from drivers.scene import RIGID, Scene
 
-
 # what every engine of a straight chain models
 STRAIGHT = frozenset({"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter"})
 

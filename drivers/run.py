@@ -126,8 +126,9 @@ def find_run(home: Path, identity: str) -> EndedRun | None:
 def _told_again(found: EndedRun, case: Case) -> EndedRun:
     """A run found for a scene of the same physics: its record and its sensors become those of the scene asked for."""
     told = json.loads(json.dumps(_description(case)))
-    asked = json.loads(json.dumps(case.plan.asked)) if case.plan else None
-    asked_before = found.record.accuracy and {name: each["asked"] for name, each in found.record.accuracy.items()}
+    asked = case.plan.asked if case.plan else None
+    before = found.record.accuracy
+    asked_before = {name: share["asked"] for name, share in before.items()} if before else None
     if all(getattr(found.record, key) == value for key, value in told.items()) and asked == asked_before:
         return found
     from postproc.sensors import write_sensors
@@ -157,7 +158,7 @@ def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
     from validation.budget import error_budget, measured_errors
 
     parts, note = error_budget(case, engine, trace)
-    accuracy = None
+    accuracy: dict[str, dict[str, float]] | None = None
     if case.plan:
         measured = measured_errors(case, trace, case.plan.asked)
         accuracy = {

@@ -1,7 +1,7 @@
 """The error budget of a run: model, rounding, truncation and sampling, which add up to the whole.
 
-With Q a quantity as the engine's run shows it, Q_h by velocity Verlet at the same step in absolute heights, Q_v the same
-in overlaps, Q_e exact at the same samples and Q_t true (from finer samples):
+With Q a quantity as the engine's run shows it, Q_h by velocity Verlet at the same step in absolute heights, Q_v the
+same in overlaps, Q_e exact at the same samples and Q_t true (from finer samples):
 
 * model = Q - Q_h: rounding in another order, unless something is wrong;
 * rounding = Q_h - Q_v: of absolute coordinates;
@@ -95,7 +95,7 @@ def measured_errors(case: Case, trace: Trace, names: Iterable[str]) -> dict[str,
 
 
 def parts_of(case: Case, engine: str, trace: Trace, rods: Yardsticks) -> tuple[list[Parts], list[str]]:
-    """The parts of the error of each quantity, the force first; and quantities that the run should show and does not."""
+    """The parts of the error of each quantity, the force first; and what the run should show and does not."""
     scheme = load_engine(engine).SCHEME
     exact = rods.truth.trace
     verlet = exact if scheme == EXACT else rods.verlet

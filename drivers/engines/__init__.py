@@ -27,7 +27,6 @@ from drivers.case import Case
 from drivers.deck import Deck
 from drivers.trace import Trace
 
-
 IN_HEIGHTS = "velocity Verlet in absolute heights"
 IN_OVERLAPS = "velocity Verlet in overlaps"
 EXACT = "exact to its tolerance, whatever the time step"

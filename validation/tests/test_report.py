@@ -12,7 +12,6 @@ import pytest
 from drivers.tolerances import tolerance
 from validation.comparison import (
     FAIL,
-    HORIZON,
     NOT_RUN,
     PASS,
     compare_case,
@@ -21,6 +20,7 @@ from validation.comparison import (
     shipped_name,
 )
 from validation.report import write_report
+from validation.rounding import HORIZON
 from validation.scenes import ComparedScene
 from validation.tests.conftest import SceneWriter, case_of, command_line, finished
 

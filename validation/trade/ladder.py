@@ -1,0 +1,56 @@
+"""What is run: each scene at steps from the predicted stability limit down to 1e-4 of it, within a budget of time."""
+
+from dataclasses import dataclass
+from math import ceil
+
+from drivers.case import Case
+from validation.reference.adaptive import LEAST_TOLERANCE
+
+SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")
+SHARES = tuple(10 ** (-k / 3) for k in range(13))  # of the predicted stability limit
+TOLERANCES = tuple(10.0**-k for k in range(2, 12)) + (LEAST_TOLERANCE,)
+ORDER_4, ADAPTIVE, VERLET = "order 4", "adaptive", "verlet"
+BUDGET_S = 300.0  # of engine time for the whole ladder
+LONGEST = 0.04  # of the budget: no single run takes more
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One run of the ladder.
+
+    Attributes:
+        method: an engine, or an integrator of this repository.
+        case: at its time step and samples.
+        share: of the predicted stability limit; of ``ADAPTIVE`` the tolerance.
+        expected_s: of its loop.
+    """
+
+    scene: str
+    method: str
+    case: Case
+    share: float
+    expected_s: float
+
+
+def at_step(case: Case, share: float, stable_s: float) -> Case:
+    """The case at about a share of the stability limit; where that exceeds the sample interval, with fewer samples."""
+    step = share * stable_s
+    interval = case.scene.run.sample_interval
+    if step <= interval:
+        return case.at(ceil(interval / step * (1 - 1e-12)))
+    duration = interval * (case.scene.samples - 1)
+    run = case.scene.run.model_copy(update={"sample_interval": step, "time_step": step})
+    samples = int(duration / step) + 1
+    return Case(
+        case.scene.model_copy(update={"run": run, "steps_per_sample": 1, "samples": samples}), case.chain, case.elements
+    )
+
+
+def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Rung]]:
+    """Rungs that fit the budget, cheapest first, and those that do not."""
+    kept, left, spent = [], [], 0.0
+    for rung in sorted(rungs, key=lambda rung: rung.expected_s):
+        fits = rung.expected_s <= LONGEST * budget_s and spent + rung.expected_s <= budget_s
+        (kept if fits else left).append(rung)
+        spent += rung.expected_s if fits else 0.0
+    return kept, left
