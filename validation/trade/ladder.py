@@ -8,7 +8,7 @@ from validation.reference.adaptive import LEAST_TOLERANCE
 
 SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")
 SHARES = tuple(10 ** (-k / 3) for k in range(13))  # of the predicted stability limit
-TOLERANCES = tuple(10.0**-k for k in range(2, 12)) + (LEAST_TOLERANCE,)
+TOLERANCES = (*(10.0**-k for k in range(2, 12)), LEAST_TOLERANCE)
 ORDER_4, ADAPTIVE, VERLET = "order 4", "adaptive", "verlet"
 BUDGET_S = 300.0  # of engine time for the whole ladder
 LONGEST = 0.04  # of the budget: no single run takes more

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -40,6 +41,7 @@ from validation.trade.ladder import ADAPTIVE, ORDER_4, SCENES, SHARES, TOLERANCE
 REPEATS, SHORT_S = 3, 0.1  # runs expected to be shorter are timed as the best of some
 STEEPER = 4  # forces a step of order 4
 NOT_RUN = "not run"
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -162,8 +164,9 @@ class _Climber:
 
     def _row(self, rung: Rung, trace: Trace, loop_s: float, wall_s: float, session_s: float) -> Row:
         truth = self.truth(rung.case)
-        errors = judged(rung.case, trace, truth)
-        return Row(*_head(rung), loop_s, wall_s, session_s, **errors, status="done", reason="")
+        errors: dict[str, Any] = judged(rung.case, trace, truth)
+        values: dict[str, Any] = {"loop_s": loop_s, "wall_s": wall_s, "in_session_s": session_s}
+        return Row(**_head(rung), **values, **errors, status="done", reason="")
 
 
 def judged(case: Case, trace: Trace, truth: Truth) -> dict[str, float]:
@@ -183,7 +186,7 @@ def judged(case: Case, trace: Trace, truth: Truth) -> dict[str, float]:
     return errors
 
 
-def timed[T](action: Callable[[], T], expected_s: float) -> tuple[T, float]:
+def timed(action: Callable[[], T], expected_s: float) -> tuple[T, float]:
     """What an action gives, and its shortest time; a first call may compile and does not count."""
     best, result = float("inf"), action()
     for _ in range(REPEATS if expected_s < SHORT_S else 1):
@@ -233,16 +236,21 @@ def timed_in_session(name: str, case: Case, session: Session, expected_s: float)
     return trace, loop_s, session_s
 
 
-def _head(rung: Rung) -> tuple[str, str, float, float, int, int]:
-    scene, steps = rung.case.scene, rung.case.scene.steps
-    if rung.method == ADAPTIVE:
-        return rung.scene, rung.method, float("nan"), rung.share, 0, rung.case.chain.bodies
-    return rung.scene, rung.method, scene.time_step_s, rung.share, steps, rung.case.chain.bodies
+def _head(rung: Rung) -> dict[str, Any]:
+    adaptive = rung.method == ADAPTIVE
+    return {
+        "scene": rung.scene,
+        "method": rung.method,
+        "time_step_s": float("nan") if adaptive else rung.case.scene.time_step_s,
+        "share_of_limit": rung.share,
+        "steps": 0 if adaptive else rung.case.scene.steps,
+        "bodies": rung.case.chain.bodies,
+    }
 
 
 def _empty(rung: Rung, status: str, reason: str) -> Row:
-    nothing = [float("nan")] * (3 + len(ERRORS))
-    return Row(*_head(rung), *nothing, status, reason)
+    nothing: dict[str, Any] = dict.fromkeys(("loop_s", "wall_s", "in_session_s", *ERRORS), float("nan"))
+    return Row(**_head(rung), **nothing, status=status, reason=reason)
 
 
 def write_table(rows: list[Row], path: Path) -> None:

@@ -1,0 +1,217 @@
+"""What users do besides choosing a step: each lever's error and its cost, measured."""
+
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from math import pi, sqrt
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from drivers.case import Case
+from drivers.deck import Deck
+from drivers.engines import load_engine
+from drivers.errors import RunError
+from drivers.process import run_command
+from drivers.run import default_limit_s
+from drivers.scene import Material
+from drivers.whole_file import whole_file
+from validation.errors import errors_of, quantities, truth_of, verlet_of
+from validation.simulate import case_of, exact
+from validation.trade.measure import session_of, start_up, timed_in_session
+
+PAIR_STEPS_US = (1.0, 0.5, 0.2, 0.1, 0.05)
+SOFTER = (10, 100, 1000)
+FRACTIONS = (0.1, 0.2, 0.4)
+MANY = 20
+
+
+@dataclass(frozen=True)
+class Lever:
+    """One measurement of a lever.
+
+    Attributes:
+        error: of the quantity, as ``validation.errors`` counts it; NaN where the lever changes only the cost.
+        gain: how many times cheaper (below 1: dearer) than without the lever; NaN where it is not about cost.
+    """
+
+    lever: str
+    scene: str
+    engine: str
+    setting: str
+    quantity: str
+    error: float
+    gain: float
+
+
+def pull_all() -> list[Lever]:
+    """Every lever."""
+    return [
+        *sampling(), *extrapolation(), *rayleigh(), *softened(), *two_cores(), *precision(), *one_process(),
+    ]  # fmt: skip
+
+
+def sampling() -> Iterator[Lever]:
+    """Peaks and arrivals read from samples so far apart, of the exact motion."""
+    fine = truth_of(case_of("fig4"))
+    for interval in ("0.5 us", "1 us", "2 us", "5 us", "10 us"):
+        case = case_of("fig4", f"run.sample_interval={interval}", "run.time_step=0.1 us")
+        seen = quantities(case, exact(case, 1e-12).trace)
+        for name in ("bead_5_peak", "wall_peak", "wall_arrival", "speed_9_to_5"):
+            error = abs(seen[name] / fine.true[name] - 1)
+            yield Lever("sampling interval", "fig4", "any", interval, name, error, float("nan"))
+
+
+def extrapolation() -> Iterator[Lever]:
+    """Richardson's ``(4 F(dt/2) - F(dt)) / 3`` from two runs: the error, and the steps it saves."""
+    for scene in ("fig4", "fig5", "steel-chain"):
+        case = case_of(scene)
+        truth = truth_of(case)
+        for step_us in PAIR_STEPS_US:
+            every = round(case.scene.run.sample_interval / step_us * 1e6)
+            coarse, fine = verlet_of(case.at(every)), verlet_of(case.at(2 * every))
+            both = replace(fine, force_N=(4 * fine.force_N - coarse.force_N) / 3)
+            error = errors_of(case, both, truth, ("force",))["force"]
+            alone = errors_of(case, fine, truth, ("force",))["force"]
+            steps_alone = 2 * every * sqrt(alone / error)  # of second order, for the same error
+            setting = f"{step_us:g} us and half of it"
+            yield Lever("Richardson extrapolation", scene, "verlet", setting, "force", error, steps_alone / (3 * every))
+
+
+def rayleigh_time(case: Case) -> float:
+    """``pi R sqrt(rho / G) / (0.1631 nu + 0.8766)``, the shortest of all beads, in s."""
+    chain, shortest = case.chain, float("inf")
+    for i in range(chain.bodies):
+        if np.isinf(chain.radius_m[i]):
+            continue
+        material: Material = case.scene.materials[chain.materials[i]]
+        density = chain.mass_kg[i] / (4 / 3 * pi * chain.radius_m[i] ** 3)
+        shear = material.youngs_modulus / (2 * (1 + material.poisson_ratio))
+        time = pi * chain.radius_m[i] * sqrt(density / shear) / (0.1631 * material.poisson_ratio + 0.8766)
+        shortest = min(shortest, time)
+    return shortest
+
+
+def rayleigh() -> Iterator[Lever]:
+    """What a fraction of the Rayleigh time means in error."""
+    for scene in ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain"):
+        base = case_of(scene)
+        for fraction in FRACTIONS:
+            step = fraction * rayleigh_time(base)
+            samples = int(base.sample_times_s[-1] / step) + 1
+            run = base.scene.run.model_copy(update={"sample_interval": step, "time_step": step})
+            changes = {"run": run, "steps_per_sample": 1, "samples": samples}
+            case = replace(base, scene=base.scene.model_copy(update=changes))
+            truth = truth_of(case)
+            names = ["force", *(name for name in truth.true if name == "wall_peak" or name.startswith("speed_"))]
+            for name, error in errors_of(case, verlet_of(case), truth, names).items():
+                yield Lever("Rayleigh fraction", scene, "any", f"{fraction:g} of it", name, error, float("nan"))
+
+
+def softened() -> Iterator[Lever]:
+    """Softer contacts allow larger steps: what is left of V_s and F_m once scaled back by E^(2/5).
+
+    Without gravity the chain is similar: times go with E^(-2/5) at a given striker speed, forces with E^(2/5).
+    The gain is that of the step. Only a rigid wall and one material keep the scene similar otherwise.
+    """
+    for gravity in ("", "9.81 m/s^2"):
+        base = ("wall.material=rigid", f"gravity={gravity}")
+        hard = quantities(case := case_of("fig4", *base), exact(case, 1e-11).trace)
+        for softer in SOFTER:
+            longer = softer**0.4
+            case = case_of(
+                "fig4", *base, f"materials.ptfe.youngs_modulus={1.46e9 / softer} Pa",
+                f"run.duration={0.8 * longer} ms", f"run.sample_interval={longer} us", f"run.time_step={longer / 10} us",
+            )  # fmt: skip
+            soft = quantities(case, exact(case, 1e-11).trace)
+            where = "with gravity" if gravity else "without gravity"
+            for name, power in (("speed_9_to_5", 1), ("bead_5_amplitude", 1), ("wall_amplitude", 1)):
+                error = abs(soft[name] * longer**power / hard[name] - 1)
+                yield Lever("softened modulus", "fig4", "any", f"E/{softer}, {where}", name, error, longer)
+
+
+def two_cores() -> Iterator[Lever]:
+    """The same run on two cores: how much faster its loop is."""
+    for scene in ("fig4", "long-chain"):
+        case = case_of(scene, "run.time_step=1 us")
+        for name in ("liggghts", "yade"):
+            times = [_loop(case, name, two=two) for two in (False, True)]
+            if None not in times:
+                yield Lever("two cores", scene, name, "2 cores", "loop", float("nan"), times[0] / times[1])  # type: ignore[operator]
+
+
+def _loop(case: Case, name: str, *, two: bool) -> float | None:
+    """Seconds of the loop on one or two cores; None where the engine is missing or fails."""
+    engine = load_engine(name)
+    executable = engine.find()
+    if executable is None:
+        return None
+    deck = engine.render(case)
+    command = deck.command_with(executable)
+    if two and name == "liggghts":
+        command = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-np", "2", *command)
+        files = {
+            file: text.replace("boundary ", "processors      1 1 2\nboundary ") for file, text in deck.files.items()
+        }
+        deck = Deck(files, deck.command, deck.raw)
+    elif two:
+        command = (command[0], "-j2", *command[1:])
+    return _run(case, name, deck, command)[0]
+
+
+def _run(case: Case, name: str, deck: Deck, command: tuple[str, ...]) -> tuple[float | None, float | None]:
+    """Seconds of the loop, and the force error where the output can be read."""
+    engine = load_engine(name)
+    with tempfile.TemporaryDirectory() as folder:
+        for file, text in deck.files.items():
+            Path(folder, file).write_text(text)
+        run_command(command, Path(folder), default_limit_s(case), **engine.VARIABLES)
+        loop = engine.loop_seconds(Path(folder, "stdout.txt").read_text(errors="replace"))
+        try:
+            error = errors_of(case, engine.read(case, Path(folder)), truth_of(case), ("force",))["force"]
+        except RunError:
+            error = None
+    return loop, error
+
+
+def precision() -> Iterator[Lever]:
+    """YADE's builds of higher precision on a chain a kilometre up, where doubles run out."""
+    double = load_engine("yade").find()
+    if double is None:
+        return
+    for origin in ("0 m", "1 km"):
+        case = case_of("fig4", f"chain.origin={origin}", "run.time_step=0.1 us", "run.sample_interval=2 us")
+        deck = load_engine("yade").render(case)
+        first: float | None = None
+        for build in ("yade", "yade-longdouble", "yade-float128"):
+            executable = double.with_name(build)
+            if not executable.exists():
+                continue
+            loop, error = _run(case, "yade", deck, (str(executable), *deck.command[1:]))
+            if loop is None or error is None:
+                continue
+            first = first or loop
+            at = "wall at height 0" if origin == "0 m" else f"wall at {origin}"
+            yield Lever("extended precision", "fig4", build, at, "force", error, first / loop)
+
+
+def one_process() -> Iterator[Lever]:
+    """Many cases in one process against a process each."""
+    case = case_of("fig4")
+    for name in ("liggghts", "yade"):
+        if load_engine(name).find() is None:
+            continue
+        with tempfile.TemporaryDirectory() as folder, session_of(name, Path(folder)) as session:
+            alone = start_up(name, case, Path(folder))
+            cases = [timed_in_session(name, case, session, 1.0) for _ in range(MANY)]
+        loop = float(np.median([loop_s for _, loop_s, _ in cases]))
+        each = float(np.median([seconds for _, _, seconds in cases]))
+        yield Lever("one process for many", "fig4", name, f"{MANY} cases", "run", float("nan"), (alone + loop) / each)
+
+
+def write_levers(levers: list[Lever], path: Path) -> None:
+    """Writes ``trade-levers.csv``."""
+    with whole_file(path) as draft:
+        pd.DataFrame([asdict(lever) for lever in levers]).to_csv(draft, index=False)
