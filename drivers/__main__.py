@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from drivers.cli import Parser, must_be_folder, run_main
+from drivers.cli import Parser, must_be_folder, run_main, seconds
 from drivers.errors import InputError, RunError
 
 AUTO = "auto"  # in place of an engine: the cheapest that models what the scene requires
@@ -33,7 +33,7 @@ def _parser() -> Parser:
     )
     run.add_argument("--runs", type=Path, metavar="DIR", help="where run folders go (default: runs/ of the checkout)")
     run.add_argument("--rerun", action="store_true", help="run again what is done")
-    run.add_argument("--time-limit", type=_seconds, metavar="S", help="seconds after which a run is killed")
+    run.add_argument("--time-limit", type=seconds, metavar="S", help="seconds after which a run is killed")
     run.set_defaults(action=_run)
 
     plan = commands.add_parser("plan", help="time step, engine, errors and cost to expect of a scene")
@@ -118,16 +118,6 @@ def _slice(text: str) -> tuple[int, int]:
     if found[0] > found[1]:
         raise argparse.ArgumentTypeError(f"found {text}; allowed: I/N with I from 1 to N")
     return found
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"found {text}; allowed: seconds above zero")
-    return value
 
 
 def _engines(asked: list[str] | None, *, automatic: bool = False) -> tuple[list[str], list[str]]:

@@ -19,6 +19,17 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
+def seconds(text: str) -> float:
+    """Reads an option in seconds, above zero."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"found {text}; allowed: seconds above zero")
+    return value
+
+
 def must_be_folder(option: str, path: Path | None) -> None:
     """Refuses a file where a folder is to be made.
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.cli import Parser, must_be_file, must_be_folder, run_main
+from drivers.cli import Parser, must_be_file, must_be_folder, run_main, seconds
 from drivers.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,12 +41,27 @@ def _parser() -> Parser:
     claims.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
     claims.set_defaults(action=_claims)
 
+    trade = commands.add_parser("trade", help="errors against cost, for all engines and steps, and what to use")
+    trade.add_argument("--budget", type=seconds, metavar="S", help="engine time of all runs (default: 300 s)")
+    trade.add_argument("--results", type=Path, metavar="DIR", help="default: results/")
+    trade.set_defaults(action=_trade)
+
     bench = commands.add_parser("bench", help="what the integrators and engines cost, as ratios taken in one run")
     bench.set_defaults(action=_bench)
 
     wave = commands.add_parser("wave", help="constants of the exact solitary wave of the discrete chain")
     wave.set_defaults(action=_wave)
     return parser
+
+
+def _trade(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from validation.trade.command import trade
+    from validation.trade.ladder import BUDGET_S
+
+    must_be_folder("--results", arguments.results)
+    trade(arguments.budget or BUDGET_S, arguments.results or paths.RESULTS)
+    return 0
 
 
 def _wave(_: argparse.Namespace) -> int:

@@ -48,7 +48,9 @@ def at_step(case: Case, share: float, stable_s: float) -> Case:
 
 def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Rung]]:
     """Rungs that fit the budget, cheapest first, and those that do not."""
-    kept, left, spent = [], [], 0.0
+    kept: list[Rung] = []
+    left: list[Rung] = []
+    spent = 0.0
     for rung in sorted(rungs, key=lambda rung: rung.expected_s):
         fits = rung.expected_s <= LONGEST * budget_s and spent + rung.expected_s <= budget_s
         (kept if fits else left).append(rung)

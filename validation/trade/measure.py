@@ -85,7 +85,7 @@ def climb(budget_s: float, scenes: tuple[str, ...] = SCENES, say: Callable[[str]
     climbers = [_Climber(scene) for scene in scenes]
     rungs = [rung for climber in climbers for rung in climber.rungs()]
     kept, left = affordable(rungs, budget_s)
-    rows = []
+    rows: list[Row] = []
     for climber in climbers:
         own = [rung for rung in kept if rung.scene == climber.scene]
         began = time.perf_counter()
@@ -122,7 +122,7 @@ class _Climber:
         return self._truths[key]
 
     def climb(self, rungs: list[Rung]) -> list[Row]:
-        rows = []
+        rows: list[Row] = []
         for method in dict.fromkeys(rung.method for rung in rungs):
             own = [rung for rung in rungs if rung.method == method]
             if method in installed_codes():

@@ -1,0 +1,93 @@
+"""What the measurements say in words a user can act on, all of it computed from the tables."""
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from validation.trade.advice import STRAIGHT, cheapest, done, orders
+
+
+def sentences(rows: pd.DataFrame, levers: pd.DataFrame) -> list[str]:
+    """The sentences, most general first."""
+    return [*_on_orders(rows), *_on_cost(rows), *_on_steps(levers), *_on_machines(levers)]
+
+
+def _on_orders(rows: pd.DataFrame) -> Iterator[str]:
+    own = [order for order in orders(rows) if order.quantity == "force" and np.isfinite(order.order)]
+    for method in dict.fromkeys(order.method for order in own):
+        known = [order for order in own if order.method == method]
+        slopes = [order.order for order in known]
+        bent = [f"{each.scene} from {each.to_share:.1g}" for each in known if each.below < each.order - 2 * STRAIGHT]
+        said = f"The force trace by {method} converges with order {min(slopes):.2f} to {max(slopes):.2f}"
+        said += f" ({len(known)} scenes), from {min(order.from_share for order in known):.2g} of the stability limit on"
+        if bent:
+            said += f". It bends on {', '.join(bent)} of the limit"
+        yield said + "."
+
+
+def _on_cost(rows: pd.DataFrame) -> Iterator[str]:
+    first = rows["scene"].iloc[0]
+    for code in [name for name in ("liggghts", "yade") if (rows["method"] == name).any()]:
+        part = rows[(rows["scene"] == first) & (rows["method"] == code)]
+        costs = []
+        for target in (1e-2, 1e-4, 1e-6, 1e-8):
+            best = cheapest(part, "force", target, "wall_s")
+            if best is not None:
+                step_us = best["time_step_s"] * 1e6
+                costs.append(f"{target:.0e} costs {best['loop_s']:.2g} s at {step_us:.2g} µs")
+        if costs:
+            start = (done(part)["wall_s"] - done(part)["in_session_s"]).median()
+            yield f"{first} by {code}: an error of {', '.join(costs)}; {start:.2g} s of start-up come on top."
+    for target in (1e-4, 1e-6, 1e-8):
+        best_of = [cheapest(group, "force", target, "loop_s") for _, group in rows.groupby("scene")]
+        used = Counter(str(best["method"]) for best in best_of if best is not None)
+        if used:
+            counted = ", ".join(f"{name} on {count} of {len(best_of)} scenes" for name, count in used.most_common())
+            yield f"Cheapest loop for a force error of {target:.0e}: {counted}."
+
+
+def _on_steps(levers: pd.DataFrame) -> Iterator[str]:
+    table = levers[levers["lever"] == "Rayleigh fraction"]
+    for quantity, word in (("force", "the force trace"), ("wall_peak", "the wall's peak")):
+        part = table[table["quantity"] == quantity]
+        ranges = []
+        for setting in part["setting"].unique():
+            errors = part[part["setting"] == setting]["error"]
+            ranges.append(f"{errors.min():.1e} to {errors.max():.1e} at {setting}")
+        yield f"A fraction of the Rayleigh time does not fix the error: that of {word} is {', '.join(ranges)}."
+    part = levers[(levers["lever"] == "softened modulus") & levers["setting"].str.startswith("E/100,")]
+    for setting in part["setting"].unique():
+        worst = _worst(part[part["setting"] == setting])
+        yield (
+            f"{setting}: steps {worst['gain']:.1f} times larger; scaled back, {worst['quantity']} is off by"
+            f" {worst['error']:.1e}."
+        )
+    part = levers[(levers["lever"] == "Richardson extrapolation") & (levers["scene"] == "fig4")]
+    for _, row in part.iloc[[0, -1]].iterrows():
+        yield (
+            f"Richardson's extrapolation of fig4 from {row['setting']}: error {row['error']:.1e}; a single run as good"
+            f" would take {row['gain']:.2g} times the steps of the pair."
+        )
+    part = levers[levers["lever"] == "sampling interval"]
+    for setting in ("1 us", "10 us"):
+        worst = _worst(part[part["setting"] == setting])
+        yield f"Samples every {setting} on fig4: {worst['quantity']} is read to {worst['error']:.1e}."
+
+
+def _on_machines(levers: pd.DataFrame) -> Iterator[str]:
+    for _, row in levers[levers["lever"].isin(["two cores", "one process for many"])].iterrows():
+        word = "faster" if row["gain"] >= 1 else "slower"
+        factor = row["gain"] if row["gain"] >= 1 else 1 / row["gain"]
+        yield f"{row['engine']}, {row['lever']} ({row['scene']}, {row['setting']}): {factor:.2g} times {word}."
+    for _, row in levers[levers["lever"] == "extended precision"].iterrows():
+        yield (
+            f"{row['engine']}, {row['setting']}: {row['error']:.1e} of the largest force off the same scheme in overlaps,"
+            f" at {1 / row['gain']:.2g} times the time of double precision."
+        )
+
+
+def _worst(part: pd.DataFrame) -> Any:
+    return part.loc[part["error"].idxmax()]
