@@ -8,6 +8,7 @@ from drivers import paths
 from drivers.case import Case
 from drivers.engines import engine_names, installed, load_engine
 from drivers.errors import RunError
+from drivers.plan import beyond_rounding
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,9 @@ def cost_on(engine: str) -> Cost:
 
 
 def able(case: Case) -> list[str]:
-    """Engines that model all that the case requires, installed or not."""
+    """Engines that model all that the case requires, as accurately as it asks, installed or not."""
     needed = {element.name for element in case.elements if element.modelled}
-    return [name for name in engine_names() if needed <= load_engine(name).MODELS]
+    return [name for name in engine_names() if needed <= load_engine(name).MODELS and not beyond_rounding(case, name)]
 
 
 def cheapest(case: Case) -> str:

@@ -40,8 +40,10 @@ def outlook(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]
         yield f"time step  {_step(case)}: {_why(case, chooser)}"
     else:
         yield f"time step  {_step(case)}, as the scene has it"
-    yield f"stability  {_us(chooser.stable_s)}: 2 / omega_max at the largest overlaps of the exact motion"
+    yield f"stability  {_stability(chooser)}"
     yield f"predicted  {_listed(errors)}; rounding of absolute heights up to {rounding.allowance:.1e} more"
+    if chooser.known > min(errors.values(), default=1.0) / TENFOLD:
+        yield f"           the exact motion itself is known to {chooser.known:.1e} only: it multiplies rounding"
     yield f"engine     {_engines(case)}"
     yield ""
     yield from _table(rows)
@@ -117,6 +119,8 @@ def _horizon(case: Case, rounding: Rounding) -> str:
             f"to the end ({times[-1] * 1e3:.4g} ms) engines can be compared point by point: rounding stays below"
             f" {share[-1]:.0e} of the largest force"
         )
+    if share[0] > HORIZON:
+        return "heights so far from the origin round too much for any comparison of engines point by point"
     until = times[max(int(np.argmax(share > HORIZON)) - 1, 0)]
     beyond = share > AMPLE
     later = f", to {AMPLE:g} until {times[max(int(np.argmax(beyond)) - 1, 0)] * 1e3:.4g} ms" if beyond.any() else ""
@@ -124,6 +128,12 @@ def _horizon(case: Case, rounding: Rounding) -> str:
         f"engines can be compared point by point to {HORIZON:g} until {until * 1e3:.4g} ms{later}; after that compare"
         " energy, mean forces and other statistics"
     )
+
+
+def _stability(chooser: Chooser) -> str:
+    if chooser.stable_s == float("inf"):
+        return "no contact closes: no limit"
+    return f"{_us(chooser.stable_s)}: 2 / omega_max at the largest overlaps"
 
 
 def _listed(errors: dict[str, float]) -> str:

@@ -28,12 +28,14 @@ class Plan:
 
 
 def asked_of(case: Case) -> dict[str, float]:
-    """The accuracy a scene asks for, by quantity."""
-    from validation.errors import FORCE
+    """The accuracy a scene asks for, by quantity; names may end in their unit, as observables do."""
+    from validation.errors import FORCE, without_unit
 
     accuracy = case.scene.run.accuracy
     assert accuracy is not None
-    return accuracy if isinstance(accuracy, dict) else {FORCE: accuracy}
+    if not isinstance(accuracy, dict):
+        return {FORCE: accuracy}
+    return {without_unit(name): share for name, share in accuracy.items()}
 
 
 def planned(case: Case) -> Case:
@@ -67,11 +69,20 @@ def refuse_beyond_rounding(case: Case, engine: str) -> None:
     Raises:
         InputError: rounding of absolute heights may take more than is asked for; the attainable accuracy is named.
     """
-    if case.plan is None or load_engine(engine).SCHEME != IN_HEIGHTS:
-        return
-    for name, share in case.plan.asked.items():
-        if case.plan.predicted[name] + case.plan.rounding_share > share:
-            from validation.step_choice import unattainable
+    name = beyond_rounding(case, engine)
+    if name is not None:
+        from validation.step_choice import attainable_in_heights, unattainable
 
-            why = f"what absolute heights leave on {engine}; verlet holds overlaps and reaches it"
-            raise unattainable(case, name, share, 2.5 * case.plan.rounding_share, why)
+        assert case.plan is not None
+        share = case.plan.asked[name]
+        why = f"what absolute heights leave on {engine}; verlet holds overlaps and reaches it"
+        raise unattainable(case, name, share, attainable_in_heights(share, case.plan.rounding_share), why)
+
+
+def beyond_rounding(case: Case, engine: str) -> str | None:
+    """The first quantity whose accuracy the engine's coordinates cannot give; None where they can."""
+    if case.plan is None or load_engine(engine).SCHEME != IN_HEIGHTS:
+        return None
+    plan = case.plan
+    lost = (name for name, share in plan.asked.items() if plan.predicted[name] + plan.rounding_share > share)
+    return next(lost, None)

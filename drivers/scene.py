@@ -6,7 +6,7 @@ the wall, as in the paper: bead 1 rests on the wall.
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
 
 from drivers import units
 
@@ -17,6 +17,18 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max
 FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
 PoissonRatio = Annotated[float, Field(ge=0, lt=0.5, allow_inf_nan=False)]
 Friction = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+def _accuracy(value: object) -> object:
+    numbers = value.values() if isinstance(value, dict) and value else [value]
+    if not all(isinstance(each, int | float) and not isinstance(each, bool) and 0 < each < 1 for each in numbers):
+        raise units.NotAllowedError(
+            "an error above 0 and below 1, such as 1e-4 for the force, or { wall_peak = 1e-3 } for what gauges show"
+        )
+    return value
+
+
+Accuracy = Annotated[float | dict[str, float], BeforeValidator(_accuracy)]
 
 
 class Part(BaseModel):
@@ -114,7 +126,7 @@ class Run(Part):
     duration: units.Duration
     sample_interval: units.Duration
     time_step: units.Duration | None = None
-    accuracy: float | dict[str, float] | None = None
+    accuracy: Accuracy | None = None
     record: tuple[Literal["forces", "state"], ...] = Field(default=("forces",), strict=False)
 
 

@@ -21,13 +21,6 @@ def not_yet(file: SceneFile) -> Iterator[Complaint]:
     if (run.time_step is None) == (run.accuracy is None):
         found = "neither time_step nor accuracy" if run.time_step is None else "both time_step and accuracy"
         yield "run", found, "exactly one of the two"
-    asked = run.accuracy if isinstance(run.accuracy, dict) else {"": run.accuracy}
-    if not asked:
-        yield "run.accuracy", "nothing", "a number, or quantities such as { wall_peak = 1e-3 }"
-    for name, share in asked.items():
-        if share is not None and not 0 < share < 1:
-            key = f"run.accuracy.{name}" if name else "run.accuracy"
-            yield key, f"{share:g}", "an error above 0 and below 1, such as 1e-4"
     if chain.lateral_offset is not None:
         yield "chain.lateral_offset", f"{chain.lateral_offset:g} m", "not supported yet: chains are exactly straight"
     if file.contact.restitution < 1:

@@ -19,6 +19,7 @@ from drivers.case import Case
 from drivers.engines import EXACT, IN_HEIGHTS, load_engine
 from drivers.trace import Trace
 from validation.errors import FORCE, Truth, errors_of, quantities, truth_of, verlet_of
+from validation.reference.adaptive import LEAST_TOLERANCE
 from validation.rounding import verlet_in_heights
 
 LARGEST = 20_000  # bodies: the exact motion of longer chains costs more than most runs of them
@@ -84,14 +85,17 @@ def error_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, 
         return [], f"not measured: {error}"
     parts, unseen = parts_of(case, engine, trace, rods)
     note = "" if rods.truth.sampling_known else "sampling not measured: too many samples"
+    if load_engine(engine).SCHEME == EXACT:
+        note = "; ".join(filter(None, (note, f"exact to its tolerance, {LEAST_TOLERANCE:g}: nothing here measures it")))
     if unseen:
         note = "; ".join(filter(None, (note, f"not in the run, but in the exact motion: {', '.join(unseen)}")))
     return [asdict(each) for each in parts], note
 
 
 def measured_errors(case: Case, trace: Trace, names: Iterable[str]) -> dict[str, float]:
-    """Errors of the named quantities of a run against the exact motion."""
-    return errors_of(case, trace, yardsticks(case).truth, names)
+    """Errors of the named quantities of a run against the exact motion, which is known to its tolerance."""
+    found = errors_of(case, trace, yardsticks(case).truth, names)
+    return {name: max(error, LEAST_TOLERANCE) for name, error in found.items()}
 
 
 def parts_of(case: Case, engine: str, trace: Trace, rods: Yardsticks) -> tuple[list[Parts], list[str]]:

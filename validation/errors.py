@@ -92,10 +92,15 @@ def quantities(case: Case, trace: Trace) -> dict[str, float]:
     """What a trace shows of pulses, by name without the unit."""
     found = {}
     for name, value in observe(case.layout, trace).items():
-        unit = next((unit for unit in UNITS if name.endswith(unit)), None)
-        if unit and not name.endswith(BALANCES) and np.isfinite(value):
-            found[name.removesuffix(unit)] = value
+        short = without_unit(name)
+        if short != name and not name.endswith(BALANCES) and np.isfinite(value):
+            found[short] = value
     return found
+
+
+def without_unit(name: str) -> str:
+    """The name of an observable without its unit."""
+    return name.removesuffix(next((unit for unit in UNITS if name.endswith(unit)), ""))
 
 
 def errors_of(case: Case, trace: Trace, truth: Truth, names: Iterable[str]) -> dict[str, float]:

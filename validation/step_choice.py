@@ -6,7 +6,7 @@ the accuracy asks.
 """
 
 from dataclasses import dataclass
-from math import ceil, inf, sqrt
+from math import ceil, floor, inf, log10, sqrt
 
 import numpy as np
 
@@ -14,19 +14,25 @@ from drivers.case import Case
 from drivers.chain import Array
 from drivers.errors import InputError
 from drivers.read_scene import MAX_STEPS
-from postproc.residual import share_of_largest
+from postproc.residual import residual, share_of_largest
+from validation.arrays import arrays_of
 from validation.errors import ENERGY, FORCE, Truth, errors_of, truth_of, verlet_of
-from validation.reference.adaptive import LEAST_TOLERANCE
+from validation.reference.adaptive import LEAST_TOLERANCE, scales
 from validation.rounding import ROUNDING_MARGIN, rounding_error
 from validation.stable_step import stable_step
 
 LEAST_ACCURACY = 10 * LEAST_TOLERANCE
 TRUTH_SHARE = 1e-2  # of the accuracy: how exact the exact motion has to be
 LOOSEST_TRUTH = 1e-4
+ROUGHER = 100.0  # times the tolerance: the second motion, by which the exactness of the first is measured
+LINEAR = 1e-3  # differences beyond it do not shrink with the tolerance: the motion is chaotic
 TOLERATED = 1 - TRUTH_SHARE  # of the accuracy: what the exact motion leaves
 CLOSE = 1.2  # a step that is refused within this factor of the one that is taken ends the search
 MOST_TRIES = 60
-STALLED, SMALL = 0.5, 1e-2  # a small error that falls by less, with the step four times finer, has met its floor
+MOST_WORK = 4e9  # bodies times steps of one trial: some seconds
+LONGEST = 4e6  # bodies times duration over the time scale of a contact: some seconds of following the exact motion
+LARGE = 0.1  # errors beyond it tell nothing of the order: the step is halved
+ROOM = 1.3  # times the rounding that is predicted, where a step has to leave room for it
 CHEAPER = 16  # rounding is measured at a step so many times larger, where one as fine would cost too much
 AFFORDABLE = 400_000  # bodies times steps of which rounding is measured as it is: some milliseconds
 
@@ -87,21 +93,46 @@ class Chooser:
         """
         self.case = case
         self.names = names
-        tolerance = min(max(TRUTH_SHARE * strictest, LEAST_TOLERANCE), LOOSEST_TRUTH)
-        finer = any(name not in (FORCE, ENERGY) for name in names)
+        self._errors: dict[int, dict[str, float]] = {}
+        overlap, speed = scales(arrays_of(case.chain), float(case.sample_times_s[-1]))
+        if case.chain.bodies * case.sample_times_s[-1] * speed > LONGEST * overlap:
+            raise InputError(
+                case.scene.file,
+                "run.accuracy",
+                "a motion too long to follow exactly",
+                "run.time_step, or a shorter run",
+            )
         try:
-            self.truth: Truth = truth_of(case, tolerance, finer=finer)
+            self.truth, self.known = self._follow(strictest)
         except ArithmeticError as error:
             raise InputError(case.scene.file, "run.accuracy", str(error), "run.time_step instead") from error
         self._check_names()
         self.stable_s = stable_step(case.chain, self.truth.trace.force_N.max(axis=0))
-        self._errors: dict[int, dict[str, float]] = {}
+
+    def _follow(self, strictest: float) -> tuple[Truth, float]:
+        """The exact motion, and to what share of the largest force it is known.
+
+        Errors grow where a motion is chaotic, so the tolerance is tightened until what it leaves is small.
+        """
+        finer = any(name not in (FORCE, ENERGY) for name in self.names)
+        tolerance = min(max(TRUTH_SHARE * strictest, LEAST_TOLERANCE), LOOSEST_TRUTH)
+        while True:
+            truth = truth_of(self.case, tolerance, finer=finer)
+            rough = truth_of(self.case, min(ROUGHER * tolerance, LARGE), finer=False)
+            apart = float(residual(rough.trace, truth.trace).max())
+            known = apart / ROUGHER if apart < LINEAR else apart
+            if known <= TRUTH_SHARE * strictest or tolerance <= LEAST_TOLERANCE:
+                return truth, known
+            tolerance = max(0.1 * tolerance * min(TRUTH_SHARE * strictest / known, 1.0), LEAST_TOLERANCE)
 
     def _check_names(self) -> None:
         for name in self.names:
             if name not in (FORCE, ENERGY) and not self.truth.true.get(name):
                 has = ", ".join([FORCE, ENERGY, *(each for each, value in self.truth.true.items() if value)])
                 raise InputError(self.case.scene.file, f"run.accuracy.{name}", "nothing that this scene shows", has)
+            if name not in (FORCE, ENERGY) and not self.truth.sampling_known:
+                found = "too many samples times contacts to measure what is lost between samples"
+                raise InputError(self.case.scene.file, f"run.accuracy.{name}", found, f"{FORCE}, {ENERGY}")
 
     def errors_at(self, steps_per_sample: int) -> dict[str, float]:
         """Errors of the codes' scheme, by quantity."""
@@ -118,37 +149,36 @@ class Chooser:
             InputError: no step keeps it; the attainable accuracy is named.
         """
         for name, share in wanted.items():
-            if share < LEAST_ACCURACY:
-                raise self._unattainable(name, share, LEAST_ACCURACY, "what the exact motion itself is known to")
-            if name not in (FORCE, ENERGY) and self.truth.sampling_known:
+            least = max(LEAST_ACCURACY, 10 * self.known)
+            if share < least:
+                why = "what the exact motion itself is known to"
+                raise unattainable(self.case, name, share, 1.25 * least if least > LEAST_ACCURACY else least, why)
+            if name not in (FORCE, ENERGY):
                 left = abs(self.truth.sampled.get(name, inf) / self.truth.true[name] - 1)
                 if left >= share:
                     why = "what samples so far apart show, at any time step (sample_interval smaller: more)"
-                    raise self._unattainable(name, share, 1.25 * left, why)
+                    raise unattainable(self.case, name, share, 1.25 * left, why)
 
         def excess(steps: int) -> float:
             return max(error / (TOLERATED * wanted[name]) for name, error in self.errors_at(steps).items())
 
-        samples = self.case.scene.samples - 1
         interval = self.case.scene.run.sample_interval
-        steps = max(1, ceil(0.9 * interval / self.stable_s))
-        refused, taken = steps - 1 if steps == 1 else 0, 0
-        before, tries = (0, inf), 0
-        while not (taken and (taken <= refused + 1 or taken <= CLOSE * refused or taken == 1)):
-            if steps * samples > MAX_STEPS or tries > MOST_TRIES:
-                self._give_up(wanted, before[0] or steps, f"with {MAX_STEPS} steps")
+        work = self.case.chain.bodies * (self.case.scene.samples - 1)
+        steps = max(1, ceil(min(0.9 * interval / self.stable_s, 1e15)))
+        refused, taken, tries = steps - 1 if steps == 1 else 0, 0, 0
+        while not (taken and (taken <= refused + 1 or taken <= CLOSE * refused)):
+            if steps * work > MOST_WORK or steps * (self.case.scene.samples - 1) > MAX_STEPS or tries > MOST_TRIES:
+                if taken:
+                    break
+                self._give_up(wanted, refused)
             found = excess(steps)
             tries += 1
             if found <= 1:
                 taken = steps
             else:
-                small = max(self.errors_at(steps).values()) < SMALL
-                if small and steps >= 4 * before[0] > 0 and found > STALLED * before[1]:
-                    self._give_up(wanted, steps, "what rounding leaves of it in double precision")
                 refused = max(refused, steps)
-                before = (steps, found)
-            guess = ceil(1.002 * steps * sqrt(found)) if np.isfinite(found) else 2 * steps
-            steps = _next(refused, taken, guess)
+            coarse = max(self.errors_at(steps).values()) > LARGE
+            steps = _next(refused, taken, 2 * steps if coarse else ceil(1.002 * steps * sqrt(found)))
         return Choice(
             self.case.at(taken), wanted, self.errors_at(taken), refused, self.stable_s, self.rounding(taken), tries
         )
@@ -156,10 +186,12 @@ class Chooser:
     def choose_with_room(self, wanted: dict[str, float]) -> Choice:
         """As ``choose``, with room for what rounding of heights may add, as long as it takes less than half."""
         choice = self.choose(wanted)
-        rounding = choice.rounding.allowance
-        tight = any(choice.errors[name] + rounding > share for name, share in wanted.items())
-        if tight and 2 * rounding < min(wanted.values()):
-            choice = self.choose({name: share - 1.1 * rounding for name, share in wanted.items()})
+        for _ in range(3):
+            rounding = choice.rounding.allowance
+            tight = any(choice.errors[name] + rounding > share for name, share in wanted.items())
+            if not tight or 2 * ROOM * rounding > min(wanted.values()):
+                break
+            choice = self.choose({name: share - ROOM * rounding for name, share in wanted.items()})
         return choice
 
     def rounding(self, steps_per_sample: int) -> Rounding:
@@ -172,13 +204,14 @@ class Chooser:
         error = share_of_largest(rounding_error(self.case.at(measured)), self.truth.trace)
         return Rounding(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured), measured)
 
-    def _give_up(self, wanted: dict[str, float], steps: int, why: str) -> None:
-        errors = self.errors_at(steps)
-        worst = max(wanted, key=lambda name: errors[name] / wanted[name])
-        raise self._unattainable(worst, wanted[worst], 1.25 * errors[worst], why)
-
-    def _unattainable(self, name: str, asked: float, attainable: float, why: str) -> InputError:
-        return unattainable(self.case, name, asked, attainable, why)
+    def _give_up(self, wanted: dict[str, float], steps: int) -> None:
+        worst, least = next(iter(wanted)), 1.0
+        if steps and steps in self._errors:
+            errors = self._errors[steps]
+            worst = max(wanted, key=lambda name: errors[name] / wanted[name])
+            least = 1.25 * errors[worst]
+        why = "with as many steps as a plan may try; run.time_step takes any"
+        raise unattainable(self.case, worst, wanted[worst], least, why)
 
 
 def _next(refused: int, taken: int, guess: int) -> int:
@@ -192,7 +225,18 @@ def _next(refused: int, taken: int, guess: int) -> int:
     return min(guess, taken - 1)
 
 
-def unattainable(case: Case, name: str, asked: float, attainable: float, why: str) -> InputError:
-    """What to say of an accuracy that nothing gives."""
+def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:
+    """What to say of an accuracy that nothing gives; the least that something does is rounded up."""
     key = "run.accuracy" if name == FORCE else f"run.accuracy.{name}"
-    return InputError(case.scene.file, key, f"{asked:g}", f"at least {attainable:.2g} here, {why}")
+    if not least < 1:
+        return InputError(case.scene.file, key, f"{asked:g}", f"none here, {why}")
+    digits = 10.0 ** (floor(log10(least)) - 1)
+    return InputError(case.scene.file, key, f"{asked:g}", f"at least {ceil(least / digits) * digits:.2g} here, {why}")
+
+
+def attainable_in_heights(asked: float, rounding: float) -> float:
+    """The accuracy that leaves room for the rounding of heights, from what rounding leaves at the accuracy asked for.
+
+    Steps go with accuracy^(-1/2), and rounding with the root of the steps: ``2.6 rounding (asked / a)^(1/4) = a``.
+    """
+    return 1.5 * float((2 * ROOM * rounding * asked**0.25) ** 0.8)

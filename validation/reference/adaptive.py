@@ -42,7 +42,7 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAS
     if not LEAST_TOLERANCE <= tolerance < 1:
         raise ValueError(f"tolerance: {tolerance:g}, expected from {LEAST_TOLERANCE:g} to below 1")
     n = chain.mass_kg.size
-    overlap_scale, speed_scale = _scales(chain, float(time_s[-1]))
+    overlap_scale, speed_scale = scales(chain, float(time_s[-1]))
     states, status = _integrate(
         np.concatenate([chain.overlap_m, chain.velocity_m_s]), time_s,
         1.0 / chain.mass_kg, chain.stiffness, chain.load_N / chain.mass_kg,
@@ -55,7 +55,7 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAS
     return Motion(hertz_force(chain.stiffness, overlap), displacements(chain, overlap), velocity)
 
 
-def _scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:
+def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:
     """Overlap and speed to measure errors by: those that the energy put in can reach.
 
     The energy is kinetic and elastic at time 0, and what the loads do by closing gaps.

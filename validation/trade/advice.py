@@ -104,7 +104,7 @@ def cheapest(rows: pd.DataFrame, quantity: str, target: float, cost: str) -> Any
         until = len(good) if good.all() else int(np.argmin(good))
         kept.append(ordered.iloc[:until])
     found = pd.concat(kept) if kept else rows.iloc[:0]
-    return None if found.empty else found.loc[found[cost].idxmin()]
+    return None if found.empty else found.iloc[int(found[cost].to_numpy().argmin())]
 
 
 def advice(rows: pd.DataFrame) -> pd.DataFrame:
@@ -114,7 +114,13 @@ def advice(rows: pd.DataFrame) -> pd.DataFrame:
         among = {"any": group} | {str(name): part for name, part in group.groupby("method", sort=False)}
         for quantity, target, name, cost in product(QUANTITIES, TARGETS, among, ("loop_s", "wall_s")):
             best = cheapest(among[name], quantity, target, cost)
-            line = {"scene": scene, "quantity": quantity, "error_at_most": target, "among": name, "cheapest_by": cost}
+            line: dict[str, Any] = {
+                "scene": scene,
+                "quantity": quantity,
+                "error_at_most": target,
+                "among": name,
+                "cheapest_by": cost,
+            }
             for key in ("method", "time_step_s", "loop_s", "wall_s", quantity):
                 line["error" if key == quantity else key] = None if best is None else best[key]
             lines.append(line)

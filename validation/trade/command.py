@@ -18,7 +18,7 @@ TABLE, LEVERS = "trade.csv", "trade-levers.csv"
 
 
 def trade(budget_s: float, results: Path, scenes: tuple[str, ...] = SCENES) -> None:
-    """Measures the ladder within a budget and the levers; writes ``trade*.csv`` and ``.svg``, and says what it means."""
+    """Measures the ladder within a budget and the levers; writes tables and diagrams, says what they mean."""
     rows = climb(budget_s, scenes, lambda line: print(line, file=sys.stderr, flush=True))
     levers = pull_all()
     write_table(rows, results / TABLE)

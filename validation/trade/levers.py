@@ -124,7 +124,8 @@ def softened() -> Iterator[Lever]:
             longer = softer**0.4
             case = case_of(
                 "fig4", *base, f"materials.ptfe.youngs_modulus={1.46e9 / softer} Pa",
-                f"run.duration={0.8 * longer} ms", f"run.sample_interval={longer} us", f"run.time_step={longer / 10} us",
+                f"run.duration={0.8 * longer} ms", f"run.sample_interval={longer} us",
+                f"run.time_step={longer / 10} us",
             )  # fmt: skip
             soft = quantities(case, exact(case, 1e-11).trace)
             where = "with gravity" if gravity else "without gravity"

@@ -84,10 +84,10 @@ def _on_machines(levers: pd.DataFrame) -> Iterator[str]:
         yield f"{row['engine']}, {row['lever']} ({row['scene']}, {row['setting']}): {factor:.2g} times {word}."
     for _, row in levers[levers["lever"] == "extended precision"].iterrows():
         yield (
-            f"{row['engine']}, {row['setting']}: {row['error']:.1e} of the largest force off the same scheme in overlaps,"
+            f"{row['engine']}, {row['setting']}: {row['error']:.1e} of the largest force off the scheme in overlaps,"
             f" at {1 / row['gain']:.2g} times the time of double precision."
         )
 
 
 def _worst(part: pd.DataFrame) -> Any:
-    return part.loc[part["error"].idxmax()]
+    return part.iloc[int(part["error"].to_numpy().argmax())]
