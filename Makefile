@@ -8,7 +8,7 @@ FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*
 SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*' \
   -not -path 'inputs/studies/*' -not -path 'drivers/batch/*' -not -name study.py)
 # what every figure depends on, beside its own module and scenes
-COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/claims/% \
+COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/claims/% validation/trade/% \
   $(addprefix validation/,bench.py bench_batch.py comparison.py plots.py report.py rounding.py scenes.py __main__.py),$(SOURCES))
 SCENES_fig1 := fig4
 SCENES_fig2 := fig4 table1
@@ -17,12 +17,15 @@ SCENES_fig4 := fig4
 SCENES_fig5 := fig5
 SCENES_fig6 := fig6b fig6d
 SCENES_table1 := table1
+BUDGET := 300
+# of the report, where nobody has made the whole study
+SHORT_BUDGET := 30
 AS_ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo),yes))
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cluster engines $(FIGURES) figures claims study report test test-slurm bench lint clean FORCE
+.PHONY: help setup cluster engines $(FIGURES) figures claims trade study report test test-slurm test-accuracy bench lint clean FORCE
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -45,12 +48,17 @@ figures: $(FIGURES) ## all figures and the table
 
 claims: results/.claims ## every quantitative statement of the paper, computed
 
+trade: results/.trade ## what accuracy costs on every engine: make trade [BUDGET=300], seconds of engine time
+
 study: .venv/.ready .venv/.engines ## run a study and draw its figure: make study STUDY=sensitivity
 	@test -n "$(STUDY)" || { echo "which? make study STUDY=$(firstword $(STUDIES)); there are $(STUDIES)"; exit 2; }
 	$(PY) -m drivers batch $(STUDY)
 	$(PY) -m postproc study $(STUDY)
 
 report: results/.report ## run the paper's scenes on all engines and write results/report.html
+
+test-accuracy: .venv/.ready-dev .venv/.engines ## accuracies on 200 random scenes, 30 of them on both codes
+	$(PY) -m pytest -n 2 -m accuracy validation/tests/test_accuracy.py
 
 test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests
 	$(PY) -m pytest -n 2 --dist loadfile
@@ -81,9 +89,14 @@ results/.claims: $(filter-out postproc/figures/% templates/report/% validation/r
 	$(PY) -m validation claims
 	@touch $@
 
+results/.trade: $(filter-out postproc/figures/% templates/report/% validation/report.py validation/claims/%,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/trade.csv),,FORCE)
+	$(PY) -m validation trade --budget $(BUDGET)
+	@touch $@
+
 # the stamp stands only if every verdict is good; finished runs are not run again
 # the page is written even if a claim is at fault, but then the target fails
 results/.report: $(filter-out postproc/figures/%,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/report.html),,FORCE)
+	@test -f results/trade.csv || $(PY) -m validation trade --budget $(SHORT_BUDGET)
 	@$(MAKE) --no-print-directory results/.claims; claims=$$?; $(PY) -m validation report && test $$claims = 0
 	@touch $@
 

@@ -16,6 +16,7 @@ from validation.claims.section import read_section
 from validation.comparison import FAIL, NOT_RUN, PASS, Verdict
 from validation.plots import draw_scene
 from validation.scenes import ComparedScene
+from validation.trade.section import read_section as read_trade
 
 QUANTITIES = {
     "force against verlet": "model: force against the same scheme",
@@ -56,6 +57,7 @@ def write_report(scenes: list[ComparedScene], path: Path) -> Counter[str]:
         counts=counts,
         tolerances=_tolerances(scenes),
         scenes=[_section(scene) for scene in scenes],
+        trade=read_trade(path.parent),
         claims=read_section(path.parent / paths.CLAIMS_TABLE),
         provenance=provenance(),
         versions=_versions(scenes),
@@ -117,6 +119,7 @@ def _section(scene: ComparedScene) -> dict[str, object]:
         "figure": inline_svg(draw_scene(scene), case.scene.name) if scene.runs else "",
         "alt": f"Gauge forces against time for {case.summary}, all engines, with the differences between them below",
         "engines": engines,
+        "budget": _budget(scene, engines),
         "observables": [(name, [number(observed[e][name], 6) for e in engines]) for name in names],
         "decks": [
             (engine, file, text)
@@ -126,6 +129,17 @@ def _section(scene: ComparedScene) -> dict[str, object]:
         ],
         "folders": [(engine, paths.shown(scene.runs[engine].folder)) for engine in engines],
     }
+
+
+def _budget(scene: ComparedScene, engines: list[str]) -> list[tuple[str, str, list[str]]]:
+    """Lines of the error budget by quantity and engine: the whole and its parts, which add up to it."""
+    lines = []
+    for engine in engines:
+        for part in scene.runs[engine].record.error_budget:
+            cells = [f"{part[key]:.1e}" for key in ("whole", "model", "rounding", "truncation", "sampling")]
+            lines.append((part["quantity"], engine, cells))
+    order = list(dict.fromkeys(quantity for quantity, _, _ in lines))
+    return sorted(lines, key=lambda line: order.index(line[0]))
 
 
 def _versions(scenes: list[ComparedScene]) -> dict[str, str]:

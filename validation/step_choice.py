@@ -33,8 +33,7 @@ MOST_WORK = 4e9  # bodies times steps of one trial: some seconds
 LONGEST = 4e6  # bodies times duration over the time scale of a contact: some seconds of following the exact motion
 LARGE = 0.1  # errors beyond it tell nothing of the order: the step is halved
 ROOM = 1.3  # times the rounding that is predicted, where a step has to leave room for it
-CHEAPER = 16  # rounding is measured at a step so many times larger, where one as fine would cost too much
-AFFORDABLE = 400_000  # bodies times steps of which rounding is measured as it is: some milliseconds
+AFFORDABLE = 400_000  # bodies times steps of which rounding is measured, some milliseconds; beyond, it is scaled
 
 
 @dataclass(frozen=True)
@@ -196,11 +195,9 @@ class Chooser:
 
     def rounding(self, steps_per_sample: int) -> Rounding:
         """What the rounding of heights does, measured where that is cheap; it grows as a random walk with the steps."""
-        case = self.case.at(steps_per_sample)
-        measured = steps_per_sample
-        if case.chain.bodies * case.scene.steps > AFFORDABLE:
-            first = ceil(0.5 * self.case.scene.run.sample_interval / self.stable_s)
-            measured = min(steps_per_sample, max(first, steps_per_sample // CHEAPER, 1))
+        first = ceil(min(0.5 * self.case.scene.run.sample_interval / self.stable_s, 1e9))
+        affordable = AFFORDABLE // (self.case.chain.bodies * self.case.scene.samples)
+        measured = min(steps_per_sample, max(first, affordable, 1))
         error = share_of_largest(rounding_error(self.case.at(measured)), self.truth.trace)
         return Rounding(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured), measured)
 

@@ -1,0 +1,55 @@
+"""The trade study as the report shows it, read from its tables."""
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from drivers import paths
+from drivers.errors import InputError
+from postproc.style import inline_svg
+from validation.trade.advice import QUANTITIES, TARGETS, cheapest
+from validation.trade.command import LEVERS, TABLE
+from validation.trade.diagrams import draw_scene
+from validation.trade.words import sentences
+
+METHODS = ("liggghts", "yade", "verlet", "order 4", "adaptive")
+
+
+def read_section(results: Path) -> dict[str, Any]:
+    """Sentences, the table of what to use and the diagrams; empty without the tables.
+
+    Raises:
+        InputError: a table is damaged.
+    """
+    table, levers = results / TABLE, results / LEVERS
+    if not (table.exists() and levers.exists()):
+        return {}
+    try:
+        rows = pd.read_csv(table)
+        scenes = list(rows["scene"].unique())
+        return {
+            "sentences": sentences(rows, pd.read_csv(levers)),
+            "methods": METHODS,
+            "table": [_line(rows, scene, quantity) for scene in scenes[:1] for quantity in QUANTITIES]
+            + [_line(rows, scene, "force") for scene in scenes[1:]],
+            "targets": [f"{target:.0e}" for target in TARGETS],
+            "figures": [(scene, inline_svg(draw_scene(rows, scene), f"trade-{scene}")) for scene in scenes],
+        }
+    except (ValueError, KeyError, IndexError, TypeError) as error:  # pandas' own errors are ValueErrors
+        raise InputError(paths.shown(table), "", "a damaged table", "the tables that make trade writes") from error
+
+
+def _line(rows: pd.DataFrame, scene: str, quantity: str) -> dict[str, Any]:
+    """For each error the cheapest code, its step and the time of its loop."""
+    part = rows[(rows["scene"] == scene) & rows["method"].isin(["liggghts", "yade"])]
+    cells = []
+    for target in TARGETS:
+        best = cheapest(part, quantity, target, "loop_s")
+        cells.append("–" if best is None else f"{best['method']} {best['time_step_s'] * 1e6:.2g} µs, {_time(best)}")
+    return {"scene": scene, "quantity": QUANTITIES[quantity], "cells": cells}
+
+
+def _time(best: Any) -> str:
+    seconds = float(best["loop_s"])
+    return f"{seconds * 1e3:.2g} ms" if seconds < 1 else f"{seconds:.2g} s"
