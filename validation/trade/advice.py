@@ -1,6 +1,6 @@
 """What the measurements say: orders of convergence with their range, the cheapest way to an error, in words."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -11,6 +11,9 @@ from drivers.chain import Array
 
 TARGETS = tuple(10.0**-k for k in range(2, 9))
 STRAIGHT = 0.15  # by how much the order between neighbouring steps may stray from the range's
+SMOOTH_ORDER, FLAT = 3.7, 0.5
+BY_SAMPLING = "samples: the exact motion read from them errs as much"
+BY_SAMPLES = 30.0  # times what the exact motion errs by when read from samples: there these begin to count
 LEAST = 3  # points of a range
 QUANTITIES = {
     "force": "the force trace",
@@ -32,6 +35,7 @@ class Order:
         order: slope of log error over log step; NaN where no range is straight.
         from_share, to_share: of the stability limit, the range's ends.
         above, below: the order between neighbouring steps beyond either end; NaN where nothing was measured there.
+        why_bent: what shows beyond the lower end; empty where the order holds to the last step.
     """
 
     scene: str
@@ -42,6 +46,7 @@ class Order:
     to_share: float
     above: float
     below: float
+    why_bent: str
 
 
 def done(rows: pd.DataFrame) -> pd.DataFrame:
@@ -61,7 +66,8 @@ def orders(rows: pd.DataFrame) -> list[Order]:
             if good.sum() > LEAST:
                 shares = ordered["share_of_limit"].to_numpy()[good]
                 steps = ordered["time_step_s"].to_numpy()[good]
-                found.append(_order(str(scene), str(method), quantity, shares, steps, errors[good]))
+                order = _order(str(scene), str(method), quantity, shares, steps, errors[good])
+                found.append(replace(order, why_bent=_why_bent(order, done(rows[rows["scene"] == scene]))))
     return found
 
 
@@ -77,11 +83,32 @@ def _order(scene: str, method: str, quantity: str, shares: Array, steps: Array, 
             best = (first, last)
     first, last = best
     if last - first < LEAST - 1:
-        return Order(scene, method, quantity, *[float("nan")] * 5)
+        nothing = float("nan")
+        return Order(scene, method, quantity, nothing, nothing, nothing, nothing, nothing, "no straight range")
     slope = float(np.polyfit(x[first : last + 1], y[first : last + 1], 1)[0])
     above = float(local[first - 1]) if first else float("nan")
     below = float(local[last]) if last < len(local) else float("nan")
-    return Order(scene, method, quantity, slope, float(shares[first]), float(shares[last]), above, below)
+    return Order(scene, method, quantity, slope, float(shares[first]), float(shares[last]), above, below, "")
+
+
+def _why_bent(order: Order, rows: pd.DataFrame) -> str:
+    """Why errors stop falling as they did, by what else was measured on the scene at the same steps."""
+    if not np.isfinite(order.order):
+        return order.why_bent
+    if order.order < FLAT:
+        return BY_SAMPLING
+    if order.method == "order 4" and order.order < SMOOTH_ORDER:
+        return "contacts that open and close, where the force is smooth once only"
+    if not abs(order.below - order.order) > 2 * STRAIGHT:
+        return ""
+    exact = rows[rows["method"] == "adaptive"][order.quantity].min()
+    own = rows[(rows["method"] == order.method) & (rows["share_of_limit"] < 0.99 * order.to_share)]
+    smooth = rows[(rows["method"] == "verlet") & (rows["share_of_limit"] < 0.99 * order.to_share)]
+    if own[order.quantity].min() < BY_SAMPLES * exact:
+        return BY_SAMPLING
+    if order.method not in ("verlet", "order 4") and own[order.quantity].max() > 1.1 * smooth[order.quantity].max():
+        return "rounding of heights: the same scheme in overlaps errs less"
+    return "a change of sign of the error" if order.below > order.order else "the error of other contacts or times"
 
 
 def front(errors: Array, times: Array) -> list[int]:

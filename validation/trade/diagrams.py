@@ -3,6 +3,7 @@
 from typing import Any
 
 import pandas as pd
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from postproc.style import COLUMN_IN, line_of, pyplot
 from validation.trade.advice import QUANTITIES, done, front
@@ -19,6 +20,10 @@ def draw_scene(rows: pd.DataFrame, scene: str) -> Any:
     for axis, (cost, label) in zip(axes, COSTS.items(), strict=True):
         _draw(axis, part, "force", cost)
         axis.set_xlabel(label)
+        if cost == "wall_s":  # start-up keeps it within a decade or two
+            axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+            axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.xaxis.set_minor_formatter(NullFormatter())
     axes[0].set_ylabel("error of the force trace")
     axes[0].legend(fontsize="x-small")
     figure.suptitle(scene, fontsize="medium")

@@ -39,6 +39,7 @@ from validation.stable_step import stable_step
 from validation.trade.ladder import ADAPTIVE, ORDER_4, SCENES, SHARES, TOLERANCES, VERLET, Rung, affordable, at_step
 
 REPEATS, SHORT_S = 3, 0.1  # runs expected to be shorter are timed as the best of some
+IN_PROCESSES = {ADAPTIVE: "reference"}  # the engine by which an integrator runs by itself; of others verlet's counts
 STEEPER = 4  # forces a step of order 4
 NOT_RUN = "not run"
 T = TypeVar("T")
@@ -129,7 +130,9 @@ class _Climber:
                 with tempfile.TemporaryDirectory() as folder:
                     rows += self._by_code(method, own, Path(folder))
             else:
-                rows += [self._in_repo(rung) for rung in own]
+                with tempfile.TemporaryDirectory() as folder:
+                    start_s = start_up(IN_PROCESSES.get(method, VERLET), self.case, Path(folder))
+                rows += [self._in_repo(rung, start_s) for rung in own]
         return rows
 
     def _by_code(self, name: str, rungs: list[Rung], folder: Path) -> Iterator[Row]:
@@ -143,7 +146,7 @@ class _Climber:
                     continue
                 yield self._row(rung, trace, loop_s, start_s + session_s, session_s)
 
-    def _in_repo(self, rung: Rung) -> Row:
+    def _in_repo(self, rung: Rung, start_s: float) -> Row:
         case = rung.case
         if rung.method == VERLET:
             trace, loop_s = timed(lambda: verlet_of(case), rung.expected_s)
@@ -160,7 +163,7 @@ class _Climber:
             trace = trace_of(case, case.sample_times_s, motion)
         if not np.isfinite(trace.force_N).all():
             return _empty(rung, "failed", "not finite: the step is too large")
-        return self._row(rung, trace, loop_s, cost_on(VERLET).start_s + loop_s, loop_s)
+        return self._row(rung, trace, loop_s, start_s + loop_s, loop_s)
 
     def _row(self, rung: Rung, trace: Trace, loop_s: float, wall_s: float, session_s: float) -> Row:
         truth = self.truth(rung.case)

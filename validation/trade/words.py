@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from validation.trade.advice import STRAIGHT, cheapest, done, orders
+from validation.trade.advice import STRAIGHT, Order, cheapest, done, orders
 
 
 def sentences(rows: pd.DataFrame, levers: pd.DataFrame) -> list[str]:
@@ -20,12 +20,16 @@ def _on_orders(rows: pd.DataFrame) -> Iterator[str]:
     for method in dict.fromkeys(order.method for order in own):
         known = [order for order in own if order.method == method]
         slopes = [order.order for order in known]
-        bent = [f"{each.scene} from {each.to_share:.1g}" for each in known if each.below < each.order - 2 * STRAIGHT]
+        bent = [f"{each.scene} from {each.to_share:.1g} ({each.why_bent})" for each in known if _falls(each)]
         said = f"The force trace by {method} converges with order {min(slopes):.2f} to {max(slopes):.2f}"
         said += f" ({len(known)} scenes), from {min(order.from_share for order in known):.2g} of the stability limit on"
         if bent:
-            said += f". It bends on {', '.join(bent)} of the limit"
+            said += f". Below these shares of the limit errors fall more slowly: {', '.join(bent)}"
         yield said + "."
+
+
+def _falls(order: Order) -> bool:
+    return order.below < order.order - 2 * STRAIGHT
 
 
 def _on_cost(rows: pd.DataFrame) -> Iterator[str]:
