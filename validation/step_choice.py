@@ -18,20 +18,21 @@ from postproc.residual import residual, share_of_largest
 from validation.arrays import arrays_of
 from validation.errors import ENERGY, FORCE, Truth, errors_of, truth_of, verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE, scales
-from validation.rounding import ROUNDING_MARGIN, rounding_error
+from validation.rounding import rounding_error
 from validation.stable_step import stable_step
 
 LEAST_ACCURACY = 10 * LEAST_TOLERANCE
-TRUTH_SHARE = 1e-2  # of the accuracy: how exact the exact motion has to be
+TRUTH_SHARE = 1e-3  # of the accuracy: how exact the exact motion has to be
 LOOSEST_TRUTH = 1e-4
 ROUGHER = 100.0  # times the tolerance: the second motion, by which the exactness of the first is measured
 LINEAR = 1e-3  # differences beyond it do not shrink with the tolerance: the motion is chaotic
-TOLERATED = 1 - TRUTH_SHARE  # of the accuracy: what the exact motion leaves
+DOUBT = 5e-3  # of the accuracy: errors so close to it are measured against the exact motion at its best
 CLOSE = 1.2  # a step that is refused within this factor of the one that is taken ends the search
 MOST_TRIES = 60
 MOST_WORK = 4e9  # bodies times steps of one trial: some seconds
 LONGEST = 4e6  # bodies times duration over the time scale of a contact: some seconds of following the exact motion
 LARGE = 0.1  # errors beyond it tell nothing of the order: the step is halved
+SCALED = 4.0  # times the rounding predicted: it is scaled, and a random walk
 ROOM = 1.3  # times the rounding that is predicted, where a step has to leave room for it
 AFFORDABLE = 400_000  # bodies times steps of which rounding is measured, some milliseconds; beyond, it is scaled
 
@@ -51,7 +52,7 @@ class Rounding:
     @property
     def allowance(self) -> float:
         """What engines may show of it by the end."""
-        return ROUNDING_MARGIN * float(self.share[-1])
+        return SCALED * float(self.share[-1])
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,7 @@ class Chooser:
         self.case = case
         self.names = names
         self._errors: dict[int, dict[str, float]] = {}
+        self._best = strictest * TRUTH_SHARE <= LEAST_TOLERANCE
         overlap, speed = scales(arrays_of(case.chain), float(case.sample_times_s[-1]))
         if case.chain.bodies * case.sample_times_s[-1] * speed > LONGEST * overlap:
             raise InputError(
@@ -123,6 +125,13 @@ class Chooser:
             if known <= TRUTH_SHARE * strictest or tolerance <= LEAST_TOLERANCE:
                 return truth, known
             tolerance = max(0.1 * tolerance * min(TRUTH_SHARE * strictest / known, 1.0), LEAST_TOLERANCE)
+
+    def _use_best(self) -> None:
+        """From here on errors are measured against the exact motion at its best."""
+        finer = any(name not in (FORCE, ENERGY) for name in self.names)
+        self.truth = truth_of(self.case, LEAST_TOLERANCE, finer=finer)
+        self._errors.clear()
+        self._best = True
 
     def _check_names(self) -> None:
         for name in self.names:
@@ -159,7 +168,11 @@ class Chooser:
                     raise unattainable(self.case, name, share, 1.25 * left, why)
 
         def excess(steps: int) -> float:
-            return max(error / (TOLERATED * wanted[name]) for name, error in self.errors_at(steps).items())
+            shares = {name: error / wanted[name] for name, error in self.errors_at(steps).items()}
+            if any(abs(share - 1) < DOUBT for share in shares.values()) and not self._best:
+                self._use_best()
+                return excess(steps)
+            return max(shares.values())
 
         interval = self.case.scene.run.sample_interval
         work = self.case.chain.bodies * (self.case.scene.samples - 1)
@@ -177,7 +190,7 @@ class Chooser:
             else:
                 refused = max(refused, steps)
             coarse = max(self.errors_at(steps).values()) > LARGE
-            steps = _next(refused, taken, 2 * steps if coarse else ceil(1.002 * steps * sqrt(found)))
+            steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * sqrt(found)))
         return Choice(
             self.case.at(taken), wanted, self.errors_at(taken), refused, self.stable_s, self.rounding(taken), tries
         )
