@@ -10,6 +10,7 @@ from drivers.errors import InputError
 
 if TYPE_CHECKING:
     from validation.comparison import Verdict
+    from validation.scenes import ComparedScene
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 
@@ -126,6 +127,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     for source in arguments.what:
         compared = run_and_compare(source, tuple(arguments.settings), arguments.runs or paths.RUNS)
         _print_table(compared.verdicts)
+        _print_budgets(compared)
         failed |= any(verdict.verdict == FAIL for verdict in compared.verdicts)
     return 1 if failed else 0
 
@@ -151,6 +153,19 @@ def _print_table(verdicts: "list[Verdict]") -> None:
     for v in verdicts:
         numbers = f"{v.value:9.2e} {v.limit:9.2e}" if v.quantity != "run" else " " * 19
         print(f"{v.scene:<12} {v.engine:<10} {v.quantity:<24} {numbers}  {v.verdict}: {v.where}")
+
+
+def _print_budgets(compared: "ComparedScene") -> None:
+    """The parts of each run's errors, as signed shares; they add up to the whole."""
+    parts = ("whole", "model", "rounding", "truncation", "sampling")
+    print(f"\n{'error budget':<23} {'quantity':<24} " + " ".join(f"{part:>10}" for part in parts))
+    for engine, run in compared.runs.items():
+        for each in run.record.error_budget:
+            if each["quantity"] == "force" or each["quantity"].endswith("_peak"):
+                numbers = " ".join(f"{each[part]:10.1e}" for part in parts)
+                print(f"{compared.case.scene.name:<12} {engine:<10} {each['quantity']:<24} {numbers}")
+        if run.record.error_note:
+            print(f"{compared.case.scene.name:<12} {engine:<10} {run.record.error_note}")
 
 
 def _report(arguments: argparse.Namespace) -> int:

@@ -10,6 +10,7 @@ from drivers.batch.study import Study
 from drivers.case import Case
 from drivers.deck import Deck
 from drivers.engines import installed, load_engine
+from drivers.plan import refuse_beyond_rounding
 from drivers.run import known_version, run_identity
 from drivers.tolerances import tolerance
 
@@ -68,9 +69,11 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
     """A case of the study with what identifies it on each engine.
 
     Raises:
-        InputError: the case makes no scene.
+        InputError: the case makes no scene, or an engine cannot give its accuracy.
     """
     case = study.case(number)
+    for name in versions:
+        refuse_beyond_rounding(case, name)
     gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_digest_of(OBSERVING)}\0{tolerance('guard', 'energy').limit}"
     decks = {name: load_engine(name).render(case) for name in versions}
     runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}

@@ -14,7 +14,7 @@ from drivers.run import run_case
 from validation.budget import parts_of, yardsticks
 from validation.errors import errors_of, truth_of, verlet_of
 from validation.stable_step import stable_step
-from validation.tests.conftest import SceneWriter, case_of, command_line, finished
+from validation.tests.conftest import SceneWriter, StudyWriter, case_of, command_line, finished
 
 FREE = "run.time_step="
 
@@ -144,3 +144,16 @@ def test_the_cheapest_engine_runs(tmp_path: Path) -> None:
     said = command_line("drivers", "run", "fig4", "--engine", "auto", "--runs", tmp_path)
     assert said.returncode == 0
     assert len(said.stdout.splitlines()) == 1
+
+
+def test_a_study_over_accuracies(study_file: StudyWriter, tmp_path: Path) -> None:
+    axes = '[set]\n"run.time_step" = ""\n[[axis]]\nkey = "run.accuracy"\nvalues = [1e-3, {}]\n'
+    words = ("--runs", tmp_path / "runs", "--results", tmp_path)
+    done = command_line("drivers", "batch", study_file(axes.format("1e-5"), "verlet"), *words)
+    assert done.returncode == 0
+    errors = np.genfromtxt(tmp_path / "study.csv", delimiter=",", names=True)["force_error_share"]
+    assert errors[0] <= 1e-3
+    assert errors[1] <= 1e-5
+    refused = command_line("drivers", "batch", study_file(axes.format("1e-11"), "liggghts"), *words, "--dry-run")
+    assert refused.returncode == 2
+    assert "what absolute heights leave on liggghts" in refused.stderr
