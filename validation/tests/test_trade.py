@@ -6,11 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from drivers.errors import InputError
 from validation.tests.conftest import case_of, command_line, need
 from validation.trade.advice import cheapest, front, orders
 from validation.trade.ladder import Rung, affordable, at_step
-from validation.trade.levers import extrapolation, rayleigh_time, softened
+from validation.trade.levers import extrapolation, rayleigh, rayleigh_time, sampling, softened, write_levers
 from validation.trade.measure import climb, write_table
+from validation.trade.section import read_section
 
 
 def table(errors: list[float], shares: list[float]) -> pd.DataFrame:
@@ -87,6 +89,17 @@ def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     same = found[found["share_of_limit"].between(0.009, 0.011) & found["method"].isin(["liggghts", "yade", "verlet"])]
     assert len(same) == 3
     assert np.ptp(same["force"].to_numpy()) < 1e-9
+
+    write_levers([*sampling(), *extrapolation(), *rayleigh(), *softened()], tmp_path / "trade-levers.csv")
+    section = read_section(tmp_path)
+    assert any(
+        sentence.startswith("The force trace by liggghts converges with order 2.") for sentence in section["sentences"]
+    )
+    assert len(section["figures"]) == 1
+    (tmp_path / "trade.csv").write_text("scene,method\nfig5,yade\n")
+    with pytest.raises(InputError, match="a damaged table"):
+        read_section(tmp_path)
+    assert read_section(tmp_path / "nowhere") == {}
 
 
 @pytest.mark.parametrize("budget", ["0", "-1", "nan", "x"])

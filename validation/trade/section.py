@@ -13,7 +13,7 @@ from validation.trade.command import LEVERS, TABLE
 from validation.trade.diagrams import draw_scene
 from validation.trade.words import sentences
 
-METHODS = ("liggghts", "yade", "verlet", "order 4", "adaptive")
+UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 
 
 def read_section(results: Path) -> dict[str, Any]:
@@ -30,7 +30,6 @@ def read_section(results: Path) -> dict[str, Any]:
         scenes = list(rows["scene"].unique())
         return {
             "sentences": sentences(rows, pd.read_csv(levers)),
-            "methods": METHODS,
             "table": [_line(rows, scene, quantity) for scene in scenes[:1] for quantity in QUANTITIES]
             + [_line(rows, scene, "force") for scene in scenes[1:]],
             "targets": [f"{target:.0e}" for target in TARGETS],
@@ -43,13 +42,15 @@ def read_section(results: Path) -> dict[str, Any]:
 def _line(rows: pd.DataFrame, scene: str, quantity: str) -> dict[str, Any]:
     """For each error the cheapest code, its step and the time of its loop."""
     part = rows[(rows["scene"] == scene) & rows["method"].isin(["liggghts", "yade"])]
-    cells = []
+    cells: list[tuple[str, ...]] = []
     for target in TARGETS:
         best = cheapest(part, quantity, target, "loop_s")
-        cells.append("–" if best is None else f"{best['method']} {best['time_step_s'] * 1e6:.2g} µs, {_time(best)}")
+        cells.append(() if best is None else (best["method"], _time(best["time_step_s"]), _time(best["loop_s"])))
     return {"scene": scene, "quantity": QUANTITIES[quantity], "cells": cells}
 
 
-def _time(best: Any) -> str:
-    seconds = float(best["loop_s"])
-    return f"{seconds * 1e3:.2g} ms" if seconds < 1 else f"{seconds:.2g} s"
+def _time(seconds: float) -> str:
+    """Two digits, in the unit in which they are easily read."""
+    two = float(f"{seconds:.2g}")
+    scale, unit = next(((each, name) for each, name in UNITS if two >= each), UNITS[-1])
+    return f"{two / scale:.3g} {unit}"

@@ -12,7 +12,18 @@ from validation.trade.advice import STRAIGHT, Order, cheapest, done, orders
 
 def sentences(rows: pd.DataFrame, levers: pd.DataFrame) -> list[str]:
     """The sentences, most general first."""
-    return [*_on_orders(rows), *_on_cost(rows), *_on_steps(levers), *_on_machines(levers)]
+    return [_on_extent(rows), *_on_orders(rows), *_on_cost(rows), *_on_steps(levers), *_on_machines(levers)]
+
+
+def _on_extent(rows: pd.DataFrame) -> str:
+    left = rows[rows["status"] == "not run"]
+    said = f"{len(rows) - len(left)} of {len(rows)} runs were made"
+    if not left.empty:
+        said += f"; {len(left)}, most of them of {left['scene'].mode()[0]}, did not fit the budget of computing time"
+    unstable = rows[rows["status"] == "failed"]
+    if not unstable.empty:
+        said += f"; {len(unstable)} failed, at {unstable['share_of_limit'].min():.2g} of the stability limit or above"
+    return said + "."
 
 
 def _on_orders(rows: pd.DataFrame) -> Iterator[str]:
@@ -83,9 +94,8 @@ def _on_steps(levers: pd.DataFrame) -> Iterator[str]:
 
 def _on_machines(levers: pd.DataFrame) -> Iterator[str]:
     for _, row in levers[levers["lever"].isin(["two cores", "one process for many"])].iterrows():
-        word = "faster" if row["gain"] >= 1 else "slower"
-        factor = row["gain"] if row["gain"] >= 1 else 1 / row["gain"]
-        yield f"{row['engine']}, {row['lever']} ({row['scene']}, {row['setting']}): {factor:.2g} times {word}."
+        share = f"{row['gain']:.2g} times as fast" if row["gain"] >= 1 else f"{1 / row['gain']:.2g} times as slow"
+        yield f"{row['engine']}, {row['lever']} ({row['scene']}, {row['setting']}): {share} as without."
     for _, row in levers[levers["lever"] == "extended precision"].iterrows():
         yield (
             f"{row['engine']}, {row['setting']}: {row['error']:.1e} of the largest force off the scheme in overlaps,"
