@@ -287,7 +287,14 @@ def test_workers_do_not_outlive_a_killed_batch(study_file: StudyWriter, tmp_path
 def test_interrupted_in_order(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
-    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        words,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # tests begun with & do not hear Ctrl-C
+    )
     until = time.monotonic() + 60
     while not stored(runs) and time.monotonic() < until:
         time.sleep(0.1)
