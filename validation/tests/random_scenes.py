@@ -12,11 +12,12 @@ DENSITY = 2200.0
 
 
 def random_case(number: int, **run: Any) -> Case:
-    """2 to 80 beads of 1 to 20 mm and 0.1 to 210 GPa; a striker of 0.1 to 10 bead masses, flat or round, at 0.01 to
-    10 m/s; with and without gravity, precompression and wall; sampled 5 to 40 times a collision.
+    """A chain of 2 to 80 beads of 1 to 20 mm and 0.1 to 210 GPa.
 
-    ``run`` is laid over the scene's table: ``accuracy=1e-4``, or ``time_step="1 us"``.
-    """  # noqa: D205
+    The striker has 0.1 to 10 bead masses, is flat or round and comes at 0.01 to 10 m/s; with and without gravity,
+    precompression and wall; sampled 5 to 40 times a collision. ``run`` is laid over the scene's table:
+    ``accuracy=1e-4``, or ``time_step="1 us"``.
+    """
     draw = np.random.default_rng(number)
 
     def between(low: float, high: float) -> float:
