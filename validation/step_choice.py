@@ -61,18 +61,14 @@ class Choice:
 
     Attributes:
         case: at that step.
-        wanted: the accuracy asked for, by quantity.
         errors: predicted truncation, and where samples limit it, by quantity.
         refused: the largest step found too coarse, in steps a sample; 0 where none was.
-        stable_s: 2 / omega_max at the largest overlaps.
         trials: runs of the in-repo scheme.
     """
 
     case: Case
-    wanted: dict[str, float]
     errors: dict[str, float]
     refused: int
-    stable_s: float
     rounding: Rounding
     trials: int
 
@@ -191,9 +187,7 @@ class Chooser:
                 refused = max(refused, steps)
             coarse = max(self.errors_at(steps).values()) > LARGE
             steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * sqrt(found)))
-        return Choice(
-            self.case.at(taken), wanted, self.errors_at(taken), refused, self.stable_s, self.rounding(taken), tries
-        )
+        return Choice(self.case.at(taken), self.errors_at(taken), refused, self.rounding(taken), tries)
 
     def choose_with_room(self, wanted: dict[str, float]) -> Choice:
         """As ``choose``, with room for what rounding of heights may add, as long as it takes less than half."""
