@@ -24,6 +24,7 @@ def _parser() -> Parser:
     _add_scene(render)
     render.add_argument("--engine", required=True, metavar="E", help="liggghts, yade, verlet or reference")
     render.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder to write the deck to")
+    _add_unsafe(render)
     render.set_defaults(action=_render)
 
     run = commands.add_parser("run", help="run a scene and print the run folders")
@@ -34,6 +35,7 @@ def _parser() -> Parser:
     run.add_argument("--runs", type=Path, metavar="DIR", help="where run folders go (default: runs/ of the checkout)")
     run.add_argument("--rerun", action="store_true", help="run again what is done")
     run.add_argument("--time-limit", type=seconds, metavar="S", help="seconds after which a run is killed")
+    _add_unsafe(run)
     run.set_defaults(action=_run)
 
     plan = commands.add_parser("plan", help="time step, engine, errors and cost to expect of a scene")
@@ -89,6 +91,10 @@ def _add_scene(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_unsafe(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--unsafe", action="store_true", help="do what a guard refuses, such as too large a time step")
+
+
 def _add_study(parser: argparse.ArgumentParser, *, select: bool = True) -> None:
     parser.add_argument("study", metavar="STUDY", help="a study file, or the name of one in inputs/studies")
     parser.add_argument("--runs", type=Path, metavar="DIR", help="where runs are kept (default: runs/ of the checkout)")
@@ -137,12 +143,13 @@ def _engines(asked: list[str] | None, *, automatic: bool = False) -> tuple[list[
 def _render(arguments: argparse.Namespace) -> int:
     from drivers.case import build_case
     from drivers.engines import load_engine
-    from drivers.plan import refuse_beyond_rounding
+    from drivers.limits import refuse
     from drivers.read_scene import read_scene
 
     (name,), _ = _engines([arguments.engine])
     case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
-    refuse_beyond_rounding(case, name)
+    if not arguments.unsafe:
+        refuse(case, name)
     deck = load_engine(name).render(case)
     must_be_folder("--out", arguments.out)
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -156,7 +163,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from drivers import paths
     from drivers.case import build_case
     from drivers.costs import cheapest
-    from drivers.plan import refuse_beyond_rounding
+    from drivers.limits import inability, refuse
     from drivers.read_scene import read_scene
     from drivers.run import run_case
 
@@ -165,25 +172,32 @@ def _run(arguments: argparse.Namespace) -> int:
     _engines(named, automatic=True)  # a wrong name is wrong before anything is planned
     case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
     names, missing = _engines([*named, cheapest(case)] if AUTO in asked else named)
-    for name in names:
-        refuse_beyond_rounding(case, name)
+    refusals = {} if asked else {name: error for name in names if (error := inability(case, name))}
+    names = [name for name in names if name not in refusals]
+    for name in [] if arguments.unsafe else names:
+        refuse(case, name)  # before any engine starts
     runs = arguments.runs or paths.RUNS
     must_be_folder("--runs", runs)
     failures = 0
     for name in names:
         try:
-            finished = run_case(case, name, runs, rerun=arguments.rerun, limit_s=arguments.time_limit)
+            limit_s, unsafe = arguments.time_limit, arguments.unsafe
+            finished = run_case(case, name, runs, rerun=arguments.rerun, limit_s=limit_s, unsafe=unsafe)
         except (RunError, OSError) as error:
             print(f"{case.scene.name}: {name}: {error}", file=sys.stderr)
             failures += 1
             continue
         print(paths.shown(finished.folder), flush=True)
+        for warning in finished.record.warnings:
+            print(f"{case.scene.name}: {name} warning: {warning}", file=sys.stderr)
         if finished.missed:
             print(f"{case.scene.name}: {name} missed the accuracy: {finished.missed}", file=sys.stderr)
             failures += 1
         if not finished.done:
             print(f"{case.scene.name}: {name} {finished.record.status}: {finished.record.reason}", file=sys.stderr)
             failures += 1
+    for name, refusal in refusals.items():
+        print(f"not run on {name}: {refusal}", file=sys.stderr)
     if missing:
         print(f"not run, since not installed ({len(missing)}): {', '.join(missing)}", file=sys.stderr)
     return 1 if failures else 0

@@ -136,23 +136,39 @@ def build_chain(scene: Scene) -> Chain:
     )
 
 
-def energy_put_in(chain: Chain, duration_s: float) -> float:
-    """Energy that can turn into motion, in J: kinetic and Hertz energy at time 0, and what loads do by closing gaps.
+def contact_stiffness(stiffness: Array, overlap_m: Array) -> Array:
+    """The slope of Hertz's law, ``dF/d overlap = (3/2) k overlap^(1/2)``, in N/m."""
+    return np.asarray(1.5 * stiffness * np.sqrt(overlap_m))
 
-    A free chain falls: there the loads work all the time.
+
+def energy_put_in(chain: Chain, duration_s: float) -> float:
+    """Energy that can turn into motion, in J; of a chain in which nothing moves, what its contacts hold at rest.
+
+    Kinetic energy at time 0, what loads do by closing gaps, and by pressing in what is not in equilibrium. The Hertz
+    energy of an equilibrium is none of it: loads and contacts hold each other. A free chain falls: there the loads
+    work all the time.
     """
     kinetic = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
-    hertz = 0.4 * float(chain.force_N @ np.maximum(chain.overlap_m, 0.0))
     if chain.wall is None:
         falling = float((chain.load_N**2 / chain.mass_kg).sum()) * duration_s**2 / 2
     else:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
-    weight = float(np.abs(chain.load_N).sum())
-    softest = float(np.min(chain.stiffness[chain.stiffness > 0], initial=inf))
-    if not chain.acceleration_m_s2.any():
-        return kinetic + hertz + falling
-    settling = weight * float((weight / softest) ** (2 / 3))  # what is not yet in equilibrium sinks in by itself
-    return kinetic + hertz + falling + settling
+    hertz = 0.4 * float(chain.force_N @ np.maximum(chain.overlap_m, 0.0))
+    return kinetic + falling + _settling(chain) or hertz
+
+
+def _settling(chain: Chain) -> float:
+    """What loads that nothing balances do while the contacts below give way to them, at most, in J."""
+    unbalanced = np.abs(chain.acceleration_m_s2 * chain.mass_kg)
+    load = float(unbalanced.sum())
+    if not load:
+        return 0.0
+    below = slice(0, int(np.flatnonzero(unbalanced)[-1]) + 1)
+    stiffness = chain.stiffness[below]
+    with np.errstate(divide="ignore"):
+        by_hertz = (load / stiffness) ** (2 / 3)
+        by_spring = load / contact_stiffness(stiffness, np.maximum(chain.overlap_m[below], 0.0))
+    return load * float(np.where(stiffness > 0, np.fmin(by_hertz, by_spring), 0.0).sum())
 
 
 def _bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:

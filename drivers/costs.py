@@ -41,7 +41,13 @@ def cost_on(engine: str) -> Cost:
 def able(case: Case) -> list[str]:
     """Engines that model all that the case requires, as accurately as it asks, installed or not."""
     needed = {element.name for element in case.elements if element.modelled}
-    return [name for name in engine_names() if needed <= load_engine(name).MODELS and not beyond_rounding(case, name)]
+    return [
+        name
+        for name in engine_names()
+        if needed <= load_engine(name).MODELS
+        and not beyond_rounding(case, name)
+        and load_engine(name).refusal(case) is None
+    ]
 
 
 def cheapest(case: Case) -> str:

@@ -1,14 +1,17 @@
 """What a finished run has to satisfy before it counts as done."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.case import Case
 from drivers.chain import Array, Chain, energy_put_in
 from drivers.engines import Engine
 from drivers.errors import RunError
 from drivers.process import Outcome
+from drivers.stability import share_at_most
 from drivers.tolerances import tolerance
 from drivers.trace import Trace
 
@@ -27,37 +30,57 @@ def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) ->
         stdout, stderr = ((folder / name).read_text(errors="replace") for name in ("stdout.txt", "stderr.txt"))
         ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
         words = "".join(c if c.isprintable() else " " for c in engine.complaint(stdout, stderr))
-        raise RunError(f"{ending}: {words[:LONGEST_COMPLAINT]}")
+        blown_up = _blown_up(case, engine, words, folder)
+        raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:LONGEST_COMPLAINT]}"))))
     trace = engine.read(case, folder)
-    reason = reason_to_fail(case.chain, trace)
+    reason = reason_to_fail(case, trace)
     if reason:
         raise RunError(reason)
     return trace
 
 
-def reason_to_fail(chain: Chain, trace: Trace) -> str | None:
-    """Why a trace cannot be right, or None.
+def _blown_up(case: Case, engine: Engine, words: str, folder: Path) -> str | None:
+    """What a run that ended badly had shown of a blow-up until then, or its engine says of one."""
+    before = engine.seen(case, folder)
+    seen = 0 if before is None else len(before.time_s)
+    reason = reason_to_fail(case, before) if before is not None else None
+    if reason is None and engine.LOST and engine.LOST in words:
+        reason = f"unstable at t = {case.sample_times_s[min(seen, case.scene.samples - 1)]:g} s: a body was lost"
+    return reason
 
-    Values have to be finite, beads must not pass through each other, and the energy has to stay what the scene
-    put in.
+
+def reason_to_fail(case: Case, trace: Trace) -> str | None:
+    """Why a trace cannot be right, with the time from which on; None where nothing is wrong.
+
+    Values have to be finite, beads must not pass through the wall or each other, and the energy has to stay what the
+    scene put in, as nearly as the scheme at this step and the rounding of heights can keep it.
     """
+    faults = [(int(np.argmax(wrong)), words) for wrong, words in _faults(case, trace) if wrong.any()]
+    if not faults:
+        return None
+    first = min(sample for sample, _ in faults)
+    words = next(words for sample, words in faults if sample == first)
+    return f"unstable at t = {trace.time_s[first]:g} s: {words}"
+
+
+def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]:
+    """What can be wrong with samples: which are, and in words."""
+    chain = case.chain
     finite = np.isfinite(trace.force_N).all(axis=1) & np.isfinite(trace.total_energy_J)
-    if not finite.all():
-        return f"not finite from t = {trace.time_s[np.argmin(finite)]:g} s on"
+    yield np.logical_not(finite), "values are not finite"
+    if trace.height_m is not None:
+        below = np.column_stack([np.full(len(trace.height_m), chain.wall_height_m), trace.height_m[:, :-1]])
+        passed = trace.height_m < below
+        passed[:, 0] &= chain.wall is not None
+        body = int(np.argmax(passed.any(axis=0)))
+        beneath = f"body {body}" if body else "the wall"
+        yield np.asarray(passed.any(axis=1)), f"body {body + 1} passed through {beneath}"
     through = chain.stiffness * chain.smaller_radius_m**1.5  # the force at an overlap of a radius
-    passed = (trace.force_N > through).any(axis=1)
-    if passed.any():
-        return f"beads pressed through each other at t = {trace.time_s[np.argmax(passed)]:g} s: overlap beyond a radius"
-    limit = tolerance("guard", "energy").limit
-    share = energy_error(chain, trace)
-    beyond = share > limit
-    if beyond.any():
-        worst = share.max()
-        return (
-            f"unstable at t = {trace.time_s[np.argmax(beyond)]:g} s: the energy is off by {worst:.2g} times what the"
-            f" scene puts in (allowed {limit:g})"
-        )
-    return None
+    yield np.asarray((trace.force_N > through).any(axis=1)), "beads are pressed into each other by more than a radius"
+    share, allowed = energy_error(chain, trace), explained_energy(case, trace)
+    worst = np.nan_to_num(share, nan=np.inf).max()
+    words = f"the energy is off by {worst:.2g} times what the scene puts in, of which this time step explains"
+    yield share > allowed, f"{words} {allowed:.2g}"
 
 
 def energy_error(chain: Chain, trace: Trace) -> Array:
@@ -65,3 +88,17 @@ def energy_error(chain: Chain, trace: Trace) -> Array:
     change = np.abs(trace.total_energy_J - trace.total_energy_J[0])
     scale = energy_put_in(chain, float(trace.time_s[-1]))
     return np.asarray(change / scale if scale else np.where(change > 0, np.inf, 0.0))
+
+
+def explained_energy(case: Case, trace: Trace) -> float:
+    """The largest energy error that velocity Verlet at the case's step and rounding can make, as ``energy_error``.
+
+    Verlet's goes with the square of the step's share of the stability limit; heights are rounded at every step, and
+    forces work along that.
+    """
+    chain, duration = case.chain, float(case.sample_times_s[-1])
+    share = min(share_at_most(chain, duration, case.scene.time_step_s), 1.0)
+    scale = energy_put_in(chain, duration) or 1.0
+    rounded = float(np.spacing(np.abs(chain.height_m).max()))
+    work = rounded * float(np.nanmax(np.abs(trace.force_N), axis=0).sum()) * np.sqrt(case.scene.steps + 1)
+    return tolerance("guard", "energy").limit * share**2 + tolerance("guard", "rounding").limit * float(work) / scale

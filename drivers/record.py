@@ -27,6 +27,7 @@ class RunRecord:
         loop_s: of the engine's own time loop.
         error_budget: parts of the error of the force and of what gauges show (``validation.budget.Parts``).
         error_note: what of it could not be measured, and why.
+        warnings: of a run that is done and of little use.
         accuracy: by quantity what was ``asked``, ``predicted`` and ``measured``, where the scene asks for it.
         forces_sha256: of ``forces.parquet``, so that a damaged one is not taken for done; empty where there is none.
     """
@@ -51,6 +52,7 @@ class RunRecord:
     forces_sha256: str
     error_budget: list[dict[str, Any]]
     error_note: str
+    warnings: list[str]
     accuracy: dict[str, dict[str, float]] | None
     host: str
     commit: str

@@ -18,7 +18,7 @@ from drivers.deck import Deck
 from drivers.engines import Engine, load_engine
 from drivers.errors import RunError
 from drivers.guard import checked_trace
-from drivers.plan import refuse_beyond_rounding
+from drivers.limits import refuse
 from drivers.process import UNKNOWN_VERSION, Outcome, run_command
 from drivers.record import RunRecord, provenance, read_record
 from drivers.trace import FORCES, Trace, read_forces, write_forces, write_state
@@ -58,17 +58,25 @@ def default_limit_s(case: Case) -> float:
 
 
 def run_case(
-    case: Case, engine_name: str, runs: Path = paths.RUNS, *, rerun: bool = False, limit_s: float | None = None
+    case: Case,
+    engine_name: str,
+    runs: Path = paths.RUNS,
+    *,
+    rerun: bool = False,
+    limit_s: float | None = None,
+    unsafe: bool = False,
 ) -> EndedRun:
     """Runs a case, or finds it done; its errors are measured and recorded.
 
-    A run that failed before is tried again. The folder appears under its name only when it is complete.
+    A run that failed before is tried again; ``unsafe`` runs what guards refuse. The folder appears under its name only
+    when it is complete.
 
     Raises:
         RunError: the engine is not installed.
-        InputError: the engine's coordinates cannot give the accuracy asked for.
+        InputError: it cannot end well (``drivers.limits``).
     """
-    refuse_beyond_rounding(case, engine_name)
+    if not unsafe:
+        refuse(case, engine_name)
     engine = load_engine(engine_name)
     executable = engine.find()
     if executable is None:
@@ -154,8 +162,9 @@ def _description(case: Case) -> dict[str, Any]:
 
 
 def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
-    """The error budget, and what was kept of the accuracy asked for."""
+    """The error budget, what was kept of the accuracy asked for, and what to be warned of."""
     from validation.budget import error_budget, measured_errors
+    from validation.prediction import warnings_of
 
     parts, note = error_budget(case, engine, trace)
     accuracy: dict[str, dict[str, float]] | None = None
@@ -165,7 +174,8 @@ def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
             name: {"asked": share, "predicted": case.plan.predicted[name], "measured": measured[name]}
             for name, share in case.plan.asked.items()
         }
-    return {"error_budget": parts, "error_note": note, "accuracy": accuracy}
+    warnings = warnings_of(case, engine)
+    return {"error_budget": parts, "error_note": note, "warnings": warnings, "accuracy": accuracy}
 
 
 def _has_all(found: EndedRun, case: Case) -> bool:
@@ -209,6 +219,7 @@ def _record(
         forces_sha256="",
         error_budget=[],
         error_note="",
+        warnings=[],
         accuracy=None,
         **_description(case),
         **provenance(),

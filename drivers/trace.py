@@ -41,18 +41,13 @@ def make_trace(chain: Chain, time_s: Array, force_N: Array, height_m: Array, vel
     """
     existing = chain.stiffness > 0
     force = np.maximum(force_N[:, existing], 0.0)
-    hertz = 0.4 * force * (force / chain.stiffness[existing]) ** (2 / 3)
-    kinetic = 0.5 * (velocity_m_s**2 @ chain.mass_kg)
-    potential = -((height_m - chain.height_m) @ chain.load_N)
-    return Trace(
-        time_s=time_s,
-        force_N=force_N,
-        kinetic_energy_J=kinetic,
-        total_energy_J=kinetic + hertz.sum(axis=1) + potential,
-        momentum_N_s=velocity_m_s @ chain.mass_kg,
-        height_m=height_m,
-        velocity_m_s=velocity_m_s,
-    )
+    with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up, which the guard says in words
+        hertz = 0.4 * force * (force / chain.stiffness[existing]) ** (2 / 3)
+        kinetic = 0.5 * (velocity_m_s**2 @ chain.mass_kg)
+        potential = -((height_m - chain.height_m) @ chain.load_N)
+        momentum = velocity_m_s @ chain.mass_kg
+        total = kinetic + hertz.sum(axis=1) + potential
+    return Trace(time_s, force_N, kinetic, total, momentum, height_m, velocity_m_s)
 
 
 def digest_of(trace: Trace) -> str:

@@ -29,6 +29,7 @@ def _parser() -> Parser:
     compare.add_argument("what", nargs="+", metavar="SCENE|RUN RUN", help="scene files or names; or two run folders")
     compare.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
     compare.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
+    compare.add_argument("--unsafe", action="store_true", help="run what a guard refuses")
     compare.set_defaults(action=_compare)
 
     report = commands.add_parser("report", help="write the report page, running what is not done")
@@ -125,7 +126,9 @@ def _compare(arguments: argparse.Namespace) -> int:
 
     failed = False
     for source in arguments.what:
-        compared = run_and_compare(source, tuple(arguments.settings), arguments.runs or paths.RUNS)
+        compared = run_and_compare(
+            source, tuple(arguments.settings), arguments.runs or paths.RUNS, unsafe=arguments.unsafe
+        )
         _print_table(compared.verdicts)
         _print_budgets(compared)
         failed |= any(verdict.verdict == FAIL for verdict in compared.verdicts)
@@ -164,6 +167,8 @@ def _print_budgets(compared: "ComparedScene") -> None:
             if each["quantity"] == "force" or each["quantity"].endswith("_peak"):
                 numbers = " ".join(f"{each[part]:10.1e}" for part in parts)
                 print(f"{compared.case.scene.name:<12} {engine:<10} {each['quantity']:<24} {numbers}")
+        for warning in run.record.warnings:
+            print(f"{compared.case.scene.name:<12} {engine:<10} warning: {warning}")
         if run.record.error_note:
             print(f"{compared.case.scene.name:<12} {engine:<10} {run.record.error_note}")
 

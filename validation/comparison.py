@@ -21,7 +21,7 @@ from postproc.residual import share_of_largest
 from validation.rounding import HORIZON, ROUNDING_MARGIN, rounding_error
 
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
-NOT_INSTALLED = "not installed"
+NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,12 @@ def compare_case(case: Case, runs: dict[str, FinishedRun], absent: dict[str, str
     Args:
         case: the case that was run.
         runs: finished runs by engine.
-        absent: by engine, why there is no finished run; "not installed" counts as not run, else it is a failure.
+        absent: by engine, why there is no finished run; what is not installed, or refused the case by name, counts as
+            not run, all else is a failure.
     """
     verdicts = []
     for engine, why in absent.items():
-        verdict = NOT_RUN if why == NOT_INSTALLED else FAIL
+        verdict = NOT_RUN if why.startswith((NOT_INSTALLED, REFUSED)) else FAIL
         verdicts.append(
             Verdict(case.scene.name, engine, "run", float("nan"), float("nan"), "a run has to be done", why, verdict)
         )

@@ -7,9 +7,10 @@ from drivers import paths
 from drivers.case import Case, build_case
 from drivers.engines import engine_names, load_engine
 from drivers.finished import FinishedRun, open_run
+from drivers.limits import inability
 from drivers.read_scene import read_scene
 from drivers.run import run_case
-from validation.comparison import NOT_INSTALLED, Verdict, compare_case
+from validation.comparison import NOT_INSTALLED, REFUSED, Verdict, compare_case
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,14 @@ class ComparedScene:
     verdicts: list[Verdict]
 
 
-def run_and_compare(source: str | Path, settings: tuple[str, ...] = (), runs: Path = paths.RUNS) -> ComparedScene:
-    """Runs a scene on every installed engine, unless it is done, and compares the runs."""
+def run_and_compare(
+    source: str | Path, settings: tuple[str, ...] = (), runs: Path = paths.RUNS, *, unsafe: bool = False
+) -> ComparedScene:
+    """Runs a scene on every installed engine, unless it is done, and compares the runs.
+
+    Raises:
+        InputError: the scene is wrong, or cannot end well and is not to be run all the same.
+    """
     case = build_case(read_scene(source, settings))
     finished: dict[str, FinishedRun] = {}
     absent: dict[str, str] = {}
@@ -36,7 +43,11 @@ def run_and_compare(source: str | Path, settings: tuple[str, ...] = (), runs: Pa
         if load_engine(engine).find() is None:
             absent[engine] = NOT_INSTALLED
             continue
-        result = run_case(case, engine, runs)
+        cannot = inability(case, engine)
+        if cannot is not None:
+            absent[engine] = f"{REFUSED}: {cannot}"
+            continue
+        result = run_case(case, engine, runs, unsafe=unsafe)
         if result.done:
             finished[engine] = open_run(result.folder)
         else:

@@ -19,7 +19,7 @@ from validation.arrays import arrays_of
 from validation.errors import ENERGY, FORCE, Truth, errors_of, truth_of, verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE, scales
 from validation.rounding import rounding_error
-from validation.stable_step import stable_step
+from validation.stable_step import reached_in, stable_step
 
 LEAST_ACCURACY = 10 * LEAST_TOLERANCE
 TRUTH_SHARE = 1e-3  # of the accuracy: how exact the exact motion has to be
@@ -104,7 +104,7 @@ class Chooser:
         except ArithmeticError as error:
             raise InputError(case.scene.file, "run.accuracy", str(error), "run.time_step instead") from error
         self._check_names()
-        self.stable_s = stable_step(case.chain, self.truth.trace.force_N.max(axis=0))
+        self.stable_s = stable_step(case.chain, reached_in(case.chain, self.truth.fine))
 
     def _follow(self, strictest: float) -> tuple[Truth, float]:
         """The exact motion, and to what share of the largest force it is known.

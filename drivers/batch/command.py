@@ -165,7 +165,7 @@ def show(source: str, number: int, runs: Path, engines: Sequence[str]) -> int:
             print(f"{name}: not installed", file=sys.stderr)
             code = 1
             continue
-        ended = run_case(planned.case, name, runs, limit_s=study.limit_s)
+        ended = run_case(planned.case, name, runs, limit_s=study.limit_s, unsafe=study.unsafe)
         row = store.rows.get(planned.identities[name])
         if not ended.done:
             print(f"{paths.shown(ended.folder)}  {ended.record.status}: {ended.record.reason}", file=sys.stderr)

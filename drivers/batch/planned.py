@@ -10,7 +10,7 @@ from drivers.batch.study import Study
 from drivers.case import Case
 from drivers.deck import Deck
 from drivers.engines import installed, load_engine
-from drivers.plan import refuse_beyond_rounding
+from drivers.limits import refuse
 from drivers.run import known_version, run_identity
 from drivers.tolerances import tolerance
 
@@ -18,7 +18,7 @@ REFERENCE = "reference"
 SMALL = 1000  # bodies
 ENGINES = paths.ROOT / "drivers" / "engines"
 OBSERVING = (  # what makes a row of raw output
-    *(f"drivers/{name}.py" for name in ("chain", "guard", "session", "trace")),
+    *(f"drivers/{name}.py" for name in ("chain", "guard", "session", "stability", "trace")),
     *(f"postproc/{name}.py" for name in ("observables", "residual", "sensors", "signals")),
 )
 
@@ -69,12 +69,13 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
     """A case of the study with what identifies it on each engine.
 
     Raises:
-        InputError: the case makes no scene, or an engine cannot give its accuracy.
+        InputError: the case makes no scene, or none that can end well on an engine (``drivers.limits``).
     """
     case = study.case(number)
-    for name in versions:
-        refuse_beyond_rounding(case, name)
-    gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_digest_of(OBSERVING)}\0{tolerance('guard', 'energy').limit}"
+    if not study.unsafe:
+        for name in versions:
+            refuse(case, name)
+    gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_digest_of(OBSERVING)}\0{_guards()}"
     decks = {name: load_engine(name).render(case) for name in versions}
     runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
     identities = {
@@ -83,6 +84,10 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
     }
     small = case.chain.bodies < SMALL
     return Planned(number, study.label(number), case, decks if small else {}, runs, identities)
+
+
+def _guards() -> str:
+    return " ".join(str(tolerance("guard", each).limit) for each in ("energy", "rounding"))
 
 
 @cache

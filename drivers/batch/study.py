@@ -26,7 +26,8 @@ class StudyFile(Part):
     """A study as its file holds it.
 
     ``set`` is laid over the base scene in every case. ``combine`` says whether axes make a grid, the last one
-    varying fastest, or are varied ``one by one`` about the base scene, which is then the first case.
+    varying fastest, or are varied ``one by one`` about the base scene, which is then the first case. ``unsafe`` runs
+    what guards refuse.
     """
 
     title: str = ""
@@ -37,6 +38,7 @@ class StudyFile(Part):
     figure: tuple[str, ...] = Field(default=(), strict=False)
     combine: Literal["grid", "one by one"] = "grid"
     limit: units.Duration | None = None
+    unsafe: bool = False
     axis: tuple[Axis, ...] = Field(default=(), strict=False)
 
 
@@ -54,6 +56,7 @@ class Study:
         observables: patterns of the observables to tabulate.
         figure: observables that its figure shows.
         limit_s: time limit of a case; None: by its size.
+        unsafe: runs what guards refuse, such as time steps beyond the stability limit.
         axes: the choices of each axis.
         one_by_one: axes are varied one by one instead of as a grid.
         columns: scene key by the name of its column, without units.
@@ -70,6 +73,7 @@ class Study:
     observables: tuple[str, ...]
     figure: tuple[str, ...]
     limit_s: float | None
+    unsafe: bool
     axes: tuple[tuple[Choice, ...], ...]
     one_by_one: bool
     columns: dict[str, str]
@@ -175,6 +179,7 @@ def read_study(source: str | Path) -> Study:
         observables=file.observables,
         figure=file.figure,
         limit_s=file.limit,
+        unsafe=file.unsafe,
         axes=tuple(axes),
         one_by_one=file.combine == "one by one",
         columns=columns,

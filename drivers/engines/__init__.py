@@ -7,12 +7,15 @@ An engine module has
 * ``IN_REPOSITORY``: whether it is part of this repository, and so a yardstick for the others;
 * ``SCHEME``: how it integrates, one of those named below: what its runs are measured against;
 * ``MODELS``: the modelling elements (``drivers.elements``) that it can;
+* ``LOST``: what it says when a body has left the space it watches, which is a blow-up; empty if it watches none;
 * ``VARIABLES``: environment variables it needs;
 * ``version(executable)``: its version, part of a run's identity;
+* ``refusal(case)``: key, what was found and what is allowed, where it cannot take a case; else None;
 * ``render(case)``: the deck, complete with the command that runs it inside its folder;
 * ``SERVER``: files and command of a process that runs many decks, asked over its standard input;
 * ``request(folder, word)``: what to write there, so that it runs the deck of a folder and prints the word on a line;
 * ``read(case, folder)``: the raw output there as a force trace, or a RunError saying what is wrong with it;
+* ``seen(case, folder)``: what there is of the trace after a run that ended badly, None where that is nothing;
 * ``complaint(stdout, stderr)``: the engine's own words for why it ended badly;
 * ``loop_seconds(stdout)``: seconds in the engine's own time loop, None where it did not get there.
 """
@@ -25,6 +28,7 @@ from typing import Protocol, cast
 
 from drivers.case import Case
 from drivers.deck import Deck
+from drivers.scene_rules import Complaint
 from drivers.trace import Trace
 
 IN_HEIGHTS = "velocity Verlet in absolute heights"
@@ -39,6 +43,7 @@ class Engine(Protocol):
     IN_REPOSITORY: bool
     SCHEME: str
     MODELS: frozenset[str]
+    LOST: str
     VARIABLES: Mapping[str, str]
     SERVER: Deck
 
@@ -50,6 +55,11 @@ class Engine(Protocol):
     @staticmethod
     def version(executable: Path) -> str:
         """Its version."""
+        ...
+
+    @staticmethod
+    def refusal(case: Case) -> Complaint | None:
+        """Why it cannot take the case."""
         ...
 
     @staticmethod
@@ -65,6 +75,11 @@ class Engine(Protocol):
     @staticmethod
     def read(case: Case, folder: Path) -> Trace:
         """The raw output as a trace; RunError where it is not whole."""
+        ...
+
+    @staticmethod
+    def seen(case: Case, folder: Path) -> Trace | None:
+        """The first samples of a run that ended badly."""
         ...
 
     @staticmethod

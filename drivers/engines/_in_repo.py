@@ -13,10 +13,12 @@ from drivers import paths
 from drivers.case import Case
 from drivers.deck import Deck
 from drivers.engines._arrays import load_array
+from drivers.scene_rules import Complaint
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "nothing: it is part of this repository"
 IN_REPOSITORY = True
+LOST = ""
 VARIABLES = {"PYTHONPATH": str(paths.ROOT)}
 COMMAND = ("python", "-m", "validation.reference", "chain.json")
 SERVER = Deck({}, ("python", "-m", "validation.reference", "-"), raw=())  # takes requests from stdin
@@ -71,6 +73,16 @@ def read(case: Case, folder: Path) -> Trace:
     force, displacement, velocity = load_array(folder / "chain.npy", (3, case.scene.samples, case.chain.bodies))
     height = case.chain.height_m + displacement
     return make_trace(case.chain, case.sample_times_s, force, height, velocity)
+
+
+def refusal(case: Case) -> Complaint | None:
+    """None: it takes every straight chain."""
+    return None
+
+
+def seen(case: Case, folder: Path) -> Trace | None:
+    """None: it writes when it ends."""
+    return None
 
 
 def complaint(stdout: str, stderr: str) -> str:

@@ -18,16 +18,19 @@ from drivers.engines import IN_HEIGHTS
 from drivers.engines._materials import named_material
 from drivers.errors import RunError
 from drivers.process import UNKNOWN_VERSION, first_line_of
+from drivers.scene_rules import Complaint
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's package liggghts"
 IN_REPOSITORY = False
 SCHEME = IN_HEIGHTS
 MODELS = STRAIGHT
+LOST = "Lost atoms"
 VARIABLES: dict[str, str] = {}
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
 SERVER = Deck({}, ("stdbuf", "-oL", "liggghts", "-log", "none"), raw=())  # takes its commands from stdin
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
+MOST_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
 
 
@@ -42,6 +45,16 @@ class Atom:
     velocity: float
 
 
+@dataclass(frozen=True)
+class Box:
+    """The space that LIGGGHTS searches for neighbours; lengths in m."""
+
+    half_width: float
+    low: float
+    high: float
+    skin: float
+
+
 def find() -> Path | None:
     """Path of the executable."""
     path = shutil.which("liggghts")
@@ -54,11 +67,38 @@ def version(executable: Path) -> str:
     return match.group(1) if match else UNKNOWN_VERSION
 
 
+def refusal(case: Case) -> Complaint | None:
+    """A box that is too high for the bins of its neighbour search, half a cutoff wide each."""
+    chain, radius = case.chain, _radii(case.chain)
+    box = _box(case, radius, chain.height_m)
+    bin_m = radius.max() + box.skin / 2
+    height = box.high - box.low
+    bins = height / bin_m * (2 * box.half_width / bin_m) ** 2
+    if bins <= MOST_BINS:
+        return None
+    found = f"a space {height:.3g} m high for beads to fly in, {bins:.2g} bins"
+    return "run.duration", found, f"at most {MOST_BINS:.0e} bins: less speed, smaller gaps or a shorter run"
+
+
+def _radii(chain: Chain) -> Array:
+    """Radii of the atoms; the atom of a flat face is as large as the bead below it."""
+    face = chain.radius_m[-2] if np.isinf(chain.radius_m[-1]) else 0.0
+    return np.where(np.isinf(chain.radius_m), face, chain.radius_m)
+
+
+def _box(case: Case, radius: Array, height: Array) -> Box:
+    chain, duration = case.chain, float(case.sample_times_s[-1])
+    fastest = math.sqrt(2 * energy_put_in(chain, duration) / chain.mass_kg.min())
+    reach = 1.1 * fastest * duration + 4 * radius.max()  # nothing gets further: what leaves the box has blown up
+    digits = 2 - math.floor(math.log10(reach))
+    low, high = round(float(height.min() - reach), digits), round(float(height.max() + reach), digits)
+    return Box(float(f"{4 * radius.max():.1g}"), low, high, skin=float(f"{0.2 * radius.min():.1g}"))
+
+
 def render(case: Case) -> Deck:
     """``chain.in`` and ``chain.data``; atoms are numbered as the bodies, from the wall up."""
-    scene, chain, duration = case.scene, case.chain, float(case.sample_times_s[-1])
+    scene, chain, radius = case.scene, case.chain, _radii(case.chain)
     flat = bool(np.isinf(chain.radius_m[-1]))
-    radius = np.where(np.isinf(chain.radius_m), chain.radius_m[-2] if flat else 0.0, chain.radius_m)
     labels = [*chain.materials[:-1], FLAT + chain.materials[-1]] if flat else list(chain.materials)
     unique = list(dict.fromkeys(labels))
     types = [named_material(scene, label.removeprefix(FLAT), label) for label in unique]
@@ -71,9 +111,7 @@ def render(case: Case) -> Deck:
     moduli = [kind.youngs_modulus for kind in types]
     volume = 4 / 3 * math.pi * radius**3
     height = chain.height_m + np.where(np.isinf(chain.radius_m), radius, 0.0)
-    fastest = math.sqrt(2 * energy_put_in(chain, duration) / chain.mass_kg.min())
-    reach = 1.1 * fastest * duration + 4 * radius.max()  # nothing gets further: what leaves the box has blown up
-    digits = 2 - math.floor(math.log10(reach))
+    box = _box(case, radius, height)
     atoms = [
         Atom(unique.index(labels[i]) + 1, 2 * radius[i], chain.mass_kg[i] / volume[i], height[i], chain.velocity_m_s[i])
         for i in range(chain.bodies)
@@ -85,7 +123,7 @@ def render(case: Case) -> Deck:
         "model": "hertz/stiffness" if flat else "hertz",
         "hard": not flat and max(moduli) > HARD_PA,
         "soft": not flat and min(moduli) < SOFT_PA,
-        "skin": float(f"{0.2 * radius.min():.1g}"),
+        "skin": box.skin,
         "wall_type": wall_type,
         "wall_height": chain.wall_height_m,
         "gravity": chain.gravity_m_s2 if case.models("gravity") else None,
@@ -96,9 +134,9 @@ def render(case: Case) -> Deck:
         "steps": scene.steps,
         "thermo": max(1, scene.steps // 10),
         "atoms": atoms,
-        "half_width": float(f"{4 * radius.max():.1g}"),
-        "z_low": round(float(height.min() - reach), digits),
-        "z_high": round(float(height.max() + reach), digits),
+        "half_width": box.half_width,
+        "z_low": box.low,
+        "z_high": box.high,
     }
     files = {name: render_template(f"liggghts/{name}.j2", **values) for name in ("chain.in", "chain.data")}
     return Deck(files, COMMAND, raw=("chain.bin",))
@@ -133,23 +171,36 @@ def read(case: Case, folder: Path) -> Trace:
         RunError: frames or beads are missing, or the file is torn.
     """
     chain, samples = case.chain, case.scene.samples
-    columns = 5 if chain.wall else 4
-    frames = _frames(folder / "chain.bin", chain.bodies, columns)
-    good = (frames["atoms"] == chain.bodies) & (frames["count"] == chain.bodies * columns)
+    frames = _frames(case, folder)
+    good = _whole(chain, frames)
     if not good.all():
         first = int(np.argmin(good))
         atoms, count = frames["atoms"][first], frames["count"][first]
-        if 0 <= atoms < chain.bodies and count == atoms * columns:
+        if 0 <= atoms < chain.bodies and count == atoms * _columns(chain):
             at = case.sample_times_s[min(first, samples - 1)]
-            raise RunError(f"{atoms} bodies instead of {chain.bodies} at t = {at:g} s: one was lost")
+            raise RunError(f"unstable at t = {at:g} s: {atoms} bodies instead of {chain.bodies}, one was lost")
         raise RunError(f"output is torn in sample {first + 1}")
     if len(frames) != samples:
         raise RunError(f"output ends in sample {min(len(frames) + 1, samples)} of {samples}")
     if not np.array_equal(frames["step"], case.sample_steps):
         raise RunError("output has other time steps than the samples")
-    numbers = frames["values"]
-    if (numbers[:, :, 0] != np.arange(1, chain.bodies + 1)).any():
+    if (frames["values"][:, :, 0] != np.arange(1, chain.bodies + 1)).any():
         raise RunError("output has its beads in another order")
+    return _trace(case, frames)
+
+
+def seen(case: Case, folder: Path) -> Trace | None:
+    """The samples before a body was lost, or the run ended."""
+    try:
+        frames = _frames(case, folder)
+    except RunError:
+        return None
+    whole = np.logical_and.accumulate(_whole(case.chain, frames))[: case.scene.samples]
+    return _trace(case, frames[: whole.sum()]) if whole.any() else None
+
+
+def _trace(case: Case, frames: NDArray[np.void]) -> Trace:
+    chain, numbers = case.chain, frames["values"]
     z, vz, fz = numbers[:, :, 1], numbers[:, :, 2], numbers[:, :, 3]
     force = np.empty_like(fz)
     force[:, 0] = numbers[:, 0, 4] if chain.wall else 0.0
@@ -157,10 +208,19 @@ def read(case: Case, folder: Path) -> Trace:
         force[:, j + 1] = force[:, j] - fz[:, j] + chain.load_N[j]
     if np.isinf(chain.radius_m[-1]):
         z = z - np.array([0.0] * (chain.bodies - 1) + [chain.radius_m[-2]])  # the face of the striker
-    return make_trace(chain, case.sample_times_s, force, z, vz)
+    return make_trace(chain, case.sample_times_s[: len(frames)], force, z, vz)
 
 
-def _frames(dump: Path, bodies: int, columns: int) -> NDArray[np.void]:
+def _columns(chain: Chain) -> int:
+    return 5 if chain.wall else 4
+
+
+def _whole(chain: Chain, frames: NDArray[np.void]) -> NDArray[np.bool_]:
+    """Which frames hold all bodies."""
+    return np.asarray((frames["atoms"] == chain.bodies) & (frames["count"] == chain.bodies * _columns(chain)))
+
+
+def _frames(case: Case, folder: Path) -> NDArray[np.void]:
     """The whole frames of a binary dump, as LIGGGHTS 3.8 lays them out on one process.
 
     Raises:
@@ -176,11 +236,11 @@ def _frames(dump: Path, bodies: int, columns: int) -> NDArray[np.void]:
             ("columns", "i4"),
             ("processes", "i4"),
             ("count", "i4"),
-            ("values", "f8", (bodies, columns)),
+            ("values", "f8", (case.chain.bodies, _columns(case.chain))),
         ]
     )
     try:
-        raw = dump.read_bytes()
+        raw = (folder / "chain.bin").read_bytes()
     except OSError as error:
         raise RunError(f"no output: {error.strerror}") from error
     return np.frombuffer(raw, frame, count=len(raw) // frame.itemsize)

@@ -7,19 +7,23 @@ from drivers.engines import EXACT, _in_repo
 from drivers.engines._in_repo import (
     HOW_TO_GET,
     IN_REPOSITORY,
+    LOST,
     SERVER,
     VARIABLES,
     complaint,
     find,
     loop_seconds,
     read,
+    refusal,
     request,
+    seen,
     version,
 )
 
 __all__ = [
     "HOW_TO_GET",
     "IN_REPOSITORY",
+    "LOST",
     "MODELS",
     "SCHEME",
     "SERVER",
@@ -28,8 +32,10 @@ __all__ = [
     "find",
     "loop_seconds",
     "read",
+    "refusal",
     "render",
     "request",
+    "seen",
     "version",
 ]
 

@@ -16,12 +16,14 @@ from drivers.engines._arrays import load_arrays
 from drivers.engines._materials import named_material
 from drivers.errors import RunError
 from drivers.process import UNKNOWN_VERSION, first_line_of
+from drivers.scene_rules import Complaint
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's packages yade and python3-yade"
 IN_REPOSITORY = False
 SCHEME = IN_HEIGHTS
 MODELS = STRAIGHT
+LOST = ""
 VARIABLES: dict[str, str] = {}
 COMMAND = ("yade", "-n", "-x", "chain.py")
 SERVER = Deck({"serve.py": render_template("yade/serve.py.j2")}, ("yade", "-n", "-x", "serve.py"), raw=())
@@ -115,6 +117,16 @@ def read(case: Case, folder: Path) -> Trace:
     if not completed:
         raise RunError("the deck's closing line is missing: it did not run to its end")
     return make_trace(chain, case.sample_times_s, force, height, velocity)
+
+
+def refusal(case: Case) -> Complaint | None:
+    """None: it takes every straight chain."""
+    return None
+
+
+def seen(case: Case, folder: Path) -> Trace | None:
+    """None: it writes when it ends."""
+    return None
 
 
 def complaint(stdout: str, stderr: str) -> str:

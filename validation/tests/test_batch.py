@@ -166,10 +166,15 @@ def test_a_failure_is_charged_to_its_case(
     assert set(table(runs)["status"]) == {"done"}
 
 
-def test_an_unstable_case_fails_and_the_others_go_on(study_file: StudyWriter, tmp_path: Path) -> None:
+def test_an_unstable_case_is_refused_or_fails_alone(study_file: StudyWriter, tmp_path: Path) -> None:
     axes = '[[axis]]\nzip = { "run.time_step" = ["0.1 us", "25 us"], "run.sample_interval" = ["1 us", "25 us"] }'
-    done = batch(study_file(axes, *installed(ALL)), tmp_path / "runs")
+    refused = batch(study_file(axes, *installed(ALL)), tmp_path / "runs")
+    assert refused.returncode == 2
+    assert "case 2 (" in refused.stderr
+    assert "run.time_step: found 2.5e-05 s; allowed: at most" in refused.stderr
+    done = batch(study_file(axes, *installed(ALL), top="unsafe = true"), tmp_path / "runs")
     assert done.returncode == 1
+    assert "unstable at t = " in done.stderr
     found = table(tmp_path / "runs").set_index(["case", "engine"])["status"]
     assert set(found[1]) == {"done"}
     assert set(found[2].drop("reference")) == {"failed"}

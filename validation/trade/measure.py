@@ -35,7 +35,7 @@ from validation.errors import (
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.simulate import case_of
-from validation.stable_step import stable_step
+from validation.stable_step import reached_in, stable_step
 from validation.trade.ladder import ADAPTIVE, ORDER_4, SCENES, SHARES, TOLERANCES, VERLET, Rung, affordable, at_step
 
 REPEATS, SHORT_S = 3, 0.1  # runs expected to be shorter are timed as the best of some
@@ -103,7 +103,7 @@ class _Climber:
         self.scene = scene
         self.case = case_of(scene)
         rough = truth_of(self.case, 1e-6, finer=False)
-        self.stable_s = stable_step(self.case.chain, rough.trace.force_N.max(axis=0))
+        self.stable_s = stable_step(self.case.chain, reached_in(self.case.chain, rough.trace))
         self._truths: dict[tuple[float, int], Truth] = {}
 
     def rungs(self) -> Iterator[Rung]:
@@ -205,7 +205,7 @@ def start_up(name: str, case: Case, folder: Path) -> float:
     Raises:
         RunError: it failed.
     """
-    ended = run_case(case, name, folder / "single")
+    ended = run_case(case, name, folder / "single", unsafe=True)
     return ended.record.wall_s - (ended.record.loop_s or 0.0)
 
 

@@ -1,0 +1,66 @@
+"""What is refused before it runs: steps that blow up, beads pressed through each other, what an engine cannot take."""
+
+from math import floor, log10
+
+import numpy as np
+
+from drivers.case import Case
+from drivers.engines import EXACT, load_engine
+from drivers.errors import InputError
+from drivers.plan import refuse_beyond_rounding
+from drivers.stability import at_most, share_at_most
+
+OVERRIDE = "(--unsafe, or unsafe = true in a study, runs it)"
+
+
+def refuse(case: Case, engine: str) -> None:
+    """Refuses what cannot end well on an engine.
+
+    Raises:
+        InputError: the time step is beyond the stability limit; contacts would be pressed deeper than Hertz's law can
+            mean; the engine's coordinates cannot give the accuracy asked for; the engine cannot take the case.
+    """
+    refuse_beyond_rounding(case, engine)
+    cannot = inability(case, engine)
+    if cannot is not None:
+        raise cannot
+    _refuse_depth(case)
+    if load_engine(engine).SCHEME != EXACT:
+        _refuse_step(case)
+
+
+def inability(case: Case, engine: str) -> InputError | None:
+    """What an engine cannot take, by name; None where it takes the case."""
+    complaint = load_engine(engine).refusal(case)
+    if complaint is None:
+        return None
+    key, found, allowed = complaint
+    return InputError(case.scene.file, key, found, f"on {engine} {allowed}")
+
+
+def _refuse_step(case: Case) -> None:
+    chain, duration, step = case.chain, float(case.sample_times_s[-1]), case.scene.time_step_s
+    if share_at_most(chain, duration, step) <= 1:
+        return
+    from validation.stable_step import predicted_limit
+
+    limit = predicted_limit(chain, duration)
+    if step > limit:
+        digits = 10.0 ** (floor(log10(limit)) - 2)
+        allowed = f"at most {floor(limit / digits) * digits:.3g} s, beyond which this chain blows up {OVERRIDE}"
+        raise InputError(case.scene.file, "run.time_step", f"{step:g} s", allowed)
+
+
+def _refuse_depth(case: Case) -> None:
+    chain, duration = case.chain, float(case.sample_times_s[-1])
+    if (at_most(chain, duration).overlap_m < chain.smaller_radius_m).all():
+        return
+    from validation.stable_step import reached
+
+    depth = reached(chain, duration).overlap_m / chain.smaller_radius_m
+    if (depth >= 1).any():
+        place = int(np.argmax(depth))
+        key = "striker.speed" if case.scene.striker else "chain"
+        found = f"a motion that presses contact {place + 1} {depth[place]:.3g} radii deep"
+        allowed = f"overlaps below a radius: beyond, Hertz's law means nothing {OVERRIDE}"
+        raise InputError(case.scene.file, key, found, allowed)
