@@ -35,6 +35,13 @@ class Case:
         run = self.scene.run.model_copy(update={"time_step": step})
         return replace(self, scene=self.scene.model_copy(update={"run": run, "steps_per_sample": steps_per_sample}))
 
+    def sampled_at_every(self, time_step_s: float) -> "Case":
+        """The same case with any time step, and a sample at each; it ends within a step of where it ended."""
+        samples = max(2, int(float(self.sample_times_s[-1]) / time_step_s * (1 + 1e-12)) + 1)
+        run = self.scene.run.model_copy(update={"sample_interval": time_step_s, "time_step": time_step_s})
+        changes = {"run": run, "steps_per_sample": 1, "samples": samples}
+        return replace(self, scene=self.scene.model_copy(update=changes), plan=None)
+
     @property
     def sample_times_s(self) -> Array:
         """Times of the samples as multiples of the time step. Shape (samples,)."""

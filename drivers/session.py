@@ -5,10 +5,12 @@ import selectors
 import shutil
 import subprocess
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from drivers.deck import Deck
-from drivers.engines import Engine
+from drivers.engines import Engine, load_engine
 from drivers.process import COULD_NOT_START, Outcome, reap, start
 
 DONE = "the-case-has-ended"  # the word a server says; no engine does by itself
@@ -129,6 +131,19 @@ class Session:
                     pass  # what was not sent is not needed any more
         reap(process)
         return process.returncode
+
+
+@contextmanager
+def served_by(name: str, folder: Path) -> Iterator[Session]:
+    """A session of an installed engine that ends with the block."""
+    engine = load_engine(name)
+    executable = engine.find()
+    assert executable is not None
+    session = Session(engine, executable, folder)
+    try:
+        yield session
+    finally:
+        session.close()
 
 
 def _await_end(process: subprocess.Popen[bytes]) -> None:

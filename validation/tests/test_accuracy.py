@@ -7,8 +7,8 @@ import pytest
 
 from postproc.residual import residual
 from validation.errors import truth_of, verlet_of
+from validation.random_scenes import random_case
 from validation.tests.conftest import finished
-from validation.tests.random_scenes import random_case
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 DEARER = 1.5  # times the steps of the largest admissible step

@@ -7,10 +7,11 @@ import pandas as pd
 import pytest
 
 from drivers.errors import InputError
+from validation.criteria import rayleigh_time
 from validation.tests.conftest import case_of, command_line, need
 from validation.trade.advice import cheapest, front, orders
 from validation.trade.ladder import Rung, affordable, at_step
-from validation.trade.levers import extrapolation, rayleigh, rayleigh_time, sampling, softened, write_levers
+from validation.trade.levers import extrapolation, rayleigh, sampling, softened, write_levers
 from validation.trade.measure import climb, write_table
 from validation.trade.section import read_section
 

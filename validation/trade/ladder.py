@@ -38,12 +38,7 @@ def at_step(case: Case, share: float, stable_s: float) -> Case:
     interval = case.scene.run.sample_interval
     if step <= interval:
         return case.at(ceil(interval / step * (1 - 1e-12)))
-    duration = interval * (case.scene.samples - 1)
-    run = case.scene.run.model_copy(update={"sample_interval": step, "time_step": step})
-    samples = int(duration / step) + 1
-    return Case(
-        case.scene.model_copy(update={"run": run, "steps_per_sample": 1, "samples": samples}), case.chain, case.elements
-    )
+    return case.sampled_at_every(step)
 
 
 def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Rung]]:

@@ -3,7 +3,7 @@
 import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from math import pi, sqrt
+from math import sqrt
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +15,13 @@ from drivers.engines import load_engine
 from drivers.errors import RunError
 from drivers.process import run_command
 from drivers.run import default_limit_s
-from drivers.scene import Material
+from drivers.session import served_by
 from drivers.whole_file import whole_file
 from postproc.residual import residual
+from validation.criteria import rayleigh_time
 from validation.errors import errors_of, quantities, truth_of, verlet_of
 from validation.simulate import case_of, exact
-from validation.trade.measure import session_of, start_up, timed_in_session
+from validation.trade.measure import start_up, timed_in_session
 
 PAIR_STEPS_US = (1.0, 0.5, 0.2, 0.1, 0.05)
 SOFTER = (10, 100, 1000)
@@ -81,30 +82,13 @@ def extrapolation() -> Iterator[Lever]:
             yield Lever("Richardson extrapolation", scene, "verlet", setting, "force", error, steps_alone / (3 * every))
 
 
-def rayleigh_time(case: Case) -> float:
-    """``pi R sqrt(rho / G) / (0.1631 nu + 0.8766)``, the shortest of all beads, in s."""
-    chain, shortest = case.chain, float("inf")
-    for i in range(chain.bodies):
-        if np.isinf(chain.radius_m[i]):
-            continue
-        material: Material = case.scene.materials[chain.materials[i]]
-        density = chain.mass_kg[i] / (4 / 3 * pi * chain.radius_m[i] ** 3)
-        shear = material.youngs_modulus / (2 * (1 + material.poisson_ratio))
-        time = pi * chain.radius_m[i] * sqrt(density / shear) / (0.1631 * material.poisson_ratio + 0.8766)
-        shortest = min(shortest, time)
-    return shortest
-
-
 def rayleigh() -> Iterator[Lever]:
     """What a fraction of the Rayleigh time means in error."""
     for scene in ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain"):
         base = case_of(scene)
         for fraction in FRACTIONS:
             step = fraction * rayleigh_time(base)
-            samples = int(base.sample_times_s[-1] / step) + 1
-            run = base.scene.run.model_copy(update={"sample_interval": step, "time_step": step})
-            changes = {"run": run, "steps_per_sample": 1, "samples": samples}
-            case = replace(base, scene=base.scene.model_copy(update=changes))
+            case = base.sampled_at_every(step)
             truth = truth_of(case)
             names = ["force", *(name for name in truth.true if name == "wall_peak" or name.startswith("speed_"))]
             for name, error in errors_of(case, verlet_of(case), truth, names).items():
@@ -203,7 +187,7 @@ def one_process() -> Iterator[Lever]:
     for name in ("liggghts", "yade"):
         if load_engine(name).find() is None:
             continue
-        with tempfile.TemporaryDirectory() as folder, session_of(name, Path(folder)) as session:
+        with tempfile.TemporaryDirectory() as folder, served_by(name, Path(folder)) as session:
             alone = start_up(name, case, Path(folder))
             cases = [timed_in_session(name, case, session, 1.0) for _ in range(MANY)]
         loop = float(np.median([loop_s for _, loop_s, _ in cases]))

@@ -3,7 +3,6 @@
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,7 +16,7 @@ from drivers.engines import installed_codes, load_engine
 from drivers.errors import RunError
 from drivers.guard import checked_trace
 from drivers.run import default_limit_s, run_case
-from drivers.session import Session
+from drivers.session import Session, served_by
 from drivers.trace import Trace
 from drivers.whole_file import whole_file
 from validation.arrays import arrays_of
@@ -137,7 +136,7 @@ class _Climber:
 
     def _by_code(self, name: str, rungs: list[Rung], folder: Path) -> Iterator[Row]:
         start_s = start_up(name, rungs[0].case, folder)
-        with session_of(name, folder) as session:
+        with served_by(name, folder) as session:
             for rung in rungs:
                 try:
                     trace, loop_s, session_s = timed_in_session(name, rung.case, session, rung.expected_s)
@@ -207,19 +206,6 @@ def start_up(name: str, case: Case, folder: Path) -> float:
     """
     ended = run_case(case, name, folder / "single", unsafe=True)
     return ended.record.wall_s - (ended.record.loop_s or 0.0)
-
-
-@contextmanager
-def session_of(name: str, folder: Path) -> Iterator[Session]:
-    """A process of a code that serves many cases."""
-    engine = load_engine(name)
-    executable = engine.find()
-    assert executable is not None
-    session = Session(engine, executable, folder)
-    try:
-        yield session
-    finally:
-        session.close()
 
 
 def timed_in_session(name: str, case: Case, session: Session, expected_s: float) -> tuple[Trace, float, float]:
