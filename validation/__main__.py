@@ -48,6 +48,12 @@ def _parser() -> Parser:
     trade.add_argument("--results", type=Path, metavar="DIR", help="default: results/")
     trade.set_defaults(action=_trade)
 
+    stability = commands.add_parser("stability", help="limits of the time step, extremes, long runs, rounding")
+    stability.add_argument("--quick", action="store_true", help="shipped scenes, sweeps and some extremes only")
+    stability.add_argument("--results", type=Path, metavar="DIR", help="default: results/")
+    stability.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
+    stability.set_defaults(action=_stability)
+
     bench = commands.add_parser("bench", help="what the integrators and engines cost, as ratios taken in one run")
     bench.set_defaults(action=_bench)
 
@@ -64,6 +70,15 @@ def _trade(arguments: argparse.Namespace) -> int:
     must_be_folder("--results", arguments.results)
     trade(arguments.budget or BUDGET_S, arguments.results or paths.RESULTS)
     return 0
+
+
+def _stability(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from validation.stability.command import stability
+
+    must_be_folder("--results", arguments.results)
+    must_be_folder("--runs", arguments.runs)
+    return stability(arguments.results or paths.RESULTS, arguments.runs or paths.RUNS, quick=arguments.quick)
 
 
 def _wave(_: argparse.Namespace) -> int:

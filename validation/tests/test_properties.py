@@ -1,9 +1,7 @@
 """Any scene that can be drawn: what motions keep, how they scale, and what decks say of the scene."""
 
-import json
-import re
 from copy import deepcopy
-from math import ceil, inf, pi, sqrt
+from math import ceil, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -12,13 +10,10 @@ from hypothesis import strategies as st
 
 from drivers import paths
 from drivers.case import Case, build_case
-from drivers.chain import Array, hertz_stiffness
-from drivers.deck import Deck
-from drivers.engines import engine_names, load_engine
+from drivers.chain import Array
 from drivers.errors import InputError
 from drivers.guard import energy_error
 from drivers.read_scene import make_scene, read_toml
-from drivers.scene import Material
 from drivers.trace import Trace
 from validation.arrays import arrays_of
 from validation.errors import trace_of, truth_of
@@ -117,7 +112,9 @@ def rescaled(value: Any, factors: dict[str, float]) -> Any:
         return [rescaled(each, factors) for each in value]
     if not isinstance(value, dict):
         return value
-    return {key: times(each, factors[key]) if key in factors else rescaled(each, factors) for key, each in value.items()}
+    return {
+        key: times(each, factors[key]) if key in factors else rescaled(each, factors) for key, each in value.items()
+    }
 
 
 def times(quantity: str, factor: float) -> str:

@@ -1,0 +1,163 @@
+"""Ten million steps, and the time after which engines can be compared in their statistics only."""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import combinations
+from math import nan
+from pathlib import Path
+
+import numpy as np
+
+from drivers.case import Case
+from drivers.chain import Array, energy_put_in
+from drivers.engines import installed_codes, load_engine
+from drivers.guard import checked_trace, energy_error
+from drivers.run import default_limit_s
+from drivers.session import served_by
+from drivers.trace import Trace
+from postproc.residual import residual
+from validation.arrays import arrays_of
+from validation.errors import trace_of, truth_of, verlet_of
+from validation.reference.symplectic import integrate_symplectic
+from validation.simulate import case_of
+
+# five beads whose contacts open and close under gravity, and five pressed together so that none ever opens
+SMALL = ("chain.count=5", "chain.sensors=[]", "run.sample_interval=1 ms", "run.time_step=1 us", "run.duration=10 s")
+PRESSED = ("chain.precompression=30 N", "striker=", "chain.bead=[{from_wall=5, velocity='-2 cm/s'}]")
+LONG = {"beads that bounce": SMALL, "contacts that stay closed": (*SMALL, *PRESSED)}
+BOUNCING = "fig4"
+HORIZON_STEPS_US = (2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
+HORIZON = ("run.duration=30 ms", "run.sample_interval=10 us")
+AGREED = 1e-2  # of the largest force: what pointwise comparison asks for
+STATISTICS = ("run.duration=2 s", "run.sample_interval=20 us", "run.time_step=1 us")
+SETTLED_S = 0.2  # when statistics begin
+BLOCKS = 20  # parts of a run, for standard errors
+BEYOND_CHANCE = 3.0  # standard errors
+ORDER_4, EXACT, VERLET = "order 4", "adaptive", "verlet"
+EXACTLY = (VERLET, EXACT)
+
+
+@dataclass(frozen=True)
+class Energy:
+    """The energy error of a long run, as shares of what the scene puts in.
+
+    Attributes:
+        largest: of all samples.
+        drift: over the whole run, from the mean energies of its parts, with its standard error.
+        walk: what the energy changes from one part to the next, standard deviation: a walk has it without a drift.
+    """
+
+    scene: str
+    method: str
+    steps: int
+    largest: float
+    drift: float
+    drift_error: float
+    walk: float
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the drift is more than chance."""
+        return abs(self.drift) > BEYOND_CHANCE * self.drift_error
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """Times in s at which two methods are first a per cent of the largest force apart; NaN: never within the run."""
+
+    time_step_s: float
+    one: str
+    other: str
+    until_s: float
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """A mean over a run after its beginning, with its standard error, by blocks."""
+
+    method: str
+    quantity: str
+    mean: float
+    error: float
+
+
+def energies(say: Callable[[str], object] = print) -> list[Energy]:
+    """Energy errors over ten million steps, of every method."""
+    found = []
+    for name, settings in LONG.items():
+        case = case_of("fig4", *settings)
+        for method, trace in _by_all(case, also=(ORDER_4, EXACT)):
+            found.append(_energy(name, method, case, trace))
+        say(f"energy over {case.scene.steps:.0e} steps: {name}")
+    return found
+
+
+def horizons(say: Callable[[str], object] = print) -> list[Horizon]:
+    """How long methods agree point by point, by time step."""
+    found = []
+    for step in HORIZON_STEPS_US:
+        case = case_of(BOUNCING, *HORIZON, f"run.time_step={step} us")
+        traces = dict(_by_all(case, also=(EXACT,)))
+        names = installed_codes()
+        for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), EXACTLY):
+            apart = residual(traces[one], traces[other]) > AGREED
+            until = float(case.sample_times_s[np.argmax(apart)]) if apart.any() else nan
+            found.append(Horizon(case.scene.time_step_s, one, other, until, float(case.sample_times_s[-1])))
+    say(f"horizons at {len(HORIZON_STEPS_US)} time steps")
+    return found
+
+
+def statistics(say: Callable[[str], object] = print) -> list[Statistic]:
+    """Means that stay comparable past the horizon: wall force over weight, kinetic share of the energy."""
+    case = case_of(BOUNCING, *STATISTICS)
+    weight = float(np.abs(case.chain.load_N).sum())
+    put_in = energy_put_in(case.chain, float(case.sample_times_s[-1]))
+    found = []
+    for method, trace in _by_all(case, also=(EXACT,)):
+        late = trace.time_s >= SETTLED_S
+        means = {
+            "wall force over weight": trace.force_N[late, 0] / weight,
+            "kinetic energy over that at time 0": trace.kinetic_energy_J[late] / trace.kinetic_energy_J[0],
+            "energy gained over what was put in": (trace.total_energy_J[late] - trace.total_energy_J[0]) / put_in,
+        }
+        found += [Statistic(method, quantity, *_mean(values)) for quantity, values in means.items()]
+    say(f"statistics of {BOUNCING} over {case.scene.run.duration:g} s")
+    return found
+
+
+def _by_all(case: Case, also: tuple[str, ...]) -> Iterator[tuple[str, Trace]]:
+    """The case by every installed code, side by side, by Verlet, and by further integrators of this repository."""
+    with ThreadPoolExecutor() as pool:
+        traces = pool.map(lambda name: _by_code(case, name), names := installed_codes())
+        yield VERLET, verlet_of(case)
+        scene, arrays = case.scene, arrays_of(case.chain)
+        if ORDER_4 in also:
+            motion = integrate_symplectic(arrays, scene.time_step_s, scene.steps_per_sample, scene.samples)
+            yield ORDER_4, trace_of(case, case.sample_times_s, motion)
+        if EXACT in also:
+            yield EXACT, truth_of(case, finer=False).trace
+        yield from zip(names, traces, strict=True)
+
+
+def _by_code(case: Case, name: str) -> Trace:
+    with tempfile.TemporaryDirectory() as folder, served_by(name, Path(folder)) as session:
+        outcome = session.run(load_engine(name).render(case), default_limit_s(case))
+        return checked_trace(case, session.engine, outcome, session.case)
+
+
+def _energy(scene: str, method: str, case: Case, trace: Trace) -> Energy:
+    change = energy_error(case.chain, trace)
+    signed = np.sign(trace.total_energy_J - trace.total_energy_J[0]) * change
+    levels = np.array([part.mean() for part in np.array_split(signed, BLOCKS)])
+    steps = np.diff(levels)
+    walk, count = float(steps.std(ddof=1)), len(steps)
+    drift, error = float(levels[-1] - levels[0]) * BLOCKS / count, walk * np.sqrt(count) * BLOCKS / count
+    return Energy(scene, method, case.scene.steps, float(change.max()), drift, float(error), walk)
+
+
+def _mean(values: Array) -> tuple[float, float]:
+    blocks = np.array([block.mean() for block in np.array_split(values, BLOCKS)])
+    return float(blocks.mean()), float(blocks.std(ddof=1) / np.sqrt(BLOCKS))

@@ -1,0 +1,67 @@
+"""The chains whose limits are measured: the paper's, sweeps over one parameter each, and random ones."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import nan
+
+import numpy as np
+
+from drivers.case import Case
+from drivers.stability import at_most
+from validation.random_scenes import random_case
+from validation.simulate import case_of
+from validation.stable_step import stable_step
+
+PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
+SHIPPED, RANDOM = "shipped scenes", "random scenes"
+BASE = "fig4"
+# key of the scene, unit, values; by what the axis of a figure says
+SWEEPS = {
+    "striker speed, m/s": ("striker.speed", "m/s", np.geomspace(1e-6, 50, 12)),
+    "Young's modulus, Pa": ("materials.ptfe.youngs_modulus", "Pa", np.geomspace(1e6, 1e12, 9)),
+    "striker over bead mass": ("striker.mass", "kg", 0.1226e-3 * np.geomspace(1e-3, 1e3, 9)),
+    "Young's modulus of the wall, Pa": ("materials.brass.youngs_modulus", "Pa", np.geomspace(1e6, 1e13, 8)),
+}
+BEAD_KG = 0.1226e-3
+TRAVERSE = 45.0  # limits that a scene of a sweep lasts: the wave comes to the wall and back, as in the paper's scene
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A chain to measure.
+
+    Attributes:
+        value: of the parameter that a sweep varies.
+        whole_scan: codes are scanned from small steps on, as Verlet is.
+    """
+
+    group: str
+    name: str
+    case: Case
+    value: float = nan
+    whole_scan: bool = False
+
+
+def shipped() -> Iterator[Subject]:
+    """The paper's scenes and two more."""
+    for name in (*PAPER, "low-amplitude", "steel-chain"):
+        yield Subject(SHIPPED, name, case_of(name), whole_scan=name in PAPER)
+
+
+def sweeps() -> Iterator[Subject]:
+    """One parameter at a time over decades."""
+    for group, (key, unit, values) in SWEEPS.items():
+        for value in values:
+            setting = f"{key}={value:.6g} {unit}"
+            rough = case_of(BASE, setting)
+            duration = TRAVERSE * stable_step(rough.chain, at_most(rough.chain, float(rough.sample_times_s[-1])))
+            interval = duration / 800
+            timing = (f"run.duration={duration:.6g} s", f"run.sample_interval={interval:.6g} s")
+            case = case_of(BASE, setting, *timing, f"run.time_step={interval:.6g} s")
+            yield Subject(group, f"{BASE} {setting}", case, value / BEAD_KG if unit == "kg" else float(value))
+
+
+def at_random(count: int) -> Iterator[Subject]:
+    """Random scenes, the first so many of an endless row."""
+    for number in range(count):
+        yield Subject(RANDOM, f"random {number}", random_case(number, accuracy=0.1))
