@@ -8,8 +8,8 @@ FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*
 SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*' \
   -not -path 'inputs/studies/*' -not -path 'drivers/batch/*' -not -name study.py)
 # what every figure depends on, beside its own module and scenes
-COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/claims/% validation/trade/% \
-  $(addprefix validation/,bench.py bench_batch.py comparison.py plots.py report.py rounding.py scenes.py __main__.py),$(SOURCES))
+COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/claims/% validation/trade/% validation/stability/% inputs/extremes.toml \
+  $(addprefix validation/,bench.py bench_batch.py comparison.py criteria.py plots.py random_scenes.py report.py rounding.py scenes.py __main__.py),$(SOURCES))
 SCENES_fig1 := fig4
 SCENES_fig2 := fig4 table1
 SCENES_fig3 := table1
@@ -25,7 +25,7 @@ APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo)
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cluster engines $(FIGURES) figures claims trade study report test test-slurm test-accuracy bench lint clean FORCE
+.PHONY: help setup cluster engines $(FIGURES) figures claims trade stability study report test test-slurm test-accuracy bench lint clean FORCE
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -49,6 +49,8 @@ figures: $(FIGURES) ## all figures and the table
 claims: results/.claims ## every quantitative statement of the paper, computed
 
 trade: results/.trade ## what accuracy costs on every engine: make trade [BUDGET=300], seconds of engine time
+
+stability: results/.stability ## where engines break: limits, extremes, long runs, rounding
 
 study: .venv/.ready .venv/.engines ## run a study and draw its figure: make study STUDY=sensitivity
 	@test -n "$(STUDY)" || { echo "which? make study STUDY=$(firstword $(STUDIES)); there are $(STUDIES)"; exit 2; }
@@ -85,18 +87,23 @@ $(FIGURES): %: results/%.svg results/%.png results/%.csv
 results/%.svg results/%.png results/%.csv: postproc/figures/%.py $$(addsuffix .toml,$$(addprefix inputs/scenes/,$$(SCENES_$$*))) $(COMMON) .venv/.ready .venv/.engines
 	$(PY) -m postproc $*
 
-results/.claims: $(filter-out postproc/figures/% templates/report/% validation/report.py,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/claims.csv),,FORCE)
+results/.claims: $(filter-out postproc/figures/% templates/report/% validation/report.py validation/stability/% inputs/extremes.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/claims.csv),,FORCE)
 	$(PY) -m validation claims
 	@touch $@
 
-results/.trade: $(filter-out postproc/figures/% templates/report/% validation/report.py validation/claims/%,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/trade.csv),,FORCE)
+results/.trade: $(filter-out postproc/figures/% templates/report/% validation/report.py validation/claims/% validation/stability/% inputs/extremes.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/trade.csv),,FORCE)
 	$(PY) -m validation trade --budget $(BUDGET)
+	@touch $@
+
+results/.stability: $(filter-out postproc/figures/% templates/report/% validation/report.py validation/claims/% validation/trade/%,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/stability.csv),,FORCE)
+	$(PY) -m validation stability
 	@touch $@
 
 # the stamp stands only if every verdict is good; finished runs are not run again
 # the page is written even if a claim is at fault, but then the target fails
 results/.report: $(filter-out postproc/figures/%,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/report.html),,FORCE)
 	@test -f results/trade.csv || $(PY) -m validation trade --budget $(SHORT_BUDGET)
+	@test -f results/stability.csv || $(PY) -m validation stability --quick
 	@$(MAKE) --no-print-directory results/.claims; claims=$$?; $(PY) -m validation report && test $$claims = 0
 	@touch $@
 

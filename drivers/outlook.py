@@ -12,11 +12,13 @@ from drivers.engines import installed
 from drivers.errors import InputError
 from drivers.plan import asked_of
 from drivers.read_scene import read_scene
+from validation.criteria import CRITERIA
 from validation.errors import FORCE
 from validation.rounding import HORIZON, ROUNDING_MARGIN
 from validation.step_choice import Chooser, Rounding
 
 TENFOLD = 10.0
+BLOWN_UP = 100.0  # errors beyond it are of a motion that has nothing to do with the scene's
 AMPLE = 1e-2  # differences beyond it are no agreement at all
 
 
@@ -40,7 +42,7 @@ def outlook(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]
         yield f"time step  {_step(case)}: {_why(case, chooser)}"
     else:
         yield f"time step  {_step(case)}, as the scene has it"
-    yield f"stability  {_stability(chooser)}"
+    yield from _stability(case, chooser)
     yield f"predicted  {_listed(errors)}; rounding of absolute heights up to {rounding.allowance:.1e} more"
     if chooser.known > min(errors.values(), default=1.0) / TENFOLD:
         yield f"           the exact motion itself is known to {chooser.known:.1e} only: it multiplies rounding"
@@ -89,7 +91,8 @@ def _table(rows: list[tuple[str, Case | None, dict[str, float], str]]) -> Iterat
             continue
         worst = max(errors.values())
         seconds = "".join(f"{cost_on(name).run_s(case):>10.2f} s" for name in names)
-        yield f"{label:<16}{_us(case.scene.time_step_s):>12}{worst:>10.1e}{seconds}"
+        error = f"{worst:.1e}" if worst < BLOWN_UP else "blows up"
+        yield f"{label:<16}{_us(case.scene.time_step_s):>12}{error:>10}{seconds}"
 
 
 def _why(case: Case, chooser: Chooser) -> str:
@@ -130,14 +133,20 @@ def _horizon(case: Case, rounding: Rounding) -> str:
     )
 
 
-def _stability(chooser: Chooser) -> str:
+def _stability(case: Case, chooser: Chooser) -> Iterator[str]:
+    """The predicted limit, and criteria that do not look at the motion."""
     if chooser.stable_s == float("inf"):
-        return "no contact closes: no limit"
-    return f"{_us(chooser.stable_s)}: 2 / omega_max at the largest overlaps"
+        yield "stability  no contact closes: no limit"
+        return
+    share = case.scene.time_step_s / chooser.stable_s
+    refused = ", which is refused" if share > 1 else ""
+    yield f"stability  up to {_us(chooser.stable_s)}; this step is {share:.2g} of it{refused}"
+    others = (f"{label} {_us(fraction * time(case))}" for label, (fraction, time) in CRITERIA.items())
+    yield f"           (by criteria that do not look at the motion: {', '.join(others)})"
 
 
 def _listed(errors: dict[str, float]) -> str:
-    return ", ".join(f"{name} {error:.2g}" for name, error in errors.items())
+    return ", ".join(f"{name} {f'{error:.2g}' if error < BLOWN_UP else 'blows up'}" for name, error in errors.items())
 
 
 def _step(case: Case) -> str:

@@ -39,6 +39,10 @@ def hertz_time(case: Case) -> float:
     return float(2.87 * (1 / inverse[worst] ** 2 / ((0.75 * chain.stiffness[worst]) ** 2 * speed)) ** 0.2)
 
 
+# fractions that users take
+CRITERIA = {"0.2 Rayleigh": (0.2, rayleigh_time), "0.1 Hertz": (0.1, hertz_time), "P-wave": (1.0, p_wave_time)}
+
+
 def _balls(case: Case) -> Iterator[tuple[float, float, Material]]:
     """Radius, density and material of each different round body."""
     chain = case.chain

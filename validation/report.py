@@ -16,6 +16,7 @@ from validation.claims.section import read_section
 from validation.comparison import FAIL, NOT_RUN, PASS, Verdict
 from validation.plots import draw_scene
 from validation.scenes import ComparedScene
+from validation.stability.section import read_section as read_stability
 from validation.trade.section import read_section as read_trade
 
 QUANTITIES = {
@@ -58,6 +59,7 @@ def write_report(scenes: list[ComparedScene], path: Path) -> Counter[str]:
         tolerances=_tolerances(scenes),
         scenes=[_section(scene) for scene in scenes],
         trade=read_trade(path.parent),
+        stability=read_stability(path.parent),
         claims=read_section(path.parent / paths.CLAIMS_TABLE),
         provenance=provenance(),
         versions=_versions(scenes),
@@ -120,6 +122,7 @@ def _section(scene: ComparedScene) -> dict[str, object]:
         "alt": f"Gauge forces against time for {case.summary}, all engines, with the differences between them below",
         "engines": engines,
         "budget": _budget(scene, engines),
+        "warnings": [(engine, words) for engine in engines for words in scene.runs[engine].record.warnings],
         "observables": [(name, [number(observed[e][name], 6) for e in engines]) for name in names],
         "decks": [
             (engine, file, text)

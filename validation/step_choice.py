@@ -19,7 +19,7 @@ from validation.arrays import arrays_of
 from validation.errors import ENERGY, FORCE, Truth, errors_of, truth_of, verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE, scales
 from validation.rounding import rounding_error
-from validation.stable_step import reached_in, stable_step
+from validation.stable_step import predicted_limit
 
 LEAST_ACCURACY = 10 * LEAST_TOLERANCE
 TRUTH_SHARE = 1e-3  # of the accuracy: how exact the exact motion has to be
@@ -104,7 +104,7 @@ class Chooser:
         except ArithmeticError as error:
             raise InputError(case.scene.file, "run.accuracy", str(error), "run.time_step instead") from error
         self._check_names()
-        self.stable_s = stable_step(case.chain, reached_in(case.chain, self.truth.fine))
+        self.stable_s = predicted_limit(case.chain, float(case.sample_times_s[-1]))
 
     def _follow(self, strictest: float) -> tuple[Truth, float]:
         """The exact motion, and to what share of the largest force it is known.
@@ -172,8 +172,8 @@ class Chooser:
 
         interval = self.case.scene.run.sample_interval
         work = self.case.chain.bodies * (self.case.scene.samples - 1)
-        steps = max(1, ceil(min(0.9 * interval / self.stable_s, 1e15)))
-        refused, taken, tries = steps - 1 if steps == 1 else 0, 0, 0
+        steps = max(1, ceil(min(interval / self.stable_s, 1e15)))  # the largest step that is stable
+        refused, taken, tries = steps - 1, 0, 0
         while not (taken and (taken <= refused + 1 or taken <= CLOSE * refused)):
             if steps * work > MOST_WORK or steps * (self.case.scene.samples - 1) > MAX_STEPS or tries > MOST_TRIES:
                 if taken:

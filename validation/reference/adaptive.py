@@ -112,7 +112,7 @@ def _integrate(
             h *= max(0.2, 0.9 * e**-0.125) if e < 1e300 else 0.2
             continue
 
-        rejected = 0
+        rejected = 0 if target > time else rejected + 1
         if sample < times.size and times[sample] <= target and tolerance >= DENSE_LIMIT:
             prepare_dense(state, end, begin, length, sign, slopes, dense, work, inverse_mass, stiffness, acceleration)
         while sample < times.size and times[sample] <= target:

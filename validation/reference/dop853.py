@@ -83,7 +83,8 @@ def error(
             fifth += E5[row] * slopes[row, i]
             third += E3[row] * slopes[row, i]
         if fifth != 0.0:
-            estimate = abs(h) * fifth * fifth / sqrt(fifth * fifth + 0.01 * third * third) / scale[i]
+            ratio = third / fifth  # squares of what a wave has barely reached underflow
+            estimate = abs(h * fifth) / sqrt(1.0 + 0.01 * ratio * ratio) / scale[i]
             if not estimate <= largest:  # a NaN counts as largest
                 largest = estimate
     return largest

@@ -1,7 +1,7 @@
 """``python -m validation stability``: measures, and writes tables and maps."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from validation.stability.scenes import at_random, shipped, sweeps
 from validation.stability.words import LIMITS, TABLES, read_tables, sentences
 
 RANDOM_SCENES = 100
+MAPS = {"limits": draw_limits, "horizons": draw_horizons, "rounding": draw_rounding}
 
 
 def stability(results: Path, runs: Path, *, quick: bool = False) -> int:
@@ -24,47 +25,56 @@ def stability(results: Path, runs: Path, *, quick: bool = False) -> int:
     ``quick`` leaves out random scenes, most extremes, long runs and rounding.
     """
     subjects = [*shipped(), *sweeps(), *([] if quick else at_random(RANDOM_SCENES))]
-    tables: dict[str, Sequence[Any]] = {
+    measured: dict[str, Sequence[Any]] = {
         "limits": limits.measure(subjects, _say),
         "extremes": extremes.run_all(extremes.extremes(quick=quick), runs, _say),
     }
     if not quick:
-        tables["energy"] = long_runs.energies(_say)
-        tables["horizons"] = long_runs.horizons(_say)
-        tables["statistics"] = long_runs.statistics(_say)
-        tables["rounding"] = rounding.measure(_say)
-    for name, rows in tables.items():
-        _write(pd.DataFrame([asdict(row) for row in rows]), results / TABLES[name])
-    for name in TABLES.keys() - tables.keys():
-        (results / TABLES[name]).unlink(missing_ok=True)  # of a former, whole study: tables belong together
-    found = read_tables(results)
-    for name, draw in (("limits", draw_limits), ("horizons", draw_horizons), ("rounding", draw_rounding)):
-        if name in found:
-            with whole_file(results / f"stability-{name}.svg") as draft:
-                draw(found[name]).savefig(draft, format="svg", metadata={"Date": None})
-    for line in sentences(found):
+        measured["energy"] = long_runs.energies(_say)
+        measured["horizons"] = long_runs.horizons(_say)
+        measured["statistics"] = long_runs.statistics(_say)
+        measured["rounding"] = rounding.measure(_say)
+    tables = write_study(measured, results)
+    for line in sentences(tables):
         print(line)
     print(f"{paths.shown(results / LIMITS)}: limits of {len(subjects)} scenes")
-    return 0 if _kept(found) else 1
+    complaints = missed(tables)
+    for complaint in complaints:
+        print(complaint, file=sys.stderr)
+    return 1 if complaints else 0
 
 
-def _kept(tables: dict[str, pd.DataFrame]) -> bool:
-    """Whether predictions are right, and nothing at the edge fails."""
+def write_study(measured: Mapping[str, Sequence[Any]], results: Path) -> dict[str, pd.DataFrame]:
+    """Writes tables and maps, and returns the tables; those of a former study that this one has not are removed."""
+    results.mkdir(parents=True, exist_ok=True)
+    for name, file in TABLES.items():
+        if name in measured:
+            with whole_file(results / file) as draft:
+                pd.DataFrame([asdict(row) for row in measured[name]]).to_csv(draft, index=False)
+        else:
+            (results / file).unlink(missing_ok=True)
+    tables = read_tables(results)
+    for name, draw in MAPS.items():
+        path = results / f"stability-{name}.svg"
+        if name not in tables:
+            path.unlink(missing_ok=True)
+            continue
+        with whole_file(path) as draft:
+            draw(tables[name]).savefig(draft, format="svg", metadata={"Date": None})
+    return tables
+
+
+def missed(tables: dict[str, pd.DataFrame]) -> list[str]:
+    """Where a prediction is wrong, or a scene at the edge fails."""
     limit, edge = tables["limits"], tables["extremes"]
     judged = limit[limit["group"].isin(limits.JUDGED)]
     wrong = judged[~judged["ratio"].between(1.0, limits.WITHIN)]
     failed = edge[edge["verdict"].isin(["failed", "timeout"])]
-    for _, row in wrong.iterrows():
-        print(f"{row['scene']} by {row['method']}: measured over predicted limit {row['ratio']:.3f}", file=sys.stderr)
-    for _, row in failed.iterrows():
-        print(f"{row['name']} on {row['engine']}: {row['verdict']}: {row['reason']}", file=sys.stderr)
-    return wrong.empty and failed.empty
-
-
-def _write(table: pd.DataFrame, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as draft:
-        table.to_csv(draft, index=False)
+    return [
+        *(f"{row['scene']} by {row['method']}: blows up at {row['ratio']:.3f} of the predicted limit, allowed 1 to"
+          f" {limits.WITHIN}" for _, row in wrong.iterrows()),
+        *(f"{row['name']} on {row['engine']}: {row['verdict']}: {row['reason']}" for _, row in failed.iterrows()),
+    ]  # fmt: skip
 
 
 def _say(line: str) -> None:

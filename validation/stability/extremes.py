@@ -103,8 +103,8 @@ def _outcome(
         try:
             refuse(case, engine)
             ended = run_case(case, engine, runs)
-        except InputError as error:
-            verdict, reason = REFUSED, str(error)
+        except InputError as refusal:
+            verdict, reason = REFUSED, str(refusal)
         else:
             verdict, reason, wall_s = ended.record.status, ended.record.reason, ended.record.wall_s
             if ended.done:

@@ -4,7 +4,7 @@ Stable windows interleave with unstable ones, so steps are tried one by one, eac
 """
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from drivers.errors import RunError
 from drivers.run import default_limit_s
 from drivers.session import Session, served_by
 from drivers.trace import Trace
-from validation.criteria import hertz_time, p_wave_time, rayleigh_time
+from validation.criteria import CRITERIA
 from validation.errors import truth_of, verlet_of
 from validation.stability.scenes import RANDOM, SHIPPED, Subject
 from validation.stable_step import reached_in, stable_step
@@ -29,6 +29,7 @@ FINENESS = 0.01
 LOWEST, HIGHEST = 0.15, 2.5  # shares of the predicted limit that are scanned
 BELOW = 0.9  # where codes are scanned for the blow-up alone; Verlet, with the same errors, is scanned from ``LOWEST``
 VERLET = "verlet"
+CRITERION_KEYS = ("rayleigh_s", "hertz_s", "p_wave_s")
 JUDGED, WITHIN = (
     (SHIPPED, RANDOM),
     1.25,
@@ -45,7 +46,7 @@ class Limit:
         predicted_s: from the exact motion, before any run.
         measured_s: the smallest step scanned at which the energy blows up; NaN if none does.
         bad_s: the smallest at which it gains a tenth of what there was; NaN where it was not looked for.
-        rayleigh_s, hertz_s, p_wave_s: the whole times that users take fractions of.
+        rayleigh_s, hertz_s, p_wave_s: what users' criteria say (``validation.criteria.CRITERIA``).
         steps: of the run at the limit.
     """
 
@@ -64,13 +65,16 @@ class Limit:
     steps: float
 
 
-def measure(subjects: list[Subject], say: Callable[[str], object] = print) -> list[Limit]:
-    """Limits of all subjects by Verlet and every installed code; codes run side by side, one process each."""
+def measure(
+    subjects: list[Subject], say: Callable[[str], object] = print, names: Sequence[str] | None = None
+) -> list[Limit]:
+    """Limits of all subjects by Verlet and codes, all installed ones by default; these run side by side."""
+    names = installed_codes() if names is None else names
     limits = [_by_verlet(subject) for subject in subjects]
     starts = {id(subject): limit for subject, limit in zip(subjects, limits, strict=True)}
     say(f"limits: {len(subjects)} scenes by {VERLET}")
     with ThreadPoolExecutor() as pool:
-        parts = pool.map(lambda name: list(_by_code(name, subjects, starts)), names := installed_codes())
+        parts = pool.map(lambda name: list(_by_code(name, subjects, starts)), names)
         for name, part in zip(names, parts, strict=True):
             limits += part
             say(f"limits: {len(part)} scenes by {name}")
@@ -155,8 +159,6 @@ def _limit(subject: Subject, method: str, predicted_s: float, measured_s: float,
         measured_s=measured_s,
         bad_s=bad_s,
         ratio=measured_s / predicted_s,
-        rayleigh_s=rayleigh_time(case),
-        hertz_s=hertz_time(case),
-        p_wave_s=p_wave_time(case),
+        **{key: fraction * time(case) for key, (fraction, time) in zip(CRITERION_KEYS, CRITERIA.values(), strict=True)},
         steps=float(case.sample_times_s[-1]) / measured_s,
     )

@@ -90,7 +90,7 @@ def energies(say: Callable[[str], object] = print) -> list[Energy]:
     for name, settings in LONG.items():
         case = case_of("fig4", *settings)
         for method, trace in _by_all(case, also=(ORDER_4, EXACT)):
-            found.append(_energy(name, method, case, trace))
+            found.append(energy_of(name, method, case, trace))
         say(f"energy over {case.scene.steps:.0e} steps: {name}")
     return found
 
@@ -148,7 +148,8 @@ def _by_code(case: Case, name: str) -> Trace:
         return checked_trace(case, session.engine, outcome, session.case)
 
 
-def _energy(scene: str, method: str, case: Case, trace: Trace) -> Energy:
+def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
+    """The largest energy error of a trace, and its drift by the means of its parts."""
     change = energy_error(case.chain, trace)
     signed = np.sign(trace.total_energy_J - trace.total_energy_J[0]) * change
     levels = np.array([part.mean() for part in np.array_split(signed, BLOCKS)])

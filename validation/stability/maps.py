@@ -6,13 +6,11 @@ import numpy as np
 import pandas as pd
 
 from postproc.style import COLUMN_IN, marker_of, pyplot
+from validation.criteria import CRITERIA
+from validation.stability.limits import CRITERION_KEYS
 from validation.stability.scenes import SWEEPS
 
-CRITERIA = {  # fractions that users take of each time
-    "rayleigh_s": (0.2, "0.2 Rayleigh", "#cc79a7"),
-    "hertz_s": (0.1, "0.1 Hertz", "#e69f00"),
-    "p_wave_s": (1.0, "P-wave", "#56b4e9"),
-}
+COLOURS = ("#cc79a7", "#e69f00", "#56b4e9")
 
 
 def draw_limits(limits: pd.DataFrame) -> Any:
@@ -24,8 +22,8 @@ def draw_limits(limits: pd.DataFrame) -> Any:
         x, limit = verlet["value"], verlet["measured_s"]
         axis.fill_between(x, verlet["bad_s"] / limit, 1.0, color="0.85", lw=0, label="stable, worse than 10 %")
         axis.axhline(1.0, color="black", lw=0.8)
-        for key, (fraction, label, colour) in CRITERIA.items():
-            axis.plot(x, fraction * verlet[key] / limit, color=colour, lw=1.0, label=label)
+        for key, label, colour in zip(CRITERION_KEYS, CRITERIA, COLOURS, strict=True):
+            axis.plot(x, verlet[key] / limit, color=colour, lw=1.0, label=label)
         for method, own in part.groupby("method"):
             share = own["predicted_s"] / own["measured_s"]
             axis.plot(own["value"], share, ls="", label=f"predicted, {method}", **marker_of(str(method)))
@@ -56,7 +54,7 @@ def draw_horizons(horizons: pd.DataFrame) -> Any:
 
 def draw_rounding(rounding: pd.DataFrame) -> Any:
     """Relative error of a contact's force against its overlap, for walls at several heights. Returns a figure."""
-    figure, axis = pyplot().subplots(figsize=(COLUMN_IN * 1.4, 3.0), layout="constrained")
+    figure, axis = pyplot().subplots(figsize=(COLUMN_IN * 1.7, 3.0), layout="constrained")
     few = rounding[rounding["beads"] == rounding["beads"].min()]
     shades = pyplot().get_cmap("viridis")
     heights = sorted(few["height_m"].unique())
@@ -72,5 +70,6 @@ def draw_rounding(rounding: pd.DataFrame) -> Any:
     axis.set_yscale("log")
     axis.set_xlabel("overlap, m")
     axis.set_ylabel("relative error of the force")
-    axis.legend(fontsize="x-small", title="o LIGGGHTS, x YADE; line: 3/2 ulp / overlap", title_fontsize="x-small")
+    axis.set_title("o LIGGGHTS, x YADE; lines: 3/2 of a unit in the last place over the overlap", fontsize="x-small")
+    figure.legend(fontsize="x-small", loc="outside right upper")
     return figure

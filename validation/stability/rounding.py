@@ -48,28 +48,31 @@ class Rounded:
 
 def measure(say: Callable[[str], object] = print) -> list[Rounded]:
     """Errors by height and overlap, then by the number of beads."""
-    cases = [_case(3, load, height) for height in HEIGHTS_M for load in LOADS_N]
-    cases += [_case(count, COUNTS_LOAD_N, 0.0) for count in COUNTS]
-    found = [each for case in cases for each in _in_repo(case)]
+    cases = [pressed(3, load, height) for height in HEIGHTS_M for load in LOADS_N]
+    cases += [pressed(count, COUNTS_LOAD_N, 0.0) for count in COUNTS]
+    found = [each for case in cases for each in in_repo(case)]
     for engine, builds in BUILDS.items():
         for build in builds:
-            found += _by_build(engine, build, cases)
+            found += by_build(engine, build, cases)
     say(f"rounding of heights: {len(found)} forces")
     return found
 
 
-def _case(count: int, load_N: float, height_m: float) -> Case:
+def pressed(count: int, load_N: float, height_m: float) -> Case:
+    """A chain at rest, pressed together from above; its forces at time 0 are known."""
     rest = ("striker=", "gravity=", "chain.sensors=[]", "run.duration=1 ns", "run.sample_interval=1 ns")
     settings = (f"chain.count={count}", f"chain.precompression={load_N:g} N", f"chain.origin={height_m:g} m")
     return case_of("fig4", *settings, *rest, "run.time_step=1 ns")
 
 
-def _in_repo(case: Case) -> Iterator[Rounded]:
+def in_repo(case: Case) -> Iterator[Rounded]:
+    """By the scheme of the codes in overlaps and in heights."""
     yield _rounded(case, OVERLAPS, verlet_of(case).force_N)
     yield _rounded(case, HEIGHTS, verlet_in_heights(case))
 
 
-def _by_build(engine: str, build: str, cases: list[Case]) -> Iterator[Rounded]:
+def by_build(engine: str, build: str, cases: list[Case]) -> Iterator[Rounded]:
+    """By a build of a code, where it is installed; the longest chains only by those that do not take long."""
     module = load_engine(engine)
     usual = module.find()
     executable = usual.with_name(build) if usual else None

@@ -8,7 +8,9 @@ import pandas as pd
 from drivers import paths
 from drivers.errors import InputError
 from postproc.style import inline_svg
-from validation.stability.maps import CRITERIA, draw_horizons, draw_limits, draw_rounding
+from validation.criteria import CRITERIA
+from validation.stability.limits import CRITERION_KEYS
+from validation.stability.maps import draw_horizons, draw_limits, draw_rounding
 from validation.stability.scenes import SHIPPED
 from validation.stability.words import LIMITS, WASTEFUL, read_tables, sentences
 
@@ -31,7 +33,7 @@ def read_section(results: Path) -> dict[str, Any]:
         tables = read_tables(results)
         return {
             "sentences": sentences(tables),
-            "criteria": [label for _, label, _ in CRITERIA.values()],
+            "criteria": list(CRITERIA),
             "limits": [_limit(row) for _, row in tables["limits"].iterrows() if row["group"] == SHIPPED],
             "extremes": _extremes(tables["extremes"]),
             "figures": [
@@ -48,8 +50,8 @@ def read_section(results: Path) -> dict[str, Any]:
 
 def _limit(row: "pd.Series[Any]") -> dict[str, Any]:
     criteria = []
-    for key, (fraction, _, _) in CRITERIA.items():
-        share = fraction * row[key] / row["measured_s"]
+    for key in CRITERION_KEYS:
+        share = row[key] / row["measured_s"]
         verdict = "wrong" if share > 1 else "useless" if share > row["bad_s"] / row["measured_s"] else ""
         criteria.append((f"{share:.2f}", verdict or ("wasteful" if share < WASTEFUL else "safe")))
     bad = f"{row['bad_s'] * 1e6:.3g}" if pd.notna(row["bad_s"]) else "–"

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from validation.criteria import CRITERIA
+from validation.stability.limits import CRITERION_KEYS
 from validation.stability.long_runs import BEYOND_CHANCE
-from validation.stability.maps import CRITERIA
 from validation.stability.scenes import SHIPPED
 
 LIMITS = "stability.csv"
@@ -57,13 +58,13 @@ def _on_limits(limits: pd.DataFrame) -> Iterator[str]:
 
 def _on_criteria(limits: pd.DataFrame) -> Iterator[str]:
     verlet = limits[limits["method"] == "verlet"]
-    for key, (fraction, label, _) in CRITERIA.items():
-        share, band = fraction * verlet[key] / verlet["measured_s"], verlet["bad_s"] / verlet["measured_s"]
+    for key, label in zip(CRITERION_KEYS, CRITERIA, strict=True):
+        share, band = verlet[key] / verlet["measured_s"], verlet["bad_s"] / verlet["measured_s"]
         wrong, useless, wasteful = share > 1, (share <= 1) & (share > band), share < WASTEFUL
         yield (
-            f"{label} lies between {share.min():.2g} and {share.max():.2g} of the measured limit on"
-            f" {len(verlet)} scenes: beyond it on {wrong.sum()}, in the useless band on {useless.sum()}, below a tenth of"
-            f" it on {wasteful.sum()}."
+            f"{label} lies between {share.min():.2g} and {share.max():.2g} of the measured limit on {len(verlet)}"
+            f" scenes: beyond it on {wrong.sum()}, in the useless band on {useless.sum()}, below a tenth of it on"
+            f" {wasteful.sum()}."
         )
 
 
@@ -72,8 +73,8 @@ def _on_extremes(extremes: pd.DataFrame) -> Iterator[str]:
         counts = Counter(part["verdict"])
         said = ", ".join(f"{counts[verdict]} {verdict}" for verdict in sorted(counts))
         yield f"{len(part)} scenes at the edge by {engine}: {said}."
-    worst = extremes.loc[extremes["model"].idxmax()] if extremes["model"].notna().any() else None
-    if worst is not None:
+    if extremes["model"].notna().any():
+        worst = extremes.iloc[int(np.nanargmax(extremes["model"]))]
         yield (
             f"A code is furthest from the same scheme at the same step on “{worst['name']}”: {worst['model']:.1e} of"
             f" the largest force ({worst['engine']})."

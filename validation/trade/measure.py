@@ -34,7 +34,7 @@ from validation.errors import (
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.simulate import case_of
-from validation.stable_step import reached_in, stable_step
+from validation.stable_step import predicted_limit
 from validation.trade.ladder import ADAPTIVE, ORDER_4, SCENES, SHARES, TOLERANCES, VERLET, Rung, affordable, at_step
 
 REPEATS, SHORT_S = 3, 0.1  # runs expected to be shorter are timed as the best of some
@@ -101,8 +101,7 @@ class _Climber:
     def __init__(self, scene: str) -> None:
         self.scene = scene
         self.case = case_of(scene)
-        rough = truth_of(self.case, 1e-6, finer=False)
-        self.stable_s = stable_step(self.case.chain, reached_in(self.case.chain, rough.trace))
+        self.stable_s = predicted_limit(self.case.chain, float(self.case.sample_times_s[-1]))
         self._truths: dict[tuple[float, int], Truth] = {}
 
     def rungs(self) -> Iterator[Rung]:
