@@ -59,7 +59,7 @@ study: .venv/.ready .venv/.engines ## run a study and draw its figure: make stud
 
 report: results/.report ## run the paper's scenes on all engines and write results/report.html
 
-test-accuracy: .venv/.ready-dev .venv/.engines ## accuracies on 200 random scenes, 30 of them on both codes
+test-accuracy: .venv/.ready-dev .venv/.engines ## accuracies on 200 random scenes, limits of the time step on 100
 	$(PY) -m pytest -n 2 -m accuracy validation/tests/test_accuracy.py
 
 test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests

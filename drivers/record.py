@@ -28,6 +28,7 @@ class RunRecord:
         error_budget: parts of the error of the force and of what gauges show (``validation.budget.Parts``).
         error_note: what of it could not be measured, and why.
         warnings: of a run that is done and of little use.
+        step_limit_s: the predicted stability limit of the time step; None where no contact closes.
         accuracy: by quantity what was ``asked``, ``predicted`` and ``measured``, where the scene asks for it.
         forces_sha256: of ``forces.parquet``, so that a damaged one is not taken for done; empty where there is none.
     """
@@ -53,6 +54,7 @@ class RunRecord:
     error_budget: list[dict[str, Any]]
     error_note: str
     warnings: list[str]
+    step_limit_s: float | None
     accuracy: dict[str, dict[str, float]] | None
     host: str
     commit: str

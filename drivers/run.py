@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import os
 import shutil
 import sys
@@ -165,6 +166,7 @@ def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
     """The error budget, what was kept of the accuracy asked for, and what to be warned of."""
     from validation.budget import error_budget, measured_errors
     from validation.prediction import warnings_of
+    from validation.stable_step import predicted_limit
 
     parts, note = error_budget(case, engine, trace)
     accuracy: dict[str, dict[str, float]] | None = None
@@ -174,8 +176,14 @@ def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
             name: {"asked": share, "predicted": case.plan.predicted[name], "measured": measured[name]}
             for name, share in case.plan.asked.items()
         }
-    warnings = warnings_of(case, engine)
-    return {"error_budget": parts, "error_note": note, "warnings": warnings, "accuracy": accuracy}
+    limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
+    return {
+        "error_budget": parts,
+        "error_note": note,
+        "warnings": warnings_of(case, engine),
+        "step_limit_s": limit if math.isfinite(limit) else None,
+        "accuracy": accuracy,
+    }
 
 
 def _has_all(found: EndedRun, case: Case) -> bool:
@@ -220,6 +228,7 @@ def _record(
         error_budget=[],
         error_note="",
         warnings=[],
+        step_limit_s=None,
         accuracy=None,
         **_description(case),
         **provenance(),

@@ -115,8 +115,7 @@ def _section(scene: ComparedScene) -> dict[str, object]:
         "name": case.scene.name,
         "title": case.scene.title or case.scene.name,
         "summary": case.summary,
-        "timing": f"time step {case.scene.time_step_s * 1e6:g} µs, {case.scene.steps} steps,"
-        f" {case.scene.samples} samples",
+        "timing": _timing(scene),
         "elements": case.elements,
         "figure": inline_svg(draw_scene(scene), case.scene.name) if scene.runs else "",
         "alt": f"Gauge forces against time for {case.summary}, all engines, with the differences between them below",
@@ -132,6 +131,16 @@ def _section(scene: ComparedScene) -> dict[str, object]:
         ],
         "folders": [(engine, paths.shown(scene.runs[engine].folder)) for engine in engines],
     }
+
+
+def _timing(scene: ComparedScene) -> str:
+    case = scene.case
+    words = f"time step {case.scene.time_step_s * 1e6:g} µs, {case.scene.steps} steps, {case.scene.samples} samples"
+    limits = [run.record.step_limit_s for run in scene.runs.values() if run.record.step_limit_s]
+    if limits:
+        share = case.scene.time_step_s / limits[0]
+        words += f"; steps up to {limits[0] * 1e6:.3g} µs are stable, of which this is {share:.2g}"
+    return words
 
 
 def _budget(scene: ComparedScene, engines: list[str]) -> list[tuple[str, str, list[str]]]:

@@ -15,11 +15,12 @@ from drivers.batch.planned import plan_case, versions_of
 from drivers.batch.progress import Progress, expected_s, in_words, states_on, told
 from drivers.batch.selection import Selection, select
 from drivers.batch.slices import run_slice
-from drivers.batch.store import Store
+from drivers.batch.store import Row, Store
 from drivers.batch.study import Study, read_study
 from drivers.batch.worker import to_run
 from drivers.errors import InputError
 from drivers.process import cores
+from drivers.tolerances import tolerance
 
 MANY = 20_000  # cases that nobody asks for by accident
 MANY_TO_PLAN = 500  # from here on, workers share the planning
@@ -257,6 +258,10 @@ def _tell_plan(opened: _Opened, todo: dict[str, list[int]], workers: int) -> int
     return 0
 
 
+def _useless(row: Row | None) -> bool:
+    return row is not None and row.done and (row.force_error or 0.0) > tolerance("warning", "force").limit
+
+
 def _tell_end(opened: _Opened) -> int:
     """Counts by engine, failures last; 1 unless all that was asked for is done."""
     running = claimed(opened.store.folder / WORK)
@@ -267,10 +272,14 @@ def _tell_end(opened: _Opened) -> int:
         states = Counter(found[number] for number in opened.selection.numbers)
         print(f"{name:<10} {', '.join(f'{states[state]} {state}' for state in STATES if states[state])}")
         whole = whole and states["done"] == len(opened.selection.numbers)
+        rows = opened.plan.rows_of(opened.store, name) if name in opened.plan.identities else []
         if states["failed"]:
-            rows = opened.plan.rows_of(opened.store, name)
             failed = [number for number in opened.selection.numbers if found[number] == "failed"]
             failures += [told(opened.study.label(number), row) for number in failed if (row := rows[number - 1])]
+        useless = sum(_useless(row) for row in rows)
+        if useless:
+            say = f"{name} warning: forces of {useless} rows are off by more than a tenth of the largest"
+            print(f"{say} (force_error_share)", file=sys.stderr)
     for line in failures:
         print(line, file=sys.stderr)
     if failures:

@@ -8,6 +8,8 @@ import pytest
 from postproc.residual import residual
 from validation.errors import truth_of, verlet_of
 from validation.random_scenes import random_case
+from validation.stability.limits import WITHIN, measure
+from validation.stability.scenes import at_random, shipped
 from validation.tests.conftest import finished
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -70,3 +72,11 @@ def test_a_code_keeps_it(shared_runs: Path) -> None:
 @pytest.mark.parametrize("number", BY_CODES)
 def test_both_codes_keep_it(number: int, shared_runs: Path) -> None:
     check_codes(number, shared_runs)
+
+
+@pytest.mark.accuracy
+def test_limits_are_predicted_on_the_papers_scenes_and_100_random_ones() -> None:
+    limits = measure([*shipped(), *at_random(100)], lambda line: None)
+    assert {limit.method for limit in limits} >= {"verlet"}
+    outside = [limit for limit in limits if not 1 <= limit.ratio <= WITHIN]
+    assert outside == []
