@@ -105,4 +105,5 @@ def explained_energy(case: Case, trace: Trace) -> float:
         walked = float(np.abs(trace.force_N - above + chain.load_N).max(axis=0).sum() * np.sqrt(case.scene.steps + 1))
         held = float(np.abs(trace.force_N).max(axis=0).sum())  # rounded once, where the energy is evaluated
         rounding = rounded * (tolerance("guard", "rounding").limit * walked + held) / scale
-    return tolerance("guard", "energy").limit * share**2 + (rounding if np.isfinite(rounding) else 0.0)
+    explained = tolerance("guard", "energy").limit * share**2 + (rounding if np.isfinite(rounding) else 0.0)
+    return max(explained, tolerance("guard", "least").limit)

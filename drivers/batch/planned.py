@@ -87,7 +87,7 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
 
 
 def _guards() -> str:
-    return " ".join(str(tolerance("guard", each).limit) for each in ("energy", "rounding"))
+    return " ".join(str(tolerance("guard", each).limit) for each in ("energy", "rounding", "least"))
 
 
 @cache

@@ -257,9 +257,8 @@ def said_by_liggghts(deck: Deck) -> Tables:
     mass_kg = atoms[:, 3] * 4 / 3 * pi * radius_m**3
     wall = int(number_after("primitive type", main)) - 1  # -1 where there is none
     constants = {name: words.split() for name, words in re.findall(r"^fix (\w+) all \S+ \w+ \w+ (.*)$", main, re.M)}
-    if (
-        "kn" in constants
-    ):  # of pairs of types, after their number; the atom of a flat face touches with its lowest point
+    # kn is of pairs of types, after their number; the atom of a flat face touches with its lowest point
+    if "kn" in constants:
         table = np.array(constants["kn"][1:], dtype=float).reshape(2 * [int(constants["kn"][0])])
         reduced_m = 1 / (1 / radius_m + np.append(0, 1 / radius_m[:-1]))
         stiffness = table[np.append(wall, kinds[:-1]), kinds] * np.sqrt(reduced_m)
