@@ -145,21 +145,35 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
     """Energy that can turn into motion, in J; of a chain in which nothing moves, what its contacts hold at rest.
 
     Kinetic energy at time 0, what loads do by closing gaps, and by pressing in what is not in equilibrium. The Hertz
-    energy of an equilibrium is none of it: loads and contacts hold each other. A free chain falls: there the loads
-    work all the time.
+    energy of an equilibrium is none of it: loads and contacts hold each other. Nor is that of a free chain as a whole:
+    it falls, and what presses its beads together is how unlike they are loaded.
     """
     kinetic = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
     if chain.wall is None:
-        falling = float((chain.load_N**2 / chain.mass_kg).sum()) * duration_s**2 / 2
+        falling = float((_unbalanced(chain) ** 2 / chain.mass_kg).sum()) * duration_s**2 / 2
     else:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
     hertz = 0.4 * float(chain.force_N @ np.maximum(chain.overlap_m, 0.0))
     return kinetic + falling + _settling(chain) or hertz
 
 
+def free_fall(chain: Chain) -> float:
+    """Acceleration of a free chain as a whole, in m/s^2, upwards positive."""
+    return float(chain.load_N.sum() / chain.mass_kg.sum())
+
+
+def _unbalanced(chain: Chain) -> Array:
+    """What no contact balances of each body's load, and in a free chain does not make all fall together, in N."""
+    net = chain.acceleration_m_s2 * chain.mass_kg
+    if chain.wall is None:
+        net = net - chain.mass_kg * free_fall(chain)
+        net[np.abs(net) < 1e-12 * np.abs(chain.load_N)] = 0.0  # rounding
+    return np.abs(net)
+
+
 def _settling(chain: Chain) -> float:
     """What loads that nothing balances do while the contacts below give way to them, at most, in J."""
-    unbalanced = np.abs(chain.acceleration_m_s2 * chain.mass_kg)
+    unbalanced = _unbalanced(chain)
     load = float(unbalanced.sum())
     if not load:
         return 0.0

@@ -44,6 +44,7 @@ def _told(error: Any, model: type[BaseModel], path: list[int | str]) -> tuple[st
     expected: dict[str, Callable[[dict[str, Any]], str]] = {
         "int_type": lambda _: "a whole number",
         "float_type": lambda _: "a plain number",
+        "bool_type": lambda _: "true or false",
         "string_type": lambda _: "text in quotes",
         "finite_number": lambda _: "a finite number",
         "model_type": lambda _: "a table",

@@ -1,6 +1,7 @@
 """What a finished run has to satisfy before it counts as done."""
 
 from collections.abc import Iterator
+from math import sqrt
 from pathlib import Path
 
 import numpy as np
@@ -93,11 +94,12 @@ def energy_error(chain: Chain, trace: Trace) -> Array:
 def explained_energy(case: Case, trace: Trace) -> float:
     """The largest energy error that velocity Verlet at the case's step and rounding can make, as ``energy_error``.
 
-    Verlet's goes with the square of the step's share of the stability limit; heights are rounded at every step, and
-    what forces are left on a body works along that.
+    Verlet's goes with the square of the step's share of the stability limit, and walks on from impact to impact;
+    heights are rounded at every step, and what forces are left on a body works along that.
     """
     chain, duration = case.chain, float(case.sample_times_s[-1])
-    share = min(share_at_most(chain, duration, case.scene.time_step_s), 1.0)
+    share, impacts = share_at_most(chain, duration, case.scene.time_step_s)
+    share = min(share, 1.0)
     scale = energy_put_in(chain, duration) or 1.0
     rounded = float(np.spacing(np.abs(chain.height_m).max()))
     above = np.column_stack([trace.force_N[:, 1:], np.zeros(len(trace.force_N))])
@@ -105,5 +107,6 @@ def explained_energy(case: Case, trace: Trace) -> float:
         walked = float(np.abs(trace.force_N - above + chain.load_N).max(axis=0).sum() * np.sqrt(case.scene.steps + 1))
         held = float(np.abs(trace.force_N).max(axis=0).sum())  # rounded once, where the energy is evaluated
         rounding = rounded * (tolerance("guard", "rounding").limit * walked + held) / scale
-    explained = tolerance("guard", "energy").limit * share**2 + (rounding if np.isfinite(rounding) else 0.0)
-    return max(explained, tolerance("guard", "least").limit)
+    walk = 1 + tolerance("guard", "impacts").limit * sqrt(impacts)
+    truncation = min(tolerance("guard", "energy").limit * share**2 * walk, 1.0)
+    return max(truncation + (rounding if np.isfinite(rounding) else 0.0), tolerance("guard", "least").limit)

@@ -8,13 +8,13 @@ from drivers.case import Case
 from drivers.engines import EXACT, load_engine
 from drivers.errors import InputError
 from drivers.plan import refuse_beyond_rounding
-from drivers.stability import at_most, share_at_most
+from drivers.stability import at_most, certainly_stable
 
-OVERRIDE = "(--unsafe, or unsafe = true in a study, runs it)"
+ON_COMMAND = "--unsafe"
 
 
-def refuse(case: Case, engine: str) -> None:
-    """Refuses what cannot end well on an engine.
+def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
+    """Refuses what cannot end well on an engine; ``override`` is what runs it all the same.
 
     Raises:
         InputError: the time step is beyond the stability limit; contacts would be pressed deeper than Hertz's law can
@@ -24,9 +24,9 @@ def refuse(case: Case, engine: str) -> None:
     cannot = inability(case, engine)
     if cannot is not None:
         raise cannot
-    _refuse_depth(case)
+    _refuse_depth(case, override)
     if load_engine(engine).SCHEME != EXACT:
-        _refuse_step(case)
+        _refuse_step(case, override)
 
 
 def inability(case: Case, engine: str) -> InputError | None:
@@ -38,20 +38,22 @@ def inability(case: Case, engine: str) -> InputError | None:
     return InputError(case.scene.file, key, found, f"on {engine} {allowed}")
 
 
-def _refuse_step(case: Case) -> None:
+def _refuse_step(case: Case, override: str) -> None:
     chain, duration, step = case.chain, float(case.sample_times_s[-1]), case.scene.time_step_s
-    if share_at_most(chain, duration, step) <= 1:
+    if certainly_stable(chain, duration, step):
         return
     from validation.stable_step import predicted_limit
 
     limit = predicted_limit(chain, duration)
     if step > limit:
         digits = 10.0 ** (floor(log10(limit)) - 2)
-        allowed = f"at most {floor(limit / digits) * digits:.3g} s, beyond which this chain blows up {OVERRIDE}"
+        allowed = (
+            f"at most {floor(limit / digits) * digits:.3g} s, beyond which this chain blows up ({override} runs it)"
+        )
         raise InputError(case.scene.file, "run.time_step", f"{step:g} s", allowed)
 
 
-def _refuse_depth(case: Case) -> None:
+def _refuse_depth(case: Case, override: str) -> None:
     chain, duration = case.chain, float(case.sample_times_s[-1])
     if (at_most(chain, duration).overlap_m < chain.smaller_radius_m).all():
         return
@@ -62,5 +64,5 @@ def _refuse_depth(case: Case) -> None:
         place = int(np.argmax(depth))
         key = "striker.speed" if case.scene.striker else "chain"
         found = f"a motion that presses contact {place + 1} {depth[place]:.3g} radii deep"
-        allowed = f"overlaps below a radius: beyond, Hertz's law means nothing {OVERRIDE}"
+        allowed = f"overlaps below a radius: beyond, Hertz's law means nothing ({override} runs it)"
         raise InputError(case.scene.file, key, found, allowed)

@@ -43,6 +43,8 @@ def outlook(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]
     else:
         yield f"time step  {_step(case)}, as the scene has it"
     yield from _stability(case, chooser)
+    if case.scene.time_step_s > chooser.stable_s:
+        return  # of a step that is refused there is nothing to predict
     yield f"predicted  {_listed(errors)}; rounding of absolute heights up to {rounding.allowance:.1e} more"
     if chooser.known > min(errors.values(), default=1.0) / TENFOLD:
         yield f"           the exact motion itself is known to {chooser.known:.1e} only: it multiplies rounding"
@@ -139,14 +141,14 @@ def _stability(case: Case, chooser: Chooser) -> Iterator[str]:
         yield "stability  no contact closes: no limit"
         return
     share = case.scene.time_step_s / chooser.stable_s
-    refused = ", which is refused" if share > 1 else ""
+    refused = ": it blows up, and is refused" if share > 1 else ""
     yield f"stability  up to {_us(chooser.stable_s)}; this step is {share:.2g} of it{refused}"
     others = (f"{label} {_us(fraction * time(case))}" for label, (fraction, time) in CRITERIA.items())
     yield f"           (by criteria that do not look at the motion: {', '.join(others)})"
 
 
 def _listed(errors: dict[str, float]) -> str:
-    return ", ".join(f"{name} {f'{error:.2g}' if error < BLOWN_UP else 'blows up'}" for name, error in errors.items())
+    return ", ".join(f"{name} {f'{error:.3g}' if error < BLOWN_UP else 'blows up'}" for name, error in errors.items())
 
 
 def _step(case: Case) -> str:

@@ -1,10 +1,12 @@
 """The stability limit of velocity Verlet on a chain: 2 over the highest frequency that its contacts reach."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg import eigvalsh_tridiagonal
 
 from drivers.chain import Array, Chain
-from drivers.stability import SAFETY, Reached, at_most
+from drivers.stability import SAFETY, Reached, at_most, wear
 from drivers.trace import Trace
 from validation.arrays import arrays_of
 from validation.reference.hertz_chain import HertzChain
@@ -13,7 +15,7 @@ from validation.reference.verlet import integrate_verlet
 CONVERGED = 1e-9
 FINE = 0.125  # of the bound's step: limits so found are within 0.3 % of exact ones, on 300 random scenes
 AT_ONCE = 1_000_000  # bodies times steps kept at a time
-MOST = 500_000_000  # bodies times steps that are followed, some seconds; beyond, bounds by energy have to do
+MOST = 500_000_000  # bodies times steps that are followed, some seconds; what comes later is taken to be alike
 
 
 def predicted_limit(chain: Chain, duration_s: float) -> float:
@@ -22,24 +24,29 @@ def predicted_limit(chain: Chain, duration_s: float) -> float:
 
 
 def reached(chain: Chain, duration_s: float) -> Reached:
-    """What contacts reach in a motion, followed at a step that is certainly stable; bounds where that takes long."""
+    """What contacts reach in a motion, followed at a fine step: all of it, or where that takes long its beginning."""
     bounds = at_most(chain, duration_s)
     step = FINE * stable_step(chain, bounds)
-    if not np.isfinite(step) or chain.bodies * duration_s / step > MOST:
+    if not np.isfinite(step):
         return bounds
-    return _followed(chain, step, max(1, int(np.ceil(duration_s / step))))
+    steps = max(1.0, np.ceil(duration_s / step))
+    followed = min(steps, max(1.0, MOST // chain.bodies))
+    found = _followed(chain, step, int(followed))
+    return replace(found, impacts=found.impacts * steps / followed)
 
 
 def stable_step(chain: Chain, reached: Reached) -> float:
     """The predicted limit in s, ``SAFETY * 2 / omega_max``; inf for a chain without a contact that closes.
 
-    Stiffnesses are tangents of Hertz's law at the largest overlaps, or at those that a step of that size makes.
+    Stiffnesses are tangents of Hertz's law at the largest overlaps, or at those that a step of that size makes. Many
+    impacts lower the limit.
     """
-    step = SAFETY * linear_limit(chain, reached.spring(chain, 0.0))
+    safety = SAFETY / wear(reached.impacts)
+    step = safety * linear_limit(chain, reached.spring(chain, 0.0))
     if not np.isfinite(step):  # no overlap to begin with: a step's own
         step = 1.0
     while True:
-        found = SAFETY * linear_limit(chain, reached.spring(chain, step))
+        found = safety * linear_limit(chain, reached.spring(chain, step))
         if not np.isfinite(found) or abs(found / step - 1) < CONVERGED:
             return found
         step = (step * found**4) ** 0.2  # where steps make the overlap, found goes with step^(-1/4)
@@ -57,31 +64,53 @@ def linear_limit(chain: Chain, spring_N_m: Array) -> float:
 
 
 def reached_in(chain: Chain, trace: Trace) -> Reached:
-    """What contacts reach in a trace that keeps its velocities."""
+    """What contacts reach in a trace that keeps its velocities and is sampled finely."""
     assert trace.velocity_m_s is not None
-    return _reached(chain, trace.force_N, trace.velocity_m_s)
+    speed = _closing_speeds(chain, trace.force_N, trace.velocity_m_s)
+    impacts = _counted(_impact_energies(chain, trace.force_N, speed))
+    return Reached(_largest_overlaps(chain, trace.force_N), speed.max(axis=0), impacts)
 
 
 def _followed(chain: Chain, step: float, left: int) -> Reached:
     """What contacts reach by velocity Verlet, of which no samples are kept."""
     arrays = arrays_of(chain)
-    overlap, closing = np.zeros(chain.bodies), np.zeros(chain.bodies)
+    overlap, closing, energies = np.zeros(chain.bodies), np.zeros(chain.bodies), np.zeros(0)
     while left:
         steps = min(left, max(1, AT_ONCE // chain.bodies))
         motion = integrate_verlet(arrays, step, 1, steps + 1)
-        part = _reached(chain, motion.force_N, motion.velocity_m_s)
-        overlap, closing = np.maximum(overlap, part.overlap_m), np.maximum(closing, part.closing_m_s)
+        overlap = np.maximum(overlap, _largest_overlaps(chain, motion.force_N))
+        speed = _closing_speeds(chain, motion.force_N, motion.velocity_m_s)
+        closing = np.maximum(closing, speed.max(axis=0))
+        energies = np.append(energies, _impact_energies(chain, motion.force_N, speed))
         moved = motion.displacement_m[-1]
         pressed = arrays.overlap_m + np.append(0.0, moved[:-1]) - moved
         arrays = HertzChain(arrays.mass_kg, arrays.stiffness, pressed, motion.velocity_m_s[-1], arrays.load_N)
         left -= steps
-    return Reached(overlap, closing)
+    return Reached(overlap, closing, _counted(energies))
 
 
-def _reached(chain: Chain, force_N: Array, velocity_m_s: Array) -> Reached:
+def _largest_overlaps(chain: Chain, force_N: Array) -> Array:
     there = chain.stiffness > 0
     overlap = np.zeros(chain.bodies)
     overlap[there] = (np.maximum(force_N.max(axis=0), 0.0)[there] / chain.stiffness[there]) ** (2 / 3)
+    return overlap
+
+
+def _closing_speeds(chain: Chain, force_N: Array, velocity_m_s: Array) -> Array:
+    """Speed at which each open contact closes, at each sample; 0 where it is closed or opens."""
     closing = np.column_stack([np.zeros(len(velocity_m_s)), velocity_m_s[:, :-1]]) - velocity_m_s
-    opened = (force_N <= 0) & there
-    return Reached(overlap, np.where(opened, np.maximum(closing, 0.0), 0.0).max(axis=0))
+    return np.where((force_N <= 0) & (chain.stiffness > 0), np.maximum(closing, 0.0), 0.0)
+
+
+def _impact_energies(chain: Chain, force_N: Array, closing_m_s: Array) -> Array:
+    """``mu v^2 / 2`` of each closing of a contact, in J; mu is the two bodies' reduced mass. Shape (impacts,)."""
+    inverse = 1 / chain.mass_kg
+    inverse = inverse + np.append(0.0, inverse[:-1])
+    energy = 0.5 * closing_m_s[:-1] ** 2 / inverse
+    return np.asarray(energy[(force_N[:-1] <= 0) & (force_N[1:] > 0)])
+
+
+def _counted(energies_J: Array) -> float:
+    """Impacts counted by the square of their energy over the largest one's: as they count in a random walk."""
+    largest = float(energies_J.max(initial=0.0))
+    return float(((energies_J / largest) ** 2).sum()) if largest else 0.0

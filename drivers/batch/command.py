@@ -168,6 +168,8 @@ def show(source: str, number: int, runs: Path, engines: Sequence[str]) -> int:
             continue
         ended = run_case(planned.case, name, runs, limit_s=study.limit_s, unsafe=study.unsafe)
         row = store.rows.get(planned.identities[name])
+        for warning in ended.record.warnings:
+            print(f"{name} warning: {warning}", file=sys.stderr)
         if not ended.done:
             print(f"{paths.shown(ended.folder)}  {ended.record.status}: {ended.record.reason}", file=sys.stderr)
             code = 1

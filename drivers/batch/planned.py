@@ -74,7 +74,7 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
     case = study.case(number)
     if not study.unsafe:
         for name in versions:
-            refuse(case, name)
+            refuse(case, name, override="unsafe = true in the study")
     gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_digest_of(OBSERVING)}\0{_guards()}"
     decks = {name: load_engine(name).render(case) for name in versions}
     runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
@@ -87,7 +87,7 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
 
 
 def _guards() -> str:
-    return " ".join(str(tolerance("guard", each).limit) for each in ("energy", "rounding", "least"))
+    return " ".join(str(tolerance("guard", each).limit) for each in ("energy", "impacts", "rounding", "least"))
 
 
 @cache

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.case import Case
-from drivers.chain import Array, Chain, energy_put_in
+from drivers.chain import Array, Chain, energy_put_in, free_fall
 from drivers.deck import Deck
 from drivers.deck import render as render_template
 from drivers.elements import STRAIGHT
@@ -30,6 +30,7 @@ VARIABLES: dict[str, str] = {}
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
 SERVER = Deck({}, ("stdbuf", "-oL", "liggghts", "-log", "none"), raw=())  # takes its commands from stdin
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
+FEW = 200  # bodies up to which all pairs are searched for neighbours: bins of the whole space would take longer
 MOST_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
 
@@ -70,6 +71,8 @@ def version(executable: Path) -> str:
 def refusal(case: Case) -> Complaint | None:
     """A box that is too high for the bins of its neighbour search, half a cutoff wide each."""
     chain, radius = case.chain, _radii(case.chain)
+    if chain.bodies <= FEW:
+        return None
     box = _box(case, radius, chain.height_m)
     bin_m = radius.max() + box.skin / 2
     height = box.high - box.low
@@ -89,6 +92,10 @@ def _radii(chain: Chain) -> Array:
 def _box(case: Case, radius: Array, height: Array) -> Box:
     chain, duration = case.chain, float(case.sample_times_s[-1])
     fastest = math.sqrt(2 * energy_put_in(chain, duration) / chain.mass_kg.min())
+    if chain.wall is None:
+        fastest += (
+            abs(float(chain.mass_kg @ chain.velocity_m_s / chain.mass_kg.sum())) + abs(free_fall(chain)) * duration
+        )
     reach = 1.1 * fastest * duration + 4 * radius.max()  # nothing gets further: what leaves the box has blown up
     digits = 2 - math.floor(math.log10(reach))
     low, high = round(float(height.min() - reach), digits), round(float(height.max() + reach), digits)
@@ -124,6 +131,7 @@ def render(case: Case) -> Deck:
         "hard": not flat and max(moduli) > HARD_PA,
         "soft": not flat and min(moduli) < SOFT_PA,
         "skin": box.skin,
+        "binned": chain.bodies > FEW,
         "wall_type": wall_type,
         "wall_height": chain.wall_height_m,
         "gravity": chain.gravity_m_s2 if case.models("gravity") else None,
