@@ -17,6 +17,10 @@ from drivers.tolerances import tolerance
 from drivers.trace import Trace
 
 LONGEST_COMPLAINT = 300
+ROUNDINGS, EXACTLY = (
+    64,
+    1e-9,
+)  # what rounding may do to a start: units in the last place of heights, share of the largest
 
 
 def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) -> Trace:
@@ -34,10 +38,34 @@ def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) ->
         blown_up = _blown_up(case, engine, words, folder)
         raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:LONGEST_COMPLAINT]}"))))
     trace = engine.read(case, folder)
-    reason = reason_to_fail(case, trace)
+    reason = reason_to_fail(case, trace) or wrong_start(case, trace)
     if reason:
         raise RunError(reason)
     return trace
+
+
+def wrong_start(case: Case, trace: Trace) -> str | None:
+    """Where a run does not start as its scene does, by more than rounding; None where it does."""
+    chain = case.chain
+    if trace.height_m is None or trace.velocity_m_s is None:
+        return None
+    rounded = ROUNDINGS * float(np.spacing(np.abs(chain.height_m).max()))
+    resting = np.maximum(chain.overlap_m, 0.0)
+    force = chain.stiffness * ((resting + rounded) ** 1.5 - resting**1.5) + EXACTLY * chain.force_N.max()
+    fastest = float(np.abs(trace.velocity_m_s).max())
+    speed = EXACTLY * fastest + case.scene.time_step_s * (force + np.append(force[1:], 0.0)) / chain.mass_kg
+    for name, unit, found, expected, allowed in (
+        ("height", "m", trace.height_m[0], chain.height_m, np.full(chain.bodies, rounded)),
+        ("velocity", "m/s", trace.velocity_m_s[0], chain.velocity_m_s, speed),
+        ("force below", "N", trace.force_N[0], chain.force_N, force),
+    ):
+        wrong = np.abs(found - expected) > allowed
+        if wrong.any():
+            body = int(np.argmax(wrong))
+            return (
+                f"body {body + 1} starts with a {name} of {found[body]:.9g} {unit}, the scene has {expected[body]:.9g}"
+            )
+    return None
 
 
 def _blown_up(case: Case, engine: Engine, words: str, folder: Path) -> str | None:

@@ -180,7 +180,7 @@ def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
     return {
         "error_budget": parts,
         "error_note": note,
-        "warnings": warnings_of(case, engine),
+        "warnings": warnings_of(case, engine, trace),
         "step_limit_s": limit if math.isfinite(limit) else None,
         "accuracy": accuracy,
     }

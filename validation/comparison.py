@@ -18,7 +18,7 @@ from drivers.tolerances import Tolerance, tolerance
 from drivers.trace import Trace
 from postproc.observables import observe
 from postproc.residual import share_of_largest
-from validation.rounding import HORIZON, ROUNDING_MARGIN, rounding_error
+from validation.rounding import HORIZON, ROUNDING_MARGIN, comparable, rounding_error
 
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
@@ -124,9 +124,7 @@ def model_tolerance(case: Case, verlet: Trace) -> tuple[Tolerance, int]:
     beyond ``HORIZON``: a chain that bounces on is chaotic.
     """
     stated = tolerance("model", "force", shipped_name(case))
-    rounding = ROUNDING_MARGIN * np.maximum.accumulate(share_of_largest(rounding_error(case), verlet))
-    samples = max(1, int(np.searchsorted(rounding, ROUNDING_MARGIN * HORIZON, side="right")))
-    allowed = float(rounding[samples - 1])
+    allowed, samples = comparable(share_of_largest(rounding_error(case), verlet))
     if allowed <= stated.limit:
         return stated, samples
     reason = f"{ROUNDING_MARGIN:g} times what rounding absolute coordinates does to this very scene, measured in-repo"

@@ -1,4 +1,4 @@
-"""The error to expect of a run's forces, from the engines' own scheme: what a run is warned of."""
+"""What a run is warned of: an error to expect by its scheme, forces that its scheme does not explain."""
 
 import numpy as np
 
@@ -6,19 +6,25 @@ from drivers.case import Case
 from drivers.chain import Array
 from drivers.engines import EXACT, IN_HEIGHTS, load_engine
 from drivers.tolerances import tolerance
+from drivers.trace import Trace
 from postproc.residual import residual
 from validation.budget import LARGEST, yardsticks
 from validation.errors import verlet_of
+from validation.rounding import comparable
 
 VERLET = "verlet"
 
 
-def warnings_of(case: Case, engine: str) -> list[str]:
-    """What to say of a run that is predicted to err by more than a tenth; nothing of most."""
+def warnings_of(case: Case, engine: str, trace: Trace) -> list[str]:
+    """What to say of a run that is done and of little use; nothing of most."""
     try:
-        error = predicted_error(case, engine)
+        return [*_of_error(case, predicted_error(case, engine)), *_of_model(case, engine, trace)]
     except ArithmeticError as failed:
         return [f"its error cannot be predicted: {failed}"]
+
+
+def _of_error(case: Case, error: Array) -> list[str]:
+    """Where the error that is predicted passes a tenth."""
     limit = tolerance("warning", "force").limit
     beyond = error > limit
     if not beyond.any():
@@ -27,6 +33,23 @@ def warnings_of(case: Case, engine: str) -> list[str]:
     return [
         f"forces are predicted to be off by up to {error.max():.2g} of the largest, by more than {limit:g} from"
         f" t = {since:g} s on, by {_cause(case, limit)}"
+    ]
+
+
+def _of_model(case: Case, engine: str, trace: Trace) -> list[str]:
+    """Where a code differs from the same scheme at the same step by more than rounding does."""
+    if load_engine(engine).IN_REPOSITORY or case.chain.bodies > LARGEST:
+        return []
+    rods = yardsticks(case)
+    rounding, samples = comparable(residual(rods.heights, rods.verlet))
+    allowed = max(tolerance("model", "force").limit, rounding)
+    apart = residual(trace, rods.verlet)[:samples]
+    if not (apart > allowed).any():
+        return []
+    since = case.sample_times_s[int(np.argmax(apart > allowed))]
+    return [
+        f"forces differ from velocity Verlet at the same step by {apart.max():.2g} of the largest, from t = {since:g} s"
+        f" on, where rounding explains {allowed:.1g}: what ran is not what the scene says"
     ]
 
 

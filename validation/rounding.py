@@ -11,6 +11,17 @@ ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: 
 HORIZON = 1e-6  # where rounding alone makes this much, pointwise comparison of engines ends
 
 
+def comparable(rounding_share: Array) -> tuple[float, int]:
+    """What rounding alone lets two engines differ by, of the largest force, and for how many samples that is small.
+
+    Args:
+        rounding_share: what rounding does to the forces at each sample, over the largest force. Shape (samples,).
+    """
+    allowed = ROUNDING_MARGIN * np.maximum.accumulate(rounding_share)
+    samples = max(1, int(np.searchsorted(allowed, ROUNDING_MARGIN * HORIZON, side="right")))
+    return float(allowed[samples - 1]), samples
+
+
 def verlet_in_heights(case: Case) -> Array:
     """Forces by the scheme of the codes at the case's step, with absolute heights as its state, as engines hold them.
 

@@ -207,6 +207,7 @@ SABOTAGE = {
     "liggghts": {
         "a lost bead": ("fix motion", "fix push all addforce 100 0 0\nfix motion", f"{UNSTABLE}.*Lost atoms"),
         "NaN": ("timestep        1e-07", "timestep        1e200", UNSTABLE),
+        "no strike": ("fix motion", "velocity all set 0 0 0\nfix motion", "body 6 starts with a velocity of 0 m/s"),
         "an error in the deck": ("pair_style      gran", "pair_style      grain", "Invalid pair style"),
         "half way": ("run             3000", "run             1500", "output ends in sample 152 of 301"),
         "a step far too large": ("timestep        1e-07", "timestep        2.5e-05", f"{UNSTABLE}.*Lost atoms"),
@@ -219,6 +220,7 @@ SABOTAGE = {
         "death before the end": ("start = time.perf_counter()", "import os; os._exit(0)", "chain.npz was not written"),
         "no closing line": ("print(f\"completed", "str(f\"completed", "did not run to its end"),
         "a step far too large": ("O.dt = time_step", "O.dt = 2.5e-5", UNSTABLE),
+        "a slower strike": ("(0, 0, velocity)", "(0, 0, 0.9 * velocity)", "body 6 starts with a velocity of -0.9 m/s"),
         "a little damping": ("damping=0", "damping=1e-4", f"{UNSTABLE}.*the energy is off"),
     },
 }  # fmt: skip
@@ -244,6 +246,17 @@ def test_a_bead_that_passes_through_the_wall(
     sabotage(engine, good, bad, stand_in, tmp_path)
     _, reason = failing_run(scene_file(duration="4 ms", step="0.5 us"), engine, tmp_path / "runs")
     assert re.search(f"{UNSTABLE}.*body 1 passed through the wall", reason), reason
+
+
+@pytest.mark.parametrize(
+    ("engine", "good", "bad"), [("liggghts", "1e-07", "1.1e-07"), ("yade", "range(every if", "range(9 if")]
+)
+def test_a_run_at_another_step_is_told_apart(
+    engine: str, good: str, bad: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    sabotage(engine, good, bad, stand_in, tmp_path)
+    (warning,) = run_case(case_of(scene_file()), engine, tmp_path / "runs").record.warnings
+    assert "what ran is not what the scene says" in warning
 
 
 def sabotage(engine: str, good: str, bad: str, stand_in: StandIn, tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ def test_a_motion_beyond_hertz_is_refused(scene_file: SceneWriter) -> None:
 def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_path: Path) -> None:
     need("liggghts")
     far = ("chain.bead=[{from_wall=3, gap_below='100 km'}]", "run.duration=20 us")
-    path = scene_file()
+    path = scene_file(count=220)
     words = ("drivers", "run", path, "--set", far[0], "--set", far[1], "--runs", tmp_path)
     by_name = command_line(*words, "--engine", "liggghts")
     assert (by_name.returncode, by_name.stdout) == (2, "")
