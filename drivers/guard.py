@@ -17,10 +17,8 @@ from drivers.tolerances import tolerance
 from drivers.trace import Trace
 
 LONGEST_COMPLAINT = 300
-ROUNDINGS, EXACTLY = (
-    64,
-    1e-9,
-)  # what rounding may do to a start: units in the last place of heights, share of the largest
+ROUNDINGS = 64  # units in the last place of heights that a start may be off by
+EXACTLY = 1e-9  # of the largest force and speed, likewise
 
 
 def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) -> Trace:
