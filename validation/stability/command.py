@@ -12,7 +12,7 @@ from drivers import paths
 from drivers.whole_file import whole_file
 from validation.stability import extremes, limits, long_runs, rounding
 from validation.stability.maps import draw_horizons, draw_limits, draw_rounding
-from validation.stability.scenes import at_random, shipped, sweeps
+from validation.stability.scenes import at_random, bouncing, shipped, sweeps
 from validation.stability.words import LIMITS, TABLES, read_tables, sentences
 
 RANDOM_SCENES = 100
@@ -24,7 +24,7 @@ def stability(results: Path, runs: Path, *, quick: bool = False) -> int:
 
     ``quick`` leaves out random scenes, most extremes, long runs and rounding.
     """
-    subjects = [*shipped(), *sweeps(), *([] if quick else at_random(RANDOM_SCENES))]
+    subjects = [*shipped(), *sweeps(), *([] if quick else (*bouncing(), *at_random(RANDOM_SCENES)))]
     measured: dict[str, Sequence[Any]] = {
         "limits": limits.measure(subjects, _say),
         "extremes": extremes.run_all(extremes.extremes(quick=quick), runs, _say),

@@ -10,10 +10,10 @@ from drivers.case import Case
 from drivers.stability import at_most
 from validation.random_scenes import random_case
 from validation.simulate import case_of
-from validation.stable_step import stable_step
+from validation.stable_step import reached, stable_step
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
-SHIPPED, RANDOM = "shipped scenes", "random scenes"
+SHIPPED, RANDOM, BOUNCING = "shipped scenes", "random scenes", "impacts"
 BASE = "fig4"
 # key of the scene, unit, values; by what the axis of a figure says
 SWEEPS = {
@@ -59,6 +59,15 @@ def sweeps() -> Iterator[Subject]:
             timing = (f"run.duration={duration:.6g} s", f"run.sample_interval={interval:.6g} s")
             case = case_of(BASE, setting, *timing, f"run.time_step={interval:.6g} s")
             yield Subject(group, f"{BASE} {setting}", case, value / BEAD_KG if unit == "kg" else float(value))
+
+
+def bouncing() -> Iterator[Subject]:
+    """A bead that falls on the wall again and again: errors of impacts add up."""
+    for duration_ms in (5, 50, 500):
+        settings = ("chain.count=0", "chain.sensors=[]", "gravity=981 m/s^2", "striker.speed=0.5 m/s")
+        case = case_of(BASE, *settings, f"run.duration={duration_ms} ms", "run.time_step=1 us")
+        impacts = reached(case.chain, float(case.sample_times_s[-1])).impacts
+        yield Subject(BOUNCING, f"a bead that bounces {impacts:.0f} times", case, impacts)
 
 
 def at_random(count: int) -> Iterator[Subject]:

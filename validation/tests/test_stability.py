@@ -23,7 +23,7 @@ from validation.stability.extremes import Extreme, extremes, run_extreme
 from validation.stability.limits import WITHIN, gain, measure, prediction
 from validation.stability.long_runs import energy_of
 from validation.stability.rounding import by_build, in_repo, pressed
-from validation.stability.scenes import PAPER, RANDOM, SHIPPED, Subject, at_random, sweeps
+from validation.stability.scenes import PAPER, RANDOM, SHIPPED, Subject, at_random, bouncing, sweeps
 from validation.stability.section import read_section
 from validation.stable_step import predicted_limit
 from validation.tests.conftest import SceneWriter, case_of, command_line, need
@@ -63,6 +63,12 @@ def test_the_cheap_bound_never_calls_a_step_stable_that_is_not() -> None:
         limit = predicted_limit(case.chain, duration)
         assert not certainly_stable(case.chain, duration, 1.0001 * limit)
         assert limit == pytest.approx(prediction(case), rel=4e-3)
+
+
+def test_many_impacts_lower_the_limit() -> None:
+    limits = measure([*bouncing()][:2], quiet, names=())
+    assert limits[1].measured_s < 0.85 * limits[0].measured_s
+    assert all(1 <= limit.ratio <= WITHIN for limit in limits)
 
 
 FEW = [("chain.count=1", "chain.sensors=[]"), ("chain.count=0", "chain.sensors=[]"), ("striker.mass=1e-9 kg",)]
