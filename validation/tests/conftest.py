@@ -12,6 +12,7 @@ from drivers.case import Case, build_case
 from drivers.engines import load_engine
 from drivers.finished import FinishedRun, open_run
 from drivers.read_scene import read_scene
+from drivers.record import read_record
 from drivers.run import run_case
 
 BASE = """
@@ -34,6 +35,7 @@ WALL = '[wall]\nmaterial = "brass"\n'
 SPEEDS = '[[axis]]\nkey = "striker.speed"\nfrom = "0.5 m/s"\nto = "2 m/s"\ncount = {}\n'
 
 SceneWriter = Callable[..., Path]
+StandIn = Callable[[str, str], None]
 StudyWriter = Callable[..., Path]
 
 
@@ -116,3 +118,28 @@ def command_line(*words: str | Path, **changes: str) -> subprocess.CompletedProc
         check=False,
         env=os.environ | changes,
     )
+
+
+@pytest.fixture
+def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StandIn:
+    """Puts an executable of that name first on PATH."""
+
+    def put(name: str, script: str) -> None:
+        folder = tmp_path / "bin"
+        folder.mkdir(exist_ok=True)
+        (folder / name).write_text("#!/bin/sh\n" + script)
+        (folder / name).chmod(0o755)
+        monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+
+    return put
+
+
+def failing_run(scene: Path, engine: str, runs: Path, limit_s: float = 60) -> tuple[str, str]:
+    """Status and reason of a run that must not be done, after checking what it leaves behind."""
+    result = run_case(case_of(scene), engine, runs, limit_s=limit_s)
+    stored = read_record(result.folder)
+    assert stored is not None
+    assert (stored.status, stored.reason) == (result.record.status, result.record.reason)
+    assert not (result.folder / "forces.parquet").exists()
+    assert [folder.name for folder in (runs / engine).iterdir() if folder.name[0] != "."] == [result.folder.name]
+    return result.record.status, result.record.reason
