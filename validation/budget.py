@@ -11,6 +11,7 @@ same in overlaps, Q_e exact at the same samples and Q_t true (from finer samples
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,7 @@ class Yardsticks:
 
 
 _last: dict[str, Yardsticks] = {}  # of the last case asked for: its engines share them
+_making = Lock()
 
 
 def yardsticks(case: Case) -> Yardsticks:
@@ -67,12 +69,13 @@ def yardsticks(case: Case) -> Yardsticks:
         ArithmeticError: the exact motion cannot be followed.
     """
     key = load_engine("verlet").render(case).sha256
-    if key not in _last:
-        verlet = verlet_of(case)
-        made = Yardsticks(truth_of(case), replace(verlet, force_N=verlet_in_heights(case)), verlet)
-        _last.clear()
-        _last[key] = made
-    return _last[key]
+    with _making:  # engines that run side by side wait for the first
+        if key not in _last:
+            verlet = verlet_of(case)
+            made = Yardsticks(truth_of(case), replace(verlet, force_N=verlet_in_heights(case)), verlet)
+            _last.clear()
+            _last[key] = made
+        return _last[key]
 
 
 def error_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, Any]], str]:

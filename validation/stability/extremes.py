@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from drivers import paths
-from drivers.case import Case
-from drivers.engines import codes, load_engine
+from drivers.engines import codes, installed
 from drivers.errors import InputError
 from drivers.finished import open_run
 from drivers.limits import refuse
-from drivers.run import run_case
+from drivers.run_many import run_many
 from drivers.trace import Trace
 from postproc.residual import residual
 from validation.rounding import HORIZON
@@ -24,7 +23,7 @@ from validation.stable_step import predicted_limit
 
 VERLET = "verlet"
 LEFT = 1e-2  # of the largest force: a run that is further from the reference has left it
-REFUSED, NOT_RUN = "refused", "not run"
+DONE, REFUSED, NOT_RUN = "done", "refused", "not run"
 
 
 @dataclass(frozen=True)
@@ -88,35 +87,37 @@ def run_all(some: list[Extreme], runs: Path, say: Callable[[str], object] = prin
 
 
 def run_extreme(extreme: Extreme, runs: Path) -> list[Outcome]:
-    """One scene on every engine: first the yardsticks, then the codes against them."""
+    """One scene on every engine, side by side, against the reference and Verlet."""
     case = case_of(extreme.scene, *extreme.settings)
-    limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
-    traces: dict[str, Trace] = {}
-    return [_outcome(extreme, case, limit, engine, runs, traces) for engine in (REFERENCE, VERLET, *codes())]
-
-
-def _outcome(
-    extreme: Extreme, case: Case, limit_s: float, engine: str, runs: Path, traces: dict[str, Trace]
-) -> Outcome:
-    verdict, reason, wall_s = NOT_RUN, "not installed", nan
-    if load_engine(engine).find() is not None:
+    names = (REFERENCE, VERLET, *codes())
+    verdicts = dict.fromkeys(names, (NOT_RUN, "not installed"))
+    for name in installed(names):
         try:
-            refuse(case, engine)
-            ended = run_case(case, engine, runs)
+            refuse(case, name)
+            verdicts[name] = (DONE, "")
         except InputError as refusal:
-            verdict, reason = REFUSED, str(refusal)
-        else:
-            verdict, reason, wall_s = ended.record.status, ended.record.reason, ended.record.wall_s
-            if ended.done:
-                traces[engine] = open_run(ended.folder).trace
-                verdict = "warned" if ended.record.warnings else verdict
-                reason = "; ".join(ended.record.warnings)
-    error, leaves_reference = _apart(traces, engine, REFERENCE, LEFT)
-    model, leaves_verlet = _apart(traces, engine, VERLET, HORIZON)
-    return Outcome(
-        extreme.name, engine, verdict, reason, case.chain.bodies, case.scene.steps, case.scene.time_step_s,
-        case.scene.time_step_s / limit_s, error, model, leaves_reference, leaves_verlet, wall_s,
-    )  # fmt: skip
+            verdicts[name] = (REFUSED, str(refusal))
+    running = [name for name in names if verdicts[name][0] == DONE]
+    ended = dict(zip(running, run_many([(case, name) for name in running], runs), strict=True))
+    traces = {name: open_run(run.folder).trace for name, run in ended.items() if run.done}
+    limit_s = predicted_limit(case.chain, float(case.sample_times_s[-1]))
+    outcomes = []
+    for name in names:
+        verdict, reason = verdicts[name]
+        if name in ended:
+            record = ended[name].record
+            verdict = "warned" if record.status == DONE and record.warnings else record.status
+            reason = record.reason or "; ".join(record.warnings)
+        error, leaves_reference = _apart(traces, name, REFERENCE, LEFT)
+        model, leaves_verlet = _apart(traces, name, VERLET, HORIZON)
+        outcomes.append(
+            Outcome(
+                extreme.name, name, verdict, reason, case.chain.bodies, case.scene.steps, case.scene.time_step_s,
+                case.scene.time_step_s / limit_s, error, model, leaves_reference, leaves_verlet,
+                ended[name].record.wall_s if name in ended else nan,
+            )
+        )  # fmt: skip
+    return outcomes
 
 
 def _apart(traces: dict[str, Trace], engine: str, other: str, limit: float) -> tuple[float, float]:
