@@ -1,20 +1,23 @@
 """Scenes at the edge, through scene files and all engines: verdicts, errors, and when a run leaves the reference."""
 
 import time
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
 from drivers import paths
+from drivers.complaints import validate
 from drivers.engines import codes, installed
 from drivers.errors import InputError
 from drivers.finished import open_run
 from drivers.limits import refuse
+from drivers.read_scene import read_toml
 from drivers.run_many import run_many
+from drivers.scene import Part
 from drivers.trace import Trace
 from postproc.residual import residual
 from validation.rounding import HORIZON
@@ -26,18 +29,24 @@ LEFT = 1e-2  # of the largest force: a run that is further from the reference ha
 DONE, REFUSED, NOT_RUN = "done", "refused", "not run"
 
 
-@dataclass(frozen=True)
-class Extreme:
+class Extreme(Part):
     """A scene at the edge, as ``inputs/extremes.toml`` has it.
 
     Attributes:
+        set: settings laid over the scene, as ``--set`` takes them.
         quick: whether it belongs to the subset that the tests run.
     """
 
     name: str
     scene: str
-    settings: tuple[str, ...]
-    quick: bool
+    set: tuple[str, ...] = Field(default=(), strict=False)
+    quick: bool = False
+
+
+class ExtremesFile(Part):
+    """All of them."""
+
+    extreme: tuple[Extreme, ...] = Field(strict=False)
 
 
 @dataclass(frozen=True)
@@ -69,10 +78,13 @@ class Outcome:
 
 
 def extremes(*, quick: bool = False) -> list[Extreme]:
-    """All of ``inputs/extremes.toml``, or its quick subset."""
-    tables = tomllib.loads(paths.EXTREMES.read_text())["extreme"]
-    found = [Extreme(t["name"], t["scene"], tuple(t["set"]), t.get("quick", False)) for t in tables]
-    return [each for each in found if each.quick or not quick]
+    """All of ``inputs/extremes.toml``, or its quick subset.
+
+    Raises:
+        InputError: something is wrong with the file.
+    """
+    file = validate(ExtremesFile, read_toml(paths.EXTREMES), paths.shown(paths.EXTREMES))
+    return [each for each in file.extreme if each.quick or not quick]
 
 
 def run_all(some: list[Extreme], runs: Path, say: Callable[[str], object] = print) -> list[Outcome]:
@@ -88,7 +100,7 @@ def run_all(some: list[Extreme], runs: Path, say: Callable[[str], object] = prin
 
 def run_extreme(extreme: Extreme, runs: Path) -> list[Outcome]:
     """One scene on every engine, side by side, against the reference and Verlet."""
-    case = case_of(extreme.scene, *extreme.settings)
+    case = case_of(extreme.scene, *extreme.set)
     names = (REFERENCE, VERLET, *codes())
     verdicts = dict.fromkeys(names, (NOT_RUN, "not installed"))
     for name in installed(names):

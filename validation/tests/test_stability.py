@@ -163,10 +163,10 @@ def test_at_the_edge(name: str, shared_runs: Path) -> None:
 
 
 def test_a_run_that_leaves_the_reference_says_when(shared_runs: Path) -> None:
-    outcomes = {each.engine: each for each in run_extreme(Extreme("", "fig4", COARSE, quick=False), shared_runs)}
+    outcomes = {each.engine: each for each in run_extreme(Extreme(name="", scene="fig4", set=COARSE), shared_runs)}
     assert outcomes["verlet"].verdict == "warned"
     assert 1e-5 < outcomes["verlet"].leaves_reference_s < 5e-4
-    too_large = Extreme("", "fig4", ("run.time_step=20 us", "run.sample_interval=20 us"), quick=False)
+    too_large = Extreme(name="", scene="fig4", set=("run.time_step=20 us", "run.sample_interval=20 us"))
     refused = {each.engine: each.verdict for each in run_extreme(too_large, shared_runs)}
     assert refused.pop("reference") == "done"
     assert set(refused.values()) == {"refused"}
@@ -198,7 +198,7 @@ def test_heights_round_and_overlaps_do_not() -> None:
 
 def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) -> None:
     chosen = [Subject(SHIPPED, "fig5", case_of("fig5")), *sweeps()][::4]
-    edge = Extreme("beads <b>", "fig4", COARSE, quick=True)
+    edge = Extreme(name="beads <b>", scene="fig4", set=COARSE)
     measured: dict[str, list[Any]] = {
         "limits": measure(chosen, quiet, names=()),
         "extremes": run_extreme(edge, shared_runs),
