@@ -8,9 +8,11 @@ import numpy as np
 from drivers.chain import Array, Chain, build_chain
 from drivers.elements import Element, choose_elements
 from drivers.errors import InputError
+from drivers.lateral_start import with_lateral
 from drivers.layout import Layout, make_layout
 from drivers.scene import RIGID, Scene
 from drivers.scene_rules import impossible
+from drivers.tube_rules import tube_impossible
 
 if TYPE_CHECKING:
     from drivers.plan import Plan
@@ -84,6 +86,9 @@ def build_case(scene: Scene) -> Case:
     chain = build_chain(scene)
     for complaint in impossible(scene, chain):
         raise InputError(scene.file, *complaint)
+    for complaint in tube_impossible(scene, chain):
+        raise InputError(scene.file, *complaint)
+    chain = with_lateral(scene, chain)
     case = Case(scene, chain, choose_elements(scene, chain))
     if scene.run.accuracy is None:
         return case

@@ -11,14 +11,18 @@ from math import inf, pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.lateral import Lateral
 from drivers.scene import RIGID, Material, Scene
 
 Array = NDArray[np.float64]
+AT_REST = 1e-9  # of the whole load: forces that a packing may leave on a bead
 
 
 @dataclass(frozen=True)
 class Chain:
     """Everything that determines the motion, in SI units; arrays of shape (bodies,), read only.
+
+    In a three-dimensional chain overlaps are along the lines of centres; heights, velocities and forces along the axis.
 
     Attributes:
         materials: the material's name of each body.
@@ -30,6 +34,7 @@ class Chain:
         beads: how many of the bodies are beads.
         wall: the wall's material, None for a free chain.
         wall_height_m: height of the wall (of a free chain: of bead 1's underside).
+        lateral: what a three-dimensional chain has beside; None for a straight one.
     """
 
     materials: tuple[str, ...]
@@ -44,6 +49,7 @@ class Chain:
     wall_height_m: float
     gravity_m_s2: float
     precompression_N: float
+    lateral: Lateral | None = None
 
     @property
     def bodies(self) -> int:
@@ -55,7 +61,18 @@ class Chain:
         """Heights of the centres at time 0; of a flat striker: of its face. Shape (bodies,)."""
         radius = np.where(np.isinf(self.radius_m), 0.0, self.radius_m)
         below = np.concatenate([[0.0], radius[:-1]])
-        return np.asarray(self.wall_height_m + np.cumsum(below + radius - self.overlap_m))
+        return np.asarray(self.wall_height_m + np.cumsum((below + radius - self.overlap_m) * self.axial_share))
+
+    @cached_property
+    def axial_share(self) -> Array:
+        """Cosine between the axis and each contact's line of centres: 1 in a straight chain. Shape (bodies,)."""
+        if self.lateral is None:
+            return np.ones(self.bodies)
+        across = np.zeros(self.bodies)
+        across[1:] = np.hypot(*np.diff(self.lateral.offset_m, axis=0).T)
+        across[np.isinf(self.radius_m)] = 0.0  # a flat face is level
+        apart = self.radius_m + np.append(0.0, self.radius_m[:-1]) - self.overlap_m
+        return np.asarray(np.sqrt(1 - (across / apart) ** 2))
 
     @cached_property
     def smaller_radius_m(self) -> Array:
@@ -64,8 +81,8 @@ class Chain:
 
     @cached_property
     def force_N(self) -> Array:
-        """Contact forces at time 0. Shape (bodies,)."""
-        return np.asarray(self.stiffness * np.maximum(self.overlap_m, 0.0) ** 1.5)
+        """Contact forces along the axis at time 0. Shape (bodies,)."""
+        return np.asarray(self.stiffness * np.maximum(self.overlap_m, 0.0) ** 1.5 * self.axial_share)
 
     @cached_property
     def acceleration_m_s2(self) -> Array:
@@ -73,6 +90,8 @@ class Chain:
         above = np.append(self.force_N[1:], 0.0)
         net = self.force_N - above + self.load_N
         rounding = 1e-12 * (self.force_N + above + np.abs(self.load_N))
+        if self.lateral is not None:
+            rounding = rounding + AT_REST * np.abs(self.load_N).sum()
         return np.asarray(np.where(np.abs(net) <= rounding, 0.0, net) / self.mass_kg)
 
 
@@ -87,8 +106,19 @@ def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material 
     return 4 / 3 / yielding / sqrt(curvature)
 
 
+def mindlin_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
+    """Shear stiffness k_t of ``dF_t = k_t sqrt(overlap) ds``, in N m^-3/2.
+
+    ``k_t = 8 G* sqrt(R*)`` with ``1/G* = 2(2-nu1)(1+nu1)/E1 + 2(2-nu2)(1+nu2)/E2``: Mindlin's contact without slip.
+    """
+    yielding = sum(
+        2 * (2 - m.poisson_ratio) * (1 + m.poisson_ratio) / m.youngs_modulus for m in (first, second) if m is not None
+    )
+    return 8 / yielding / sqrt(1 / radius_1_m + 1 / radius_2_m)
+
+
 def build_chain(scene: Scene) -> Chain:
-    """The chain of a scene.
+    """The straight chain of a scene.
 
     Beads that rest on the wall start in static equilibrium: contact j carries the precompression and the weight
     of beads j to n. Beads above a gap, and those of a free chain, start touching without force. The striker just
@@ -149,6 +179,8 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
     it falls, and what presses its beads together is how unlike they are loaded.
     """
     kinetic = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
+    if chain.lateral is not None:
+        kinetic += 0.5 * float(chain.mass_kg @ (chain.lateral.velocity_m_s**2).sum(axis=1))
     if chain.wall is None:
         falling = float((_unbalanced(chain) ** 2 / chain.mass_kg).sum()) * duration_s**2 / 2
     else:

@@ -10,6 +10,7 @@ from drivers.errors import InputError
 from drivers.units import NotAllowedError
 
 Model = TypeVar("Model", bound=BaseModel)
+Complaint = tuple[str, str, str]  # key, found, allowed
 
 
 def validate(model: type[Model], data: object, where: str, prefix: str = "") -> Model:

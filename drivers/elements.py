@@ -7,10 +7,12 @@ never touches its tube, never slips and never turns.
 from dataclasses import dataclass
 
 from drivers.chain import Chain, bead_mass
+from drivers.lateral import Lateral
 from drivers.scene import RIGID, Scene
 
-# what every engine of a straight chain models
+# what every engine of a straight chain models, and what one of three dimensions does beside
 STRAIGHT = frozenset({"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter"})
+SIDEWAYS = frozenset({"lateral freedom", "tube", "friction", "rotation"})
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,6 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
     """The modelling elements of a scene, each in or out with its reason."""
     ordinary = bead_mass(scene) if scene.chain.sensors else None
     lighter = [sensor for sensor in scene.chain.sensors if sensor.mass not in (None, ordinary)]
-    axis = "the chain is exactly straight: no force acts across its axis"
     wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
     return (
         Element("gravity", scene.gravity > 0, f"{scene.gravity:g} m/s^2" if scene.gravity else "the scene has none"),
@@ -49,11 +50,38 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
             if scene.chain.mass_scatter
             else "the scene has none",
         ),
+        *(_straight(scene) if chain.lateral is None else _sideways(scene, chain.lateral)),
+        Element("damping", False, "restitution 1: contacts are elastic"),
+    )
+
+
+def _straight(scene: Scene) -> tuple[Element, ...]:
+    axis = "the chain is exactly straight: no force acts across its axis"
+    return (
         Element("lateral freedom", False, f"{axis}, so no bead leaves it"),
         Element("tube", False, f"{axis}, so no bead touches the bore" if scene.tube else "the scene has none"),
         Element("friction", False, f"{axis}, so no contact slips"),
         Element("rotation", False, f"{axis}, so no bead turns"),
-        Element("damping", False, "restitution 1: contacts are elastic"),
+    )
+
+
+def _sideways(scene: Scene, lateral: Lateral) -> tuple[Element, ...]:
+    if scene.chain.lateral_offset is None:
+        freedom = "a bead moves across the axis"
+    else:
+        freedom = f"beads off the axis by {scene.chain.lateral_offset:g} m, standard deviation, seed {scene.seed}"
+    if lateral.bore is None:
+        tube = "the scene has none"
+    else:
+        kind = f"a mesh of {lateral.bore.sides} sides" if lateral.bore.sides else "a true cylinder"
+        tube = f"bore of {2 * lateral.bore.radius_m:g} m, {kind}"
+    between, bore = lateral.friction, lateral.bore.friction if lateral.bore else 0.0
+    slipping = f"coefficient {between:g} between beads and with the wall" + (f", {bore:g} in the bore" if tube else "")
+    return (
+        Element("lateral freedom", True, freedom),
+        Element("tube", lateral.bore is not None, tube),
+        Element("friction", lateral.slips, slipping if lateral.slips else "the scene has none"),
+        Element("rotation", lateral.slips, "friction turns beads" if lateral.slips else "without friction no bead turns"),
     )
 
 

@@ -5,7 +5,7 @@ from math import floor, log10
 import numpy as np
 
 from drivers.case import Case
-from drivers.engines import EXACT, load_engine
+from drivers.engines import EXACT, engine_names, load_engine
 from drivers.errors import InputError
 from drivers.plan import refuse_beyond_rounding
 from drivers.stability import at_most, certainly_stable
@@ -31,11 +31,20 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
 
 def inability(case: Case, engine: str) -> InputError | None:
     """What an engine cannot take, by name; None where it takes the case."""
+    missing = [each.name for each in case.elements if each.modelled and each.name not in load_engine(engine).MODELS]
+    if missing:
+        able = ", ".join(name for name in engine_names() if _models_all(case, name))
+        where = f'"{engine}" for a scene with {", ".join(missing)}'
+        return InputError(case.scene.file, "", where, f"an engine that models it: {able}" if able else "nothing: none models it")
     complaint = load_engine(engine).refusal(case)
     if complaint is None:
         return None
     key, found, allowed = complaint
     return InputError(case.scene.file, key, found, f"on {engine} {allowed}")
+
+
+def _models_all(case: Case, engine: str) -> bool:
+    return {each.name for each in case.elements if each.modelled} <= load_engine(engine).MODELS
 
 
 def _refuse_step(case: Case, override: str) -> None:

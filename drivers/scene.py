@@ -56,7 +56,8 @@ class Sensor(Part):
 class Bead(Part):
     """What is particular about one bead.
 
-    ``gap_below`` takes the bead, and those above it, off what lies beneath; ``velocity`` is positive upwards.
+    ``gap_below`` takes the bead, and those above it, off what lies beneath; ``velocity`` is positive upwards,
+    ``lateral_velocity`` points across the axis.
     """
 
     from_wall: FromWall
@@ -65,6 +66,7 @@ class Bead(Part):
     material: Name | None = None
     gap_below: units.Gap | None = None
     velocity: units.Velocity | None = None
+    lateral_velocity: units.Velocity | None = None
 
 
 class Chain(Part):
@@ -99,12 +101,16 @@ class Wall(Part):
 
 
 class Tube(Part):
-    """The apparatus; whether a deck models it is decided by what the scene requires."""
+    """The apparatus; whether a deck models it is decided by what the scene requires.
+
+    ``top`` is where it ends; with ``sides`` it is a mesh of so many flat sides instead of a cylinder.
+    """
 
     inner_diameter: units.Length
     material: Name
     friction: Friction = 0.0
     top: units.Height | None = None
+    sides: Annotated[int, Field(ge=3, le=10_000)] | None = None
 
 
 class Contact(Part):
@@ -178,3 +184,8 @@ class Scene(SceneFile):
     def bodies(self) -> int:
         """Beads, and the striker where there is one."""
         return self.chain.count + (self.striker is not None)
+
+    @property
+    def three_dimensional(self) -> bool:
+        """Whether beads may move sideways and turn."""
+        return self.chain.lateral_offset is not None or any(bead.lateral_velocity for bead in self.chain.bead)

@@ -5,12 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from drivers.chain import Chain
-from drivers.complaints import shorten
+from drivers.complaints import Complaint, shorten
 from drivers.scene import RIGID, Bead, Scene, SceneFile, Sensor
+from drivers.tube_rules import tube_contradictions
 
 MAX_OVERLAP = 0.5  # of the radius, at rest: far beyond Hertz, and close to where engines lose a contact
-
-Complaint = tuple[str, str, str]  # key, found, allowed
 
 
 def not_yet(file: SceneFile) -> Iterator[Complaint]:
@@ -21,8 +20,6 @@ def not_yet(file: SceneFile) -> Iterator[Complaint]:
     if (run.time_step is None) == (run.accuracy is None):
         found = "neither time_step nor accuracy" if run.time_step is None else "both time_step and accuracy"
         yield "run", found, "exactly one of the two"
-    if chain.lateral_offset is not None:
-        yield "chain.lateral_offset", f"{chain.lateral_offset:g} m", "not supported yet: chains are exactly straight"
     if file.contact.restitution < 1:
         yield "contact.restitution", f"{file.contact.restitution:g}", "not supported yet: 1 (no dissipation)"
     if file.sensor is not None:
@@ -78,6 +75,7 @@ def contradictions(scene: Scene) -> Iterator[Complaint]:
         widest = max([chain.diameter, *(bead.diameter for bead in chain.bead if bead.diameter)])
         if count and tube.inner_diameter < widest:
             yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"at least the beads' {widest:g} m"
+    yield from tube_contradictions(scene)
 
 
 def _striker_contradictions(scene: Scene) -> Iterator[Complaint]:

@@ -12,8 +12,25 @@ FORCES = "forces.parquet"
 
 
 @dataclass(frozen=True)
+class Sideways:
+    """What a three-dimensional run shows beside; arrays of shape (samples, bodies), the first three with an axis more.
+
+    Attributes:
+        place_m: of the centres off the axis, x and y.
+        velocity_m_s: across the axis, x and y.
+        spin_rad_s: about x, y and z.
+        bore_N: by which the bore presses on each body, towards the axis.
+    """
+
+    place_m: Array
+    velocity_m_s: Array
+    spin_rad_s: Array
+    bore_N: Array
+
+
+@dataclass(frozen=True)
 class Trace:
-    """Samples of a run; forces are the engine's own, compression positive.
+    """Samples of a run; forces are the engine's own, along the axis, compression positive.
 
     Attributes:
         time_s: shape (samples,).
@@ -23,6 +40,7 @@ class Trace:
         momentum_N_s: of all bodies, upwards positive. Shape (samples,).
         height_m: of the centres (of a flat striker: its face). Shape (samples, bodies); None where not kept.
         velocity_m_s: upwards positive. Shape (samples, bodies); None where not kept.
+        sideways: of a three-dimensional run; None of others, and where not kept.
     """
 
     time_s: Array
@@ -32,6 +50,7 @@ class Trace:
     momentum_N_s: Array
     height_m: Array | None = None
     velocity_m_s: Array | None = None
+    sideways: Sideways | None = None
 
 
 def make_trace(chain: Chain, time_s: Array, force_N: Array, height_m: Array, velocity_m_s: Array) -> Trace:
@@ -50,6 +69,31 @@ def make_trace(chain: Chain, time_s: Array, force_N: Array, height_m: Array, vel
     return Trace(time_s, force_N, kinetic, total, momentum, height_m, velocity_m_s)
 
 
+def make_sideways_trace(
+    chain: Chain, time_s: Array, force_N: Array, height_m: Array, velocity_m_s: Array, sideways: Sideways
+) -> Trace:
+    """A trace of a three-dimensional chain; Hertz energy ``(2/5) k overlap^(5/2)`` from places, sideways motion and
+    spin with it. What friction stores in shear is not seen, so with friction the energy may fall a little and return.
+    """
+    radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
+    with np.errstate(over="ignore", invalid="ignore"):
+        across = np.diff(sideways.place_m, axis=1, prepend=sideways.place_m[:, :1])
+        across[:, np.isinf(chain.radius_m)] = 0.0  # a flat face is level
+        along = np.diff(height_m, axis=1, prepend=chain.wall_height_m)
+        overlap = radius + np.append(0.0, radius[:-1]) - np.sqrt((across**2).sum(axis=2) + along**2)
+        hertz = 0.4 * np.maximum(overlap, 0.0) ** 2.5 @ chain.stiffness
+        bore = chain.lateral.bore if chain.lateral else None
+        if bore is not None:
+            pressed = np.hypot(sideways.place_m[:, :, 0], sideways.place_m[:, :, 1]) + radius - bore.radius_m
+            hertz = hertz + 0.4 * np.maximum(pressed, 0.0) ** 2.5 @ bore.stiffness
+        speed = velocity_m_s**2 + (sideways.velocity_m_s**2).sum(axis=2)
+        inertia = 0.4 * chain.mass_kg * radius**2
+        kinetic = 0.5 * (speed @ chain.mass_kg + (sideways.spin_rad_s**2).sum(axis=2) @ inertia)
+        total = kinetic + hertz - (height_m - chain.height_m) @ chain.load_N
+    momentum = velocity_m_s @ chain.mass_kg
+    return Trace(time_s, force_N, kinetic, total, momentum, height_m, velocity_m_s, sideways)
+
+
 def digest_of(trace: Trace) -> str:
     """Digest of the forces and energies: equal only where they are, bit for bit."""
     digest = hashlib.sha256()
@@ -59,11 +103,13 @@ def digest_of(trace: Trace) -> str:
 
 
 def write_forces(trace: Trace, path: Path) -> None:
-    """Writes ``forces.parquet``: time, every contact, energies and momentum."""
+    """Writes ``forces.parquet``: time, every contact, what the bore presses with, energies and momentum."""
     import pandas as pd
 
     columns = {"time_s": trace.time_s}
     columns |= {f"contact_{j}_N": column for j, column in enumerate(trace.force_N.T, start=1)}
+    if trace.sideways is not None:
+        columns |= {f"bore_{j}_N": column for j, column in enumerate(trace.sideways.bore_N.T, start=1)}
     columns |= {
         "kinetic_energy_J": trace.kinetic_energy_J,
         "total_energy_J": trace.total_energy_J,
@@ -83,7 +129,7 @@ def read_forces(path: Path) -> Trace:
 
 
 def write_state(trace: Trace, path: Path) -> None:
-    """Writes ``state.parquet``: height and velocity of each body."""
+    """Writes ``state.parquet``: height and velocity of each body; of a three-dimensional run x, y and spin too."""
     import pandas as pd
 
     assert trace.height_m is not None
@@ -91,4 +137,12 @@ def write_state(trace: Trace, path: Path) -> None:
     columns = {"time_s": trace.time_s}
     columns |= {f"body_{j}_height_m": column for j, column in enumerate(trace.height_m.T, start=1)}
     columns |= {f"body_{j}_velocity_m_s": column for j, column in enumerate(trace.velocity_m_s.T, start=1)}
+    if trace.sideways is not None:
+        for axis, (place, velocity) in enumerate(
+            zip(trace.sideways.place_m.T, trace.sideways.velocity_m_s.T, strict=True)
+        ):
+            columns |= {f"body_{j}_{'xy'[axis]}_m": column for j, column in enumerate(place, start=1)}
+            columns |= {f"body_{j}_{'xy'[axis]}_velocity_m_s": column for j, column in enumerate(velocity, start=1)}
+        for axis, spin in enumerate(trace.sideways.spin_rad_s.T):
+            columns |= {f"body_{j}_spin_{'xyz'[axis]}_rad_s": column for j, column in enumerate(spin, start=1)}
     pd.DataFrame(columns).to_parquet(path, index=False)

@@ -28,7 +28,7 @@ from typing import Protocol, cast
 
 from drivers.case import Case
 from drivers.deck import Deck
-from drivers.scene_rules import Complaint
+from drivers.complaints import Complaint
 from drivers.trace import Trace
 
 IN_HEIGHTS = "velocity Verlet in absolute heights"

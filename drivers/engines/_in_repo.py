@@ -13,7 +13,7 @@ from drivers import paths
 from drivers.case import Case
 from drivers.deck import Deck
 from drivers.engines._arrays import load_array
-from drivers.scene_rules import Complaint
+from drivers.complaints import Complaint
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "nothing: it is part of this repository"

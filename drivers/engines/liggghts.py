@@ -18,7 +18,7 @@ from drivers.engines import IN_HEIGHTS
 from drivers.engines._materials import named_material
 from drivers.errors import RunError
 from drivers.process import UNKNOWN_VERSION, first_line_of
-from drivers.scene_rules import Complaint
+from drivers.complaints import Complaint
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's package liggghts"
@@ -42,7 +42,11 @@ class Atom:
     type: int
     diameter: float
     density: float
+    x: float
+    y: float
     height: float
+    x_velocity: float
+    y_velocity: float
     velocity: float
 
 

@@ -10,19 +10,19 @@ import numpy as np
 from drivers.case import Case
 from drivers.deck import Deck
 from drivers.deck import render as render_template
-from drivers.elements import STRAIGHT
-from drivers.engines import IN_HEIGHTS
+from drivers.elements import SIDEWAYS, STRAIGHT
+from drivers.engines import IN_HEIGHTS, _yade_tube
 from drivers.engines._arrays import load_arrays
 from drivers.engines._materials import named_material
 from drivers.errors import RunError
 from drivers.process import UNKNOWN_VERSION, first_line_of
-from drivers.scene_rules import Complaint
+from drivers.complaints import Complaint
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's packages yade and python3-yade"
 IN_REPOSITORY = False
 SCHEME = IN_HEIGHTS
-MODELS = STRAIGHT
+MODELS = STRAIGHT | SIDEWAYS
 LOST = ""
 VARIABLES: dict[str, str] = {}
 COMMAND = ("yade", "-n", "-x", "chain.py")
@@ -56,6 +56,8 @@ def version(executable: Path) -> str:
 def render(case: Case) -> Deck:
     """``chain.py``."""
     scene, chain = case.scene, case.chain
+    if chain.lateral is not None:
+        return Deck({"chain.py": _yade_tube.render(case)}, COMMAND, raw=("chain.npz",))
     staggered = chain.velocity_m_s - 0.5 * scene.time_step_s * chain.acceleration_m_s2
     bodies = [
         Body(chain.height_m[i], chain.radius_m[i], chain.mass_kg[i], staggered[i], chain.materials[i])
@@ -100,6 +102,9 @@ def read(case: Case, folder: Path) -> Trace:
     Raises:
         RunError: the file or part of it is missing.
     """
+    _check_completed(folder)
+    if case.chain.lateral is not None:
+        return _yade_tube.read(case, folder)
     chain, step = case.chain, case.scene.time_step_s
     contacts = chain.bodies - (chain.wall is None)
     shapes = {"force": contacts, "height": chain.bodies, "velocity": chain.bodies}
@@ -110,13 +115,16 @@ def read(case: Case, folder: Path) -> Trace:
     acceleration = (force - np.column_stack([force[:, 1:], np.zeros(len(force))]) + chain.load_N) / chain.mass_kg
     height = arrays["height"] - step * arrays["velocity"]
     velocity = arrays["velocity"] - 0.5 * step * acceleration
+    return make_trace(chain, case.sample_times_s, force, height, velocity)
+
+
+def _check_completed(folder: Path) -> None:
     try:
         completed = loop_seconds((folder / "stdout.txt").read_text(errors="replace")) is not None
     except OSError as error:
         raise RunError(f"no stdout: {error.strerror}") from error
     if not completed:
         raise RunError("the deck's closing line is missing: it did not run to its end")
-    return make_trace(chain, case.sample_times_s, force, height, velocity)
 
 
 def refusal(case: Case) -> Complaint | None:

@@ -1,0 +1,131 @@
+"""YADE in three dimensions: renders ``templates/yade/tube.py.j2``, reads its arrays."""
+
+from dataclasses import dataclass
+from math import atan
+from pathlib import Path
+
+import numpy as np
+
+from drivers.case import Case
+from drivers.deck import render as render_template
+from drivers.engines._arrays import load_arrays
+from drivers.engines._materials import named_material
+from drivers.engines._sums import contact_forces, towards_axis
+from drivers.trace import Sideways, Trace, make_sideways_trace
+
+
+@dataclass(frozen=True)
+class Body:
+    """A bead, a striker, or its face; lengths in m, velocities in m/s."""
+
+    x: float
+    y: float
+    height: float
+    radius: float
+    mass: float
+    x_velocity: float
+    y_velocity: float
+    velocity: float
+    material: str
+
+
+def render(case: Case) -> str:
+    """``chain.py``."""
+    scene, chain, lateral = case.scene, case.chain, case.chain.lateral
+    assert lateral is not None
+    staggered = chain.velocity_m_s - 0.5 * scene.time_step_s * chain.acceleration_m_s2
+    bodies = [
+        Body(
+            *lateral.offset_m[i],
+            chain.height_m[i],
+            chain.radius_m[i],
+            chain.mass_kg[i],
+            *lateral.velocity_m_s[i],
+            staggered[i],
+            chain.materials[i],
+        )
+        for i in range(chain.bodies)
+    ]
+    flat = bodies.pop() if np.isinf(chain.radius_m[-1]) else None
+    first = 0 if chain.wall else 1
+    bore = lateral.bore
+    geometries = ["Ig2_Sphere_Sphere_ScGeom()"] if len(bodies) > 1 else []
+    if chain.wall or flat:
+        geometries.append("Ig2_Wall_Sphere_ScGeom(hertzian=True)")
+    if bore:
+        geometries.append("Ig2_Facet_Sphere_ScGeom(hertzian=True)")
+    guided = bore.guided if bore else []
+    labels = [*chain.materials, *([chain.wall] if chain.wall else [])]
+    return render_template(
+        "yade/tube.py.j2",
+        summary=case.summary,
+        time_step=scene.time_step_s,
+        every=scene.steps_per_sample,
+        samples=scene.samples,
+        gravity=chain.gravity_m_s2 if case.models("gravity") else None,
+        precompression=chain.precompression_N if case.models("precompression") else None,
+        top=chain.beads - 1,
+        materials=[named_material(scene, name) for name in dict.fromkeys(labels)],
+        friction_angle=atan(lateral.friction),
+        rotation=case.models("rotation"),
+        spheres=bodies,
+        flat=flat,
+        wall={"height": chain.wall_height_m, "material": chain.wall} if case.models("wall") else None,
+        geometries=geometries,
+        planes=([0] if chain.wall else []) + ([chain.bodies - 1 - first] if flat else []),
+        shear=_unlike(case) if lateral.friction else [],
+        guided=guided,
+        sides=bore.sides if bore else None,
+        bore_radius=bore.radius_m if bore else 0.0,
+        bore_stiffness=[float(bore.stiffness[i]) for i in guided] if bore else [],
+        bore_shear=[float(bore.shear_stiffness[i]) for i in guided] if bore else [],
+        bore_friction=bore.friction if bore else 0.0,
+    )
+
+
+def _unlike(case: Case) -> list[tuple[int, float]]:
+    """Contacts of unlike materials, counted from the lowest there is, and their shear stiffness."""
+    chain, lateral = case.chain, case.chain.lateral
+    assert lateral is not None
+    first = 0 if chain.wall else 1
+    below = [chain.wall, *chain.materials[:-1]]
+    return [
+        (j - first, float(lateral.shear_stiffness[j]))
+        for j in range(first, chain.bodies)
+        if below[j] != chain.materials[j]
+    ]
+
+
+def read(case: Case, folder: Path) -> Trace:
+    """The arrays as a trace, brought to the time of the forces; contact forces follow by summing from the wall up.
+
+    Raises:
+        RunError: the file, an array or part of it is missing.
+    """
+    chain, samples, step = case.chain, case.scene.samples, case.scene.time_step_s
+    assert chain.lateral is not None
+    bore = chain.lateral.bore
+    shape = (samples, chain.bodies, 3)
+    shapes: dict[str, tuple[int, ...]] = {"force": shape, "place": shape, "velocity": shape}
+    if case.models("rotation"):
+        shapes["spin"] = shape
+    if chain.wall:
+        shapes["on_wall"] = (samples, 3)
+    if bore:
+        shapes["on_bore"] = (samples, len(bore.guided), 3)
+    arrays = load_arrays(folder / "chain.npz", shapes)
+    by_bore = np.zeros(shape)
+    if bore:
+        by_bore[:, bore.guided] = -arrays["on_bore"]
+    total = arrays["force"].copy()  # all but gravity's
+    total[:, :, 2] -= chain.gravity_m_s2 * chain.mass_kg
+    velocity = arrays["velocity"] - 0.5 * step * total / chain.mass_kg[:, np.newaxis]
+    place = arrays["place"] - step * arrays["velocity"]
+    flat = np.isinf(chain.radius_m)
+    velocity[:, flat, :2], place[:, flat, :2] = 0.0, 0.0  # guided
+    from_wall = -arrays["on_wall"][:, 2] if chain.wall else np.zeros(samples)
+    contacts = total[:, :, 2] - chain.load_N - by_bore[:, :, 2]
+    force = contact_forces(from_wall, contacts)
+    spin = arrays["spin"] if "spin" in arrays else np.zeros(shape)
+    sideways = Sideways(place[:, :, :2], velocity[:, :, :2], spin, towards_axis(place[:, :, :2], by_bore[:, :, :2]))
+    return make_sideways_trace(chain, case.sample_times_s, force, place[:, :, 2], velocity[:, :, 2], sideways)
