@@ -10,6 +10,7 @@ from drivers.elements import Element, choose_elements
 from drivers.errors import InputError
 from drivers.lateral_start import with_lateral
 from drivers.layout import Layout, make_layout
+from drivers.restitution import restitution
 from drivers.scene import RIGID, Scene
 from drivers.scene_rules import impossible
 from drivers.tube_rules import tube_impossible
@@ -74,6 +75,8 @@ class Case:
         if striker is not None:
             shape = "flat face" if striker.shape == "flat" else "sphere"
             words += f", struck by a {shape} of {striker.material} at {striker.speed:g} m/s"
+        if chain.damping_ratio:
+            words += f"; impacts have a restitution of {restitution(chain.damping_ratio):.6g}"
         return words
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.lateral import Lateral
-from drivers.scene import RIGID, Material, Scene
+from drivers.restitution import damping_ratio
+from drivers.scene import RIGID, Contact, Material, Scene
 
 Array = NDArray[np.float64]
 AT_REST = 1e-9  # of the whole load: forces that a packing may leave on a bead
@@ -34,6 +35,7 @@ class Chain:
         beads: how many of the bodies are beads.
         wall: the wall's material, None for a free chain.
         wall_height_m: height of the wall (of a free chain: of bead 1's underside).
+        damping_ratio: B of ``drivers.restitution``; 0 for elastic contacts.
         lateral: what a three-dimensional chain has beside; None for a straight one.
     """
 
@@ -49,6 +51,7 @@ class Chain:
     wall_height_m: float
     gravity_m_s2: float
     precompression_N: float
+    damping_ratio: float = 0.0
     lateral: Lateral | None = None
 
     @property
@@ -61,7 +64,11 @@ class Chain:
         """Heights of the centres at time 0; of a flat striker: of its face. Shape (bodies,)."""
         radius = np.where(np.isinf(self.radius_m), 0.0, self.radius_m)
         below = np.concatenate([[0.0], radius[:-1]])
-        return np.asarray(self.wall_height_m + np.cumsum((below + radius - self.overlap_m) * self.axial_share))
+        height = np.asarray(self.wall_height_m + np.cumsum((below + radius - self.overlap_m) * self.axial_share))
+        if self.damping_ratio:  # its force goes with overlap^(1/4): rounding must not make one of just touching
+            touching = np.cumsum((self.overlap_m == 0) & (self.stiffness > 0))
+            height = height + 4 * touching * np.spacing(np.abs(height).max())
+        return height
 
     @cached_property
     def axial_share(self) -> Array:
@@ -82,7 +89,23 @@ class Chain:
     @cached_property
     def force_N(self) -> Array:
         """Contact forces along the axis at time 0. Shape (bodies,)."""
-        return np.asarray(self.stiffness * np.maximum(self.overlap_m, 0.0) ** 1.5 * self.axial_share)
+        closed = np.maximum(self.overlap_m, 0.0)
+        elastic = np.asarray(self.stiffness * closed**1.5 * self.axial_share)
+        if not self.damping_ratio:
+            return elastic
+        closing = np.append(0.0, self.velocity_m_s[:-1]) - self.velocity_m_s
+        return np.asarray(np.maximum(elastic + self.damping * closed**0.25 * closing * self.axial_share, 0.0))
+
+    @cached_property
+    def reduced_mass_kg(self) -> Array:
+        """``1 / (1/m1 + 1/m2)`` of the two bodies at each contact, the bead's own at the wall. Shape (bodies,)."""
+        inverse = 1 / self.mass_kg
+        return np.asarray(1 / (inverse + np.append(0.0, inverse[:-1])))
+
+    @cached_property
+    def damping(self) -> Array:
+        """C of each contact in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, N s m^-5/4; 0 if elastic. Shape (bodies,)."""
+        return np.asarray(2 * self.damping_ratio * np.sqrt(1.5 * self.stiffness * self.reduced_mass_kg))
 
     @cached_property
     def acceleration_m_s2(self) -> Array:
@@ -101,7 +124,7 @@ def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material 
     ``k = (4/3) E* sqrt(R*)`` with ``1/E* = (1-nu1^2)/E1 + (1-nu2^2)/E2`` and ``1/R* = 1/R1 + 1/R2``: the general
     form of the paper's Eq. (7). A radius of inf is a flat face, a material of None is rigid.
     """
-    yielding = sum((1 - m.poisson_ratio**2) / m.youngs_modulus for m in (first, second) if m is not None)
+    yielding = sum(m.compliance for m in (first, second) if m is not None)
     curvature = 1 / radius_1_m + 1 / radius_2_m
     return 4 / 3 / yielding / sqrt(curvature)
 
@@ -163,7 +186,15 @@ def build_chain(scene: Scene) -> Chain:
         wall_height_m=table.origin,
         gravity_m_s2=scene.gravity,
         precompression_N=table.precompression,
+        damping_ratio=_damping_ratio(scene.contact),
     )
+
+
+def _damping_ratio(contact: Contact) -> float:
+    """The damping ratio of a scene's contacts, given or by their restitution."""
+    if contact.damping_ratio is not None:
+        return contact.damping_ratio
+    return 0.0 if contact.restitution is None else damping_ratio(contact.restitution)
 
 
 def contact_stiffness(stiffness: Array, overlap_m: Array) -> Array:

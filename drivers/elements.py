@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 from drivers.chain import Chain, bead_mass
 from drivers.lateral import Lateral
+from drivers.restitution import restitution
 from drivers.scene import RIGID, Scene
 
 # what every engine of a straight chain models, and what one of three dimensions does beside
-STRAIGHT = frozenset({"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter"})
+STRAIGHT = frozenset({"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter", "damping"})
 SIDEWAYS = frozenset({"lateral freedom", "tube", "friction", "rotation"})
 
 
@@ -51,7 +52,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
             else "the scene has none",
         ),
         *(_straight(scene) if chain.lateral is None else _sideways(scene, chain.lateral)),
-        Element("damping", False, "restitution 1: contacts are elastic"),
+        Element("damping", chain.damping_ratio > 0, _damping(chain)),
     )
 
 
@@ -91,6 +92,12 @@ def _striker(scene: Scene) -> str:
         return "nothing strikes"
     shape = "flat face" if striker.shape == "flat" else "sphere"
     return f"{shape} of {striker.material} at {striker.speed:g} m/s"
+
+
+def _damping(chain: Chain) -> str:
+    if not chain.damping_ratio:
+        return "restitution 1: contacts are elastic"
+    return f"restitution {restitution(chain.damping_ratio):.6g} of every impact, by a damping ratio of {chain.damping_ratio:.6g}"
 
 
 def _no_sensor_mass(scene: Scene) -> str:

@@ -12,6 +12,7 @@ from drivers import units
 
 MAX_BEADS = 1_000_000
 RIGID = "rigid"
+LEAST_RESTITUTION, MAX_DAMPING_RATIO = 1e-4, 50.0  # about the same: beyond, bodies all but stick
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
 FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
@@ -44,6 +45,11 @@ class Material(Part):
     poisson_ratio: PoissonRatio
     density: units.Density | None = None
     source: str | None = None
+
+    @property
+    def compliance(self) -> float:
+        """``(1 - nu^2) / E``, its share of ``1/E*``, in 1/Pa."""
+        return float((1 - self.poisson_ratio**2) / self.youngs_modulus)
 
 
 class Sensor(Part):
@@ -114,9 +120,14 @@ class Tube(Part):
 
 
 class Contact(Part):
-    """What contacts do beyond Hertz's law."""
+    """What contacts do beyond Hertz's law.
 
-    restitution: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 1.0
+    They are elastic unless one of ``restitution``, that of an impact, and ``damping_ratio``, B of
+    ``drivers.restitution``, is given.
+    """
+
+    restitution: Annotated[float, Field(ge=LEAST_RESTITUTION, le=1, allow_inf_nan=False)] | None = None
+    damping_ratio: Annotated[float, Field(ge=0, le=MAX_DAMPING_RATIO)] | None = None
     friction: Friction = 0.0
 
 

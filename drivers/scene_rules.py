@@ -20,8 +20,8 @@ def not_yet(file: SceneFile) -> Iterator[Complaint]:
     if (run.time_step is None) == (run.accuracy is None):
         found = "neither time_step nor accuracy" if run.time_step is None else "both time_step and accuracy"
         yield "run", found, "exactly one of the two"
-    if file.contact.restitution < 1:
-        yield "contact.restitution", f"{file.contact.restitution:g}", "not supported yet: 1 (no dissipation)"
+    if file.contact.restitution is not None and file.contact.damping_ratio is not None:
+        yield "contact", "both restitution and damping_ratio", "one of the two: either gives the other"
     if file.sensor is not None:
         yield "sensor.time_constant", f"{file.sensor.time_constant:g} s", "not supported yet: leave [sensor] out"
 

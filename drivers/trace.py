@@ -56,12 +56,17 @@ class Trace:
 def make_trace(chain: Chain, time_s: Array, force_N: Array, height_m: Array, velocity_m_s: Array) -> Trace:
     """A trace with its energies: Hertz energy (2/5) F overlap from the engine's own forces.
 
-    A contact's overlap is ``(F/k)^(2/3)``, so that its energy is that of the force that acted.
+    A contact's overlap is ``(F/k)^(2/3)``, so that its energy is that of the force that acted. Where contacts are
+    damped the force does not tell it: there it is the heights' overlap, and the energy ``(2/5) k overlap^(5/2)``.
     """
     existing = chain.stiffness > 0
     force = np.maximum(force_N[:, existing], 0.0)
     with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up, which the guard says in words
-        hertz = 0.4 * force * (force / chain.stiffness[existing]) ** (2 / 3)
+        if chain.damping_ratio:
+            overlap = np.maximum(overlaps(chain, height_m)[:, existing], 0.0)
+            hertz = 0.4 * chain.stiffness[existing] * overlap**2.5
+        else:
+            hertz = 0.4 * force * (force / chain.stiffness[existing]) ** (2 / 3)
         kinetic = 0.5 * (velocity_m_s**2 @ chain.mass_kg)
         potential = -((height_m - chain.height_m) @ chain.load_N)
         momentum = velocity_m_s @ chain.mass_kg
@@ -92,6 +97,10 @@ def make_sideways_trace(
         total = kinetic + hertz - (height_m - chain.height_m) @ chain.load_N
     momentum = velocity_m_s @ chain.mass_kg
     return Trace(time_s, force_N, kinetic, total, momentum, height_m, velocity_m_s, sideways)
+def overlaps(chain: Chain, height_m: Array) -> Array:
+    """Overlaps from heights, a gap negative. Shape (samples, bodies)."""
+    moved = height_m - chain.height_m
+    return np.asarray(chain.overlap_m + np.column_stack([np.zeros(len(moved)), moved[:, :-1]]) - moved)
 
 
 def digest_of(trace: Trace) -> str:

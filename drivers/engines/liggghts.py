@@ -3,7 +3,7 @@
 import math
 import re
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from drivers.engines._materials import named_material
 from drivers.errors import RunError
 from drivers.process import UNKNOWN_VERSION, first_line_of
 from drivers.complaints import Complaint
+from drivers.restitution import damping_ratio_with_attraction, restitution, with_attraction
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's package liggghts"
@@ -32,6 +33,7 @@ SERVER = Deck({}, ("stdbuf", "-oL", "liggghts", "-log", "none"), raw=())  # take
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
 FEW = 200  # bodies up to which all pairs are searched for neighbours: bins of the whole space would take longer
 MOST_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
+LEAST_COEFFICIENT = 0.05  # of restitution, which it takes only from above here
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
 
 
@@ -73,8 +75,13 @@ def version(executable: Path) -> str:
 
 
 def refusal(case: Case) -> Complaint | None:
-    """A box that is too high for the bins of its neighbour search, half a cutoff wide each."""
-    chain, radius = case.chain, _radii(case.chain)
+    """Too much damping, or a box that is too high for the bins of its neighbour search, half a cutoff wide each."""
+    chain, radius = case.chain, _radii(case)
+    if with_attraction(chain.damping_ratio) <= LEAST_COEFFICIENT:
+        most = damping_ratio_with_attraction(LEAST_COEFFICIENT)
+        if case.scene.contact.restitution is None:
+            return "contact.damping_ratio", f"{chain.damping_ratio:g}", f"below {most:.4g}"
+        return "contact.restitution", f"{case.scene.contact.restitution:g}", f"above {restitution(most):.4g}"
     if chain.bodies <= FEW:
         return None
     box = _box(case, radius, chain.height_m)
@@ -87,10 +94,27 @@ def refusal(case: Case) -> Complaint | None:
     return "run.duration", found, f"at most {MOST_BINS:.0e} bins: less speed, smaller gaps or a shorter run"
 
 
-def _radii(chain: Chain) -> Array:
-    """Radii of the atoms; the atom of a flat face is as large as the bead below it."""
-    face = chain.radius_m[-2] if np.isinf(chain.radius_m[-1]) else 0.0
+def _radii(case: Case) -> Array:
+    """Radii of the atoms; that of a flat face is as large as the bead below it, or a damped one's of ``_face``."""
+    chain = case.chain
+    if not np.isinf(chain.radius_m[-1]):
+        return chain.radius_m
+    face = _face(case)[0] if chain.damping_ratio else chain.radius_m[-2]
     return np.where(np.isinf(chain.radius_m), face, chain.radius_m)
+
+
+def _face(case: Case) -> tuple[float, float]:
+    """Radius and Young's modulus of the sphere that stands for a damped flat face: ``model hertz`` takes no kn.
+
+    With ``1/E* = c_bead + c_face`` its radius S and its compliance c make the same contact where
+    ``c_bead + c = sqrt(S / (S + R)) / E*``; c is above zero for ``S > R c_bead / (2 c_face)``, of which S is twice.
+    """
+    chain, materials = case.chain, case.scene.materials
+    bead, face = (materials[name].compliance for name in chain.materials[-2:])
+    under = float(chain.radius_m[-2])
+    radius = float(f"{under * bead / face:.1g}")
+    compliance = (bead + face) * math.sqrt(radius / (radius + under)) - bead
+    return radius, (1 - materials[chain.materials[-1]].poisson_ratio ** 2) / compliance
 
 
 def _box(case: Case, radius: Array, height: Array) -> Box:
@@ -108,7 +132,7 @@ def _box(case: Case, radius: Array, height: Array) -> Box:
 
 def render(case: Case) -> Deck:
     """``chain.in`` and ``chain.data``; atoms are numbered as the bodies, from the wall up."""
-    scene, chain, radius = case.scene, case.chain, _radii(case.chain)
+    scene, chain, radius = case.scene, case.chain, _radii(case)
     flat = bool(np.isinf(chain.radius_m[-1]))
     labels = [*chain.materials[:-1], FLAT + chain.materials[-1]] if flat else list(chain.materials)
     unique = list(dict.fromkeys(labels))
@@ -119,6 +143,10 @@ def render(case: Case) -> Deck:
             types.append(named_material(scene, chain.wall))
             unique.append(chain.wall)
         wall_type = unique.index(chain.wall) + 1
+    if flat and chain.damping_ratio:
+        face = unique.index(labels[-1])
+        types[face] = replace(types[face], youngs_modulus=_face(case)[1])
+    springs = flat and not chain.damping_ratio  # a law of contacts without radii, whose damping is another
     moduli = [kind.youngs_modulus for kind in types]
     volume = 4 / 3 * math.pi * radius**3
     height = chain.height_m + np.where(np.isinf(chain.radius_m), radius, 0.0)
@@ -130,10 +158,13 @@ def render(case: Case) -> Deck:
     values = {
         "summary": case.summary,
         "types": types,
-        "stiffnesses": _pair_stiffnesses(chain, radius, labels, unique, wall_type) if flat else [],
-        "model": "hertz/stiffness" if flat else "hertz",
-        "hard": not flat and max(moduli) > HARD_PA,
-        "soft": not flat and min(moduli) < SOFT_PA,
+        "stiffnesses": _pair_stiffnesses(chain, radius, labels, unique, wall_type) if springs else [],
+        "model": "hertz/stiffness" if springs else "hertz",
+        "damping_ratio": chain.damping_ratio,
+        "coefficient": with_attraction(chain.damping_ratio),
+        "face_radius": radius[-1] if flat and not springs else None,
+        "hard": not springs and max(moduli) > HARD_PA,
+        "soft": not springs and min(moduli) < SOFT_PA,
         "skin": box.skin,
         "binned": chain.bodies > FEW,
         "wall_type": wall_type,
@@ -219,7 +250,7 @@ def _trace(case: Case, frames: NDArray[np.void]) -> Trace:
     for j in range(chain.bodies - 1):
         force[:, j + 1] = force[:, j] - fz[:, j] + chain.load_N[j]
     if np.isinf(chain.radius_m[-1]):
-        z = z - np.array([0.0] * (chain.bodies - 1) + [chain.radius_m[-2]])  # the face of the striker
+        z = z - np.array([0.0] * (chain.bodies - 1) + [_radii(case)[-1]])  # the face of the striker
     return make_trace(chain, case.sample_times_s[: len(frames)], force, z, vz)
 
 

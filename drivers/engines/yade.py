@@ -83,6 +83,7 @@ def render(case: Case) -> Deck:
         flat=flat,
         wall={"height": chain.wall_height_m, "material": chain.wall} if case.models("wall") else None,
         geometries=geometries,
+        damping_ratio=chain.damping_ratio,
         planes=([0] if chain.wall else []) + ([chain.bodies - 1 - first] if flat else []),
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
@@ -128,8 +129,14 @@ def _check_completed(folder: Path) -> None:
 
 
 def refusal(case: Case) -> Complaint | None:
-    """None: it takes every straight chain."""
-    return None
+    """Damped contacts that are pressed and moving at time 0: its velocities begin half a step before."""
+    chain = case.chain
+    closing = np.append(0.0, chain.velocity_m_s[:-1]) - chain.velocity_m_s
+    moving = (chain.overlap_m > 0) & (closing != 0)
+    if not chain.damping_ratio or not moving.any():
+        return None
+    found = f"bead {int(np.argmax(moving)) + 1} pressed and moving at time 0"
+    return "chain.bead", found, "no such velocities, or contacts that are elastic"
 
 
 def seen(case: Case, folder: Path) -> Trace | None:
