@@ -52,6 +52,7 @@ def render(case: Case, method: str, **timing: float) -> Deck:
         "overlap_m": chain.overlap_m.tolist(),
         "velocity_m_s": chain.velocity_m_s.tolist(),
         "load_N": chain.load_N.tolist(),
+        **({"damping_N_s_m-5/4": chain.damping.tolist()} if chain.damping_ratio else {}),
         "height_m": chain.height_m.tolist(),  # not integrated, but part of what the run reports
         "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
     }

@@ -26,6 +26,7 @@ def main(deck: Path) -> None:
         overlap_m=values["overlap_m"],
         velocity_m_s=values["velocity_m_s"],
         load_N=values["load_N"],
+        damping=values.get("damping_N_s_m-5/4", []),
     )
     if values["method"] not in _compiled:  # no part of the time loop
         _integrate(chain, values | {"samples": 2, "steps_per_sample": 1})

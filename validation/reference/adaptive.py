@@ -2,7 +2,8 @@
 
 The state is overlaps and velocities, so that nothing cancels. Steps are those of ``dop853``: in
 ``s = sqrt(t - t_e)`` after the last event t_e; a step in which a contact opens or closes is ended right there,
-and one that ends in an opening runs in ``s = sqrt(t_e - t)``.
+and one that ends in an opening runs in ``s = sqrt(t_e - t)``. Contacts that lose energy have events of another kind:
+their motion is that of ``damped``.
 """
 
 from math import sqrt
@@ -10,8 +11,9 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
+from validation.reference import damped
 from validation.reference.dop853 import ROWS, error, evaluate_dense, prepare_dense, step
-from validation.reference.hertz_chain import Array, HertzChain, Motion, displacements, hertz_force
+from validation.reference.hertz_chain import Array, HertzChain, Motion, contact_force, displacements
 
 LEAST_TOLERANCE = 1e-12  # what double precision gives with a margin: measured errors end near 5e-14
 LOCAL_SHARE = 0.04  # local tolerance over the one asked for: measured global errors are 0.6 to 9 times the local one
@@ -27,7 +29,8 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAS
     """Integrates from time 0 with samples at ``time_s``, increasing from 0.
 
     The largest force error over all contacts and samples stays below ``tolerance`` times the largest force, as
-    long as the motion itself does not multiply small errors (a chain that bounces on for long is chaotic).
+    long as the motion itself does not multiply small errors (a chain that bounces on for long is chaotic). Contacts that
+    lose energy are followed to ``damped.LEAST_TOLERANCE`` at best, whatever is asked for.
 
     Raises:
         ValueError: sample times that do not begin at 0 or do not increase, a tolerance below what double
@@ -43,16 +46,21 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAS
         raise ValueError(f"tolerance: {tolerance:g}, expected from {LEAST_TOLERANCE:g} to below 1")
     n = chain.mass_kg.size
     overlap_scale, speed_scale = scales(chain, float(time_s[-1]))
-    states, status = _integrate(
-        np.concatenate([chain.overlap_m, chain.velocity_m_s]), time_s,
-        1.0 / chain.mass_kg, chain.stiffness, chain.load_N / chain.mass_kg,
-        LOCAL_SHARE * tolerance, np.repeat([overlap_scale, speed_scale], n),
-        FIRST_STEP * overlap_scale / speed_scale,
-    )  # fmt: skip
+    start, inverse = np.concatenate([chain.overlap_m, chain.velocity_m_s]), 1.0 / chain.mass_kg
+    free, scale = chain.load_N / chain.mass_kg, np.repeat([overlap_scale, speed_scale], n)
+    first = FIRST_STEP * overlap_scale / speed_scale
+    if chain.elastic:
+        states, status = _integrate(start, time_s, inverse, chain.stiffness, free, LOCAL_SHARE * tolerance, scale, first)
+    else:
+        local = damped.LOCAL_SHARE * max(tolerance, damped.LEAST_TOLERANCE)
+        states, ended = damped.integrate(
+            start, time_s, inverse, chain.stiffness, chain.damping, free, local, scale, first
+        )
+        status = DONE if ended else STUCK
     if status == STUCK or not np.isfinite(states).all():
         raise ArithmeticError("the adaptive reference cannot follow this motion: its steps shrink to nothing")
     overlap, velocity = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
-    return Motion(hertz_force(chain.stiffness, overlap), displacements(chain, overlap), velocity)
+    return Motion(contact_force(chain, overlap, velocity), displacements(chain, overlap), velocity)
 
 
 def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:

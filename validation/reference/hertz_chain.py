@@ -1,6 +1,6 @@
 """The chain as the integrators see it, and what an integration gives back."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,10 @@ class HertzChain:
         overlap_m: at time 0, a gap negative. Only these lengths enter, no absolute height: nothing cancels.
         velocity_m_s: at time 0, upwards positive.
         load_N: constant force on each body, upwards positive.
+        damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^(1/4) d overlap/dt)``; left out: all 0.
 
     Raises:
-        ValueError: an array of another shape, not finite, a mass not above zero, a stiffness below zero.
+        ValueError: an array of another shape, not finite, a mass not above zero, a stiffness or a damping below zero.
     """
 
     mass_kg: Array
@@ -27,8 +28,11 @@ class HertzChain:
     overlap_m: Array
     velocity_m_s: Array
     load_N: Array
+    damping: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
+        if not np.size(self.damping):
+            object.__setattr__(self, "damping", np.zeros(np.shape(self.mass_kg)))
         for name in self.__dataclass_fields__:
             array = np.ascontiguousarray(getattr(self, name), dtype=float)
             if array.ndim != 1 or array.shape != np.shape(self.mass_kg) or not array.size:
@@ -38,8 +42,14 @@ class HertzChain:
             object.__setattr__(self, name, array)
         if (self.mass_kg <= 0).any():
             raise ValueError("mass_kg: not above zero")
-        if (self.stiffness < 0).any():
-            raise ValueError("stiffness: below zero")
+        for name in ("stiffness", "damping"):
+            if (getattr(self, name) < 0).any():
+                raise ValueError(f"{name}: below zero")
+
+    @property
+    def elastic(self) -> bool:
+        """Whether no contact loses energy."""
+        return not self.damping.any()
 
 
 @dataclass(frozen=True)
@@ -61,6 +71,15 @@ def hertz_force(stiffness: Array, overlap_m: Array) -> Array:
     """``F = k overlap^(3/2)`` where there is overlap, else 0."""
     closed = np.maximum(overlap_m, 0.0)
     return np.asarray(stiffness * closed * np.sqrt(closed))
+
+
+def contact_force(chain: HertzChain, overlap_m: Array, velocity_m_s: Array) -> Array:
+    """Forces of contacts that may lose energy, from overlaps and velocities of shape (..., bodies)."""
+    elastic = hertz_force(chain.stiffness, overlap_m)
+    if chain.elastic:
+        return elastic
+    closing = np.concatenate([np.zeros_like(velocity_m_s[..., :1]), velocity_m_s[..., :-1]], axis=-1) - velocity_m_s
+    return np.asarray(np.maximum(elastic + chain.damping * np.maximum(overlap_m, 0.0) ** 0.25 * closing, 0.0))
 
 
 def displacements(chain: HertzChain, overlap_m: Array) -> Array:

@@ -13,13 +13,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from validation.reference.hertz_chain import Array, HertzChain, Motion, displacements, hertz_force
+from validation.reference.hertz_chain import Array, HertzChain, Motion, contact_force, displacements
 
 TILE = 2048  # beads: their six numbers each fit the second-level cache
 BLOCK = 128  # steps that a tile takes at a time
 LEAST_FOR_TWO = 50_000  # beads below which a second thread does not pay
 
-Arrays = tuple[Array, Array, Array, Array, Array, Array]  # velocity (the wall's first), overlap, force, and constants
+# velocity (the wall's first), overlap, force, and constants: stiffness, kick, drop, damping (of size 0 where there is none)
+Arrays = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 
 def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int) -> Motion:
@@ -110,11 +111,12 @@ def _check(time_step_s: float, steps_per_sample: int, samples: int) -> None:
 
 def _start(chain: HertzChain, time_step_s: float) -> Arrays:
     """Velocities of half a step before time 0 behind the wall's, overlaps, forces (none above the last), constants."""
-    force = np.append(hertz_force(chain.stiffness, chain.overlap_m), 0.0)
+    force = np.append(contact_force(chain, chain.overlap_m, chain.velocity_m_s), 0.0)
     acceleration = (force[:-1] - force[1:] + chain.load_N) / chain.mass_kg
     velocity = np.append(0.0, chain.velocity_m_s - 0.5 * time_step_s * acceleration)
     kick, drop = time_step_s / chain.mass_kg, time_step_s * chain.load_N / chain.mass_kg
-    return velocity, chain.overlap_m.copy(), force, chain.stiffness, kick, drop
+    damping = np.zeros(0) if chain.elastic else chain.damping
+    return velocity, chain.overlap_m.copy(), force, chain.stiffness, kick, drop, damping
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -135,17 +137,43 @@ def _sweep(
         force[j] = stiffness[j] * (closed * sqrt(closed))
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _sweep_damped(
+    below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
+    damping: Array, dt: float,
+) -> None:  # fmt: skip
+    """As ``_sweep``, of contacts that lose energy; they close with the velocities of half a step before, as in codes."""
+    under = force[0]
+    for j in range(overlap.size):
+        above = force[j + 1]
+        here = velocity[j] + (kick[j] * (under - above) + drop[j])
+        velocity[j] = here
+        under = above
+        closing = below - here
+        now = overlap[j] + dt * closing
+        below = here
+        overlap[j] = now
+        root = sqrt(max(now, 0.0))
+        force[j] = max(stiffness[j] * (now * root) + damping[j] * sqrt(root) * closing, 0.0)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _step_range(
     arrays: Arrays, dt: float, low: int, high: int, below: float, step: int, every: int,
     places: NDArray[np.int64], recorded: Array,
 ) -> None:  # fmt: skip
     """One step of the bodies from ``low`` to below ``high``, and what is to be recorded of it."""
-    velocity, overlap, force, stiffness, kick, drop = arrays
-    _sweep(
-        below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
-        stiffness[low:high], kick[low:high], drop[low:high], dt,
-    )  # fmt: skip
+    velocity, overlap, force, stiffness, kick, drop, damping = arrays
+    if damping.size:
+        _sweep_damped(
+            below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
+            stiffness[low:high], kick[low:high], drop[low:high], damping[low:high], dt,
+        )  # fmt: skip
+    else:
+        _sweep(
+            below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
+            stiffness[low:high], kick[low:high], drop[low:high], dt,
+        )  # fmt: skip
     _record(force, low, high, step, every, places, recorded)
 
 
@@ -171,10 +199,13 @@ def _advance(
     thread's bodies next to it would have to be known for is left to ``_fill_between``. A rising range leaves the
     forces at its lower edge, as they were before each step, in ``edge``.
     """
-    velocity, overlap, force, stiffness, kick, drop = arrays
+    velocity, overlap, force, stiffness, kick, drop, damping = arrays
     if first == 0 and overlap.size == last <= TILE:  # one tile: no need to cut it out at every step
         for step in range(steps):
-            _sweep(0.0, velocity[1:], overlap, force, stiffness, kick, drop, dt)
+            if damping.size:
+                _sweep_damped(0.0, velocity[1:], overlap, force, stiffness, kick, drop, damping, dt)
+            else:
+                _sweep(0.0, velocity[1:], overlap, force, stiffness, kick, drop, dt)
             _record(force, first, last, done + step, every, places, recorded)
         return
     start = first
@@ -248,7 +279,7 @@ def integrate_verlet_absolute(
     return np.asarray(
         _integrate_absolute(
             chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s, chain.load_N,
-            time_step_s, steps_per_sample, samples,
+            chain.damping, time_step_s, steps_per_sample, samples,
         )
     )  # fmt: skip
 
@@ -256,7 +287,7 @@ def integrate_verlet_absolute(
 @njit(cache=True)
 def _integrate_absolute(
     mass: Array, stiffness: Array, height: Array, reach: Array, velocity0: Array, load: Array,
-    dt: float, every: int, samples: int,
+    damping: Array, dt: float, every: int, samples: int,
 ) -> Array:  # fmt: skip
     n = mass.size
     velocity, force = velocity0.copy(), np.zeros(n + 1)
@@ -272,6 +303,9 @@ def _integrate_absolute(
             overlap = reach[j] - (height[j] - below)
             below = height[j]
             force[j] = stiffness[j] * overlap * sqrt(overlap) if overlap > 0.0 else 0.0
+            if overlap > 0.0 and damping[j] > 0.0:
+                closing = (velocity[j - 1] if j > 0 else 0.0) - velocity[j]
+                force[j] = max(force[j] + damping[j] * sqrt(sqrt(overlap)) * closing, 0.0)
         if step:
             for j in range(n):
                 velocity[j] += half * (force[j] - force[j + 1] + load[j]) / mass[j]
