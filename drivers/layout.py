@@ -23,12 +23,14 @@ class Layout:
     Attributes:
         sensors: from the top bead towards the wall: the order in which a wave meets them.
         load_N: sum of all weights and of the precompression, upwards positive.
+        damped: whether contacts lose energy.
     """
 
     sensors: tuple[SensorBead, ...]
     wall: bool
     striker: bool
     load_N: float
+    damped: bool = False
 
 
 def make_layout(scene: Scene, chain: Chain) -> Layout:
@@ -37,10 +39,10 @@ def make_layout(scene: Scene, chain: Chain) -> Layout:
     sensors = tuple(
         SensorBead(place, float(chain.height_m[place - 1]), float(2 * chain.radius_m[place - 1])) for place in places
     )
-    return Layout(sensors, chain.wall is not None, scene.striker is not None, float(chain.load_N.sum()))
+    return Layout(sensors, chain.wall is not None, scene.striker is not None, float(chain.load_N.sum()), chain.damping_ratio > 0)
 
 
 def read_layout(stored: dict[str, Any]) -> Layout:
     """A layout as a run record holds it."""
     sensors = tuple(SensorBead(**sensor) for sensor in stored["sensors"])
-    return Layout(sensors, stored["wall"], stored["striker"], stored["load_N"])
+    return Layout(sensors, stored["wall"], stored["striker"], stored["load_N"], stored["damped"])

@@ -39,6 +39,20 @@ class Reached:
         return contact_stiffness(chain.stiffness, np.maximum(self.overlap_m, stepped))
 
 
+def late_damping(chain: Chain, spring_N_m: Array, time_step_s: float) -> Array:
+    """``K + 4 B sqrt(m* K) / dt``: springs that are as unstable at a step as damped ones, shape (bodies,), in N/m.
+
+    The codes take the closing speed half a step late, ``M (x+ - 2 x + x-) / dt^2 = -K x - D (x - x-) / dt``, which
+    flips from step to step (x+ = -x) at ``4 M / dt^2 = K + 2 D / dt``; a contact has ``D = 2 B sqrt(m* K)``. So a single
+    contact of frequency w is stable up to ``(sqrt(1 + B^2) - B) 2 / w``.
+    """
+    if not chain.damping_ratio or not time_step_s:
+        return spring_N_m
+    return np.asarray(
+        spring_N_m + 4 * chain.damping_ratio * np.sqrt(chain.reduced_mass_kg * spring_N_m) / time_step_s
+    )
+
+
 def wear(impacts: float) -> float:
     """By what many impacts divide the limit."""
     return float(max(1.0, impacts / SPARED) ** WALK)
@@ -68,11 +82,21 @@ def share_at_most(chain: Chain, duration_s: float, time_step_s: float) -> tuple[
     than ``4 / omega``, and only one at a time has all the energy.
     """
     spring = at_most(chain, duration_s).spring(chain, time_step_s)
+    highest = float(np.sqrt(_rows(chain, spring).max()))
+    impacts = duration_s * highest / 4
+    if chain.damping_ratio:  # 1 / limit is where limit^2 (K + b / limit) = 4, row by row
+        late = _rows(chain, late_damping(chain, spring, 1.0) - spring)
+        highest = float((late + np.sqrt(late**2 + 16 * _rows(chain, spring))).max()) / 4
+    return time_step_s * highest / 2 / SAFETY, impacts
+
+
+def _rows(chain: Chain, spring_N_m: Array) -> Array:
+    """What bounds the eigenvalues of springs and masses, row by row. Shape (bodies,)."""
     root = np.sqrt(chain.mass_kg)
-    beside = spring / (root * np.append(np.inf, root[:-1]))
-    rows = (spring + np.append(spring[1:], 0.0)) / chain.mass_kg + beside + np.append(beside[1:], 0.0)
-    highest = float(np.sqrt(rows.max()))
-    return time_step_s * highest / 2 / SAFETY, duration_s * highest / 4
+    beside = spring_N_m / (root * np.append(np.inf, root[:-1]))
+    return np.asarray(
+        (spring_N_m + np.append(spring_N_m[1:], 0.0)) / chain.mass_kg + beside + np.append(beside[1:], 0.0)
+    )
 
 
 def certainly_stable(chain: Chain, duration_s: float, time_step_s: float) -> bool:

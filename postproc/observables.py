@@ -77,13 +77,16 @@ def _reflected(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]
 
 
 def _speeds_and_widths(layout: Layout, values: dict[str, float], levels: tuple[float, ...]) -> dict[str, float]:
-    """Peak-to-peak speed between neighbouring sensors, and widths at the one nearer the wall."""
+    """Peak-to-peak speed and amplitude's ratio a bead between neighbouring sensors, widths at the one nearer the wall."""
     result: dict[str, float] = {}
     for upper, lower in zip(layout.sensors[:-1], layout.sensors[1:], strict=True):
         first, second = f"bead_{upper.from_wall}", f"bead_{lower.from_wall}"
         travel = values[f"{second}_arrival_s"] - values[f"{first}_arrival_s"]
         speed = (upper.height_m - lower.height_m) / travel if travel > 0 else np.nan
         result[f"speed_{upper.from_wall}_to_{lower.from_wall}_m_s"] = speed
+        share = values[f"{second}_amplitude_N"] / values[f"{first}_amplitude_N"]
+        steps = upper.from_wall - lower.from_wall
+        result[f"transmission_{upper.from_wall}_to_{lower.from_wall}"] = share ** (1 / steps) if share > 0 else np.nan
         for level in levels:
             duration = values[f"{second}_duration_{_percent(level)}_s"]
             result[f"{second}_width_{_percent(level)}_diameters"] = duration * speed / lower.diameter_m
@@ -91,7 +94,7 @@ def _speeds_and_widths(layout: Layout, values: dict[str, float], levels: tuple[f
 
 
 def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
-    """Energy and momentum, and by how much they are not conserved.
+    """Energy and momentum, and by how much they are not conserved; of contacts that lose energy, what it gains.
 
     Before the wave reaches the wall, its force is that of the resting beads, and momentum is known without an
     integral. The imbalance of all times is |p - p(0) - impulse of wall and loads|; its sampling share is what the
@@ -104,14 +107,16 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
     quiet = slice(0, _first_change(trace.force_N[:, 0], float(np.abs(trace.force_N).max())))
     steady = np.abs(momentum - momentum[0] - net[0] * time)[quiet]
     scale = max(float(np.abs(momentum).max()), abs(layout.load_N) * float(time[-1])) or 1.0
+    drift = energy - np.fmin.accumulate(energy) if layout.damped else np.abs(energy - energy[0])
     return {
         "kinetic_energy_start_J": float(trace.kinetic_energy_J[0]),
-        "energy_drift_J": float(np.abs(energy - energy[0]).max()),
+        "energy_drift_J": float(drift.max()),
+        **({"energy_lost_J": float(energy[0] - energy[-1])} if layout.damped else {}),
         "momentum_start_N_s": float(momentum[0]),
         "momentum_end_N_s": float(momentum[-1]),
         "impulse_imbalance_share": float(np.abs(momentum - momentum[0] - impulse).max()) / scale,
         "momentum_error_before_wall_share": float(steady.max()) / scale,
-        "energy_error_before_wall_J": float(np.abs(energy - energy[0])[quiet].max()),
+        "energy_error_before_wall_J": float(drift[quiet].max()),
         "impulse_sampling_share": float(np.abs(impulse[::2] - coarse).max()) / scale,
     }
 

@@ -6,10 +6,9 @@ import numpy as np
 from scipy.linalg import eigvalsh_tridiagonal
 
 from drivers.chain import Array, Chain
-from drivers.stability import SAFETY, Reached, at_most, wear
+from drivers.stability import SAFETY, Reached, at_most, late_damping, wear
 from drivers.trace import Trace
 from validation.arrays import arrays_of
-from validation.reference.hertz_chain import HertzChain
 from validation.reference.verlet import integrate_verlet
 
 CONVERGED, MOST_TRIES = 1e-9, 100
@@ -39,7 +38,7 @@ def stable_step(chain: Chain, reached: Reached) -> float:
     """The predicted limit in s, ``SAFETY * 2 / omega_max``; inf for a chain without a contact that closes.
 
     Stiffnesses are tangents of Hertz's law at the largest overlaps, or at those that a step of that size makes. Many
-    impacts lower the limit.
+    impacts lower the limit, and so does damping, which codes have half a step late (``late_damping``).
     """
     safety = SAFETY / wear(reached.impacts)
     step = safety * linear_limit(chain, reached.spring(chain, 0.0))
@@ -47,7 +46,7 @@ def stable_step(chain: Chain, reached: Reached) -> float:
         step = 1.0
     found = step
     for _ in range(MOST_TRIES):
-        found = safety * linear_limit(chain, reached.spring(chain, step))
+        found = safety * linear_limit(chain, late_damping(chain, reached.spring(chain, step), step / safety))
         if not np.isfinite(found) or abs(found / step - 1) < CONVERGED:
             break
         step = (step * found**4) ** 0.2  # where steps make the overlap, found goes with step^(-1/4)
@@ -80,13 +79,17 @@ def _followed(chain: Chain, step: float, left: int) -> Reached:
     while left:
         steps = min(left, max(1, AT_ONCE // chain.bodies))
         motion = integrate_verlet(arrays, step, 1, steps + 1)
-        overlap = np.maximum(overlap, _largest_overlaps(chain, motion.force_N))
+        moved = motion.displacement_m
+        if chain.damping_ratio:  # forces do not tell overlaps
+            pressed = arrays.overlap_m + np.column_stack([np.zeros(len(moved)), moved[:, :-1]]) - moved
+            overlap = np.maximum(overlap, pressed.max(axis=0))
+        else:
+            overlap = np.maximum(overlap, _largest_overlaps(chain, motion.force_N))
         speed = _closing_speeds(chain, motion.force_N, motion.velocity_m_s)
         closing = np.maximum(closing, speed.max(axis=0))
         energies = np.append(energies, _impact_energies(chain, motion.force_N, speed))
-        moved = motion.displacement_m[-1]
-        pressed = arrays.overlap_m + np.append(0.0, moved[:-1]) - moved
-        arrays = HertzChain(arrays.mass_kg, arrays.stiffness, pressed, motion.velocity_m_s[-1], arrays.load_N)
+        pressed = arrays.overlap_m + np.append(0.0, moved[-1, :-1]) - moved[-1]
+        arrays = replace(arrays, overlap_m=pressed, velocity_m_s=motion.velocity_m_s[-1])
         left -= steps
     return Reached(overlap, closing, _counted(energies))
 

@@ -172,6 +172,7 @@ class Chooser:
 
         interval = self.case.scene.run.sample_interval
         work = self.case.chain.bodies * (self.case.scene.samples - 1)
+        order = 1 if self.case.chain.damping_ratio else 2
         steps = max(1, ceil(min(interval / self.stable_s, 1e15)))  # the largest step that is stable
         refused, taken, tries = steps - 1, 0, 0
         while not (taken and (taken <= refused + 1 or taken <= CLOSE * refused)):
@@ -186,7 +187,7 @@ class Chooser:
             else:
                 refused = max(refused, steps)
             coarse = max(self.errors_at(steps).values()) > LARGE
-            steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * sqrt(found)))
+            steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * found ** (1 / order)))
         return Choice(self.case.at(taken), self.errors_at(taken), refused, self.rounding(taken), tries)
 
     def choose_with_room(self, wanted: dict[str, float]) -> Choice:

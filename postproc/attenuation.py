@@ -1,0 +1,32 @@
+"""Attenuation of the leading wave: what each contact passes on of its force's peak."""
+
+import numpy as np
+
+from drivers.chain import Array
+from drivers.trace import Trace
+from postproc.signals import peaks
+
+
+def incident_peaks(trace: Trace) -> Array:
+    """Peak above the start of the first wave at each contact, counted from the wall; NaN where none came by. (contacts,)
+
+    The force on the contact below is no part of it, so this holds for contact 1 as for the others; but there the wall
+    throws the wave back, and the top contact feels the striker.
+    """
+    found = np.full(trace.force_N.shape[1], np.nan)
+    least = 1e-9 * float(np.abs(trace.force_N).max())
+    for contact, force in enumerate((trace.force_N - trace.force_N[0]).T):
+        crests = peaks(trace.time_s, force) if np.ptp(force) > least else []
+        if crests:
+            found[contact] = crests[0].value
+    return found
+
+
+def transmissions(trace: Trace) -> Array:
+    """Ratio of successive peaks of the incident wave: that at contact j over that at contact j+1. Shape (contacts-1,).
+
+    A solitary wave keeps its shape, and the law of ``drivers.restitution`` takes the same share of every amplitude: far
+    from the ends the ratio is one number, whose difference from 1 is the attenuation a bead.
+    """
+    crest = incident_peaks(trace)
+    return np.asarray(crest[:-1] / crest[1:])
