@@ -24,6 +24,7 @@ class Layout:
         sensors: from the top bead towards the wall: the order in which a wave meets them.
         load_N: sum of all weights and of the precompression, upwards positive.
         damped: whether contacts lose energy.
+        time_constant_s: of the electronics behind the gauges; None: they show the force itself.
     """
 
     sensors: tuple[SensorBead, ...]
@@ -31,6 +32,7 @@ class Layout:
     striker: bool
     load_N: float
     damped: bool = False
+    time_constant_s: float | None = None
 
 
 def make_layout(scene: Scene, chain: Chain) -> Layout:
@@ -39,10 +41,18 @@ def make_layout(scene: Scene, chain: Chain) -> Layout:
     sensors = tuple(
         SensorBead(place, float(chain.height_m[place - 1]), float(2 * chain.radius_m[place - 1])) for place in places
     )
-    return Layout(sensors, chain.wall is not None, scene.striker is not None, float(chain.load_N.sum()), chain.damping_ratio > 0)
+    constant = scene.sensor.time_constant if scene.sensor else None
+    return Layout(
+        sensors=sensors,
+        wall=chain.wall is not None,
+        striker=scene.striker is not None,
+        load_N=float(chain.load_N.sum()),
+        damped=chain.damping_ratio > 0,
+        time_constant_s=constant,
+    )
 
 
 def read_layout(stored: dict[str, Any]) -> Layout:
-    """A layout as a run record holds it."""
+    """A layout as a run record holds it; older records know of no electronics."""
     sensors = tuple(SensorBead(**sensor) for sensor in stored["sensors"])
-    return Layout(sensors, stored["wall"], stored["striker"], stored["load_N"], stored["damped"])
+    return Layout(**(stored | {"sensors": sensors}))

@@ -132,7 +132,7 @@ class Contact(Part):
 
 
 class Gauge(Part):
-    """Electronics behind the sensors."""
+    """Electronics behind all gauges, the wall's included: a first-order high-pass, in post-processing only."""
 
     time_constant: units.Duration
 

@@ -22,8 +22,6 @@ def not_yet(file: SceneFile) -> Iterator[Complaint]:
         yield "run", found, "exactly one of the two"
     if file.contact.restitution is not None and file.contact.damping_ratio is not None:
         yield "contact", "both restitution and damping_ratio", "one of the two: either gives the other"
-    if file.sensor is not None:
-        yield "sensor.time_constant", f"{file.sensor.time_constant:g} s", "not supported yet: leave [sensor] out"
 
 
 def contradictions(scene: Scene) -> Iterator[Complaint]:

@@ -1,6 +1,7 @@
 """Numbers of a run: peaks, arrival times, speeds, widths, reflections, energies and momentum.
 
-A ``peak`` is the force itself, an ``amplitude`` is counted above the signal at time 0, which is the static load.
+All is read from what the gauges show. A ``peak`` is the force itself, an ``amplitude`` is counted above the signal at
+time 0, which is the static load; behind electronics with a time constant a gauge shows none, and the two are the same.
 The first peak at a gauge is the incident wave, the first one after the wall's peak the reflected wave.
 """
 

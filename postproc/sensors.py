@@ -1,4 +1,7 @@
-"""What gauges read: the mean of the two contact forces of a sensor bead, and the force on the wall."""
+"""What gauges show: the mean of the two contact forces of a sensor bead, and the force on the wall.
+
+Where the scene gives the time constant of their electronics, what these leave of it (``postproc.electronics``).
+"""
 
 from pathlib import Path
 
@@ -8,6 +11,7 @@ import pandas as pd
 from drivers.chain import Array
 from drivers.layout import Layout
 from drivers.trace import Trace
+from postproc.electronics import high_passed
 
 
 def sensor_average(force_N: Array, from_wall: int) -> Array:
@@ -26,11 +30,14 @@ def sensor_average(force_N: Array, from_wall: int) -> Array:
 
 
 def sensor_signals(layout: Layout, trace: Trace) -> dict[str, Array]:
-    """The signals of all gauges by name: ``bead_9``, ``bead_5``, ..., and ``wall``."""
+    """What all gauges show, by name: ``bead_9``, ``bead_5``, ..., and ``wall``. Each of shape (samples,)."""
     signals = {f"bead_{s.from_wall}": sensor_average(trace.force_N, s.from_wall) for s in layout.sensors}
     if layout.wall:
         signals["wall"] = trace.force_N[:, 0]
-    return signals
+    constant = layout.time_constant_s
+    if constant is None:
+        return signals
+    return {name: high_passed(trace.time_s, signal, constant) for name, signal in signals.items()}
 
 
 def write_sensors(layout: Layout, trace: Trace, path: Path) -> None:

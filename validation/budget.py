@@ -68,7 +68,7 @@ def yardsticks(case: Case) -> Yardsticks:
     Raises:
         ArithmeticError: the exact motion cannot be followed.
     """
-    key = load_engine("verlet").render(case).sha256
+    key = f"{load_engine('verlet').render(case).sha256} {case.layout}"  # what gauges show is part of the truth
     with _making:  # engines that run side by side wait for the first
         if key not in _last:
             verlet = verlet_of(case)
