@@ -5,11 +5,14 @@ time 0, which is the static load; behind electronics with a time constant a gaug
 The first peak at a gauge is the incident wave, the first one after the wall's peak the reflected wave.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from drivers.chain import Array
 from drivers.layout import Layout
 from drivers.trace import Trace
+from postproc.pulse import ENVELOPE_MAXIMA, train_envelope
 from postproc.sensors import sensor_signals
 from postproc.signals import Peak, integral, peaks, rising_crossing
 
@@ -40,6 +43,8 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
             values[f"{name}_duration_{_percent(level)}_s"] = _duration(time, signal, first, level)
     values |= _trains(layout, found)
     values |= _reflected(layout, found)
+    if layout.wall:
+        values |= _wall_train(found["wall"], values["wall_static_N"])
     values |= _speeds_and_widths(layout, values, levels)
     values |= _balances(layout, trace)
     return values
@@ -75,6 +80,17 @@ def _reflected(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]
         values[f"{name}_reflected_amplitude_N"] = later[0].value if later else np.nan
         values[f"{name}_reflected_arrival_s"] = later[0].time_s if later else np.nan
     return values
+
+
+def _wall_train(found: list[Peak], static_N: float) -> dict[str, float]:
+    """The wall's second and third peak, and the rate of the exponential through its first three."""
+    shown = [replace(peak, value=peak.value + static_N) for peak in found[:ENVELOPE_MAXIMA]]
+    values = {
+        f"wall_peak_{number}_N": shown[number - 1].value if len(shown) >= number else np.nan
+        for number in range(2, ENVELOPE_MAXIMA + 1)
+    }
+    curve = train_envelope(shown)
+    return values | {"wall_envelope_per_s": curve.rate_per_s if curve else np.nan}
 
 
 def _speeds_and_widths(layout: Layout, values: dict[str, float], levels: tuple[float, ...]) -> dict[str, float]:

@@ -31,6 +31,18 @@ def envelope(maxima: list[Peak]) -> Envelope:
     return Envelope(float(np.exp(start)), float(rate))
 
 
+def train_envelope(maxima: list[Peak]) -> Envelope | None:
+    """The exponential through a train's first ``ENVELOPE_MAXIMA``; None where there are fewer, or one is not above 0.
+
+    Args:
+        maxima: in the order of time.
+    """
+    leading = maxima[:ENVELOPE_MAXIMA]
+    if len(leading) < ENVELOPE_MAXIMA or min(peak.value for peak in leading) <= 0:
+        return None
+    return envelope(leading)
+
+
 @dataclass(frozen=True)
 class PulseShape:
     """An incident pulse at one place.

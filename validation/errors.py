@@ -25,7 +25,7 @@ from validation.reference.verlet import integrate_verlet
 FORCE, ENERGY = "force", "energy"
 FINER = 4  # times the samples that true peaks are read from: quintics leave 4^-6 of the error of sampling
 MOST_FINE = 4_000_000  # values of the finer record; beyond it the error of sampling is not measured
-UNITS = ("_m_s", "_N", "_s", "_diameters")
+UNITS = ("_per_s", "_m_s", "_N", "_s", "_diameters")
 BALANCES = ("_static_N", "momentum_start_N_s", "momentum_end_N_s")  # not read from a pulse
 
 

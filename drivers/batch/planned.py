@@ -19,7 +19,7 @@ SMALL = 1000  # bodies
 ENGINES = paths.ROOT / "drivers" / "engines"
 OBSERVING = (  # what makes a row of raw output
     *(f"drivers/{name}.py" for name in ("chain", "guard", "session", "stability", "trace")),
-    *(f"postproc/{name}.py" for name in ("electronics", "observables", "residual", "sensors", "signals")),
+    *(f"postproc/{name}.py" for name in ("electronics", "observables", "pulse", "residual", "sensors", "signals")),
 )
 
 

@@ -9,9 +9,9 @@ import pandas as pd
 from drivers.errors import InputError
 from drivers.trace import Trace
 from postproc.product import Product
-from postproc.pulse import ENVELOPE_MAXIMA, Envelope, PulseShape, envelope, incident_pulse
+from postproc.pulse import ENVELOPE_MAXIMA, Envelope, PulseShape, incident_pulse, train_envelope
 from postproc.quoted import quoted
-from postproc.sensors import sensor_average
+from postproc.sensors import sensor_signals
 from postproc.signals import peaks
 from postproc.stack import MICRO, draw_stack, stack_table
 from postproc.style import COLUMN_IN, FAINT
@@ -59,14 +59,15 @@ def _shapes(case: "Case", trace: Trace) -> Shapes:
     Raises:
         InputError: the scene ends too early.
     """
-    maxima = peaks(trace.time_s, trace.force_N[:, 0])
-    top = case.chain.beads
-    readings = [sensor_average(trace.force_N, bead) for bead in (top, top - 1)]
+    shown, top = sensor_signals(case.layout, trace), case.chain.beads
+    maxima = peaks(trace.time_s, shown["wall"])
+    wall = train_envelope(maxima)
+    readings = [shown[f"bead_{bead}"] for bead in (top, top - 1)]
     entrance = [incident_pulse(trace.time_s, reading - reading[0]) for reading in readings]
     whole = tuple(shape for shape in entrance if shape is not None)
-    if len(maxima) <= ENVELOPE_MAXIMA or len(whole) < len(PLACES):
+    if wall is None or len(maxima) <= ENVELOPE_MAXIMA or len(whole) < len(PLACES):
         raise InputError(case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
-    return Shapes(envelope(maxima[:ENVELOPE_MAXIMA]), maxima[ENVELOPE_MAXIMA].time_s, whole)
+    return Shapes(wall, maxima[ENVELOPE_MAXIMA].time_s, whole)
 
 
 def _note_entrance(axis: Any, place: str, shape: PulseShape) -> None:
