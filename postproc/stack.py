@@ -35,6 +35,7 @@ def draw_stack(
     signals = {engine: sensor_signals(layout, trace) for engine, trace in traces.items()}
     gauges, time_s = list(next(iter(signals.values()))), next(iter(traces.values())).time_s
     heights = [1.5] * len(gauges) + [1.9]
+    behind = "" if layout.time_constant_s is None else f", behind electronics of {layout.time_constant_s * 1e3:g} ms"
     scale = min(1.0, 0.45 + 0.55 * width_in / 6.4)
     figure, grid = plt.subplots(
         len(heights), 1, sharex=True, figsize=(width_in, 0.6 + scale * sum(heights)), height_ratios=heights,
@@ -44,7 +45,7 @@ def draw_stack(
     for gauge in gauges:
         draw_lines(axes[gauge], time_s, {engine: own[gauge] for engine, own in signals.items()})
         axes[gauge].set_ylabel("force (N)")
-        axes[gauge].set_title(gauge_name(gauge), loc="left")
+        axes[gauge].set_title(gauge_name(gauge) + behind, loc="left")
         axes[gauge].set_xlim(0, float(time_s[-1]) * MICRO)
     if gauges:
         figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="lower left", ncols=4, columnspacing=1.2,
