@@ -59,6 +59,11 @@ class Chain:
         """Beads, and the striker where there is one."""
         return len(self.mass_kg)
 
+    @property
+    def slips(self) -> bool:
+        """Whether contacts have friction."""
+        return self.lateral is not None and self.lateral.slips
+
     @cached_property
     def height_m(self) -> Array:
         """Heights of the centres at time 0; of a flat striker: of its face. Shape (bodies,)."""

@@ -14,7 +14,7 @@ from drivers.errors import RunError
 from drivers.process import Outcome
 from drivers.stability import share_at_most
 from drivers.tolerances import tolerance
-from drivers.trace import Trace
+from drivers.trace import Trace, energy_error_J
 
 LONGEST_COMPLAINT = 300
 ROUNDINGS = 64  # units in the last place of heights that a start may be off by
@@ -106,18 +106,14 @@ def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]
     yield np.asarray((trace.force_N > through).any(axis=1)), "beads are pressed into each other by more than a radius"
     share, allowed = energy_error(chain, trace), explained_energy(case, trace)
     worst = np.nan_to_num(share, nan=np.inf).max()
-    does = "grows" if chain.damping_ratio else "is off"
+    does = "grows" if chain.damping_ratio or chain.slips else "is off"
     words = f"the energy {does} by {worst:.2g} times what the scene puts in, of which this time step explains"
     yield share > allowed, f"{words} {allowed:.2g}"
 
 
 def energy_error(chain: Chain, trace: Trace) -> Array:
-    """|E - E(0)| over what the scene puts in; of contacts that lose energy, what E gains over its least. (samples,)."""
-    energy = trace.total_energy_J
-    if chain.damping_ratio:
-        change = energy - np.fmin.accumulate(energy)
-    else:
-        change = np.abs(energy - energy[0])
+    """By how much the energy errs (``drivers.trace``) over what the scene puts in. Shape (samples,)."""
+    change = energy_error_J(trace.total_energy_J, damped=chain.damping_ratio > 0, slips=chain.slips)
     scale = energy_put_in(chain, float(trace.time_s[-1]))
     return np.asarray(change / scale if scale else np.where(change > 0, np.inf, 0.0))
 

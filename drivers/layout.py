@@ -23,7 +23,8 @@ class Layout:
     Attributes:
         sensors: from the top bead towards the wall: the order in which a wave meets them.
         load_N: sum of all weights and of the precompression, upwards positive.
-        damped: whether contacts lose energy.
+        damped: whether contacts lose energy in impacts.
+        slips: whether they have friction.
         time_constant_s: of the electronics behind the gauges; None: they show the force itself.
     """
 
@@ -32,6 +33,7 @@ class Layout:
     striker: bool
     load_N: float
     damped: bool = False
+    slips: bool = False
     time_constant_s: float | None = None
 
 
@@ -48,6 +50,7 @@ def make_layout(scene: Scene, chain: Chain) -> Layout:
         striker=scene.striker is not None,
         load_N=float(chain.load_N.sum()),
         damped=chain.damping_ratio > 0,
+        slips=chain.slips,
         time_constant_s=constant,
     )
 

@@ -9,7 +9,7 @@ from drivers.complaints import shorten, validate
 from drivers.errors import InputError
 from drivers.sampling import steps_per_sample
 from drivers.scene import RIGID, Material, Scene, SceneFile
-from drivers.scene_rules import contradictions, not_yet
+from drivers.scene_rules import contradictions, choices
 from drivers.settings import lay_over
 
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
@@ -51,7 +51,7 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
     """
     _complete_own_materials(data, library)
     file = validate(SceneFile, data, where)
-    for complaint in not_yet(file):
+    for complaint in choices(file):
         raise InputError(where, *complaint)
     materials = _materials(file, library, where)
     every, time_step = steps_per_sample(file.run.sample_interval, file.run.time_step, where)

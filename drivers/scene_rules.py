@@ -12,9 +12,9 @@ from drivers.tube_rules import tube_contradictions
 MAX_OVERLAP = 0.5  # of the radius, at rest: far beyond Hertz, and close to where engines lose a contact
 
 
-def not_yet(file: SceneFile) -> Iterator[Complaint]:
-    """What the scene contract knows and this version cannot run yet; and the choice of time_step or accuracy."""
-    run, chain = file.run, file.chain
+def choices(file: SceneFile) -> Iterator[Complaint]:
+    """Keys of which a scene gives one."""
+    run = file.run
     if RIGID in file.materials:
         yield f"materials.{RIGID}", "constants of its own", f'another name: "{RIGID}" is the wall that does not yield'
     if (run.time_step is None) == (run.accuracy is None):

@@ -40,6 +40,7 @@ class Trace:
         momentum_N_s: of all bodies, upwards positive. Shape (samples,).
         height_m: of the centres (of a flat striker: its face). Shape (samples, bodies); None where not kept.
         velocity_m_s: upwards positive. Shape (samples, bodies); None where not kept.
+        bore_friction_N: along the axis, on all bodies together, upwards positive. Shape (samples,); None without a tube.
         sideways: of a three-dimensional run; None of others, and where not kept.
     """
 
@@ -50,6 +51,7 @@ class Trace:
     momentum_N_s: Array
     height_m: Array | None = None
     velocity_m_s: Array | None = None
+    bore_friction_N: Array | None = None
     sideways: Sideways | None = None
 
 
@@ -75,7 +77,13 @@ def make_trace(chain: Chain, time_s: Array, force_N: Array, height_m: Array, vel
 
 
 def make_sideways_trace(
-    chain: Chain, time_s: Array, force_N: Array, height_m: Array, velocity_m_s: Array, sideways: Sideways
+    chain: Chain,
+    time_s: Array,
+    force_N: Array,
+    height_m: Array,
+    velocity_m_s: Array,
+    bore_friction_N: Array | None,
+    sideways: Sideways,
 ) -> Trace:
     """A trace of a three-dimensional chain; Hertz energy ``(2/5) k overlap^(5/2)`` from places, sideways motion and
     spin with it. What friction stores in shear is not seen, so with friction the energy may fall a little and return.
@@ -96,11 +104,21 @@ def make_sideways_trace(
         kinetic = 0.5 * (speed @ chain.mass_kg + (sideways.spin_rad_s**2).sum(axis=2) @ inertia)
         total = kinetic + hertz - (height_m - chain.height_m) @ chain.load_N
     momentum = velocity_m_s @ chain.mass_kg
-    return Trace(time_s, force_N, kinetic, total, momentum, height_m, velocity_m_s, sideways)
+    return Trace(time_s, force_N, kinetic, total, momentum, height_m, velocity_m_s, bore_friction_N, sideways)
 def overlaps(chain: Chain, height_m: Array) -> Array:
     """Overlaps from heights, a gap negative. Shape (samples, bodies)."""
     moved = height_m - chain.height_m
     return np.asarray(chain.overlap_m + np.column_stack([np.zeros(len(moved)), moved[:, :-1]]) - moved)
+
+
+def energy_error_J(energy_J: Array, *, damped: bool, slips: bool) -> Array:
+    """By how much a total energy errs: its change; where contacts lose energy, what it gains over its least.
+
+    Where contacts slip their shear holds some that is not seen and comes back: what it gains over its start.
+    """
+    if slips:
+        return np.asarray(np.maximum(energy_J - energy_J[0], 0.0))
+    return np.asarray(energy_J - np.fmin.accumulate(energy_J) if damped else np.abs(energy_J - energy_J[0]))
 
 
 def digest_of(trace: Trace) -> str:
@@ -117,6 +135,8 @@ def write_forces(trace: Trace, path: Path) -> None:
 
     columns = {"time_s": trace.time_s}
     columns |= {f"contact_{j}_N": column for j, column in enumerate(trace.force_N.T, start=1)}
+    if trace.bore_friction_N is not None:
+        columns["bore_friction_N"] = trace.bore_friction_N
     if trace.sideways is not None:
         columns |= {f"bore_{j}_N": column for j, column in enumerate(trace.sideways.bore_N.T, start=1)}
     columns |= {
@@ -134,7 +154,13 @@ def read_forces(path: Path) -> Trace:
     table = pd.read_parquet(path)
     contacts = [name for name in table.columns if name.startswith("contact_")]
     energies = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
-    return Trace(table["time_s"].to_numpy(), table[contacts].to_numpy(), *(table[name].to_numpy() for name in energies))
+    friction = table["bore_friction_N"].to_numpy() if "bore_friction_N" in table else None
+    return Trace(
+        table["time_s"].to_numpy(),
+        table[contacts].to_numpy(),
+        *(table[name].to_numpy() for name in energies),
+        bore_friction_N=friction,
+    )
 
 
 def write_state(trace: Trace, path: Path) -> None:

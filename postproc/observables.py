@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.chain import Array
 from drivers.layout import Layout
-from drivers.trace import Trace
+from drivers.trace import Trace, energy_error_J
 from postproc.pulse import ENVELOPE_MAXIMA, train_envelope
 from postproc.sensors import sensor_signals
 from postproc.signals import Peak, integral, peaks, rising_crossing
@@ -119,16 +119,18 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
     """
     time, energy, momentum = trace.time_s, trace.total_energy_J, trace.momentum_N_s
     net = layout.load_N + (trace.force_N[:, 0] if layout.wall else np.zeros_like(time))
+    if trace.bore_friction_N is not None:
+        net = net + trace.bore_friction_N
     impulse = integral(time, net)
     coarse = integral(time[::2], net[::2])
     quiet = slice(0, _first_change(trace.force_N[:, 0], float(np.abs(trace.force_N).max())))
     steady = np.abs(momentum - momentum[0] - net[0] * time)[quiet]
     scale = max(float(np.abs(momentum).max()), abs(layout.load_N) * float(time[-1])) or 1.0
-    drift = energy - np.fmin.accumulate(energy) if layout.damped else np.abs(energy - energy[0])
+    drift = energy_error_J(energy, damped=layout.damped, slips=layout.slips)
     return {
         "kinetic_energy_start_J": float(trace.kinetic_energy_J[0]),
         "energy_drift_J": float(drift.max()),
-        **({"energy_lost_J": float(energy[0] - energy[-1])} if layout.damped else {}),
+        **({"energy_lost_J": float(energy[0] - energy[-1])} if layout.damped or layout.slips else {}),
         "momentum_start_N_s": float(momentum[0]),
         "momentum_end_N_s": float(momentum[-1]),
         "impulse_imbalance_share": float(np.abs(momentum - momentum[0] - impulse).max()) / scale,

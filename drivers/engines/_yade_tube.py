@@ -14,6 +14,12 @@ from drivers.engines._sums import contact_forces, towards_axis
 from drivers.trace import Sideways, Trace, make_sideways_trace
 
 
+# by default friction's arm is not the same for slip and for torque
+SPHERES = "Ig2_Sphere_Sphere_ScGeom(avoidGranularRatcheting=False)"
+WALLS = "Ig2_Wall_Sphere_ScGeom(hertzian=True, noRatch=False)"
+FACETS = "Ig2_Facet_Sphere_ScGeom(hertzian=True)"
+
+
 @dataclass(frozen=True)
 class Body:
     """A bead, a striker, or its face; lengths in m, velocities in m/s."""
@@ -49,11 +55,11 @@ def render(case: Case) -> str:
     flat = bodies.pop() if np.isinf(chain.radius_m[-1]) else None
     first = 0 if chain.wall else 1
     bore = lateral.bore
-    geometries = ["Ig2_Sphere_Sphere_ScGeom()"] if len(bodies) > 1 else []
+    geometries = [SPHERES] if len(bodies) > 1 else []
     if chain.wall or flat:
-        geometries.append("Ig2_Wall_Sphere_ScGeom(hertzian=True)")
+        geometries.append(WALLS)
     if bore:
-        geometries.append("Ig2_Facet_Sphere_ScGeom(hertzian=True)")
+        geometries.append(FACETS)
     guided = bore.guided if bore else []
     labels = [*chain.materials, *([chain.wall] if chain.wall else [])]
     return render_template(
@@ -73,7 +79,7 @@ def render(case: Case) -> str:
         wall={"height": chain.wall_height_m, "material": chain.wall} if case.models("wall") else None,
         geometries=geometries,
         planes=([0] if chain.wall else []) + ([chain.bodies - 1 - first] if flat else []),
-        shear=_unlike(case) if lateral.friction else [],
+        damping_ratio=chain.damping_ratio,
         guided=guided,
         sides=bore.sides if bore else None,
         bore_radius=bore.radius_m if bore else 0.0,
@@ -81,19 +87,6 @@ def render(case: Case) -> str:
         bore_shear=[float(bore.shear_stiffness[i]) for i in guided] if bore else [],
         bore_friction=bore.friction if bore else 0.0,
     )
-
-
-def _unlike(case: Case) -> list[tuple[int, float]]:
-    """Contacts of unlike materials, counted from the lowest there is, and their shear stiffness."""
-    chain, lateral = case.chain, case.chain.lateral
-    assert lateral is not None
-    first = 0 if chain.wall else 1
-    below = [chain.wall, *chain.materials[:-1]]
-    return [
-        (j - first, float(lateral.shear_stiffness[j]))
-        for j in range(first, chain.bodies)
-        if below[j] != chain.materials[j]
-    ]
 
 
 def read(case: Case, folder: Path) -> Trace:
@@ -128,4 +121,5 @@ def read(case: Case, folder: Path) -> Trace:
     force = contact_forces(from_wall, contacts)
     spin = arrays["spin"] if "spin" in arrays else np.zeros(shape)
     sideways = Sideways(place[:, :, :2], velocity[:, :, :2], spin, towards_axis(place[:, :, :2], by_bore[:, :, :2]))
-    return make_sideways_trace(chain, case.sample_times_s, force, place[:, :, 2], velocity[:, :, 2], sideways)
+    friction = by_bore[:, :, 2].sum(axis=1) if bore else None
+    return make_sideways_trace(chain, case.sample_times_s, force, place[:, :, 2], velocity[:, :, 2], friction, sideways)

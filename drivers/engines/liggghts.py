@@ -13,9 +13,11 @@ from drivers.case import Case
 from drivers.chain import Array, Chain, energy_put_in, free_fall
 from drivers.deck import Deck
 from drivers.deck import render as render_template
-from drivers.elements import STRAIGHT
+from drivers.elements import SIDEWAYS, STRAIGHT
 from drivers.engines import IN_HEIGHTS
+from drivers.engines import _liggghts_tube as sideways
 from drivers.engines._materials import named_material
+from drivers.engines._sums import contact_forces
 from drivers.errors import RunError
 from drivers.process import UNKNOWN_VERSION, first_line_of
 from drivers.complaints import Complaint
@@ -25,15 +27,17 @@ from drivers.trace import Trace, make_trace
 HOW_TO_GET = "Debian's package liggghts"
 IN_REPOSITORY = False
 SCHEME = IN_HEIGHTS
-MODELS = STRAIGHT
+MODELS = STRAIGHT | SIDEWAYS
 LOST = "Lost atoms"
 VARIABLES: dict[str, str] = {}
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
 SERVER = Deck({}, ("stdbuf", "-oL", "liggghts", "-log", "none"), raw=())  # takes its commands from stdin
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
 FEW = 200  # bodies up to which all pairs are searched for neighbours: bins of the whole space would take longer
+MESH = "tube.stl"
 MOST_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
 LEAST_COEFFICIENT = 0.05  # of restitution, which it takes only from above here
+LEVEL_M = 1.0  # radius of a face that sideways motion of 0.1 mm finds level to 1e-4
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
 
 
@@ -99,20 +103,29 @@ def _radii(case: Case) -> Array:
     chain = case.chain
     if not np.isinf(chain.radius_m[-1]):
         return chain.radius_m
-    face = _face(case)[0] if chain.damping_ratio else chain.radius_m[-2]
+    face = chain.radius_m[-2] if _by_springs(case) else _face(case)[0]
     return np.where(np.isinf(chain.radius_m), face, chain.radius_m)
 
 
+def _by_springs(case: Case) -> bool:
+    """Whether contacts get their stiffness by pairs of types: the least that an elastic, straight, flat strike needs."""
+    chain = case.chain
+    return bool(np.isinf(chain.radius_m[-1])) and not chain.damping_ratio and chain.lateral is None
+
+
 def _face(case: Case) -> tuple[float, float]:
-    """Radius and Young's modulus of the sphere that stands for a damped flat face: ``model hertz`` takes no kn.
+    """Radius and Young's modulus of the sphere that stands for a flat face: ``model hertz`` takes no kn.
 
     With ``1/E* = c_bead + c_face`` its radius S and its compliance c make the same contact where
     ``c_bead + c = sqrt(S / (S + R)) / E*``; c is above zero for ``S > R c_bead / (2 c_face)``, of which S is twice.
+    A sphere is not level: where beads move sideways it is one of a metre or more.
     """
     chain, materials = case.chain, case.scene.materials
     bead, face = (materials[name].compliance for name in chain.materials[-2:])
     under = float(chain.radius_m[-2])
     radius = float(f"{under * bead / face:.1g}")
+    if chain.lateral is not None:
+        radius = max(radius, LEVEL_M)
     compliance = (bead + face) * math.sqrt(radius / (radius + under)) - bead
     return radius, (1 - materials[chain.materials[-1]].poisson_ratio ** 2) / compliance
 
@@ -134,25 +147,42 @@ def render(case: Case) -> Deck:
     """``chain.in`` and ``chain.data``; atoms are numbered as the bodies, from the wall up."""
     scene, chain, radius = case.scene, case.chain, _radii(case)
     flat = bool(np.isinf(chain.radius_m[-1]))
-    labels = [*chain.materials[:-1], FLAT + chain.materials[-1]] if flat else list(chain.materials)
-    unique = list(dict.fromkeys(labels))
-    types = [named_material(scene, label.removeprefix(FLAT), label) for label in unique]
+    labels = sideways.bead_labels(case)
+    if flat:
+        labels[-1] = FLAT + labels[-1]
+    material_of = dict(zip(labels, chain.materials, strict=True))
+    unique = list(material_of)
+    types = [named_material(scene, material, label) for label, material in material_of.items()]
     wall_type = 0
     if chain.wall and case.models("wall"):
         if chain.wall not in unique:
             types.append(named_material(scene, chain.wall))
             unique.append(chain.wall)
         wall_type = unique.index(chain.wall) + 1
-    if flat and chain.damping_ratio:
+    lateral = chain.lateral
+    if lateral is not None and lateral.bore is not None:
+        assert scene.tube is not None
+        types.append(named_material(scene, scene.tube.material, sideways.TUBE))
+        unique.append(sideways.TUBE)
+    springs = _by_springs(case)
+    if flat and not springs:
         face = unique.index(labels[-1])
         types[face] = replace(types[face], youngs_modulus=_face(case)[1])
-    springs = flat and not chain.damping_ratio  # a law of contacts without radii, whose damping is another
     moduli = [kind.youngs_modulus for kind in types]
     volume = 4 / 3 * math.pi * radius**3
     height = chain.height_m + np.where(np.isinf(chain.radius_m), radius, 0.0)
     box = _box(case, radius, height)
+    offset, across = (lateral.offset_m, lateral.velocity_m_s) if lateral else (np.zeros((chain.bodies, 2)),) * 2
     atoms = [
-        Atom(unique.index(labels[i]) + 1, 2 * radius[i], chain.mass_kg[i] / volume[i], height[i], chain.velocity_m_s[i])
+        Atom(
+            unique.index(labels[i]) + 1,
+            2 * radius[i],
+            chain.mass_kg[i] / volume[i],
+            *offset[i],
+            height[i],
+            *across[i],
+            chain.velocity_m_s[i],
+        )
         for i in range(chain.bodies)
     ]
     values = {
@@ -165,6 +195,12 @@ def render(case: Case) -> Deck:
         "face_radius": radius[-1] if flat and not springs else None,
         "hard": not springs and max(moduli) > HARD_PA,
         "soft": not springs and min(moduli) < SOFT_PA,
+        "tube": sideways.tube_of(case, lateral, labels, unique, MESH) if lateral else None,
+        "friction": sideways.friction_of(lateral, unique) if lateral else [],
+        "slips_between": lateral is not None and lateral.friction > 0,
+        "rotation": case.models("rotation"),
+        "guided_face": chain.bodies if flat and lateral else None,
+        "columns": sideways.columns(case),
         "skin": box.skin,
         "binned": chain.bodies > FEW,
         "wall_type": wall_type,
@@ -215,11 +251,11 @@ def read(case: Case, folder: Path) -> Trace:
     """
     chain, samples = case.chain, case.scene.samples
     frames = _frames(case, folder)
-    good = _whole(chain, frames)
+    good = _whole(case, frames)
     if not good.all():
         first = int(np.argmin(good))
         atoms, count = frames["atoms"][first], frames["count"][first]
-        if 0 <= atoms < chain.bodies and count == atoms * _columns(chain):
+        if 0 <= atoms < chain.bodies and count == atoms * len(sideways.columns(case)):
             at = case.sample_times_s[min(first, samples - 1)]
             raise RunError(f"unstable at t = {at:g} s: {atoms} bodies instead of {chain.bodies}, one was lost")
         raise RunError(f"output is torn in sample {first + 1}")
@@ -238,29 +274,27 @@ def seen(case: Case, folder: Path) -> Trace | None:
         frames = _frames(case, folder)
     except RunError:
         return None
-    whole = np.logical_and.accumulate(_whole(case.chain, frames))[: case.scene.samples]
+    whole = np.logical_and.accumulate(_whole(case, frames))[: case.scene.samples]
     return _trace(case, frames[: whole.sum()]) if whole.any() else None
 
 
 def _trace(case: Case, frames: NDArray[np.void]) -> Trace:
-    chain, numbers = case.chain, frames["values"]
-    z, vz, fz = numbers[:, :, 1], numbers[:, :, 2], numbers[:, :, 3]
-    force = np.empty_like(fz)
-    force[:, 0] = numbers[:, 0, 4] if chain.wall else 0.0
-    for j in range(chain.bodies - 1):
-        force[:, j + 1] = force[:, j] - fz[:, j] + chain.load_N[j]
+    chain = case.chain
+    dumped = {name: frames["values"][:, :, place] for place, name in enumerate(sideways.columns(case))}
+    height = dumped["z"]
     if np.isinf(chain.radius_m[-1]):
-        z = z - np.array([0.0] * (chain.bodies - 1) + [_radii(case)[-1]])  # the face of the striker
-    return make_trace(chain, case.sample_times_s[: len(frames)], force, z, vz)
+        height = height - np.append(np.zeros(chain.bodies - 1), _radii(case)[-1])  # the face of the striker
+    if chain.lateral is not None:
+        return sideways.sideways_trace(case, dumped, height)
+    lowest = dumped["f_force_wall[3]"][:, 0] if chain.wall else np.zeros(len(frames))
+    force = contact_forces(lowest, dumped["fz"] - chain.load_N)
+    return make_trace(chain, case.sample_times_s[: len(frames)], force, height, dumped["vz"])
 
 
-def _columns(chain: Chain) -> int:
-    return 5 if chain.wall else 4
-
-
-def _whole(chain: Chain, frames: NDArray[np.void]) -> NDArray[np.bool_]:
+def _whole(case: Case, frames: NDArray[np.void]) -> NDArray[np.bool_]:
     """Which frames hold all bodies."""
-    return np.asarray((frames["atoms"] == chain.bodies) & (frames["count"] == chain.bodies * _columns(chain)))
+    bodies = case.chain.bodies
+    return np.asarray((frames["atoms"] == bodies) & (frames["count"] == bodies * len(sideways.columns(case))))
 
 
 def _frames(case: Case, folder: Path) -> NDArray[np.void]:
@@ -279,7 +313,7 @@ def _frames(case: Case, folder: Path) -> NDArray[np.void]:
             ("columns", "i4"),
             ("processes", "i4"),
             ("count", "i4"),
-            ("values", "f8", (case.chain.bodies, _columns(case.chain))),
+            ("values", "f8", (case.chain.bodies, len(sideways.columns(case)))),
         ]
     )
     try:
