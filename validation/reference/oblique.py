@@ -1,0 +1,224 @@
+"""Oblique impact of one sphere on a flat plane, with the tangential laws of LIGGGHTS and YADE and rigid-body answers.
+
+The plane is z = 0, the sphere comes from above with a velocity along x. Spin is about y, positive where the sphere
+rolls along x, so that its lowest point moves at ``v_x - r spin``. Overlap ``d = r - z``.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TangentialLaw:
+    """How a code finds the friction force of a contact, without tangential damping.
+
+    Attributes:
+        incremental: whether the force itself is kept and gets ``-k_t ds`` at each step (YADE's
+            ``Law2_ScGeom_MindlinPhys_Mindlin``). Otherwise the displacement s is kept and the force is all of it
+            times the present stiffness, ``-k_t s`` (LIGGGHTS' ``tangential history``). ``k_t`` is that of the present
+            overlap in both, and both cut the force, and with it what is kept, back to friction times normal force.
+        slip_arm: c in the arm ``r - c d`` with which the spin enters the velocity of the contact.
+        torque_arm: c in the arm ``r - c d`` of the force.
+    """
+
+    incremental: bool
+    slip_arm: float
+    torque_arm: float
+
+
+# the arms at a wall: LIGGGHTS' middle of the overlap; YADE has the whole radius for the slip (noRatch) and the plane
+# for the torque
+LIGGGHTS = TangentialLaw(incremental=False, slip_arm=0.5, torque_arm=0.5)
+YADE = TangentialLaw(incremental=True, slip_arm=0.0, torque_arm=1.0)
+
+
+@dataclass(frozen=True)
+class ObliqueContact:
+    """A sphere on a plane, SI units.
+
+    The normal force is ``max(0, k d^(3/2) + 2 B sqrt(m K) d')`` with ``K = 3/2 k sqrt(d)``, as in both codes; the
+    tangential stiffness is ``k_t = shear sqrt(d)``.
+
+    Attributes:
+        stiffness: k above, ``4/3 E* sqrt(r)``.
+        shear: ``8 G* sqrt(r)``.
+        damping_ratio: B above; 0 is elastic. LIGGGHTS has ``-sqrt(5/6) ln e / sqrt(ln^2 e + pi^2)``, YADE ``betan``.
+        friction: coefficient of Coulomb's law.
+
+    Raises:
+        ValueError: radius, mass or stiffness not above zero, or another value below zero or not finite.
+    """
+
+    radius_m: float
+    mass_kg: float
+    stiffness: float
+    shear: float
+    friction: float
+    damping_ratio: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            above = name in ("radius_m", "mass_kg", "stiffness")
+            if not np.isfinite(value) or value < 0 or (above and value == 0):
+                raise ValueError(f"{name}: {value}, expected {'above zero' if above else 'zero or above'}")
+
+
+@dataclass(frozen=True)
+class Rebound:
+    """Motion after the impact, arrays of one shape.
+
+    Attributes:
+        normal_m_s: velocity of the centre away from the plane.
+        tangential_m_s: velocity of the centre along x.
+        spin_rad_s: about y.
+        sliding: share of the contact's steps in which the force was cut back to friction.
+        duration_s: of the contact.
+        overlap_m: the greatest.
+    """
+
+    normal_m_s: Array
+    tangential_m_s: Array
+    spin_rad_s: Array
+    sliding: Array
+    duration_s: Array
+    overlap_m: Array
+
+    def contact_m_s(self, radius_m: float) -> Array:
+        """Velocity along x of the point of the sphere that touched, ``v_x - r spin``."""
+        return self.tangential_m_s - radius_m * self.spin_rad_s
+
+    def angle_rad(self, radius_m: float) -> Array:
+        """Rebound angle of that point from the normal; negative where it goes back."""
+        return np.asarray(np.arctan2(self.contact_m_s(radius_m), self.normal_m_s))
+
+
+def contact_moduli(
+    youngs_Pa: tuple[float, float], poisson: tuple[float, float]
+) -> tuple[float, float]:
+    """``E*`` and ``G*`` of two bodies, the compliances added; an infinite modulus is a rigid body.
+
+    ``1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2``, ``1/G* = 2(2 - nu1)(1 + nu1)/E1 + 2(2 - nu2)(1 + nu2)/E2`` (Mindlin).
+    """
+    (e1, e2), (n1, n2) = youngs_Pa, poisson
+    normal = (1 - n1**2) / e1 + (1 - n2**2) / e2
+    return 1 / normal, 1 / (2 * (2 - n1) * (1 + n1) / e1 + 2 * (2 - n2) * (1 + n2) / e2)
+
+
+def integrate_oblique(
+    contact: ObliqueContact,
+    law: TangentialLaw,
+    normal_m_s: ArrayLike,
+    tangential_m_s: ArrayLike,
+    time_step_s: float,
+    spin_rad_s: ArrayLike = 0.0,
+) -> Rebound:
+    """Integrates impacts from the first touch to separation, step by step as both codes do.
+
+    Forces at step n follow from the position at n and the velocities at n - 1/2, then velocities and position advance:
+    ``v += dt F/m; z += dt v``.
+
+    Args:
+        contact: sphere and plane.
+        law: a code's.
+        normal_m_s: speed of the centre towards the plane, above zero.
+        tangential_m_s: velocity of the centre along x.
+        time_step_s: the time step.
+        spin_rad_s: before the impact.
+
+    Returns:
+        Arrays of the shape to which the three motions broadcast.
+
+    Raises:
+        ValueError: a step or a normal speed not above zero, or a step too long to see the contact.
+    """
+    if not (np.isfinite(time_step_s) and time_step_s > 0):
+        raise ValueError(f"time_step_s: {time_step_s}, expected above zero")
+    normal, tangential, spin = np.broadcast_arrays(
+        *(np.asarray(value, dtype=float) for value in (normal_m_s, tangential_m_s, spin_rad_s))
+    )
+    if not ((normal > 0) & np.isfinite(normal) & np.isfinite(tangential) & np.isfinite(spin)).all():
+        raise ValueError("normal_m_s: expected above zero, and all motions finite")
+    # half a Hertz period: 1.47 d/v each way, d the greatest overlap without damping
+    deepest = (1.25 * contact.mass_kg * normal**2 / contact.stiffness) ** 0.4
+    if (2.94 * deepest / normal < 20 * time_step_s).any():
+        raise ValueError(f"time_step_s: {time_step_s}, expected at most a twentieth of the contact")
+    numbers = (contact.radius_m, contact.mass_kg, contact.stiffness, contact.shear, contact.friction)
+    rows = [
+        _impact(
+            *numbers, contact.damping_ratio, law.incremental, law.slip_arm, law.torque_arm, vn, vt, spinning, time_step_s
+        )
+        for vn, vt, spinning in zip(normal.ravel(), tangential.ravel(), spin.ravel(), strict=True)
+    ]
+    return Rebound(*np.array(rows).T.reshape(-1, *normal.shape))
+
+
+@njit(cache=True)
+def _impact(
+    r: float, m: float, k: float, shear: float, friction: float, ratio: float,
+    incremental: bool, slip_arm: float, torque_arm: float, vn: float, vt: float, spin: float, dt: float,
+) -> tuple[float, float, float, float, float, float]:  # fmt: skip
+    inertia = 0.4 * m * r * r
+    z, vx, vz = r - dt * vn, vt, -vn
+    kept = 0.0  # force or displacement
+    steps, slides, deepest = 0, 0, 0.0
+    while z < r:
+        d = r - z
+        deepest = max(deepest, d)
+        root = sqrt(d)
+        normal = max(0.0, k * d * root - 2 * ratio * sqrt(m * 1.5 * k * root) * vz)
+        stiffness = shear * root
+        slip = vx - (r - slip_arm * d) * spin
+        if incremental:
+            kept -= stiffness * (slip * dt)
+            force = kept
+        else:
+            kept += slip * dt
+            force = -stiffness * kept
+        most = friction * normal
+        if abs(force) > most:
+            slides += 1
+            force *= most / abs(force)
+            kept = force if incremental else -force / stiffness
+        vx += dt * force / m
+        vz += dt * normal / m
+        spin -= dt * (r - torque_arm * d) * force / inertia
+        z += dt * vz
+        steps += 1
+    return vz, vx, spin, slides / steps, steps * dt, deepest
+
+
+def gross_sliding(
+    contact: ObliqueContact, restitution: ArrayLike, normal_m_s: ArrayLike, tangential_m_s: ArrayLike
+) -> tuple[Array, Array]:
+    """Tangential velocity and spin after an impact without spin that slides along x throughout, by momentum alone.
+
+    ``v_t' = v_t - mu (1 + e) v_n``, so ``e_t = 1 - mu (1 + e)/tan(theta)``; ``spin = 5 mu (1 + e) v_n/(2 r)``.
+    Rigid bodies slide throughout from ``tan(theta) = 7/2 mu (1 + e)`` on (Foerster et al., Phys. Fluids 6, 1108).
+    """
+    impulse = contact.friction * (1 + np.asarray(restitution)) * np.asarray(normal_m_s)
+    return np.asarray(tangential_m_s) - impulse, 2.5 * impulse / contact.radius_m
+
+
+def sticking_restitution(contact: ObliqueContact) -> float:
+    """Velocity of the contact after over before an elastic impact that never slips, overlap small beside the radius.
+
+    With a kept force the contact's velocity, with a kept displacement the displacement itself obeys
+    ``u'' = -7/(2 m) shear sqrt(d(t)) u`` during the Hertz impact. In ``(d/d_max)^(5/2)`` that is the hypergeometric
+    equation, and both laws give ``cos(2 pi sqrt(1/400 + 7/10 shear/k))/cos(pi/10)``.
+    """
+    return float(np.cos(2 * np.pi * sqrt(1 / 400 + 0.7 * contact.shear / contact.stiffness)) / np.cos(np.pi / 10))
+
+
+def scaled_angle(tangent: ArrayLike, poisson: float, friction: float) -> Array:
+    """``psi = 2 (1 - nu)/(mu (2 - nu)) tan(theta)`` of Maw, Barber and Fawcett (Wear 38, 101), for like materials.
+
+    Of the incoming contact point: below 1 it sticks at first. Serves for the outgoing point, too.
+    """
+    return 2 * (1 - poisson) / (friction * (2 - poisson)) * np.asarray(tangent)
