@@ -5,7 +5,7 @@ rolls along x, so that its lowest point moves at ``v_x - r spin``. Overlap ``d =
 """
 
 from dataclasses import dataclass
-from math import sqrt
+from math import cos, hypot, log, pi, sqrt
 
 import numpy as np
 from numba import njit
@@ -32,8 +32,8 @@ class TangentialLaw:
     torque_arm: float
 
 
-# the arms at a wall: LIGGGHTS' middle of the overlap; YADE has the whole radius for the slip (noRatch) and the plane
-# for the torque
+# the arms at a plane: LIGGGHTS has the middle of the overlap for both, YADE's wall the whole radius for the slip
+# (``noRatch``, its default) and the plane for the torque
 LIGGGHTS = TangentialLaw(incremental=False, slip_arm=0.5, torque_arm=0.5)
 YADE = TangentialLaw(incremental=True, slip_arm=0.0, torque_arm=1.0)
 
@@ -48,7 +48,7 @@ class ObliqueContact:
     Attributes:
         stiffness: k above, ``4/3 E* sqrt(r)``.
         shear: ``8 G* sqrt(r)``.
-        damping_ratio: B above; 0 is elastic. LIGGGHTS has ``-sqrt(5/6) ln e / sqrt(ln^2 e + pi^2)``, YADE ``betan``.
+        damping_ratio: B above; 0 is elastic. YADE's ``betan``; for LIGGGHTS' from a restitution see ``damping_ratio``.
         friction: coefficient of Coulomb's law.
 
     Raises:
@@ -99,9 +99,7 @@ class Rebound:
         return np.asarray(np.arctan2(self.contact_m_s(radius_m), self.normal_m_s))
 
 
-def contact_moduli(
-    youngs_Pa: tuple[float, float], poisson: tuple[float, float]
-) -> tuple[float, float]:
+def contact_moduli(youngs_Pa: tuple[float, float], poisson: tuple[float, float]) -> tuple[float, float]:
     """``E*`` and ``G*`` of two bodies, the compliances added; an infinite modulus is a rigid body.
 
     ``1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2``, ``1/G* = 2(2 - nu1)(1 + nu1)/E1 + 2(2 - nu2)(1 + nu2)/E2`` (Mindlin).
@@ -109,6 +107,13 @@ def contact_moduli(
     (e1, e2), (n1, n2) = youngs_Pa, poisson
     normal = (1 - n1**2) / e1 + (1 - n2**2) / e2
     return 1 / normal, 1 / (2 * (2 - n1) * (1 + n1) / e1 + 2 * (2 - n2) * (1 + n2) / e2)
+
+
+def damping_ratio(restitution: float) -> float:
+    """``-sqrt(5/6) ln e / sqrt(ln^2 e + pi^2)``, LIGGGHTS' for a coefficient of restitution above 0 and up to 1."""
+    if not 0 < restitution <= 1:
+        raise ValueError(f"restitution: {restitution}, expected above 0 and up to 1")
+    return sqrt(5 / 6) * log(1 / restitution) / hypot(log(restitution), pi)
 
 
 def integrate_oblique(
@@ -152,7 +157,15 @@ def integrate_oblique(
     numbers = (contact.radius_m, contact.mass_kg, contact.stiffness, contact.shear, contact.friction)
     rows = [
         _impact(
-            *numbers, contact.damping_ratio, law.incremental, law.slip_arm, law.torque_arm, vn, vt, spinning, time_step_s
+            *numbers,
+            contact.damping_ratio,
+            law.incremental,
+            law.slip_arm,
+            law.torque_arm,
+            vn,
+            vt,
+            spinning,
+            time_step_s,
         )
         for vn, vt, spinning in zip(normal.ravel(), tangential.ravel(), spin.ravel(), strict=True)
     ]
@@ -211,9 +224,10 @@ def sticking_restitution(contact: ObliqueContact) -> float:
 
     With a kept force the contact's velocity, with a kept displacement the displacement itself obeys
     ``u'' = -7/(2 m) shear sqrt(d(t)) u`` during the Hertz impact. In ``(d/d_max)^(5/2)`` that is the hypergeometric
-    equation, and both laws give ``cos(2 pi sqrt(1/400 + 7/10 shear/k))/cos(pi/10)``.
+    equation, and both laws give ``cos(2 pi sqrt(1/400 + 7/10 shear/k))/cos(pi/10)``. The absolute value may be above 1:
+    neither law conserves energy while the normal force changes.
     """
-    return float(np.cos(2 * np.pi * sqrt(1 / 400 + 0.7 * contact.shear / contact.stiffness)) / np.cos(np.pi / 10))
+    return cos(2 * pi * sqrt(1 / 400 + 0.7 * contact.shear / contact.stiffness)) / cos(pi / 10)
 
 
 def scaled_angle(tangent: ArrayLike, poisson: float, friction: float) -> Array:
