@@ -37,7 +37,7 @@ FEW = 200  # bodies up to which all pairs are searched for neighbours: bins of t
 MESH = "tube.stl"
 MOST_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
 LEAST_COEFFICIENT = 0.05  # of restitution, which it takes only from above here
-LEVEL_M = 1.0  # radius of a face that sideways motion of 0.1 mm finds level to 1e-4
+LEVEL_M = 100.0  # radius of a face that sideways motion of 0.1 mm finds level to 1e-6
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
 
 
@@ -118,7 +118,7 @@ def _face(case: Case) -> tuple[float, float]:
 
     With ``1/E* = c_bead + c_face`` its radius S and its compliance c make the same contact where
     ``c_bead + c = sqrt(S / (S + R)) / E*``; c is above zero for ``S > R c_bead / (2 c_face)``, of which S is twice.
-    A sphere is not level: where beads move sideways it is one of a metre or more.
+    A sphere is not level: where beads move sideways it is a large one.
     """
     chain, materials = case.chain, case.scene.materials
     bead, face = (materials[name].compliance for name in chain.materials[-2:])
@@ -128,6 +128,17 @@ def _face(case: Case) -> tuple[float, float]:
         radius = max(radius, LEVEL_M)
     compliance = (bead + face) * math.sqrt(radius / (radius + under)) - bead
     return radius, (1 - materials[chain.materials[-1]].poisson_ratio ** 2) / compliance
+
+
+def _above_face(case: Case) -> Array:
+    """By how much each atom is higher than its body: a face's atom is a sphere that touches the bead below off its axis."""
+    chain, radius = case.chain, _radii(case)
+    above = np.zeros(chain.bodies)
+    if np.isinf(chain.radius_m[-1]):
+        apart = radius[-1] + radius[-2]
+        off = float(np.hypot(*chain.lateral.offset_m[-2])) if chain.lateral else 0.0
+        above[-1] = math.sqrt(apart**2 - off**2) - radius[-2] if off else radius[-1]
+    return above
 
 
 def _box(case: Case, radius: Array, height: Array) -> Box:
@@ -170,7 +181,7 @@ def render(case: Case) -> Deck:
         types[face] = replace(types[face], youngs_modulus=_face(case)[1])
     moduli = [kind.youngs_modulus for kind in types]
     volume = 4 / 3 * math.pi * radius**3
-    height = chain.height_m + np.where(np.isinf(chain.radius_m), radius, 0.0)
+    height = chain.height_m + _above_face(case)
     box = _box(case, radius, height)
     offset, across = (lateral.offset_m, lateral.velocity_m_s) if lateral else (np.zeros((chain.bodies, 2)),) * 2
     atoms = [
@@ -283,7 +294,7 @@ def _trace(case: Case, frames: NDArray[np.void]) -> Trace:
     dumped = {name: frames["values"][:, :, place] for place, name in enumerate(sideways.columns(case))}
     height = dumped["z"]
     if np.isinf(chain.radius_m[-1]):
-        height = height - np.append(np.zeros(chain.bodies - 1), _radii(case)[-1])  # the face of the striker
+        height = height - _above_face(case)
     if chain.lateral is not None:
         return sideways.sideways_trace(case, dumped, height)
     lowest = dumped["f_force_wall[3]"][:, 0] if chain.wall else np.zeros(len(frames))
