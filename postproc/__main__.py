@@ -4,9 +4,13 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drivers.cli import Parser, must_be_folder, run_main
 from drivers.errors import InputError, RunError
+
+if TYPE_CHECKING:
+    from drivers.finished import FinishedRun
 
 FIGURES = tuple(sorted(file.stem for file in (Path(__file__).parent / "figures").glob("[a-z]*.py")))
 
@@ -39,6 +43,7 @@ def main() -> int:
     study.add_argument("--results", type=Path, metavar="DIR", help="where its table is (default: results/)")
     _add_out(study)
     study.set_defaults(action=_study)
+    _add_looks(commands)
     for name in (*FIGURES, "figures"):
         what = "all figures and the table" if name == "figures" else f"{name} of the paper, running what is not done"
         figure = commands.add_parser(name, help=what)
@@ -47,6 +52,26 @@ def main() -> int:
         figure.set_defaults(action=_figures, names=FIGURES if name == "figures" else (name,))
     arguments = parser.parse_args()
     return int(arguments.action(arguments))
+
+
+def _add_looks(commands: "argparse._SubParsersAction[Parser]") -> None:
+    """The commands that show a finished run."""
+    for name, what, action in (
+        ("vtk", "a run as a ParaView series; it has to keep positions (run.record)", _vtk),
+        ("film", "the chain of a run at some times: a contact sheet and an animation", _film),
+        ("spacetime", "the contact forces of a run over the whole chain against time", _spacetime),
+    ):
+        look = commands.add_parser(name, help=what)
+        look.add_argument("run", type=Path, metavar="RUN", help="a run folder")
+        if name != "spacetime":
+            default = "100 frames" if name == "vtk" else "a sheet of 12"
+            look.add_argument("--frames", type=_count, metavar="N", help=f"spread over the run (default: {default})")
+        if name == "film":
+            look.add_argument(
+                "--sideways", type=_factor, default=1.0, metavar="X", help="exaggerate sideways displacements X times"
+            )
+        _add_out(look)
+        look.set_defaults(action=action)
 
 
 def _add_out(parser: argparse.ArgumentParser) -> None:
@@ -111,6 +136,75 @@ def _figures(arguments: argparse.Namespace) -> int:
     if missing_codes():
         print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
     return code
+
+
+def _vtk(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from drivers.finished import open_run
+    from postproc.vtk import FRAMES, write_series
+
+    must_be_folder("--out", arguments.out)
+    run = open_run(arguments.run)
+    folder = (arguments.out or paths.RESULTS) / f"vtk-{_name_of(run)}"
+    must_be_folder("--out", folder)
+    for written in write_series(run, folder, arguments.frames or FRAMES):
+        print(paths.shown(written))
+    return 0
+
+
+def _film(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from drivers.finished import open_run
+    from postproc.film import ANIMATED, FRAMES, film_of, sheet, write_animation
+    from postproc.product import write_product
+
+    must_be_folder("--out", arguments.out)
+    run, out = open_run(arguments.run), arguments.out or paths.RESULTS
+    name = f"film-{_name_of(run)}"
+    product = sheet(film_of(run, arguments.frames or FRAMES, arguments.sideways), _title_of(run))
+    for path in write_product(product, name, out):
+        print(paths.shown(path))
+    print(paths.shown(write_animation(film_of(run, ANIMATED, arguments.sideways), _title_of(run), out / f"{name}.gif")))
+    return 0
+
+
+def _spacetime(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from drivers.finished import open_run
+    from postproc.product import write_product
+    from postproc.spacetime import Panel, spacetime_product
+
+    must_be_folder("--out", arguments.out)
+    run = open_run(arguments.run)
+    product = spacetime_product([Panel(_title_of(run), run.trace)], 6.4)
+    for path in write_product(product, f"spacetime-{_name_of(run)}", arguments.out or paths.RESULTS):
+        print(paths.shown(path))
+    return 0
+
+
+def _name_of(run: "FinishedRun") -> str:
+    """What is made of a run is named after its engine and its folder."""
+    return f"{run.record.engine}-{run.folder.resolve().name}"
+
+
+def _title_of(run: "FinishedRun") -> str:
+    return f"{run.record.scene.get('title') or run.record.scene_name} ({run.record.engine})"
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 2 <= int(text) <= 10_000:
+        raise argparse.ArgumentTypeError(f"found {text}; allowed: whole numbers from 2 to 10000")
+    return int(text)
+
+
+def _factor(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value <= 1e6:
+        raise argparse.ArgumentTypeError(f"found {text}; allowed: a factor above 0, up to 1e6")
+    return value
 
 
 def _share(text: str) -> float:

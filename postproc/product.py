@@ -1,6 +1,7 @@
 """What a figure module makes: a figure and the numbers in it, written side by side."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +21,16 @@ class Product:
     Attributes:
         figure: of matplotlib.
         table: the plotted numbers, units in the column names.
+        beside: further figures that go with it, by what their names end in.
     """
 
     figure: Any
     table: pd.DataFrame
+    beside: Mapping[str, "Product"] = field(default_factory=dict)
 
 
 def write_product(product: Product, name: str, folder: Path) -> list[Path]:
-    """Writes ``name.csv``, ``name.png`` and ``name.svg``, each whole or not at all."""
+    """Writes ``name.csv``, ``name.png`` and ``name.svg``, each whole or not at all, and what goes beside them."""
     plt = pyplot()
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / f"{name}.{ending}" for ending in ("csv", *METADATA)]
@@ -38,4 +41,6 @@ def write_product(product: Product, name: str, folder: Path) -> list[Path]:
         with whole_file(path) as draft, plt.rc_context({"svg.hashsalt": name}):
             product.figure.savefig(draft, format=ending, dpi=DPI, bbox_inches="tight", metadata=METADATA[ending])
     plt.close(product.figure)
+    for ending, other in product.beside.items():
+        written += write_product(other, f"{name}-{ending}", folder)
     return written

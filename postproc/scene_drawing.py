@@ -101,7 +101,7 @@ def _sketch(scene: Scene, chain: Chain) -> Sketch:
     bodies = _drawn(chain, special)
     radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
     height, cuts = _closed_up(chain, bodies, radius, special)
-    flat = _flat_size(scene)
+    flat = flat_size(scene)
     bead = max((2 * float(radius[i]) for i in bodies), default=0.0)
     widest = max(bead, flat[0])
     if scene.tube is not None and scene.tube.inner_diameter <= WIDEST_TUBE * widest:
@@ -158,7 +158,7 @@ def _closed_up(chain: Chain, bodies: list[int], radius: Array, special: dict[int
     return height, cuts
 
 
-def _flat_size(scene: Scene) -> tuple[float, float]:
+def flat_size(scene: Scene) -> tuple[float, float]:
     """Width and length of a flat striker as drawn: as wide as a bead, as long as its mass asks for, up to a limit."""
     if scene.striker is None or scene.striker.diameter is not None:
         return 0.0, 0.0

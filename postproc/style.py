@@ -5,8 +5,11 @@ from functools import cache
 from io import StringIO
 from typing import Any
 
+import numpy as np
+
 COLUMN_IN = 3.5  # a journal's column
 FAINT = "#555555"
+OPEN = "#e4e7ea"  # where there is no contact
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,15 @@ def marker_of(engine: str) -> dict[str, Any]:
 def drawing_order(engines: list[str]) -> list[str]:
     """Engines from the widest line to the finest, so that none hides another."""
     return sorted(engines, key=lambda engine: -line_of(engine).width)
+
+
+@cache
+def force_colours() -> Any:
+    """Colours from no force to the largest: ever darker, also for the colour-blind and in print; open contacts grey."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.92, 256)), "force", bad=OPEN)
 
 
 @cache

@@ -14,7 +14,7 @@ from postproc.observables import observe
 from postproc.style import inline_svg
 from validation.claims.section import read_section
 from validation.comparison import FAIL, NOT_RUN, PASS, Verdict
-from validation.plots import draw_scene
+from validation.plots import draw_chain, draw_scene
 from validation.scenes import ComparedScene
 from validation.stability.section import read_section as read_stability
 from validation.trade.section import read_section as read_trade
@@ -119,6 +119,8 @@ def _section(scene: ComparedScene) -> dict[str, object]:
         "elements": case.elements,
         "figure": inline_svg(draw_scene(scene), case.scene.name) if scene.runs else "",
         "alt": f"Gauge forces against time for {case.summary}, all engines, with the differences between them below",
+        "spacetime": inline_svg(draw_chain(scene), f"{case.scene.name}-spacetime") if scene.runs else "",
+        "spacetime_alt": f"Force in every contact of the chain against time for {case.summary}, darker where larger",
         "engines": engines,
         "budget": _budget(scene, engines),
         "warnings": [(engine, words) for engine in engines for words in scene.runs[engine].record.warnings],

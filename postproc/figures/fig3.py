@@ -14,6 +14,7 @@ import pandas as pd
 
 from postproc.product import Product
 from postproc.quoted import quoted
+from postproc.spacetime import SPACETIME, Panel, spacetime_product
 from postproc.style import COLUMN_IN, FAINT, drawing_order, line_of, marker_of, pyplot
 
 FORCES_N = np.geomspace(0.03, 20, 13)
@@ -55,7 +56,21 @@ def make(runs: Path) -> Product:
     _draw_scores(axes[2], score)
     figure.subplots_adjust(hspace=0.45)
     tables = [points, theory, experiment.assign(source="experiment"), score.assign(source="score")]
-    return Product(figure, pd.concat(tables, ignore_index=True))
+    return Product(figure, pd.concat(tables, ignore_index=True), {SPACETIME: _chains()})
+
+
+def _chains() -> Product:
+    """The chain under the weakest and the strongest strike, by the reference: the stiffest beads, with gravity."""
+    from validation.simulate import REFERENCE
+    from validation.strikes import contact_peak, strike_for
+
+    curve = max(curves(), key=lambda curve: (curve.modulus_MPa, curve.gravity))
+    panels = [
+        Panel(f"{force:g} N, {curve.modulus_MPa:g} MPa, with gravity ({REFERENCE})",
+              strike_for(float(force), contact_peak, *curve.settings).trace)
+        for force in FORCES_N[[0, -1]]
+    ]  # fmt: skip
+    return spacetime_product(panels, COLUMN_IN)
 
 
 def _points(runs: Path) -> pd.DataFrame:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from postproc.product import Product
 from postproc.quoted import quoted
+from postproc.spacetime import SPACETIME, Panel, spacetime_product
 from postproc.stack import draw_stack, stack_table
 from postproc.style import COLUMN_IN, FAINT
 
@@ -28,4 +29,5 @@ def make(runs: Path) -> Product:
     speed = speed_between_sensors(found[REFERENCE])
     words = f"from one to the next\n{speed:.1f} m/s,\nexper. {experiment.speed_m_s:g} m/s"
     axes[lower].text(0.015, 0.97, words, transform=axes[lower].transAxes, va="top", color=FAINT, fontsize=7)
-    return Product(figure, stack_table(case.layout, traces))
+    chain = spacetime_product([Panel(f"every contact of the chain ({REFERENCE})", traces[REFERENCE])], COLUMN_IN)
+    return Product(figure, stack_table(case.layout, traces), {SPACETIME: chain})

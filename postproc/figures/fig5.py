@@ -13,6 +13,7 @@ from postproc.pulse import ENVELOPE_MAXIMA, Envelope, PulseShape, incident_pulse
 from postproc.quoted import quoted
 from postproc.sensors import sensor_signals
 from postproc.signals import peaks
+from postproc.spacetime import SPACETIME, Panel, spacetime_product
 from postproc.stack import MICRO, draw_stack, stack_table
 from postproc.style import COLUMN_IN, FAINT
 
@@ -50,7 +51,8 @@ def make(runs: Path) -> Product:
         _note_entrance(axes[f"bead_{bead}"], place, shape)
     _draw_envelope(axes["wall"], traces[REFERENCE], shapes[REFERENCE])
     table = [_table(shapes).assign(part="shape"), stack_table(case.layout, traces).assign(part="trace")]
-    return Product(figure, pd.concat(table, ignore_index=True))
+    chain = spacetime_product([Panel(f"every contact of the chain ({REFERENCE})", traces[REFERENCE])], COLUMN_IN)
+    return Product(figure, pd.concat(table, ignore_index=True), {SPACETIME: chain})
 
 
 def _shapes(case: "Case", trace: Trace) -> Shapes:

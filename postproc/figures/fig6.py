@@ -4,6 +4,7 @@ from pathlib import Path
 
 from drivers.scene import Scene
 from postproc.product import Product
+from postproc.spacetime import SPACETIME, Panel, spacetime_product
 from postproc.stack import draw_lines, draw_residuals, stack_table
 from postproc.style import COLUMN_IN, pyplot
 
@@ -14,12 +15,12 @@ def make(runs: Path) -> Product:
     """Runs both scenes and draws the wall's force over its residual for each."""
     import pandas as pd
 
-    from validation.simulate import UNTIL_REFLECTED, case_of, simulate
+    from validation.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
 
     cases = [case_of(scene, UNTIL_REFLECTED) for scene in PANELS]
     found = simulate(cases, runs)
     figure, axes = pyplot().subplots(4, 1, sharex=True, figsize=(COLUMN_IN, 5.8), height_ratios=[1.6, 0.8, 1.6, 0.8])
-    tables = []
+    tables, chains = [], []
     for place, (case, letter) in enumerate(zip(cases, PANELS.values(), strict=True)):
         traces = {engine: simulations[place].trace for engine, simulations in found.items()}
         force, difference = axes[2 * place : 2 * place + 2]
@@ -27,14 +28,16 @@ def make(runs: Path) -> Product:
         draw_lines(force, time_s, {engine: trace.force_N[:, 0] for engine, trace in traces.items()})
         draw_residuals(difference, traces)
         force.set(ylabel="wall force (N)", xlim=(0, float(time_s[-1]) * 1e6))
-        force.set_title(f"{letter} {_striker(case.scene)}", loc="left")
+        title = f"{letter} {_striker(case.scene)}"
+        force.set_title(title, loc="left")
         difference.set_ylabel("|ΔF| / largest")
         tables.append(stack_table(case.layout, traces).assign(scene=case.scene.name))
+        chains.append(Panel(title, traces[REFERENCE]))
     axes[0].legend(loc="upper right")
     axes[-1].set_xlabel("time since impact (µs)")
     figure.align_ylabels()
     figure.subplots_adjust(hspace=0.5)
-    return Product(figure, pd.concat(tables, ignore_index=True))
+    return Product(figure, pd.concat(tables, ignore_index=True), {SPACETIME: spacetime_product(chains, COLUMN_IN)})
 
 
 def _striker(scene: Scene) -> str:

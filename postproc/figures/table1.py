@@ -6,7 +6,9 @@ from typing import Any
 import pandas as pd
 
 from postproc.product import Product
-from postproc.style import pyplot
+from postproc.quoted import quoted
+from postproc.spacetime import SPACETIME, Panel, spacetime_product
+from postproc.style import COLUMN_IN, pyplot
 
 HEADINGS = (r"$V_s$ (m/s)", r"$L/2R$, 0.2 %", r"$L/2R$, 4 %")
 
@@ -15,7 +17,19 @@ def make(runs: Path) -> Product:
     """Solves for the striker speeds by the reference and by each code."""
     from validation.table1 import solve_table1
 
-    return Product(*_drawn(solve_table1(runs)))
+    return Product(*_drawn(solve_table1(runs)), {SPACETIME: _chains()})
+
+
+def _chains() -> Product:
+    """The chain at every amplitude of the table, by the reference."""
+    from validation.simulate import REFERENCE
+    from validation.strikes import sensor_amplitude, strike_for
+
+    panels = [
+        Panel(f"{force:g} N ({REFERENCE})", strike_for(force, sensor_amplitude).trace)
+        for force in quoted().table1.force_N
+    ]
+    return spacetime_product(panels, COLUMN_IN)
 
 
 def _drawn(values: pd.DataFrame) -> tuple[Any, pd.DataFrame]:

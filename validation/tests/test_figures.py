@@ -43,9 +43,13 @@ def test_make_knows_every_figure_and_the_scenes_it_takes() -> None:
 
 @pytest.mark.timeout(400)
 def test_all_are_made_and_written_whole(made: dict[str, Product], tmp_path: Path) -> None:
+    makefile = (paths.ROOT / "Makefile").read_text()
+    chains = next(line for line in makefile.splitlines() if line.startswith("CHAINS := ")).split()[2:]
+    assert {"fig4", "fig5", "fig6"} <= set(chains)
     for name, product in made.items():
         written = write_product(product, name, tmp_path)
-        assert {path.name for path in written} == {f"{name}.svg", f"{name}.png", f"{name}.csv"}
+        names = [name, *([f"{name}-spacetime"] if name in chains else [])]
+        assert {path.name for path in written} == {f"{each}.{kind}" for each in names for kind in ("svg", "png", "csv")}
         assert all(path.stat().st_size > 200 for path in written)
         assert "<svg" in (tmp_path / f"{name}.svg").read_text()
     assert not list(tmp_path.glob(".*"))
@@ -188,7 +192,7 @@ def test_a_figure_without_an_engine_says_so(tmp_path: Path) -> None:
 def test_a_figure_of_the_reference_alone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     product = import_module(f"postproc.figures.{name}").make(tmp_path / "runs")
-    assert len(write_product(product, name, tmp_path / "out")) == 3
+    assert len(write_product(product, name, tmp_path / "out")) == 6  # with the chain's space-time plot
 
 
 @pytest.mark.parametrize(

@@ -101,8 +101,8 @@ def test_the_page_stands_alone(compared: ComparedScene, tmp_path: Path) -> None:
     assert counts == {PASS: 2, FAIL: 1, NOT_RUN: 1}
     text = (tmp_path / "report.html").read_text()
     page = Page(text)
-    assert all(address.startswith("#") for address in page.addresses)
-    assert page.tags["svg"] == page.tags["figure"] == len(page.labels) == 1
+    assert all(address.startswith(("#", "data:image/png;base64,")) for address in page.addresses)
+    assert page.tags["svg"] == page.tags["figure"] == len(page.labels) == 2  # the gauges and the whole chain
     assert "script" not in page.tags
     assert "ERROR &lt;b&gt;&amp;" in text
     assert text.index('class="verdicts"') < text.index("<section")
