@@ -17,7 +17,9 @@ def stored_scene(stored: dict[str, Any]) -> Scene:
     chain["sensors"] = tuple(Sensor.model_construct(**sensor) for sensor in chain.get("sensors", ()))
     chain["bead"] = tuple(Bead.model_construct(**bead) for bead in chain.get("bead", ()))
     run = stored["run"]
-    tables = {name: part.model_construct(**stored[name]) for name, part in PARTS.items() if name in stored}
+    tables: dict[str, Any] = {
+        name: part.model_construct(**stored[name]) for name, part in PARTS.items() if name in stored
+    }
     tables |= {
         "chain": Chain.model_construct(**chain),
         "run": Run.model_construct(**(run | {"record": tuple(run["record"])})),

@@ -120,7 +120,7 @@ def sheet(film: Film, title: str) -> Product:
         _draw_chain(axis, film, i, i * pitch, scale_in)
         axis.text(i * pitch, axis.get_ylim()[0], f"{time_s * MICRO:.0f} µs", ha="center", va="top", fontsize=7)
     bar_in = min(2.0, height_in)
-    bar = figure.colorbar(_colours(film), cax=_axis(figure, (WIDTH_IN + 0.2, 0.35, 0.1, bar_in)))
+    bar = figure.colorbar(_colours(film), cax=_axis(figure, (WIDTH_IN + 0.2, 0.35, 0.1, bar_in), framed=True))
     bar.set_label("mean of the contact forces (N);\ngrey: none")
     bar.outline.set_linewidth(0.5)
     bar.solids.set_rasterized(True)
@@ -147,15 +147,16 @@ def write_animation(film: Film, title: str, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as folder:
         whole = Path(folder) / "film.gif"
-        with writer.saving(figure, str(whole), FILM_DPI):
-            for i, time_s in enumerate(film.time_s):
-                axis.clear()
-                axis.axis("off")
-                axis.set(xlim=(-chain_in / scale_in / 2, chain_in / scale_in / 2), ylim=limits)
-                _draw_chain(axis, film, i, 0.0, scale_in)
-                line.set_data(film.force_N[i], film.place_m[i, :, 1])
-                beside.set_title(f"{time_s * MICRO:.0f} µs", loc="left")
-                writer.grab_frame()
+        writer.setup(figure, str(whole), FILM_DPI)
+        for i, time_s in enumerate(film.time_s):
+            axis.clear()
+            axis.axis("off")
+            axis.set(xlim=(-chain_in / scale_in / 2, chain_in / scale_in / 2), ylim=limits)
+            _draw_chain(axis, film, i, 0.0, scale_in)
+            line.set_data(film.force_N[i], film.place_m[i, :, 1])
+            beside.set_title(f"{time_s * MICRO:.0f} µs", loc="left")
+            writer.grab_frame()
+        writer.finish()
         plt.close(figure)
         with whole_file(path) as draft:
             shutil.copyfile(whole, draft)
@@ -167,7 +168,7 @@ def _axis(figure: Any, box_in: tuple[float, float, float, float], *, framed: boo
     width, height = figure.get_size_inches()
     left, bottom, wide, tall = box_in
     axis = figure.add_axes((left / width, bottom / height, wide / width, tall / height))
-    axis.axis("on" if framed or wide < 0.2 else "off")
+    axis.axis("on" if framed else "off")
     return axis
 
 

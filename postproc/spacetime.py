@@ -10,7 +10,7 @@ import pandas as pd
 from drivers.chain import Array
 from drivers.trace import Trace
 from postproc.product import Product
-from postproc.style import OPEN, force_colours, pyplot
+from postproc.style import force_colours, pyplot
 
 SPACETIME = "spacetime"  # what the names of these figures end in
 COLUMNS, ROWS = 400, 250  # cells at most: of more samples and contacts a cell shows the largest force
@@ -53,12 +53,18 @@ def cells_of(trace: Trace, columns: int = COLUMNS, rows: int = ROWS) -> Cells:
 
 
 def draw_spacetime(panels: Sequence[Panel], width_in: float) -> Any:
-    """A panel for each chain, each with its own scale of force. Returns a figure."""
+    """A panel for each chain, each with its own scale of force; white beyond a run's end. Returns a figure."""
     figure, axes = pyplot().subplots(
-        len(panels), 1, figsize=(width_in, 0.5 + PANEL_IN * len(panels)), squeeze=False, layout="constrained"
+        len(panels),
+        1,
+        figsize=(width_in, 0.5 + PANEL_IN * len(panels)),
+        squeeze=False,
+        sharex=True,
+        layout="constrained",
     )
     for axis, panel in zip(axes[:, 0], panels, strict=True):
         _draw(axis, panel)
+    axes[-1, 0].set_xlim(0, max(float(panel.trace.time_s[-1]) for panel in panels) * MICRO)
     axes[-1, 0].set_xlabel("time since impact (µs)")
     return figure
 
@@ -93,7 +99,7 @@ def _draw(axis: Any, panel: Panel) -> None:
         closed, cmap=force_colours(), norm=PowerNorm(GAMMA, 0, largest or 1.0), origin="lower", aspect="auto",
         extent=extent, interpolation="none",
     )  # fmt: skip
-    axis.set(xlim=(0, float(trace.time_s[-1]) * MICRO), ylim=(0.5, contacts + 0.5), facecolor=OPEN, ylabel="contact")
+    axis.set(ylim=(0.5, contacts + 0.5), ylabel="contact")
     axis.grid(visible=False)
     axis.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, min_n_ticks=1))
     axis.set_title(panel.title, loc="left")
