@@ -35,7 +35,7 @@ class Film:
 
     Attributes:
         time_s: shape (frames,).
-        place_m: sideways place, exaggerated, and height of each body. Shape (frames, bodies, 2).
+        place_m: x, exaggerated, and height of each body: the chain seen along y. Shape (frames, bodies, 2).
         force_N: mean of the contact forces below and above each body. Shape (frames, bodies).
         radius_m: 0 for a flat striker. Shape (bodies,).
         flat_m: width and length of a flat striker; 0, 0 without one.
