@@ -82,7 +82,9 @@ def _sideways(scene: Scene, lateral: Lateral) -> tuple[Element, ...]:
         Element("lateral freedom", True, freedom),
         Element("tube", lateral.bore is not None, tube),
         Element("friction", lateral.slips, slipping if lateral.slips else "the scene has none"),
-        Element("rotation", lateral.slips, "friction turns beads" if lateral.slips else "without friction no bead turns"),
+        Element(
+            "rotation", lateral.slips, "friction turns beads" if lateral.slips else "without friction no bead turns"
+        ),
     )
 
 

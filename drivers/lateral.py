@@ -2,11 +2,16 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import pi, tan
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.mesh_files import stl_text
+from drivers.tube_mesh import tube_mesh
+
 Array = NDArray[np.float64]
+CELL = 4.0  # height over width of a mesh's cells: as few as are no slivers
 
 
 @dataclass(frozen=True)
@@ -16,6 +21,7 @@ class Bore:
     Attributes:
         stiffness: k of each body's contact with it in F = k overlap^(3/2); 0 for a body that is not in the tube.
         shear_stiffness: as ``Lateral.shear_stiffness``.
+        low_m, high_m: heights of its ends.
         sides: flat sides of the mesh that stands for it; None: a true cylinder.
     """
 
@@ -23,12 +29,45 @@ class Bore:
     stiffness: Array
     shear_stiffness: Array
     friction: float
+    low_m: float
+    high_m: float
     sides: int | None
+
+    @property
+    def mesh(self) -> str:
+        """The text of the STL file of the mesh; empty for a true cylinder."""
+        if self.sides is None:
+            return ""
+        width = 2 * self.radius_m * tan(pi / self.sides)
+        rings = max(1, round((self.high_m - self.low_m) / (CELL * width)))
+        return stl_text(*tube_mesh(self.radius_m, self.low_m, self.high_m, self.sides, rings))
+
+    def overlaps(self, radius_m: Array, place_m: Array) -> Array:
+        """How deep bodies are in the bore, or in each of its flat sides; a gap is negative.
+
+        Args:
+            radius_m: shape (bodies,).
+            place_m: off the axis, shape (..., bodies, 2).
+
+        Returns:
+            Shape (..., bodies, 1), or (..., bodies, sides).
+        """
+        if self.sides is None:
+            beyond = np.hypot(place_m[..., 0], place_m[..., 1])[..., np.newaxis]
+        else:
+            beyond = place_m @ side_normals(self.sides).T
+        return np.asarray(beyond + radius_m[:, np.newaxis] - self.radius_m)
 
     @cached_property
     def guided(self) -> list[int]:
         """The bodies in the tube, counted from 0."""
         return [int(body) for body in np.flatnonzero(self.stiffness)]
+
+
+def side_normals(sides: int) -> Array:
+    """Directions in which the flat sides of ``drivers.tube_mesh`` stand. Shape (sides, 2)."""
+    angle = 2 * pi * (np.arange(sides) + 0.5) / sides
+    return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from drivers.lateral import Bore, Lateral
 from drivers.packing import Column, find_rest
 from drivers.scene import RIGID, Scene
 
+ABOVE = 8.0  # bore radii above the highest body, where no tube.top is given
 OFFSETS = 1  # stream of random numbers beside that of the masses
 
 
@@ -77,7 +78,8 @@ def _bore(scene: Scene, chain: Chain) -> Bore | None:
             stiffer = conformity(own, radius)
             stiffness[j] = stiffer * hertz_stiffness(scene.materials[tube.material], np.inf, material, own)
             shear[j] = stiffer * mindlin_stiffness(scene.materials[tube.material], np.inf, material, own)
-    return Bore(radius, stiffness, shear, tube.friction, tube.sides)
+    top = float(chain.height_m[-1]) + ABOVE * radius if tube.top is None else tube.top
+    return Bore(radius, stiffness, shear, tube.friction, chain.wall_height_m, top, tube.sides)
 
 
 def _resting(chain: Chain) -> int:
@@ -98,6 +100,7 @@ def _packed(scene: Scene, chain: Chain, bore: Bore, resting: int) -> Chain:
             stiffness=chain.stiffness[:resting],
             bore_radius_m=bore.radius_m,
             bore_stiffness=bore.stiffness[:resting],
+            sides=bore.sides,
         ),
         place,
     )

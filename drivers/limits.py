@@ -35,7 +35,9 @@ def inability(case: Case, engine: str) -> InputError | None:
     if missing:
         able = ", ".join(name for name in engine_names() if _models_all(case, name))
         where = f'"{engine}" for a scene with {", ".join(missing)}'
-        return InputError(case.scene.file, "", where, f"an engine that models it: {able}" if able else "nothing: none models it")
+        return InputError(
+            case.scene.file, "", where, f"an engine that models it: {able}" if able else "nothing: none models it"
+        )
     complaint = load_engine(engine).refusal(case)
     if complaint is None:
         return None

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, solveh_banded
 
 from drivers.chain import AT_REST, Array
+from drivers.lateral import side_normals
 
 POLISH = 5  # more steps, down to rounding
 MOST_STEPS = 20_000
@@ -25,6 +26,7 @@ class Column:
         load_N: on each bead, upwards positive.
         stiffness: k of the contact under each bead, the first with a flat wall at height 0.
         bore_stiffness: k of each bead's contact with the bore.
+        sides: flat sides of a mesh that stands for it; None: a true cylinder.
     """
 
     radius_m: Array
@@ -32,6 +34,7 @@ class Column:
     stiffness: Array
     bore_radius_m: float
     bore_stiffness: Array
+    sides: int | None = None
 
 
 @dataclass(frozen=True)
@@ -116,16 +119,26 @@ def _potential(column: Column, place: Array) -> tuple[float, Array, Array]:
     gradient[0, 2] -= force[0]
     own[0, 2, 2] += slope[0]
 
-    off = np.hypot(place[:, 0], place[:, 1])
-    radial = place[:, :2] / np.maximum(off, 1e-300)[:, None]
-    bore_energy, force, slope = _hertz(column.bore_stiffness, column.radius_m + off - column.bore_radius_m)
-    gradient[:, :2] += force[:, None] * radial
-    outer = radial[:, :, None] * radial[:, None, :]
-    turned = force / np.maximum(off, 1e-300)
-    own[:, :2, :2] += slope[:, None, None] * outer + turned[:, None, None] * (np.eye(2) - outer)
-
-    energy += float(pair_energy.sum() + wall_energy.sum() + bore_energy.sum())
+    bore_energy, push, stiffness = _bore(column, place[:, :2])
+    gradient[:, :2] += push
+    own[:, :2, :2] += stiffness
+    energy += float(pair_energy.sum() + wall_energy.sum()) + bore_energy
     return energy, gradient, _banded(own, -block)
+
+
+def _bore(column: Column, place: Array) -> tuple[float, Array, Array]:
+    """The bore's share of the energy, its gradient of shape (beads, 2) and second derivatives, (beads, 2, 2)."""
+    if column.sides is not None:
+        normal = side_normals(column.sides)
+        overlap = place @ normal.T + column.radius_m[:, None] - column.bore_radius_m
+        energy, force, slope = _hertz(column.bore_stiffness[:, None], overlap)
+        return float(energy.sum()), force @ normal, np.einsum("bs,si,sj->bij", slope, normal, normal)
+    off = np.maximum(np.hypot(place[:, 0], place[:, 1]), 1e-300)
+    radial = place / off[:, None]
+    energy, force, slope = _hertz(column.bore_stiffness, column.radius_m + off - column.bore_radius_m)
+    outer = radial[:, :, None] * radial[:, None, :]
+    turned = (force / off)[:, None, None] * (np.eye(2) - outer)
+    return float(energy.sum()), force[:, None] * radial, slope[:, None, None] * outer + turned
 
 
 def _hertz(stiffness: Array, overlap: Array) -> tuple[Array, Array, Array]:

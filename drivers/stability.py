@@ -48,9 +48,7 @@ def late_damping(chain: Chain, spring_N_m: Array, time_step_s: float) -> Array:
     """
     if not chain.damping_ratio or not time_step_s:
         return spring_N_m
-    return np.asarray(
-        spring_N_m + 4 * chain.damping_ratio * np.sqrt(chain.reduced_mass_kg * spring_N_m) / time_step_s
-    )
+    return np.asarray(spring_N_m + 4 * chain.damping_ratio * np.sqrt(chain.reduced_mass_kg * spring_N_m) / time_step_s)
 
 
 def wear(impacts: float) -> float:

@@ -97,14 +97,16 @@ def make_sideways_trace(
         hertz = 0.4 * np.maximum(overlap, 0.0) ** 2.5 @ chain.stiffness
         bore = chain.lateral.bore if chain.lateral else None
         if bore is not None:
-            pressed = np.hypot(sideways.place_m[:, :, 0], sideways.place_m[:, :, 1]) + radius - bore.radius_m
-            hertz = hertz + 0.4 * np.maximum(pressed, 0.0) ** 2.5 @ bore.stiffness
+            pressed = bore.overlaps(radius, sideways.place_m)
+            hertz = hertz + 0.4 * (np.maximum(pressed, 0.0) ** 2.5).sum(axis=2) @ bore.stiffness
         speed = velocity_m_s**2 + (sideways.velocity_m_s**2).sum(axis=2)
         inertia = 0.4 * chain.mass_kg * radius**2
         kinetic = 0.5 * (speed @ chain.mass_kg + (sideways.spin_rad_s**2).sum(axis=2) @ inertia)
         total = kinetic + hertz - (height_m - chain.height_m) @ chain.load_N
     momentum = velocity_m_s @ chain.mass_kg
     return Trace(time_s, force_N, kinetic, total, momentum, height_m, velocity_m_s, bore_friction_N, sideways)
+
+
 def overlaps(chain: Chain, height_m: Array) -> Array:
     """Overlaps from heights, a gap negative. Shape (samples, bodies)."""
     moved = height_m - chain.height_m

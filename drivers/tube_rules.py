@@ -1,7 +1,7 @@
 """Rules of three-dimensional scenes: beads have to fit their tube, and what does not must stay above it."""
 
 from collections.abc import Iterator
-from math import ceil, cos, pi, sqrt
+from math import acos, ceil, pi, sqrt
 
 import numpy as np
 
@@ -31,9 +31,17 @@ def tube_contradictions(scene: Scene) -> Iterator[Complaint]:
         yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"more than the beads' {widest:g} m"
     elif offset is not None and offset > play:
         yield "chain.lateral_offset", f"{offset:g} m", f"at most the play of {play:.4g} m"
-    elif tube.sides is not None and tube.inner_diameter * cos(pi / tube.sides) <= widest:
-        least = ceil(pi / np.arccos(widest / tube.inner_diameter))
-        yield "tube.sides", str(tube.sides), f"at least {least + 1}: flats of fewer would cut into the beads"
+    elif tube.sides is not None and tube.sides < (least := _least_sides(tube.inner_diameter / 2, play)):
+        yield (
+            "tube.sides",
+            str(tube.sides),
+            f"at least {least}: the edges of fewer lie off the bore by more than its play",
+        )
+
+
+def _least_sides(radius_m: float, play_m: float) -> int:
+    """Sides whose edges are off the bore by its play at most: ``R (1 / cos(pi / n) - 1) <= play``."""
+    return ceil(pi / acos(radius_m / (radius_m + play_m)))
 
 
 def tube_impossible(scene: Scene, chain: Chain) -> Iterator[Complaint]:

@@ -10,6 +10,7 @@ from drivers import paths
 from drivers.chain import Array, Chain, build_chain
 from drivers.errors import InputError
 from drivers.finished import FinishedRun
+from drivers.lateral_start import with_lateral
 from drivers.scene import Scene
 from drivers.stored_scene import stored_scene
 from drivers.trace import FORCES
@@ -41,7 +42,7 @@ def chain_of(run: FinishedRun) -> tuple[Scene, Chain]:
     """
     try:
         scene = stored_scene(run.record.scene)
-        chain = build_chain(scene)
+        chain = with_lateral(scene, build_chain(scene))
     except (TypeError, KeyError, AttributeError, ValueError) as error:
         raise InputError(paths.shown(run.folder), "run.json", "a damaged scene", "the record of a run") from error
     contacts = run.trace.force_N.shape[1]

@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers.chain import Array, Chain
 from drivers.finished import FinishedRun
+from drivers.mesh_files import write_mesh
 from drivers.scene import Scene
 from drivers.tube_mesh import tube_mesh
 from postproc.motion import chain_of, mean_forces, read_bore, read_motion, spread
@@ -108,16 +109,12 @@ def _draft_beside(folder: Path) -> Iterator[Path]:
 
 
 def _write_frame(path: Path, frame: Frame) -> None:
-    import meshio
-
     vertices = np.arange(len(frame.point_m))[:, np.newaxis]
-    meshio.write(path, meshio.Mesh(frame.point_m, [("vertex", vertices)], point_data=dict(frame.fields)))
+    write_mesh(path, frame.point_m, "vertex", vertices, **frame.fields)
 
 
 def _write_tube(path: Path, scene: Scene, chain: Chain, frames: list[Frame]) -> None:
     """The bore from the wall to its top; without one, over all that fits into it."""
-    import meshio
-
     assert scene.tube is not None
     bore = scene.tube.inner_diameter / 2
     radius = np.where(np.isinf(chain.radius_m), np.inf, chain.radius_m)
@@ -127,7 +124,7 @@ def _write_tube(path: Path, scene: Scene, chain: Chain, frames: list[Frame]) -> 
     high = max(high, chain.wall_height_m + bore)
     rings = max(1, min(MOST_RINGS, round((high - chain.wall_height_m) / (2 * bore * np.pi / SIDES))))
     points, triangles = tube_mesh(bore, chain.wall_height_m, high, SIDES, rings)
-    meshio.write(path, meshio.Mesh(points, [("triangle", triangles)]))
+    write_mesh(path, points, "triangle", triangles)
 
 
 def _index(frames: list[Frame], names: list[str]) -> bytes:

@@ -82,6 +82,8 @@ def render(case: Case) -> str:
         damping_ratio=chain.damping_ratio,
         guided=guided,
         sides=bore.sides if bore else None,
+        low=bore.low_m if bore else 0.0,
+        length=bore.high_m - bore.low_m if bore else 0.0,
         bore_radius=bore.radius_m if bore else 0.0,
         bore_stiffness=[float(bore.stiffness[i]) for i in guided] if bore else [],
         bore_shear=[float(bore.shear_stiffness[i]) for i in guided] if bore else [],
@@ -109,7 +111,7 @@ def read(case: Case, folder: Path) -> Trace:
     arrays = load_arrays(folder / "chain.npz", shapes)
     by_bore = np.zeros(shape)
     if bore:
-        by_bore[:, bore.guided] = -arrays["on_bore"]
+        by_bore[:, bore.guided] = arrays["on_bore"]
     total = arrays["force"].copy()  # all but gravity's
     total[:, :, 2] -= chain.gravity_m_s2 * chain.mass_kg
     velocity = arrays["velocity"] - 0.5 * step * total / chain.mass_kg[:, np.newaxis]

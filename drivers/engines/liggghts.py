@@ -86,7 +86,7 @@ def refusal(case: Case) -> Complaint | None:
         if case.scene.contact.restitution is None:
             return "contact.damping_ratio", f"{chain.damping_ratio:g}", f"below {most:.4g}"
         return "contact.restitution", f"{case.scene.contact.restitution:g}", f"above {restitution(most):.4g}"
-    if chain.bodies <= FEW:
+    if not _binned(chain):
         return None
     box = _box(case, radius, chain.height_m)
     bin_m = radius.max() + box.skin / 2
@@ -96,6 +96,12 @@ def refusal(case: Case) -> Complaint | None:
         return None
     found = f"a space {height:.3g} m high for beads to fly in, {bins:.2g} bins"
     return "run.duration", found, f"at most {MOST_BINS:.0e} bins: less speed, smaller gaps or a shorter run"
+
+
+def _binned(chain: Chain) -> bool:
+    """Whether neighbours are searched in bins: where there are many, and where a mesh asks for it."""
+    bore = chain.lateral.bore if chain.lateral else None
+    return chain.bodies > FEW or (bore is not None and bore.sides is not None)
 
 
 def _radii(case: Case) -> Array:
@@ -149,6 +155,8 @@ def _box(case: Case, radius: Array, height: Array) -> Box:
             abs(float(chain.mass_kg @ chain.velocity_m_s / chain.mass_kg.sum())) + abs(free_fall(chain)) * duration
         )
     reach = 1.1 * fastest * duration + 4 * radius.max()  # nothing gets further: what leaves the box has blown up
+    if chain.lateral is not None and chain.lateral.bore is not None:
+        reach = max(reach, chain.lateral.bore.high_m - float(height.min()))  # a mesh has to be inside
     digits = 2 - math.floor(math.log10(reach))
     low, high = round(float(height.min() - reach), digits), round(float(height.max() + reach), digits)
     return Box(float(f"{4 * radius.max():.1g}"), low, high, skin=float(f"{0.2 * radius.min():.1g}"))
@@ -213,7 +221,7 @@ def render(case: Case) -> Deck:
         "guided_face": chain.bodies if flat and lateral else None,
         "columns": sideways.columns(case),
         "skin": box.skin,
-        "binned": chain.bodies > FEW,
+        "binned": _binned(chain),
         "wall_type": wall_type,
         "wall_height": chain.wall_height_m,
         "gravity": chain.gravity_m_s2 if case.models("gravity") else None,
@@ -229,6 +237,8 @@ def render(case: Case) -> Deck:
         "z_high": box.high,
     }
     files = {name: render_template(f"liggghts/{name}.j2", **values) for name in ("chain.in", "chain.data")}
+    if lateral is not None and lateral.bore is not None and lateral.bore.sides:
+        files[MESH] = lateral.bore.mesh
     return Deck(files, COMMAND, raw=("chain.bin",))
 
 

@@ -50,7 +50,9 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAS
     free, scale = chain.load_N / chain.mass_kg, np.repeat([overlap_scale, speed_scale], n)
     first = FIRST_STEP * overlap_scale / speed_scale
     if chain.elastic:
-        states, status = _integrate(start, time_s, inverse, chain.stiffness, free, LOCAL_SHARE * tolerance, scale, first)
+        states, status = _integrate(
+            start, time_s, inverse, chain.stiffness, free, LOCAL_SHARE * tolerance, scale, first
+        )
     else:
         local = damped.LOCAL_SHARE * max(tolerance, damped.LEAST_TOLERANCE)
         states, ended = damped.integrate(
