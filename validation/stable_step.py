@@ -7,7 +7,7 @@ from scipy.linalg import eigvalsh_tridiagonal
 
 from drivers.chain import Array, Chain
 from drivers.stability import SAFETY, Reached, at_most, late_damping, wear
-from drivers.trace import Trace
+from drivers.trace import Trace, overlaps
 from validation.arrays import arrays_of
 from validation.reference.verlet import integrate_verlet
 
@@ -69,6 +69,9 @@ def reached_in(chain: Chain, trace: Trace) -> Reached:
     assert trace.velocity_m_s is not None
     speed = _closing_speeds(chain, trace.force_N, trace.velocity_m_s)
     impacts = _counted(_impact_energies(chain, trace.force_N, speed))
+    if chain.damping_ratio:  # forces do not tell overlaps
+        assert trace.height_m is not None
+        return Reached(np.maximum(overlaps(chain, trace.height_m).max(axis=0), 0.0), speed.max(axis=0), impacts)
     return Reached(_largest_overlaps(chain, trace.force_N), speed.max(axis=0), impacts)
 
 
