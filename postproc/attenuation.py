@@ -10,8 +10,7 @@ from postproc.signals import peaks
 def incident_peaks(trace: Trace) -> Array:
     """Peak above the start of the first wave at each contact, counted from the wall; NaN where none came by. (contacts,)
 
-    The force on the contact below is no part of it, so this holds for contact 1 as for the others; but there the wall
-    throws the wave back, and the top contact feels the striker.
+    The top contacts feel the striker, contact 1 what the wall throws back.
     """
     found = np.full(trace.force_N.shape[1], np.nan)
     least = 1e-9 * float(np.abs(trace.force_N).max())
@@ -25,8 +24,9 @@ def incident_peaks(trace: Trace) -> Array:
 def transmissions(trace: Trace) -> Array:
     """Ratio of successive peaks of the incident wave: that at contact j over that at contact j+1. Shape (contacts-1,).
 
-    A solitary wave keeps its shape, and the law of ``drivers.restitution`` takes the same share of every amplitude: far
-    from the ends the ratio is one number, whose difference from 1 is the attenuation a bead.
+    Its difference from 1 is the attenuation a bead. The law of ``drivers.restitution`` has no force of its own, so ratios
+    do not depend on the striker's speed. Far from the ends they are one number as long as the wave keeps its shape, for
+    restitutions from 0.9 on; with more damping it goes on spreading, and ratios go on rising.
     """
     crest = incident_peaks(trace)
     return np.asarray(crest[:-1] / crest[1:])
