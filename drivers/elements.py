@@ -99,7 +99,8 @@ def _striker(scene: Scene) -> str:
 def _damping(chain: Chain) -> str:
     if not chain.damping_ratio:
         return "restitution 1: contacts are elastic"
-    return f"restitution {restitution(chain.damping_ratio):.6g} of every impact, by a damping ratio of {chain.damping_ratio:.6g}"
+    ratio = chain.damping_ratio
+    return f"impacts have a restitution of {restitution(ratio):.6g}, by a damping ratio of {ratio:.6g}"
 
 
 def _no_sensor_mass(scene: Scene) -> str:

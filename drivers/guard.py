@@ -80,7 +80,8 @@ def reason_to_fail(case: Case, trace: Trace) -> str | None:
     """Why a trace cannot be right, with the time from which on; None where nothing is wrong.
 
     Values have to be finite, beads must not pass through the wall or each other, and the energy has to stay what the
-    scene put in, as nearly as the scheme at this step and the rounding of heights can keep it.
+    scene put in, as nearly as the scheme at this step and the rounding of heights can keep it; where contacts lose
+    energy, it must not grow.
     """
     faults = [(int(np.argmax(wrong)), words) for wrong, words in _faults(case, trace) if wrong.any()]
     if not faults:

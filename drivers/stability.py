@@ -43,8 +43,8 @@ def late_damping(chain: Chain, spring_N_m: Array, time_step_s: float) -> Array:
     """``K + 4 B sqrt(m* K) / dt``: springs that are as unstable at a step as damped ones, shape (bodies,), in N/m.
 
     The codes take the closing speed half a step late, ``M (x+ - 2 x + x-) / dt^2 = -K x - D (x - x-) / dt``, which
-    flips from step to step (x+ = -x) at ``4 M / dt^2 = K + 2 D / dt``; a contact has ``D = 2 B sqrt(m* K)``. So a single
-    contact of frequency w is stable up to ``(sqrt(1 + B^2) - B) 2 / w``.
+    flips from step to step (x+ = -x) at ``4 M / dt^2 = K + 2 D / dt``; a contact has ``D = 2 B sqrt(m* K)``. So a
+    single contact of frequency w is stable up to ``(sqrt(1 + B^2) - B) 2 / w``.
     """
     if not chain.damping_ratio or not time_step_s:
         return spring_N_m

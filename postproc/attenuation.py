@@ -8,7 +8,7 @@ from postproc.signals import peaks
 
 
 def incident_peaks(trace: Trace) -> Array:
-    """Peak above the start of the first wave at each contact, counted from the wall; NaN where none came by. (contacts,)
+    """Peak of the first wave above the force at time 0, by contact from the wall up; NaN where none came. (contacts,).
 
     The top contacts feel the striker, contact 1 what the wall throws back.
     """
@@ -24,8 +24,8 @@ def incident_peaks(trace: Trace) -> Array:
 def transmissions(trace: Trace) -> Array:
     """Ratio of successive peaks of the incident wave: that at contact j over that at contact j+1. Shape (contacts-1,).
 
-    Its difference from 1 is the attenuation a bead. The law of ``drivers.restitution`` has no force of its own, so ratios
-    do not depend on the striker's speed. Far from the ends they are one number as long as the wave keeps its shape, for
+    Its difference from 1 is the attenuation a bead. The law of ``drivers.restitution`` has no force of its own, so
+    ratios do not depend on the striker's speed. Far from the ends they are one number as long as the wave keeps its shape, for
     restitutions from 0.9 on; with more damping it goes on spreading, and ratios go on rising.
     """
     crest = incident_peaks(trace)

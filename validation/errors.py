@@ -2,7 +2,8 @@
 
 Quantities are named like observables, without the unit: ``wall_peak``, ``bead_9_arrival``, ``speed_9_to_5``. The error
 of ``force`` is the largest force difference over all contacts and sample times over the largest force, that of
-``energy`` the largest change over what the scene puts in (where contacts lose energy, the largest difference); all others are relative to the true value.
+``energy`` the largest change over what the scene puts in (where contacts lose energy, the largest difference); all
+others are relative to the true value.
 """
 
 from collections.abc import Iterable

@@ -29,8 +29,8 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAS
     """Integrates from time 0 with samples at ``time_s``, increasing from 0.
 
     The largest force error over all contacts and samples stays below ``tolerance`` times the largest force, as
-    long as the motion itself does not multiply small errors (a chain that bounces on for long is chaotic). Contacts that
-    lose energy are followed to ``damped.LEAST_TOLERANCE`` at best, whatever is asked for.
+    long as the motion itself does not multiply small errors (a chain that bounces on for long is chaotic). Contacts
+    that lose energy are followed to ``damped.LEAST_TOLERANCE`` at best, whatever is asked for.
 
     Raises:
         ValueError: sample times that do not begin at 0 or do not increase, a tolerance below what double

@@ -1,8 +1,8 @@
 """The exact reference of chains whose contacts lose energy: DOP853 in plain time, with steps as small as it takes.
 
-The force ``max(0, k d^(3/2) + C d^(1/4) d')`` rises like ``(t - t_e)^(1/4)`` when a contact closes and is cut off before
-it opens. No stretched time makes both smooth, and none is needed: steps shrink to a 1e-11 of a contact's time at such an
-event and grow again sixfold, which takes some tens of steps an event. Every sample ends a step.
+The force ``max(0, k d^(3/2) + C d^(1/4) d')`` rises like ``(t - t_e)^(1/4)`` when a contact closes, and is cut off
+before it opens. No stretched time makes both smooth, and none is needed: at such an event steps shrink to some 1e-11 of
+a contact's time and grow again, up to sixfold each, which takes tens of steps an event. Every sample ends a step.
 """
 
 from math import sqrt
@@ -10,7 +10,7 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-from validation.reference.dop853 import A, B, E3, E5, STAGES, combine
+from validation.reference.dop853 import E3, E5, STAGES, A, B, combine
 from validation.reference.hertz_chain import Array
 
 LEAST_TOLERANCE = 1e-11  # of the largest force: what is reached at best, measured 7.6e-12 on eight damped scenes
@@ -22,7 +22,7 @@ MOST_REJECTED = 400  # in a row
 def slope(
     state: Array, result: Array, inverse_mass: Array, stiffness: Array, damping: Array, acceleration: Array
 ) -> None:
-    """Writes ``dy/dt`` to ``result``; a state holds overlaps, then velocities. ``acceleration`` is that of the loads."""
+    """Writes ``dy/dt`` to ``result``; a state holds overlaps, then velocities, ``acceleration`` is the loads' alone."""
     n = inverse_mass.size
     below, force_below = 0.0, 0.0
     for j in range(n):

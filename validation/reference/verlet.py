@@ -19,7 +19,7 @@ TILE = 2048  # beads: their six numbers each fit the second-level cache
 BLOCK = 128  # steps that a tile takes at a time
 LEAST_FOR_TWO = 50_000  # beads below which a second thread does not pay
 
-# velocity (the wall's first), overlap, force, and constants: stiffness, kick, drop, damping (of size 0 where there is none)
+# velocity (the wall's first), overlap, force; constants: stiffness, kick, drop, damping (empty where there is none)
 Arrays = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 
@@ -142,7 +142,7 @@ def _sweep_damped(
     below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
     damping: Array, dt: float,
 ) -> None:  # fmt: skip
-    """As ``_sweep``, of contacts that lose energy; they close with the velocities of half a step before, as in codes."""
+    """As ``_sweep``, of contacts that lose energy: by velocities of half a step before, as in the codes."""
     under = force[0]
     for j in range(overlap.size):
         above = force[j + 1]

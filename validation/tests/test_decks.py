@@ -31,6 +31,7 @@ def test_decks_of_the_paper_stay_as_they_are(scene: str, engine: str, request: p
 NEEDED_BY = {
     "precompression": ("chain.precompression=2 N", {"liggghts": "addforce", "yade": "setPermF"}),
     "gravity": ("gravity=", {"liggghts": "gravity", "yade": "gravity"}),
+    "damping": ("contact.restitution=0.9", {"liggghts": "limitForce", "yade": "betan"}),
     "wall": ("wall=", {"liggghts": "wall/gran", "yade": "utils.wall"}),
 }
 
