@@ -5,6 +5,7 @@ Rest is a minimum of the potential energy, found from seeded places off the axis
 """
 
 from dataclasses import dataclass
+
 import numpy as np
 from scipy.linalg import LinAlgError, solveh_banded
 

@@ -9,7 +9,7 @@ from drivers.complaints import shorten, validate
 from drivers.errors import InputError
 from drivers.sampling import steps_per_sample
 from drivers.scene import RIGID, Material, Scene, SceneFile
-from drivers.scene_rules import contradictions, choices
+from drivers.scene_rules import choices, contradictions
 from drivers.settings import lay_over
 
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"

@@ -40,7 +40,7 @@ class Trace:
         momentum_N_s: of all bodies, upwards positive. Shape (samples,).
         height_m: of the centres (of a flat striker: its face). Shape (samples, bodies); None where not kept.
         velocity_m_s: upwards positive. Shape (samples, bodies); None where not kept.
-        bore_friction_N: along the axis, on all bodies together, upwards positive. Shape (samples,); None without a tube.
+        bore_friction_N: along the axis, on all bodies together, upwards positive. Shape (samples,); None: no tube.
         sideways: of a three-dimensional run; None of others, and where not kept.
     """
 
@@ -85,8 +85,9 @@ def make_sideways_trace(
     bore_friction_N: Array | None,
     sideways: Sideways,
 ) -> Trace:
-    """A trace of a three-dimensional chain; Hertz energy ``(2/5) k overlap^(5/2)`` from places, sideways motion and
-    spin with it. What friction stores in shear is not seen, so with friction the energy may fall a little and return.
+    """A trace of a three-dimensional chain: Hertz energy ``(2/5) k overlap^(5/2)`` from places, sideways motion, spin.
+
+    What friction stores in shear is not seen, so with friction the energy may fall a little and return.
     """
     radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -157,12 +158,9 @@ def read_forces(path: Path) -> Trace:
     contacts = [name for name in table.columns if name.startswith("contact_")]
     energies = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
     friction = table["bore_friction_N"].to_numpy() if "bore_friction_N" in table else None
-    return Trace(
-        table["time_s"].to_numpy(),
-        table[contacts].to_numpy(),
-        *(table[name].to_numpy() for name in energies),
-        bore_friction_N=friction,
-    )
+    kinetic, total, momentum = (table[name].to_numpy() for name in energies)
+    time, force = table["time_s"].to_numpy(), table[contacts].to_numpy()
+    return Trace(time, force, kinetic, total, momentum, bore_friction_N=friction)
 
 
 def write_state(trace: Trace, path: Path) -> None:

@@ -25,8 +25,8 @@ def transmissions(trace: Trace) -> Array:
     """Ratio of successive peaks of the incident wave: that at contact j over that at contact j+1. Shape (contacts-1,).
 
     Its difference from 1 is the attenuation a bead. The law of ``drivers.restitution`` has no force of its own, so
-    ratios do not depend on the striker's speed. Far from the ends they are one number as long as the wave keeps its shape, for
-    restitutions from 0.9 on; with more damping it goes on spreading, and ratios go on rising.
+    ratios do not depend on the striker's speed. Far from the ends they are one number as long as the wave keeps its
+    shape, for restitutions from 0.9 on; with more damping it goes on spreading, and ratios go on rising.
     """
     crest = incident_peaks(trace)
     return np.asarray(crest[:-1] / crest[1:])

@@ -94,7 +94,7 @@ def _wall_train(found: list[Peak], static_N: float) -> dict[str, float]:
 
 
 def _speeds_and_widths(layout: Layout, values: dict[str, float], levels: tuple[float, ...]) -> dict[str, float]:
-    """Peak-to-peak speed and the amplitude's ratio a bead between neighbouring sensors, width at the one nearer the wall.
+    """Peak-to-peak speed and amplitude's ratio a bead between neighbouring sensors, width at the one nearer the wall.
 
     ``transmission_9_to_5`` is ``(A_5 / A_9)^(1/4)``: what share of its amplitude a wave passes on from bead to bead.
     """

@@ -4,6 +4,7 @@ import numpy as np
 
 from drivers.case import Case
 from drivers.chain import Array
+from drivers.face import sphere_for_face
 from validation.arrays import arrays_of
 from validation.reference.verlet import integrate_verlet, integrate_verlet_absolute
 
@@ -25,13 +26,16 @@ def comparable(rounding_share: Array) -> tuple[float, int]:
 def verlet_in_heights(case: Case) -> Array:
     """Forces by the scheme of the codes at the case's step, with absolute heights as its state, as engines hold them.
 
-    Shape (samples, bodies).
+    A damped flat face is the large sphere that LIGGGHTS has to take it for. Shape (samples, bodies).
     """
     scene, chain = case.scene, case.chain
-    radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
+    flat = np.isinf(chain.radius_m)
+    face = sphere_for_face(scene, chain)[0] if flat.any() and chain.damping_ratio else 0.0
+    radius = np.where(flat, face, chain.radius_m)
     reach = radius + np.concatenate([[chain.wall_height_m], radius[:-1]])
     timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
-    return integrate_verlet_absolute(arrays_of(chain), chain.height_m, reach, *timing)
+    height = chain.height_m + np.where(flat, face, 0.0)
+    return integrate_verlet_absolute(arrays_of(chain), height, reach, *timing)
 
 
 def rounding_error(case: Case) -> Array:

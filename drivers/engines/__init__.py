@@ -27,8 +27,8 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from drivers.case import Case
-from drivers.deck import Deck
 from drivers.complaints import Complaint
+from drivers.deck import Deck
 from drivers.trace import Trace
 
 IN_HEIGHTS = "velocity Verlet in absolute heights"

@@ -11,9 +11,9 @@ import numpy as np
 
 from drivers import paths
 from drivers.case import Case
+from drivers.complaints import Complaint
 from drivers.deck import Deck
 from drivers.engines._arrays import load_array
-from drivers.complaints import Complaint
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "nothing: it is part of this repository"

@@ -13,7 +13,6 @@ from drivers.engines._materials import named_material
 from drivers.engines._sums import contact_forces, towards_axis
 from drivers.trace import Sideways, Trace, make_sideways_trace
 
-
 # by default friction's arm is not the same for slip and for torque
 SPHERES = "Ig2_Sphere_Sphere_ScGeom(avoidGranularRatcheting=False)"
 WALLS = "Ig2_Wall_Sphere_ScGeom(hertzian=True, noRatch=False)"
@@ -42,13 +41,15 @@ def render(case: Case) -> str:
     staggered = chain.velocity_m_s - 0.5 * scene.time_step_s * chain.acceleration_m_s2
     bodies = [
         Body(
-            *lateral.offset_m[i],
-            chain.height_m[i],
-            chain.radius_m[i],
-            chain.mass_kg[i],
-            *lateral.velocity_m_s[i],
-            staggered[i],
-            chain.materials[i],
+            x=lateral.offset_m[i, 0],
+            y=lateral.offset_m[i, 1],
+            height=chain.height_m[i],
+            radius=chain.radius_m[i],
+            mass=chain.mass_kg[i],
+            x_velocity=lateral.velocity_m_s[i, 0],
+            y_velocity=lateral.velocity_m_s[i, 1],
+            velocity=staggered[i],
+            material=chain.materials[i],
         )
         for i in range(chain.bodies)
     ]

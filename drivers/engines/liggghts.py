@@ -19,6 +19,7 @@ from drivers.engines import _liggghts_tube as sideways
 from drivers.engines._materials import named_material
 from drivers.engines._sums import contact_forces
 from drivers.errors import RunError
+from drivers.face import sphere_for_face
 from drivers.process import UNKNOWN_VERSION, first_line_of
 from drivers.complaints import Complaint
 from drivers.restitution import damping_ratio_with_attraction, restitution, with_attraction
@@ -37,7 +38,6 @@ FEW = 200  # bodies up to which all pairs are searched for neighbours: bins of t
 MESH = "tube.stl"
 MOST_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
 LEAST_COEFFICIENT = 0.05  # of restitution, which it takes only from above here
-LEVEL_M = 100.0  # radius of a face that sideways motion of 0.1 mm finds level to 1e-6
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
 
 
@@ -105,39 +105,22 @@ def _binned(chain: Chain) -> bool:
 
 
 def _radii(case: Case) -> Array:
-    """Radii of the atoms; that of a flat face is as large as the bead below it, or a damped one's of ``_face``."""
+    """Radii of the atoms; that of a flat face is as large as the bead below it, or a damped one's of ``face``."""
     chain = case.chain
     if not np.isinf(chain.radius_m[-1]):
         return chain.radius_m
-    face = chain.radius_m[-2] if _by_springs(case) else _face(case)[0]
+    face = chain.radius_m[-2] if _by_springs(case) else sphere_for_face(case.scene, case.chain)[0]
     return np.where(np.isinf(chain.radius_m), face, chain.radius_m)
 
 
 def _by_springs(case: Case) -> bool:
-    """Whether contacts get their stiffness by pairs of types: the least that an elastic, straight, flat strike needs."""
+    """Whether contacts get their stiffness by pairs of types: all that an elastic, straight, flat strike needs."""
     chain = case.chain
     return bool(np.isinf(chain.radius_m[-1])) and not chain.damping_ratio and chain.lateral is None
 
 
-def _face(case: Case) -> tuple[float, float]:
-    """Radius and Young's modulus of the sphere that stands for a flat face: ``model hertz`` takes no kn.
-
-    With ``1/E* = c_bead + c_face`` its radius S and its compliance c make the same contact where
-    ``c_bead + c = sqrt(S / (S + R)) / E*``; c is above zero for ``S > R c_bead / (2 c_face)``, of which S is twice.
-    A sphere is not level: where beads move sideways it is a large one.
-    """
-    chain, materials = case.chain, case.scene.materials
-    bead, face = (materials[name].compliance for name in chain.materials[-2:])
-    under = float(chain.radius_m[-2])
-    radius = float(f"{under * bead / face:.1g}")
-    if chain.lateral is not None:
-        radius = max(radius, LEVEL_M)
-    compliance = (bead + face) * math.sqrt(radius / (radius + under)) - bead
-    return radius, (1 - materials[chain.materials[-1]].poisson_ratio ** 2) / compliance
-
-
 def _above_face(case: Case) -> Array:
-    """By how much each atom is higher than its body: a face's atom is a sphere that touches the bead below off its axis."""
+    """By how much atoms are higher than their bodies: a face's is a sphere that touches the bead below off its axis."""
     chain, radius = case.chain, _radii(case)
     above = np.zeros(chain.bodies)
     if np.isinf(chain.radius_m[-1]):
@@ -186,7 +169,7 @@ def render(case: Case) -> Deck:
     springs = _by_springs(case)
     if flat and not springs:
         face = unique.index(labels[-1])
-        types[face] = replace(types[face], youngs_modulus=_face(case)[1])
+        types[face] = replace(types[face], youngs_modulus=sphere_for_face(scene, chain)[1])
     moduli = [kind.youngs_modulus for kind in types]
     volume = 4 / 3 * math.pi * radius**3
     height = chain.height_m + _above_face(case)
@@ -194,13 +177,15 @@ def render(case: Case) -> Deck:
     offset, across = (lateral.offset_m, lateral.velocity_m_s) if lateral else (np.zeros((chain.bodies, 2)),) * 2
     atoms = [
         Atom(
-            unique.index(labels[i]) + 1,
-            2 * radius[i],
-            chain.mass_kg[i] / volume[i],
-            *offset[i],
-            height[i],
-            *across[i],
-            chain.velocity_m_s[i],
+            type=unique.index(labels[i]) + 1,
+            diameter=2 * radius[i],
+            density=chain.mass_kg[i] / volume[i],
+            x=offset[i, 0],
+            y=offset[i, 1],
+            height=height[i],
+            x_velocity=across[i, 0],
+            y_velocity=across[i, 1],
+            velocity=chain.velocity_m_s[i],
         )
         for i in range(chain.bodies)
     ]

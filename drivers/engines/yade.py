@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.case import Case
+from drivers.complaints import Complaint
 from drivers.deck import Deck
 from drivers.deck import render as render_template
 from drivers.elements import SIDEWAYS, STRAIGHT
@@ -16,7 +17,6 @@ from drivers.engines._arrays import load_arrays
 from drivers.engines._materials import named_material
 from drivers.errors import RunError
 from drivers.process import UNKNOWN_VERSION, first_line_of
-from drivers.complaints import Complaint
 from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's packages yade and python3-yade"

@@ -110,7 +110,11 @@ def test_codes_have_the_law_of_the_in_repo_scheme(scene: str, given: str, shared
         assert observe(run.layout, run.trace)["energy_lost_J"] > 0.3 * run.trace.total_energy_J[0]
     verdicts = compare_case(case, runs, {})
     assert {verdict.verdict for verdict in verdicts} == {PASS}
-    assert len([each for each in verdicts if each.quantity == "force against verlet" and each.limit == 1e-9]) == 2
+    model = [each for each in verdicts if each.quantity == "force against verlet"]
+    stated = tolerance("model", "force").limit
+    # the heights of the sphere that stands for a damped flat face round more
+    assert [each.value < (stated if each.engine == "yade" else each.limit) for each in model] == [True, True]
+    assert all(each.limit == stated or (scene == "fig5" and each.limit < 20 * stated) for each in model)
 
 
 def test_the_scheme_converges_in_first_order_to_the_reference() -> None:
