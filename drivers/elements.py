@@ -82,10 +82,14 @@ def _sideways(scene: Scene, lateral: Lateral) -> tuple[Element, ...]:
         Element("lateral freedom", True, freedom),
         Element("tube", lateral.bore is not None, tube),
         Element("friction", lateral.slips, slipping if lateral.slips else "the scene has none"),
-        Element(
-            "rotation", lateral.slips, "friction turns beads" if lateral.slips else "without friction no bead turns"
-        ),
+        Element("rotation", lateral.turns, _turning(lateral)),
     )
+
+
+def _turning(lateral: Lateral) -> str:
+    if not lateral.slips:
+        return "without friction no bead turns"
+    return "friction turns beads" if lateral.turns else "the scene forbids it"
 
 
 def _striker(scene: Scene) -> str:

@@ -5,7 +5,6 @@ from math import sqrt
 from drivers.chain import Chain
 from drivers.scene import Scene
 
-
 LEVEL_M = 100.0  # places 0.1 mm off the axis are level to 1e-6
 
 

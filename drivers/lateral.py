@@ -79,15 +79,17 @@ class Lateral:
         velocity_m_s: across the axis at time 0.
         shear_stiffness: k_t of each contact: a shear ds adds ``k_t sqrt(overlap) ds`` to its tangential force.
         friction: of contacts between bodies and with the wall.
+        turns: whether friction turns bodies.
     """
 
     offset_m: Array
     velocity_m_s: Array
     shear_stiffness: Array
     friction: float
+    turns: bool
     bore: Bore | None
 
     @property
     def slips(self) -> bool:
-        """Whether any contact has friction: only then do bodies turn."""
+        """Whether any contact has friction."""
         return self.friction > 0 or (self.bore is not None and self.bore.friction > 0)

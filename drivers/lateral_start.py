@@ -35,6 +35,7 @@ def with_lateral(scene: Scene, chain: Chain) -> Chain:
         velocity_m_s=velocity,
         shear_stiffness=_shear_stiffnesses(scene, chain),
         friction=scene.contact.friction,
+        turns=scene.contact.rotation and max(scene.contact.friction, scene.tube.friction if scene.tube else 0.0) > 0,
         bore=_bore(scene, chain),
     )
     started = replace(chain, lateral=lateral)

@@ -123,12 +123,13 @@ class Contact(Part):
     """What contacts do beyond Hertz's law.
 
     They are elastic unless one of ``restitution``, that of an impact, and ``damping_ratio``, B of
-    ``drivers.restitution``, is given.
+    ``drivers.restitution``, is given. Without ``rotation`` friction turns no bead: to see what turning does.
     """
 
     restitution: Annotated[float, Field(ge=LEAST_RESTITUTION, le=1, allow_inf_nan=False)] | None = None
     damping_ratio: Annotated[float, Field(ge=0, le=MAX_DAMPING_RATIO)] | None = None
     friction: Friction = 0.0
+    rotation: bool = True
 
 
 class Gauge(Part):

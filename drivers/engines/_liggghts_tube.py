@@ -42,7 +42,7 @@ def columns(case: Case) -> tuple[str, ...]:
     lateral = case.chain.lateral
     if lateral is None:
         return ("id", "z", "vz", "fz", *wall)
-    return ("id", *PLACES, *(SPINS if lateral.slips else ()), "fz", *wall, *(ON_BORE if lateral.bore else ()))
+    return ("id", *PLACES, *(SPINS if lateral.turns else ()), "fz", *wall, *(ON_BORE if lateral.bore else ()))
 
 
 def bead_labels(case: Case) -> list[str]:

@@ -74,7 +74,8 @@ def render(case: Case) -> str:
         top=chain.beads - 1,
         materials=[named_material(scene, name) for name in dict.fromkeys(labels)],
         friction_angle=atan(lateral.friction),
-        rotation=case.models("rotation"),
+        slips=lateral.slips,
+        rotation=lateral.turns,
         spheres=bodies,
         flat=flat,
         wall={"height": chain.wall_height_m, "material": chain.wall} if case.models("wall") else None,
@@ -103,7 +104,7 @@ def read(case: Case, folder: Path) -> Trace:
     bore = chain.lateral.bore
     shape = (samples, chain.bodies, 3)
     shapes: dict[str, tuple[int, ...]] = {"force": shape, "place": shape, "velocity": shape}
-    if case.models("rotation"):
+    if chain.lateral.turns:
         shapes["spin"] = shape
     if chain.wall:
         shapes["on_wall"] = (samples, 3)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.case import Case
 from drivers.chain import Array, Chain, energy_put_in, free_fall
+from drivers.complaints import Complaint
 from drivers.deck import Deck
 from drivers.deck import render as render_template
 from drivers.elements import SIDEWAYS, STRAIGHT
@@ -21,7 +22,6 @@ from drivers.engines._sums import contact_forces
 from drivers.errors import RunError
 from drivers.face import sphere_for_face
 from drivers.process import UNKNOWN_VERSION, first_line_of
-from drivers.complaints import Complaint
 from drivers.restitution import damping_ratio_with_attraction, restitution, with_attraction
 from drivers.trace import Trace, make_trace
 

@@ -68,8 +68,10 @@ def test_fig5_against_finer_samples() -> None:
     """Contacts open and close at powers of 3/2, which costs orders: measured 1.5e-7; straight lines leave 3e-6."""
     fine = case_of("fig5", ONE_MS, "run.sample_interval=0.2 us", "chain.sensors=[{ from_wall = 11 }]")
     trace = exact(fine).trace
-    coarse = Trace(*(values[::5] for values in (trace.time_s, trace.force_N, trace.kinetic_energy_J,
-                                                trace.total_energy_J, trace.momentum_N_s)))  # fmt: skip
+    coarse = Trace(
+        trace.time_s[::5], trace.force_N[::5], trace.kinetic_energy_J[::5], trace.total_energy_J[::5],
+        trace.momentum_N_s[::5],
+    )  # fmt: skip
     true, found = sensor_signals(fine.layout, trace), sensor_signals(fine.layout, coarse)
     errors = {name: np.abs(found[name] - true[name][::5]).max() / true[name].max() for name in true}
     assert set(errors) == {"bead_11", "wall"}

@@ -141,7 +141,8 @@ def test_the_animation_is_whole_and_small(
 
 def test_cells_keep_the_largest_force() -> None:
     force = np.random.default_rng(3).random((1001, 37))
-    trace = Trace(1e-6 * np.arange(1001.0), force, *[np.zeros(1001)] * 3)
+    none = np.zeros(1001)
+    trace = Trace(1e-6 * np.arange(1001.0), force, none, none, none)
     cells = cells_of(trace, 100, 10)
     assert cells.force_N.shape == (len(cells.contact), len(cells.time_s)) == (10, 91)
     assert cells.force_N[2, 5] == force[55:66, 8:12].max()
@@ -158,7 +159,8 @@ def test_open_contacts_are_grey_and_cells_lie_where_they_belong() -> None:
 
     force = np.zeros((50, 4))
     force[20:30, 2] = 5.0
-    trace = Trace(1e-6 * np.arange(50.0), force, *[np.zeros(50)] * 3)
+    none = np.zeros(50)
+    trace = Trace(1e-6 * np.arange(50.0), force, none, none, none)
     axis = draw_spacetime([Panel("one", trace)], 4.0).axes[0]
     (image,) = axis.images
     assert image.get_extent() == pytest.approx([0, 50, 0.5, 4.5])
