@@ -2,10 +2,18 @@
 
 from math import sqrt
 
+import numpy as np
+
 from drivers.chain import Chain
 from drivers.scene import Scene
 
 LEVEL_M = 100.0  # places 0.1 mm off the axis are level to 1e-6
+
+
+def furthest_m(chain: Chain) -> float:
+    """The largest coordinate that a code may hold, of which heights are rounded."""
+    height = float(np.abs(chain.height_m).max())
+    return height + LEVEL_M if chain.lateral is not None and np.isinf(chain.radius_m[-1]) else height
 
 
 def sphere_for_face(scene: Scene, chain: Chain) -> tuple[float, float]:

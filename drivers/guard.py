@@ -11,13 +11,14 @@ from drivers.case import Case
 from drivers.chain import Array, Chain, energy_put_in
 from drivers.engines import Engine
 from drivers.errors import RunError
+from drivers.face import furthest_m
 from drivers.process import Outcome
 from drivers.stability import share_at_most
 from drivers.tolerances import tolerance
 from drivers.trace import Trace, energy_error_J
 
 LONGEST_COMPLAINT = 300
-ROUNDINGS = 64  # units in the last place of heights that a start may be off by
+ROUNDINGS = 64  # units in the last place of coordinates that a start may be off by
 EXACTLY = 1e-9  # of the largest force and speed, likewise
 
 
@@ -47,7 +48,7 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
     chain = case.chain
     if trace.height_m is None or trace.velocity_m_s is None:
         return None
-    rounded = ROUNDINGS * float(np.spacing(np.abs(chain.height_m).max()))
+    rounded = ROUNDINGS * float(np.spacing(furthest_m(chain)))
     resting = np.maximum(chain.overlap_m, 0.0)
     force = chain.stiffness * ((resting + rounded) ** 1.5 - resting**1.5) + EXACTLY * chain.force_N.max()
     fastest = float(np.abs(trace.velocity_m_s).max())
@@ -129,7 +130,7 @@ def explained_energy(case: Case, trace: Trace) -> float:
     share, impacts = share_at_most(chain, duration, case.scene.time_step_s)
     share = min(share, 1.0)
     scale = energy_put_in(chain, duration) or 1.0
-    rounded = float(np.spacing(np.abs(chain.height_m).max()))
+    rounded = float(np.spacing(furthest_m(chain)))
     above = np.column_stack([trace.force_N[:, 1:], np.zeros(len(trace.force_N))])
     with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up
         walked = float(np.abs(trace.force_N - above + chain.load_N).max(axis=0).sum() * np.sqrt(case.scene.steps + 1))

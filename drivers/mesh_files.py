@@ -12,7 +12,7 @@ Cells = NDArray[np.int64]
 
 
 def write_mesh(path: Path, points: Points, kind: str, cells: Cells, **fields: NDArray[Any]) -> None:
-    """Writes a mesh of one kind of cells, by meshio's name, in the format of the file's ending; fields are of points."""
+    """Writes cells of one kind, named as meshio does, in the format of the file's ending; fields are of points."""
     import meshio
 
     meshio.write(path, meshio.Mesh(points, [(kind, cells)], point_data=fields))
