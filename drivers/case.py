@@ -25,12 +25,14 @@ class Case:
 
     Attributes:
         plan: how the time step was chosen, where the scene asks for an accuracy instead.
+        full: the case with all that the scene has, where that accuracy lets some of it be left out.
     """
 
     scene: Scene
     chain: Chain
     elements: tuple[Element, ...]
     plan: "Plan | None" = None
+    full: "Case | None" = None
 
     def at(self, steps_per_sample: int) -> "Case":
         """The same case at another time step."""

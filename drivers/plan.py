@@ -39,18 +39,19 @@ def asked_of(case: Case) -> dict[str, float]:
 
 
 def planned(case: Case) -> Case:
-    """The case at the largest time step that keeps its accuracy.
+    """The case at the largest time step that keeps its accuracy, without what matters too little for it.
 
     Where rounding takes a share of the accuracy, the step leaves room for it.
 
     Raises:
         InputError: no step keeps it, or the scene does not show a quantity.
     """
+    from drivers.lean import lean_case
     from validation.step_choice import Chooser
 
     began = time.perf_counter()
     asked = asked_of(case)
-    chooser = Chooser(case, tuple(asked), min(asked.values()))
+    chooser = Chooser(lean_case(case, asked), tuple(asked), min(asked.values()))
     choice = chooser.choose_with_room(asked)
     plan = Plan(
         asked=asked,

@@ -97,7 +97,8 @@ def error_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, 
 
 def measured_errors(case: Case, trace: Trace, names: Iterable[str]) -> dict[str, float]:
     """Errors of the named quantities of a run against the exact motion, which is known to its tolerance."""
-    found = errors_of(case, trace, yardsticks(case).truth, names)
+    truth = truth_of(case.full) if case.full else yardsticks(case).truth
+    found = errors_of(case, trace, truth, names)
     return {name: max(error, LEAST_TOLERANCE) for name, error in found.items()}
 
 

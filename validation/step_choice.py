@@ -80,7 +80,7 @@ class Chooser:
         """Follows the exact motion.
 
         Args:
-            case: the case, at any step.
+            case: the case, at any step; errors are against the exact motion of the full one.
             names: of the quantities that will be asked for.
             strictest: the smallest accuracy that will be asked for.
 
@@ -88,6 +88,7 @@ class Chooser:
             InputError: the case does not have a quantity, or its exact motion cannot be followed.
         """
         self.case = case
+        self.full = case.full or case
         self.names = names
         self._errors: dict[int, dict[str, float]] = {}
         self._best = strictest * TRUTH_SHARE <= LEAST_TOLERANCE
@@ -114,8 +115,8 @@ class Chooser:
         finer = any(name not in (FORCE, ENERGY) for name in self.names)
         tolerance = min(max(TRUTH_SHARE * strictest, LEAST_TOLERANCE), LOOSEST_TRUTH)
         while True:
-            truth = truth_of(self.case, tolerance, finer=finer)
-            rough = truth_of(self.case, min(ROUGHER * tolerance, LARGE), finer=False)
+            truth = truth_of(self.full, tolerance, finer=finer)
+            rough = truth_of(self.full, min(ROUGHER * tolerance, LARGE), finer=False)
             apart = float(residual(rough.trace, truth.trace).max())
             known = apart / ROUGHER if apart < LINEAR else apart
             if known <= TRUTH_SHARE * strictest or tolerance <= LEAST_TOLERANCE:
@@ -125,7 +126,7 @@ class Chooser:
     def _use_best(self) -> None:
         """From here on errors are measured against the exact motion at its best."""
         finer = any(name not in (FORCE, ENERGY) for name in self.names)
-        self.truth = truth_of(self.case, LEAST_TOLERANCE, finer=finer)
+        self.truth = truth_of(self.full, LEAST_TOLERANCE, finer=finer)
         self._errors.clear()
         self._best = True
 

@@ -1,0 +1,82 @@
+"""Which elements are switched, on which scenes: ``inputs/elements.toml``."""
+
+from dataclasses import dataclass
+
+from pydantic import Field
+
+from drivers import paths
+from drivers.case import Case
+from drivers.complaints import validate
+from drivers.read_scene import read_toml
+from drivers.scene import Part
+from validation.simulate import case_of
+
+SCATTER = "scatter"  # in a setting: the scene's own
+
+
+class Side(Part):
+    """A scene with or without an element; ``tube``: its twin in a tube, with ``set`` laid over it."""
+
+    tube: bool = False
+    set: tuple[str, ...] = Field(default=(), strict=False)
+
+
+class Element(Part):
+    """What is switched; ``random`` draws are repeated for every seed, ``only`` names the scenes that have it."""
+
+    name: str
+    without: Side
+    with_: Side = Field(alias="with")
+    random: bool = False
+    only: tuple[str, ...] = Field(default=(), strict=False)
+
+
+class Subject(Part):
+    """A scene, its twin in a tube being named after it; ``gauges`` are its sensors, ``scatter`` that of its masses."""
+
+    name: str
+    scatter: str
+    gauges: str
+
+
+class Elements(Part):
+    """The whole file."""
+
+    seeds: int
+    quick_seeds: int
+    scene: tuple[Subject, ...] = Field(strict=False)
+    element: tuple[Element, ...] = Field(strict=False)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The two sides of a switch, for one seed."""
+
+    scene: str
+    element: str
+    seed: int
+    without: Case
+    with_: Case
+
+
+def read_elements() -> Elements:
+    """The elements to switch."""
+    return validate(Elements, read_toml(paths.ELEMENTS), paths.shown(paths.ELEMENTS))
+
+
+def pairs_of(elements: Elements, seeds: int) -> list[Pair]:
+    """All switches of all scenes, random ones for the seeds from 1 on."""
+    return [
+        Pair(subject.name, element.name, seed, case_on(subject, element.without, seed), case_on(subject, element.with_, seed))
+        for subject in elements.scene
+        for element in elements.element
+        if not element.only or subject.name in element.only
+        for seed in range(1, (seeds if element.random else 1) + 1)
+    ]
+
+
+def case_on(subject: Subject, side: Side, seed: int, *more: str) -> Case:
+    """One side of a switch."""
+    settings = [setting.replace(f"={SCATTER}", f"={subject.scatter}") for setting in side.set]
+    source = f"{subject.name}-tube" if side.tube else subject.name
+    return case_of(source, f"chain.sensors={subject.gauges}", f"seed={seed}", *settings, *more)
