@@ -1,7 +1,7 @@
 """Contact of a bead with the bore of a tube: conformal across the axis, and so stiffer than with a flat."""
 
 from functools import cache
-from math import pi, sqrt
+from math import cos, pi, sqrt
 
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipkm1
@@ -31,6 +31,14 @@ def conformity(radius_m: float, bore_radius_m: float) -> float:
     f2 = 2 / pi * squared**0.25 * f1_cubed ** (-1 / 3) * second
     mean_radius = 1 / (2 * sqrt(across * along))
     return float(sqrt(mean_radius / radius_m) * f2**-1.5)
+
+
+def in_edge(sides: int) -> float:
+    """The share of a cylinder's stiffness that each flat side of a mesh gets.
+
+    Beads come to rest in its edges, where two sides hold them: ``2 k_side cos(pi/n)^(5/2) = k``.
+    """
+    return 1 / (2 * cos(pi / sides) ** 2.5)
 
 
 def _curvatures(squared: float) -> float:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.bore import conformity
+from drivers.bore import conformity, in_edge
 from drivers.chain import AT_REST, Array, Chain, hertz_stiffness, mindlin_stiffness
 from drivers.errors import InputError
 from drivers.lateral import Bore, Lateral
@@ -76,7 +76,7 @@ def _bore(scene: Scene, chain: Chain) -> Bore | None:
     for j in range(chain.bodies):
         own, material = chain.radius_m[j], scene.materials[chain.materials[j]]
         if own < radius and (tube.top is None or chain.height_m[j] <= tube.top):
-            stiffer = conformity(own, radius)
+            stiffer = conformity(own, radius) * (in_edge(tube.sides) if tube.sides else 1.0)
             stiffness[j] = stiffer * hertz_stiffness(scene.materials[tube.material], np.inf, material, own)
             shear[j] = stiffer * mindlin_stiffness(scene.materials[tube.material], np.inf, material, own)
     top = float(chain.height_m[-1]) + ABOVE * radius if tube.top is None else tube.top

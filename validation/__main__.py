@@ -54,6 +54,12 @@ def _parser() -> Parser:
     stability.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
     stability.set_defaults(action=_stability)
 
+    elements = commands.add_parser("elements", help="what each modelling element adds and costs, step by step")
+    elements.add_argument("--quick", action="store_true", help="the first scene and few seeds only")
+    elements.add_argument("--results", type=Path, metavar="DIR", help="default: results/")
+    elements.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
+    elements.set_defaults(action=_elements)
+
     bench = commands.add_parser("bench", help="what the integrators and engines cost, as ratios taken in one run")
     bench.set_defaults(action=_bench)
 
@@ -79,6 +85,15 @@ def _stability(arguments: argparse.Namespace) -> int:
     must_be_folder("--results", arguments.results)
     must_be_folder("--runs", arguments.runs)
     return stability(arguments.results or paths.RESULTS, arguments.runs or paths.RUNS, quick=arguments.quick)
+
+
+def _elements(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from validation.elements.command import elements
+
+    must_be_folder("--results", arguments.results)
+    must_be_folder("--runs", arguments.runs)
+    return elements(arguments.results or paths.RESULTS, arguments.runs or paths.RUNS, quick=arguments.quick)
 
 
 def _wave(_: argparse.Namespace) -> int:

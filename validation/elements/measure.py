@@ -75,7 +75,9 @@ def observables_of(case: Case) -> dict[str, str]:
 
 def _effects(engine: str, group: list[Pair], sides: dict[int, EndedRun]) -> list[Effect]:
     found = [(observed(sides[id(pair.without)]), observed(sides[id(pair.with_)])) for pair in group]
-    costs = [(_cost_ns(pair.without, sides[id(pair.without)]), _cost_ns(pair.with_, sides[id(pair.with_)])) for pair in group]
+    costs = [
+        (_cost_ns(pair.without, sides[id(pair.without)]), _cost_ns(pair.with_, sides[id(pair.with_)])) for pair in group
+    ]
     cheap, dear = np.median(np.array(costs), axis=0)
     effects = []
     for word, name in observables_of(group[0].without).items():

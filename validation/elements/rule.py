@@ -19,7 +19,13 @@ from validation.simulate import case_of
 
 STRAIGHT = Side(tube=True, set=("chain.lateral_offset=0 um",))
 # what to ask for, so that something may be left out of a scene with all that can be
-ASKED = ("{ wall_peak = 1e-1 }", "{ wall_peak = 3e-2 }", "{ wall_peak = 1e-2, speed_9_to_5 = 1e-2 }", "{ wall_peak = 1e-3 }", "1e-2")
+ASKED = (
+    "{ wall_peak = 1e-1 }",
+    "{ wall_peak = 3e-2 }",
+    "{ wall_peak = 1e-2, speed_9_to_5 = 1e-2 }",
+    "{ wall_peak = 1e-3 }",
+    "1e-2",
+)
 ALL = ("chain.mass_scatter=0.0008 g", "contact.restitution=0.995", "chain.precompression=1 mN")
 
 
@@ -85,7 +91,5 @@ def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> list[Aske
             worst = max(kept, key=lambda name: kept[name]["measured"] / kept[name]["asked"])
             names = ", ".join(each.name for each in case.elements if left_out(each))
             step = case.scene.time_step_s
-            found.append(
-                Asked(accuracy, engine, names, step, worst, kept[worst]["asked"], kept[worst]["measured"])
-            )
+            found.append(Asked(accuracy, engine, names, step, worst, kept[worst]["asked"], kept[worst]["measured"]))
     return found

@@ -67,7 +67,13 @@ def read_elements() -> Elements:
 def pairs_of(elements: Elements, seeds: int) -> list[Pair]:
     """All switches of all scenes, random ones for the seeds from 1 on."""
     return [
-        Pair(subject.name, element.name, seed, case_on(subject, element.without, seed), case_on(subject, element.with_, seed))
+        Pair(
+            subject.name,
+            element.name,
+            seed,
+            case_on(subject, element.without, seed),
+            case_on(subject, element.with_, seed),
+        )
         for subject in elements.scene
         for element in elements.element
         if not element.only or subject.name in element.only

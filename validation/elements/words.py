@@ -1,0 +1,163 @@
+"""What the tables of elements say, in sentences, and where the rule does not hold."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from drivers.tolerances import tolerance
+from postproc.quoted import Quoted
+from validation.elements.oscilloscope import STEPS
+
+TABLES = {
+    "effects": "elements.csv",
+    "nothing": "elements-nothing.csv",
+    "accuracies": "elements-accuracies.csv",
+    "between": "elements-between.csv",
+    "steps": "oscilloscope.csv",
+    "ranges": "oscilloscope-ranges.csv",
+}
+WITHOUT_FRICTION = "without friction"
+ORDINARY = next(iter(STEPS))
+
+
+def read_tables(results: Path) -> dict[str, pd.DataFrame]:
+    """All tables that are there."""
+    return {name: pd.read_csv(results / file) for name, file in TABLES.items() if (results / file).exists()}
+
+
+def quoted_of(quoted: Quoted, scene: str) -> dict[str, tuple[float, str]]:
+    """What the paper quotes from its experiment on a scene, by the number it is drawn beside."""
+    if scene == "fig4":
+        return {
+            "sensor peak": (quoted.fig4.leading_force_N, "experiment: about 2 N"),
+            "speed": (quoted.fig4.speed_m_s, f"experiment: {quoted.fig4.speed_m_s:g} m/s"),
+        }
+    if scene == "fig5":
+        value = quoted.fig5.measured_envelope_per_us
+        return {"wall envelope": (value, f"experiment: {value:g} per µs")}
+    return {}
+
+
+def sentences(tables: dict[str, pd.DataFrame]) -> list[str]:
+    """What was found, each with its numbers."""
+    return [
+        *_rule(tables["nothing"], tables["accuracies"]),
+        *_effects(tables["effects"]),
+        *_between(tables["between"]),
+        *_gaps(tables["steps"], tables["ranges"]),
+    ]
+
+
+def _rule(nothing: pd.DataFrame, accuracies: pd.DataFrame) -> list[str]:
+    equal = int((nothing["change"] == 0).sum())
+    kept = accuracies[accuracies["error"] <= accuracies["asked"]]
+    most = accuracies["left_out"].fillna("").map(lambda names: len(names.split(", ")) if names else 0).max()
+    return [
+        f"What is always left out of straight chains changes nothing: at most {nothing['change'].max():.1e} of the largest"
+        f" force over {len(nothing)} runs with beads free to move, turn and rub, {equal} of them bit for bit.",
+        f"What an accuracy lets out (up to {most} elements) stays within it: {len(kept)} of {len(accuracies)} runs.",
+    ]
+
+
+def _effects(effects: pd.DataFrame) -> list[str]:
+    found = []
+    first = effects["scene"].iloc[0]
+    for engine, own in effects[effects["scene"] == first].groupby("engine", sort=False):
+        parts = []
+        for element, rows in own.groupby("element", sort=False):
+            wall = rows[rows["observable"] == "wall peak"].iloc[0]
+            spread = f" ± {100 * wall['spread']:.2g}" if pd.notna(wall["spread"]) else ""
+            parts.append(f"{element} {100 * wall['change']:+.2g}{spread} % ({wall['cost_ratio']:.2g}×)")
+        found.append(f"Wall peak of {first} by {engine}, with the cost per body and step: {'; '.join(parts)}.")
+    return found
+
+
+def _between(between: pd.DataFrame) -> list[str]:
+    found = []
+    for (scene, friction), rows in between.groupby(["scene", "friction"], sort=False):
+        row = rows.iloc[0]
+        parted = "they never differ by a per cent"
+        if pd.notna(row["earliest_parted_s"]):
+            median = f"{row['median_parted_s'] * 1e6:.0f} µs" if pd.notna(row["median_parted_s"]) else "never"
+            parted = f"they part by a per cent from {row['earliest_parted_s'] * 1e6:.0f} µs on (median {median})"
+        wall = rows[rows["observable"] == "wall peak"].iloc[0]
+        found.append(
+            f"{scene} {friction}, {row['codes']}, {row['seeds']} seeds: until the wave reaches the wall the codes differ by"
+            f" at most {row['before_wall']:.1e}; {parted}. Wall peak {_pm(wall['first_mean'], wall['first_spread'])} and"
+            f" {_pm(wall['second_mean'], wall['second_spread'])} N (equal distributions: p = {wall['same']:.2g})."
+        )
+    return found
+
+
+def _pm(mean: float, spread: float) -> str:
+    return f"{mean:.4g} ± {spread:.1g}" if np.isfinite(spread) else f"{mean:.4g}"
+
+
+def _gaps(steps: pd.DataFrame, ranges: pd.DataFrame) -> list[str]:
+    """How much of the gap between the elastic line and the experiment each step explains."""
+    from postproc.quoted import quoted
+
+    found, told = [], quoted()
+    wanted = {
+        "fig4": {"bead_9_peak_N": (1.0, "leading force", "N"), "speed_9_to_5_m_s": (1.0, "speed", "m/s")},
+        "fig5": {"wall_envelope_per_s": (1e-6, "wall envelope", "per µs")},
+    }
+    targets = {
+        "bead_9_peak_N": told.fig4.leading_force_N,
+        "speed_9_to_5_m_s": told.fig4.speed_m_s,
+        "wall_envelope_per_s": told.fig5.measured_envelope_per_us,
+    }
+    for scene, names in wanted.items():
+        for name, (scale, words, unit) in names.items():
+            own = steps[(steps["scene"] == scene) & (steps["observable"] == name)].set_index("step")
+            if ORDINARY not in own.index:
+                continue
+            elastic, target = scale * own.loc[ORDINARY, "mean"], targets[name]
+            parts = []
+            for step in list(STEPS)[1:]:
+                mean, spread = scale * own.loc[step, "mean"], scale * own.loc[step, "spread"]
+                share = (mean - elastic) / (target - elastic)
+                parts.append(f"{step} {_pm(mean, spread)} ({100 * share:.0f} %)")
+            found.append(
+                f"{scene}, {words}: elastic line {elastic:.4g} {unit}, experiment {target:g}; of the gap, step by step and"
+                f" all before it included: {', '.join(parts)}."
+            )
+            found += _ranges(ranges, scene, name, scale, words, elastic, target)
+    return found
+
+
+def _ranges(
+    ranges: pd.DataFrame, scene: str, name: str, scale: float, words: str, elastic: float, target: float
+) -> list[str]:
+    found = []
+    own = ranges[(ranges["scene"] == scene) & (ranges["observable"] == name)]
+    for step, rows in own.groupby("step", sort=False):
+        shares = (scale * rows["mean"] - elastic) / (target - elastic)
+        values = ", ".join(
+            f"{value:g}: {100 * share:.0f} %" for value, share in zip(rows["value"], shares, strict=True)
+        )
+        found.append(f"{scene}, {words}: share of the gap for a {step} of {values}.")
+    return found
+
+
+def missed(tables: dict[str, pd.DataFrame]) -> list[str]:
+    """Where the rule does not hold, or the codes differ where they must not."""
+    limit, codes = tolerance("elements", "nothing").limit, tolerance("elements", "codes").limit
+    nothing, accuracies = tables["nothing"], tables["accuracies"]
+    between = tables["between"]
+    apart = (
+        pd.DataFrame()
+        if between.empty
+        else between[(between["friction"] == WITHOUT_FRICTION) & ~(between["before_wall"] <= codes)].drop_duplicates(
+            "scene"
+        )
+    )
+    return [
+        *(f"{row['scene']} on {row['engine']}: what is always left out changes forces by {row['change']:.2g}, allowed"
+          f" {limit:g}" for _, row in nothing[~(nothing["change"] <= limit)].iterrows()),
+        *(f"accuracy {row['accuracy']} on {row['engine']}: {row['quantity']} is off by {row['error']:.2g}, asked were"
+          f" {row['asked']:g}" for _, row in accuracies[~(accuracies["error"] <= accuracies["asked"])].iterrows()),
+        *(f"{row['scene']} in its tube without friction: the codes differ by {row['before_wall']:.2g} before the wave"
+          f" reaches the wall, allowed {codes:g}" for _, row in apart.iterrows()),
+    ]  # fmt: skip
