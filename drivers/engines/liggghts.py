@@ -207,6 +207,7 @@ def render(case: Case) -> Deck:
         "columns": sideways.columns(case),
         "skin": box.skin,
         "binned": _binned(chain),
+        "triangles": lateral.bore.mesh.count("endfacet") if lateral and lateral.bore and lateral.bore.sides else 0,
         "wall_type": wall_type,
         "wall_height": chain.wall_height_m,
         "gravity": chain.gravity_m_s2 if case.models("gravity") else None,

@@ -43,7 +43,7 @@ def draw_effects(effects: pd.DataFrame) -> Any:
 def draw_oscilloscope(shown: list[Shown], quoted: dict[str, tuple[float, str]]) -> Any:
     """One scene: its gauges against time for all steps, and beside them their numbers with what the paper quotes."""
     plt = pyplot()
-    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(STEPS)))
+    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.8, len(STEPS)))
     gauges = list(shown[0].signals)
     numbers = [(word, *_values(shown, word, gauges)) for word in NUMBERS]
     numbers = [each for each in numbers if np.isfinite(each[1]).any()]
@@ -58,7 +58,6 @@ def draw_oscilloscope(shown: list[Shown], quoted: dict[str, tuple[float, str]]) 
             axis.plot(time, mean, color=colour, lw=1.0, label=each.step)
         axis.set_ylabel(f"{gauge.replace('_', ' ')}, N")
     axes[-1].set_xlabel("time, µs")
-    axes[0].legend(fontsize=6, loc="upper right")
     panels = np.atleast_1d(right.subplots(len(numbers), 1, sharex=True))
     for axis, (word, mean, spread, unit) in zip(panels, numbers, strict=True):
         place = np.arange(len(shown))
@@ -72,7 +71,10 @@ def draw_oscilloscope(shown: list[Shown], quoted: dict[str, tuple[float, str]]) 
             )
         axis.set_ylabel(f"{word}\n{unit}")
         axis.margins(x=0.15, y=0.25)
-    panels[-1].set_xticks(range(len(shown)), [each.step for each in shown], rotation=35, ha="right", fontsize=6)
+    panels[-1].set_xticks(range(len(shown)), [each.step for each in shown], rotation=35, ha="right", fontsize=7)
+    for colour, label in zip(colours, panels[-1].get_xticklabels(), strict=True):
+        label.set_color(colour)
+        label.set_fontweight("bold")
     return figure
 
 
