@@ -38,7 +38,7 @@ def in_edge(sides: int) -> float:
 
     Beads come to rest in its edges, where two sides hold them: ``2 k_side cos(pi/n)^(5/2) = k``.
     """
-    return 1 / (2 * cos(pi / sides) ** 2.5)
+    return float(1 / (2 * cos(pi / sides) ** 2.5))
 
 
 def _curvatures(squared: float) -> float:

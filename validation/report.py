@@ -14,6 +14,7 @@ from postproc.observables import observe
 from postproc.style import inline_svg
 from validation.claims.section import read_section
 from validation.comparison import FAIL, NOT_RUN, PASS, Verdict
+from validation.elements.section import read_section as read_elements
 from validation.plots import draw_chain, draw_scene
 from validation.scenes import ComparedScene
 from validation.stability.section import read_section as read_stability
@@ -60,6 +61,7 @@ def write_report(scenes: list[ComparedScene], path: Path) -> Counter[str]:
         scenes=[_section(scene) for scene in scenes],
         trade=read_trade(path.parent),
         stability=read_stability(path.parent),
+        elements=read_elements(path.parent),
         claims=read_section(path.parent / paths.CLAIMS_TABLE),
         provenance=provenance(),
         versions=_versions(scenes),

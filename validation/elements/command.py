@@ -19,6 +19,7 @@ from validation.elements.diagrams import draw_effects, draw_oscilloscope
 from validation.elements.switches import pairs_of, read_elements
 from validation.elements.words import TABLES, missed, quoted_of, read_tables, sentences
 
+REPEATS = 3  # runs from which a cost is the least
 CHEAPEST = "liggghts"  # for what needs many seeds
 
 
@@ -39,7 +40,7 @@ def elements(results: Path, runs: Path, *, quick: bool = False) -> int:
         asked = asked.model_copy(update={"scene": asked.scene[:1]})
     code = CHEAPEST if CHEAPEST in codes else codes[0]
     tables: dict[str, Sequence[Any]] = {
-        "effects": measure.measure(pairs_of(asked, seeds), codes, runs, _say),
+        "effects": measure.measure(pairs_of(asked, seeds), codes, 1 if quick else REPEATS, runs, _say),
         "nothing": rule.nothing_changes(asked.scene, codes, runs),
         "accuracies": rule.accuracies_kept(asked.scene[0].name, codes, runs),
         "between": between.compare_codes(asked.scene, seeds, codes, runs, _say),

@@ -1,4 +1,4 @@
-"""What the experiment would have shown: from the elastic line to tube, friction, restitution and gauge, step by step."""
+"""What the experiment would have shown: from the elastic line to tube, friction, restitution and gauge."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -54,8 +54,8 @@ def _rule(nothing: pd.DataFrame, accuracies: pd.DataFrame) -> list[str]:
     kept = accuracies[accuracies["error"] <= accuracies["asked"]]
     most = accuracies["left_out"].fillna("").map(lambda names: len(names.split(", ")) if names else 0).max()
     return [
-        f"What is always left out of straight chains changes nothing: at most {nothing['change'].max():.1e} of the largest"
-        f" force over {len(nothing)} runs with beads free to move, turn and rub, {equal} of them bit for bit.",
+        "What is always left out of straight chains changes nothing: beads free to move, turn and rub change forces by"
+        f" {nothing['change'].max():.1e} of the largest at most; of {len(nothing)} runs {equal} are equal bit for bit.",
         f"What an accuracy lets out (up to {most} elements) stays within it: {len(kept)} of {len(accuracies)} runs.",
     ]
 
@@ -82,10 +82,11 @@ def _between(between: pd.DataFrame) -> list[str]:
             median = f"{row['median_parted_s'] * 1e6:.0f} µs" if pd.notna(row["median_parted_s"]) else "never"
             parted = f"they part by a per cent from {row['earliest_parted_s'] * 1e6:.0f} µs on (median {median})"
         wall = rows[rows["observable"] == "wall peak"].iloc[0]
+        first, second = (_pm(wall[f"{each}_mean"], wall[f"{each}_spread"]) for each in ("first", "second"))
         found.append(
-            f"{scene} {friction}, {row['codes']}, {row['seeds']} seeds: until the wave reaches the wall the codes differ by"
-            f" at most {row['before_wall']:.1e}; {parted}. Wall peak {_pm(wall['first_mean'], wall['first_spread'])} and"
-            f" {_pm(wall['second_mean'], wall['second_spread'])} N (equal distributions: p = {wall['same']:.2g})."
+            f"{scene} {friction}, {row['codes']}, {row['seeds']} seeds: until the wave reaches the wall they differ by at"
+            f" most {row['before_wall']:.1e}; {parted}. Wall peak {first} and {second} N (equal distributions:"
+            f" p = {wall['same']:.2g})."
         )
     return found
 
@@ -113,15 +114,16 @@ def _gaps(steps: pd.DataFrame, ranges: pd.DataFrame) -> list[str]:
             own = steps[(steps["scene"] == scene) & (steps["observable"] == name)].set_index("step")
             if ORDINARY not in own.index:
                 continue
-            elastic, target = scale * own.loc[ORDINARY, "mean"], targets[name]
+            means, spreads = (own[column].astype(float).to_dict() for column in ("mean", "spread"))
+            elastic, target = scale * float(means[ORDINARY]), targets[name]
             parts = []
             for step in list(STEPS)[1:]:
-                mean, spread = scale * own.loc[step, "mean"], scale * own.loc[step, "spread"]
+                mean, spread = scale * float(means[step]), scale * float(spreads[step])
                 share = (mean - elastic) / (target - elastic)
                 parts.append(f"{step} {_pm(mean, spread)} ({100 * share:.0f} %)")
             found.append(
-                f"{scene}, {words}: elastic line {elastic:.4g} {unit}, experiment {target:g}; of the gap, step by step and"
-                f" all before it included: {', '.join(parts)}."
+                f"{scene}, {words}: elastic line {elastic:.4g} {unit}, experiment {target:g}; of the gap, step by step"
+                f" and all before it included: {', '.join(parts)}."
             )
             found += _ranges(ranges, scene, name, scale, words, elastic, target)
     return found

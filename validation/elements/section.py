@@ -1,0 +1,67 @@
+"""The study of elements as the report shows it, read from its tables and figures."""
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from drivers import paths
+from drivers.errors import InputError
+from postproc.style import inline_svg
+from validation.elements.diagrams import draw_effects
+from validation.elements.words import TABLES, read_tables, sentences
+
+
+def read_section(results: Path) -> dict[str, Any]:
+    """Sentences, tables and figures; empty without the tables.
+
+    Raises:
+        InputError: a table is damaged.
+    """
+    if not all((results / file).exists() for file in TABLES.values()):
+        return {}
+    try:
+        tables = read_tables(results)
+        effects = tables["effects"]
+        names = list(effects["observable"].unique())
+        return {
+            "sentences": sentences(tables),
+            "observables": names,
+            "effects": {scene: _rows(own, names) for scene, own in effects.groupby("scene", sort=False)},
+            "figures": [
+                ("Effect of each element against its cost", inline_svg(draw_effects(effects), "elements")),
+                *_oscilloscopes(results, effects["scene"].unique()),
+            ],
+        }
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
+        found = "a damaged table"
+        raise InputError(paths.shown(results / TABLES["effects"]), "", found, "what make elements writes") from error
+
+
+def _oscilloscopes(results: Path, scenes: Any) -> list[tuple[str, str]]:
+    figures = []
+    for scene in scenes:
+        path = results / f"oscilloscope-{scene}.svg"
+        if path.exists():
+            text = path.read_text()
+            words = f"{scene}: what the gauges show, from the elastic line to the gauge's electronics"
+            figures.append((words, text[text.index("<svg") :]))
+    return figures
+
+
+def _rows(effects: pd.DataFrame, names: list[str]) -> list[dict[str, Any]]:
+    rows = []
+    for (element, engine), own in effects.groupby(["element", "engine"], sort=False):
+        by_name = own.set_index("observable")
+        cells = [_cell(by_name["change"].get(name), by_name["spread"].get(name)) for name in names]
+        cost, ratio = own["cost_ns"].iloc[0], own["cost_ratio"].iloc[0]
+        rows.append(
+            {"element": element, "engine": engine, "cells": cells, "cost": f"{cost:.3g}", "ratio": f"{ratio:.2f}"}
+        )
+    return rows
+
+
+def _cell(change: Any, spread: Any) -> str:
+    if change is None or pd.isna(change):
+        return "–"
+    return f"{100 * change:+.3g}" + (f" ± {100 * spread:.1g}" if pd.notna(spread) else "")
