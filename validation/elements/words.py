@@ -84,8 +84,8 @@ def _between(between: pd.DataFrame) -> list[str]:
         wall = rows[rows["observable"] == "wall peak"].iloc[0]
         first, second = (_pm(wall[f"{each}_mean"], wall[f"{each}_spread"]) for each in ("first", "second"))
         found.append(
-            f"{scene} {friction}, {row['codes']}, {row['seeds']} seeds: until the wave reaches the wall they differ by at"
-            f" most {row['before_wall']:.1e}; {parted}. Wall peak {first} and {second} N (equal distributions:"
+            f"{scene} {friction}, {row['codes']}, {row['seeds']} seeds: until the wave reaches the wall they differ by"
+            f" at most {row['before_wall']:.1e}; {parted}. Wall peak {first} and {second} N (equal distributions:"
             f" p = {wall['same']:.2g})."
         )
     return found
