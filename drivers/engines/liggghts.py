@@ -14,7 +14,7 @@ from drivers.chain import Array, Chain, energy_put_in, free_fall
 from drivers.deck import Deck
 from drivers.deck import render as render_template
 from drivers.elements import SIDEWAYS, STRAIGHT
-from drivers.engines import IN_HEIGHTS
+from drivers.engines import IN_HEIGHTS, TOTAL
 from drivers.engines import _liggghts_tube as sideways
 from drivers.engines._materials import named_material
 from drivers.engines._sums import contact_forces
@@ -27,6 +27,7 @@ from drivers.trace import Trace, make_trace
 HOW_TO_GET = "Debian's package liggghts"
 IN_REPOSITORY = False
 SCHEME = IN_HEIGHTS
+SHEAR = TOTAL
 MODELS = STRAIGHT | SIDEWAYS
 LOST = "Lost atoms"
 VARIABLES: dict[str, str] = {}

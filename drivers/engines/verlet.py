@@ -7,7 +7,7 @@ whose force is Mindlin's without slip at the present radius of the contact.
 from drivers.case import Case
 from drivers.deck import Deck
 from drivers.elements import SIDEWAYS, STRAIGHT
-from drivers.engines import IN_OVERLAPS, _in_repo
+from drivers.engines import IN_OVERLAPS, TOTAL, _in_repo
 from drivers.engines._in_repo import (
     HOW_TO_GET,
     IN_REPOSITORY,
@@ -31,6 +31,7 @@ __all__ = [
     "MODELS",
     "SCHEME",
     "SERVER",
+    "SHEAR",
     "VARIABLES",
     "complaint",
     "find",
@@ -44,6 +45,7 @@ __all__ = [
 ]
 
 SCHEME = IN_OVERLAPS
+SHEAR = TOTAL
 MODELS = STRAIGHT | SIDEWAYS
 
 

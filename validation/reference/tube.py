@@ -256,7 +256,11 @@ def _between(
         normal = max(0.0, normal + damping[j] * sqrt(root) * closing)
     fx, fy, fz = nx * normal, ny * normal, nz * normal
     if numbers[1] > 0.0:
-        ux, uy, uz = ux + closing * nx + ny * wz - nz * wy, uy + closing * ny + nz * wx - nx * wz, uz + closing * nz + nx * wy - ny * wx
+        ux, uy, uz = (
+            ux + closing * nx + ny * wz - nz * wy,
+            uy + closing * ny + nz * wx - nx * wz,
+            uz + closing * nz + nx * wy - ny * wx,
+        )
         turning = 0.5 * dt * _turning(j, before, spin, wall)
         tx, ty, tz = _friction(
             kept, before, (nx, ny, nz), (ux, uy, uz), turning, shear[j] * root, numbers[1] * normal, dt, incremental,
@@ -319,7 +323,16 @@ def _in_bore(
         ux, uy, uz = ux + closing * nx + ny * wz, uy + closing * ny - nx * wz, uz + nx * wy - ny * wx
         turning = 0.5 * dt * _turning(j, before, spin, True)
         tx, ty, tz = _friction(
-            kept, before, (nx, ny, 0.0), (ux, uy, uz), turning, shear * root, numbers[3] * normal, dt, incremental, moved
+            kept,
+            before,
+            (nx, ny, 0.0),
+            (ux, uy, uz),
+            turning,
+            shear * root,
+            numbers[3] * normal,
+            dt,
+            incremental,
+            moved,
         )
         fx, fy, fz = fx + tx, fy + ty, fz + tz
         torque[j, 0] -= arm * ny * tz
@@ -371,7 +384,14 @@ def _friction(
 
 @njit(cache=True)
 def _mark(
-    j: int, overlap: float, closing: float, energy: float, deepest: Array, fastest: Array, closed: Array, energies: Array
+    j: int,
+    overlap: float,
+    closing: float,
+    energy: float,
+    deepest: Array,
+    fastest: Array,
+    closed: Array,
+    energies: Array,
 ) -> None:
     """Notes what is reached; an open contact closes at the speed of its last step before."""
     deepest[j] = max(deepest[j], overlap)
