@@ -4,7 +4,7 @@ import numpy as np
 
 from drivers.chain import Chain
 from validation.reference.hertz_chain import HertzChain
-from validation.reference.tube import TubeChain
+from validation.reference.tube_chain import TubeChain
 
 
 def arrays_of(chain: Chain) -> HertzChain:

@@ -14,14 +14,15 @@ import numpy as np
 from drivers.case import Case
 from drivers.chain import Array
 from drivers.engines import load_engine
+from drivers.engines._sums import towards_axis
 from drivers.tolerances import tolerance
 from drivers.trace import Sideways, Trace, make_sideways_trace
-from drivers.engines._sums import towards_axis
 from postproc.residual import residual
 from validation.arrays import tube_arrays_of
 from validation.errors import FORCE, quantities
 from validation.parts import Parts
-from validation.reference.tube import TOTAL, TubeChain, TubeMotion, integrate_tube
+from validation.reference.tube import TOTAL, integrate_tube
+from validation.reference.tube_chain import TubeChain, TubeMotion
 from validation.rounding import comparable
 
 MOST = 20_000_000  # bodies times steps of the finest run, some ten seconds
@@ -61,9 +62,9 @@ _making = Lock()
 def trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
     """A three-dimensional in-repo motion as a trace."""
     place = motion.place_m[:, :, :2]
-    sideways = Sideways(
-        place, motion.velocity_m_s[:, :, :2], motion.spin_rad_s, towards_axis(place, motion.bore_N[:, :, :2])
-    )
+    with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up
+        towards = towards_axis(place, motion.bore_N[:, :, :2])
+    sideways = Sideways(place, motion.velocity_m_s[:, :, :2], motion.spin_rad_s, towards)
     friction = motion.bore_N[:, :, 2].sum(axis=1) if case.chain.lateral and case.chain.lateral.bore else None
     height, velocity = motion.place_m[:, :, 2], motion.velocity_m_s[:, :, 2]
     return make_sideways_trace(case.chain, case.sample_times_s, motion.force_N, height, velocity, friction, sideways)
@@ -86,11 +87,9 @@ def rounded_otherwise(case: Case, law: str) -> Trace:
         wall_m=chain.wall_m + lift,
     )
     motion = _motion(case, moved, law, 1)
-    back = [
-        values @ turn.T
-        for values in (motion.bore_N, motion.place_m - [0, 0, lift], motion.velocity_m_s, motion.spin_rad_s)
-    ]
-    return trace_of_tube(case, TubeMotion(motion.force_N, *back, motion.extremes))
+    place = (motion.place_m - np.array([0, 0, lift])) @ turn.T
+    bore, velocity, spin = (values @ turn.T for values in (motion.bore_N, motion.velocity_m_s, motion.spin_rad_s))
+    return trace_of_tube(case, TubeMotion(motion.force_N, bore, place, velocity, spin, motion.extremes))
 
 
 def _motion(case: Case, chain: TubeChain, law: str, finer: int) -> TubeMotion:
@@ -110,7 +109,7 @@ def why_unmeasured(case: Case) -> str:
     if lateral is not None and lateral.bore is not None and lateral.bore.sides is not None:
         return "not measured: the in-repo scheme has a true cylinder, no bore of flat sides"
     if 4 * case.chain.bodies * case.scene.steps > MOST:
-        return f"not measured: the in-repo scheme in three dimensions at a quarter of the step costs more than {MOST:g} bodies times steps"
+        return f"not measured: at a quarter of the step this is more than {MOST:g} bodies times steps"
     return ""
 
 
@@ -121,9 +120,9 @@ def sideways_rods(case: Case, law: str) -> SidewaysRods:
         if key not in _last:
             verlet, half, quarter = (tube_verlet_of(case, law, finer) for finer in (1, 2, 4))
             rounding, samples = comparable(np.nan_to_num(residual(rounded_otherwise(case, law), verlet), nan=np.inf))
-            cut = [until(trace, samples) for trace in (verlet, half, quarter)]
+            verlet, half, quarter = (until(trace, samples) for trace in (verlet, half, quarter))
             _last.clear()
-            _last[key] = SidewaysRods(*cut, order_of(*cut), rounding, samples)
+            _last[key] = SidewaysRods(verlet, half, quarter, order_of(verlet, half, quarter), rounding, samples)
         return _last[key]
 
 

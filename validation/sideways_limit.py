@@ -97,8 +97,8 @@ def linear_sideways_limit(chain: Chain, normal: Array, shear: Array, held: Array
 
     In the plane through the axis and the bore's contact each body has a displacement w along the axis, u across it and
     a spin, times its radius, s: contact j strains by ``w_j - w_{j-1}`` and ``u_j - u_{j-1} - s_j - s_{j-1}``, the bore
-    by ``u`` and ``w + s``. Across that plane are u, the spin as before and the one about the axis, t: the bore strains by
-    ``u + t``. Inertias are m and ``2/5 m``.
+    by ``u`` and ``w + s``. Across that plane are u, the spin as before and the one about the axis, t: the bore strains
+    by ``u + t``. Inertias are m and ``2/5 m``.
 
     Args:
         chain: the bodies; a level face moves along the axis only.

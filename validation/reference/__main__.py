@@ -43,11 +43,12 @@ def main(deck: Path) -> None:
 
 def _run_tube(deck: Path, values: dict[str, Any]) -> None:
     """Runs the deck of a three-dimensional chain."""
-    from validation.reference.tube import TubeChain, integrate_tube
+    from validation.reference.tube import integrate_tube
+    from validation.reference.tube_chain import TubeChain
 
     chain = TubeChain(
         mass_kg=values["mass_kg"],
-        radius_m=[np.inf if diameter is None else diameter / 2 for diameter in values["diameter_m"]],
+        radius_m=np.array([np.inf if diameter is None else diameter / 2 for diameter in values["diameter_m"]]),
         stiffness=values["stiffness_N_m-3/2"],
         damping=values.get("damping_N_s_m-5/4", np.zeros(len(values["mass_kg"]))),
         shear=values["shear_N_m-3/2"],

@@ -9,16 +9,17 @@ friction's law is one of two:
 * incremental: the force is kept, turned with the contact, and gets each step's displacement times the present
   stiffness (YADE's ``Law2_ScGeom_MindlinPhys_Mindlin`` and ``ScGeom::rotate``).
 
-Both cut the force, and with it what is kept, back to friction times the normal force, and forget it where contacts open.
+Both cut the force, and with it what is kept, back to friction times the normal force; contacts that open forget it.
 """
 
-from dataclasses import dataclass
+from functools import partial
 from math import sqrt
 
 import numpy as np
 from numba import njit
 
 from validation.reference.hertz_chain import Array
+from validation.reference.tube_chain import Extremes, TubeChain, TubeMotion
 
 TOTAL, INCREMENTAL = "total", "incremental"
 Three = tuple[float, float, float]
@@ -30,99 +31,8 @@ Numbers = tuple[float, float, float, float]
 State = tuple[Array, Array, Array, Array, Array, Array, Array]
 # kept by contacts and by the bore, normals of the step before of both
 Memory = tuple[Array, Array, Array, Array]
-# of contacts: deepest, fastest closing, whether closed; of the bore likewise; sum of squares of energies and the largest
+# of contacts: deepest, fastest closing, whether closed; of the bore likewise; squares of energies summed, the largest
 Marks = tuple[Array, Array, Array, Array, Array, Array, Array]
-
-
-@dataclass(frozen=True)
-class TubeChain:
-    """Bodies 1 to n from the lowest up, contact j under body j; arrays of shape (n,) and (n, 3), SI units.
-
-    Attributes:
-        radius_m: inf for a level face, which moves along the axis only; its place is the face's.
-        stiffness: k of each contact in ``F = k overlap^(3/2)``; 0 where there is none, such as under body 1 of a free chain.
-        damping: C in ``F = max(0, k overlap^(3/2) + C overlap^(1/4) d overlap/dt)``.
-        shear: k_t of each contact: a shear ds adds ``k_t sqrt(overlap) ds``.
-        load_N: along the axis.
-        bore_stiffness: k of each body's contact with the bore, elastic; 0 for a body outside.
-        bore_shear: k_t likewise.
-        place_m: at time 0, the axis is x = y = 0.
-        velocity_m_s: at time 0; nothing spins then.
-        wall_m: height of the wall under body 1.
-
-    Raises:
-        ValueError: an array of another shape or not finite, a mass or a radius not above zero.
-    """
-
-    mass_kg: Array
-    radius_m: Array
-    stiffness: Array
-    damping: Array
-    shear: Array
-    load_N: Array
-    bore_stiffness: Array
-    bore_shear: Array
-    place_m: Array
-    velocity_m_s: Array
-    wall_m: float
-    friction: float
-    bore_m: float
-    bore_friction: float
-
-    def __post_init__(self) -> None:
-        bodies = np.size(self.mass_kg)
-        for name in self.__dataclass_fields__:
-            value = getattr(self, name)
-            if name in ("wall_m", "friction", "bore_m", "bore_friction"):
-                continue
-            array = np.array(value, dtype=float)
-            shape = (bodies, 3) if name in ("place_m", "velocity_m_s") else (bodies,)
-            if array.shape != shape or not bodies:
-                raise ValueError(f"{name}: shape {array.shape}, expected {shape}")
-            if not (np.isfinite(array) | (name == "radius_m")).all():
-                raise ValueError(f"{name}: not finite")
-            if name in ("mass_kg", "radius_m") and not (array > 0).all():
-                raise ValueError(f"{name}: not above zero")
-            object.__setattr__(self, name, array)
-
-
-@dataclass(frozen=True)
-class Extremes:
-    """The largest of each contact in a motion, step by step; arrays of shape (bodies,).
-
-    Attributes:
-        overlap_m: of the contact under each body.
-        closing_m_s: the speed along its line at which it closes.
-        bore_overlap_m: likewise of the bore.
-        bore_closing_m_s: likewise.
-        impacts: closings of contacts, each by the square of its energy over the largest one's.
-    """
-
-    overlap_m: Array
-    closing_m_s: Array
-    bore_overlap_m: Array
-    bore_closing_m_s: Array
-    impacts: float
-
-
-@dataclass(frozen=True)
-class TubeMotion:
-    """Samples of an integration; velocities and spins at the time of the forces.
-
-    Attributes:
-        force_N: of the contact under each body, along the axis, friction included. Shape (samples, bodies).
-        bore_N: by the bore on each body. Shape (samples, bodies, 3).
-        place_m: likewise.
-        velocity_m_s: likewise.
-        spin_rad_s: likewise.
-    """
-
-    force_N: Array
-    bore_N: Array
-    place_m: Array
-    velocity_m_s: Array
-    spin_rad_s: Array
-    extremes: Extremes
 
 
 def integrate_tube(
@@ -150,10 +60,12 @@ def integrate_tube(
     bodies = (chain.mass_kg, chain.radius_m, chain.stiffness, chain.damping, chain.shear, chain.load_N,
               chain.bore_stiffness, chain.bore_shear)  # fmt: skip
     numbers = (float(chain.wall_m), float(chain.friction), float(chain.bore_m), float(chain.bore_friction))
-    state = (chain.place_m.copy(), chain.velocity_m_s.copy(), *(np.zeros((n, 3)) for _ in range(4)), np.zeros(n))
-    marks = (*(np.zeros(n) for _ in range(6)), np.zeros(2))
+    rows, flat = partial(np.zeros, (n, 3)), partial(np.zeros, n)
+    place, velocity = chain.place_m.copy(), chain.velocity_m_s.copy()
+    state: State = (place, velocity, rows(), rows(), rows(), rows(), flat())
+    marks: Marks = (flat(), flat(), flat(), flat(), flat(), flat(), np.zeros(2))
+    memory: Memory = (rows(), rows(), rows(), rows())
     forces, kept = np.empty((samples, n)), np.empty((4, samples, n, 3))
-    memory = tuple(np.zeros((n, 3)) for _ in range(4))
     _run(bodies, numbers, state, memory, marks, law == INCREMENTAL, time_step_s, steps_per_sample, forces, kept)
     energies = marks[6]
     impacts = float(energies[0] / energies[1] ** 2) if energies[1] else 0.0
@@ -161,7 +73,7 @@ def integrate_tube(
     return TubeMotion(forces, kept[0], kept[1], kept[2], kept[3], extremes)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _run(
     bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
     every: int, forces: Array, samples: Array,
@@ -193,7 +105,7 @@ def _run(
                 spin[j, axis] += dt * torque[j, axis] / inertia[j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _forces(
     bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
     moved: bool,
@@ -212,7 +124,7 @@ def _forces(
             force[j, 0] = force[j, 1] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _between(
     j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
     moved: bool,
@@ -286,7 +198,7 @@ def _between(
         force[j - 1, 2] -= fz
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _turning(j: int, normal: Array, spin: Array, alone: bool) -> float:
     """Spin of the contact about its normal: the sum of the two bodies'."""
     total = 0.0
@@ -295,7 +207,7 @@ def _turning(j: int, normal: Array, spin: Array, alone: bool) -> float:
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _in_bore(
     j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
     moved: bool,
@@ -345,7 +257,7 @@ def _in_bore(
     force[j, 2] += fz
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _friction(
     kept: Array, before: Array, normal: Three, slip: Three, turning: float, stiffness: float, most: float, dt: float,
     incremental: bool, moved: bool,
@@ -358,6 +270,11 @@ def _friction(
         normal: the present one.
         slip: velocity of the upper body's surface to the lower's, in the tangent plane.
         turning: half of the angle that both bodies together turned about the normal.
+        stiffness: present one, in N/m.
+        most: friction times the normal force.
+        dt: the time step.
+        incremental: the law.
+        moved: as for ``_forces``.
     """
     x, y, z = kept[0], kept[1], kept[2]
     nx, ny, nz = normal
@@ -382,7 +299,7 @@ def _friction(
     return scale * x, scale * y, scale * z
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _mark(
     j: int,
     overlap: float,
