@@ -20,7 +20,7 @@ from drivers.trace import Trace
 from postproc.observables import observe
 from postproc.residual import share_of_largest
 from validation.rounding import HORIZON, ROUNDING_MARGIN, comparable, rounding_error
-from validation.sideways import sideways_rounding, tube_verlet_of, why_unmeasured
+from validation.sideways import model_quantity, sideways_rounding, tube_verlet_of, why_unmeasured
 
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
@@ -134,7 +134,7 @@ def model_tolerance(case: Case, verlet: Trace) -> tuple[Tolerance, int]:
     It is wider than stated only where rounding by itself is measured to exceed it, and ends where that grows
     beyond ``HORIZON``: a chain that bounces on is chaotic.
     """
-    stated = tolerance("model", "force", shipped_name(case))
+    stated = tolerance("model", model_quantity(case), shipped_name(case))
     rounding = rounding_error if case.chain.lateral is None else sideways_rounding
     allowed, samples = comparable(share_of_largest(rounding(case), verlet))
     if allowed <= stated.limit:

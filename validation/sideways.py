@@ -202,6 +202,12 @@ def _parts(quantity: str, stages: list[float], order: float, scale: float = 1.0,
     return Parts(quantity, run - true, run - verlet, 0.0, verlet - true, 0.0, where)
 
 
+def model_quantity(case: Case) -> str:
+    """The name of the tolerance of a case's modelling error."""
+    leveled = case.chain.lateral is not None and bool(np.isinf(case.chain.radius_m[-1]))
+    return "level" if leveled else FORCE
+
+
 def sideways_error(case: Case, law: str) -> Array:
     """Predicted force error at each comparable sample, over the largest force. Shape (samples,)."""
     rods = sideways_rods(case, law)
@@ -222,7 +228,7 @@ def sideways_warnings(case: Case, engine: str, trace: Trace) -> list[str]:
             f"forces are predicted to be off by up to {error.max():.2g} of the largest, by more than {limit:g} from"
             f" t = {since:g} s on, by the time step"
         )
-    allowed = max(tolerance("model", "force").limit, rods.rounding)
+    allowed = max(tolerance("model", model_quantity(case)).limit, rods.rounding)
     apart = residual(until(trace, rods.samples), rods.verlet)
     if not adapter.IN_REPOSITORY and not (apart <= allowed).all():
         since = case.sample_times_s[int(np.argmax(~(apart <= allowed)))]

@@ -38,7 +38,7 @@ FEW = 200  # bodies up to which all pairs are searched for neighbours: bins of t
 MESH = "tube.stl"
 MOST_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
 LEAST_COEFFICIENT = 0.05  # of restitution, which it takes only from above here
-LEVEL_M = 1.0  # radius of a face that sideways motion of 0.1 mm finds level to 1e-4
+LEVEL_M = 10.0  # radius of a face that sideways motion of 0.1 mm finds level to 1e-5; heights round to 1e-15 m
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
 
 
@@ -119,7 +119,7 @@ def _face(case: Case) -> tuple[float, float]:
 
     With ``1/E* = c_bead + c_face`` its radius S and its compliance c make the same contact where
     ``c_bead + c = sqrt(S / (S + R)) / E*``; c is above zero for ``S > R c_bead / (2 c_face)``, of which S is twice.
-    A sphere is not level: where beads move sideways it is one of a metre or more.
+    A sphere is not level: where beads move sideways it is one of ten metres or more.
     """
     chain, materials = case.chain, case.scene.materials
     bead, face = (materials[name].compliance for name in chain.materials[-2:])
