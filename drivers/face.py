@@ -7,7 +7,7 @@ import numpy as np
 from drivers.chain import Chain
 from drivers.scene import Scene
 
-LEVEL_M = 100.0  # places 0.1 mm off the axis are level to 1e-6
+LEVEL_M = 10.0  # places 0.1 mm off the axis are level to 1e-5, and heights round to 1e-15 m
 
 
 def furthest_m(chain: Chain) -> float:

@@ -137,5 +137,6 @@ def explained_energy(case: Case, trace: Trace) -> float:
         held = float(np.abs(trace.force_N).max(axis=0).sum())  # rounded once, where the energy is evaluated
         rounding = rounded * (tolerance("guard", "rounding").limit * walked + held) / scale
     walk = 1 + tolerance("guard", "impacts").limit * sqrt(impacts)
+    friction = tolerance("guard", "friction").limit if chain.slips else 0.0
     truncation = min(tolerance("guard", "energy").limit * share**2 * walk, 1.0)
-    return max(truncation + (rounding if np.isfinite(rounding) else 0.0), tolerance("guard", "least").limit)
+    return max(truncation + friction + (rounding if np.isfinite(rounding) else 0.0), tolerance("guard", "least").limit)

@@ -8,13 +8,15 @@ import numpy as np
 
 from drivers.case import Case, build_case
 from drivers.costs import able, cheapest, cost_on
-from drivers.engines import installed
+from drivers.engines import installed, load_engine
 from drivers.errors import InputError
 from drivers.plan import asked_of
 from drivers.read_scene import read_scene
 from validation.criteria import CRITERIA
 from validation.errors import FORCE
 from validation.rounding import HORIZON, ROUNDING_MARGIN
+from validation.sideways import sideways_error, sideways_rods, why_unmeasured
+from validation.stable_step import predicted_limit
 from validation.step_choice import Chooser, Rounding
 
 TENFOLD = 10.0
@@ -29,6 +31,9 @@ def outlook(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]
         InputError: anything wrong with the scene or its accuracy.
     """
     case = build_case(read_scene(source, settings))
+    if case.chain.lateral is not None:
+        yield from _sideways(case)
+        return
     began = time.perf_counter()
     chooser, asked = _chooser(case)
     errors = case.plan.predicted if case.plan else chooser.errors_at(case.scene.steps_per_sample)
@@ -42,7 +47,7 @@ def outlook(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]
         yield f"time step  {_step(case)}: {_why(case, chooser)}"
     else:
         yield f"time step  {_step(case)}, as the scene has it"
-    yield from _stability(case, chooser)
+    yield from _stability(case, chooser.stable_s)
     if case.scene.time_step_s > chooser.stable_s:
         return  # of a step that is refused there is nothing to predict
     yield f"predicted  {_listed(errors)}; rounding of absolute heights up to {rounding.allowance:.1e} more"
@@ -56,6 +61,29 @@ def outlook(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]
     if case.plan:
         yield f"planned in {1e3 * case.plan.seconds:.0f} ms with {case.plan.trials} trial runs, this table in"
         yield f"           {1e3 * seconds:.0f} ms more"
+
+
+def _sideways(case: Case) -> Iterator[str]:
+    """The lines of a three-dimensional scene, whose exact motion nobody knows: errors by extrapolation."""
+    limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
+    yield f"{case.scene.name}: {case.summary}"
+    yield f"time step  {_step(case)}, as the scene has it"
+    yield from _stability(case, limit)
+    if case.scene.time_step_s > limit:
+        return
+    yield f"engine     {_engines(case)}"
+    why = why_unmeasured(case)
+    if why:
+        yield f"predicted  {why}"
+        return
+    by_law: dict[str, list[str]] = {}
+    for name in able(case):
+        by_law.setdefault(load_engine(name).SHEAR, []).append(name)
+    for law, names in by_law.items():
+        error, rods = float(sideways_error(case, law).max()), sideways_rods(case, law)
+        yield f"predicted  force {error:.3g} on {', '.join(names)}, which converges with order {rods.order:.2g}"
+        end = case.sample_times_s[rods.samples - 1]
+        yield f"horizon    engines with that law of friction can be compared point by point until {end * 1e3:.4g} ms"
 
 
 def _chooser(case: Case) -> tuple[Chooser, dict[str, float]]:
@@ -135,14 +163,14 @@ def _horizon(case: Case, rounding: Rounding) -> str:
     )
 
 
-def _stability(case: Case, chooser: Chooser) -> Iterator[str]:
+def _stability(case: Case, stable_s: float) -> Iterator[str]:
     """The predicted limit, and criteria that do not look at the motion."""
-    if chooser.stable_s == float("inf"):
+    if stable_s == float("inf"):
         yield "stability  no contact closes: no limit"
         return
-    share = case.scene.time_step_s / chooser.stable_s
+    share = case.scene.time_step_s / stable_s
     refused = ": it blows up, and is refused" if share > 1 else ""
-    yield f"stability  up to {_us(chooser.stable_s)}; this step is {share:.2g} of it{refused}"
+    yield f"stability  up to {_us(stable_s)}; this step is {share:.2g} of it{refused}"
     others = (f"{label} {_us(fraction * time(case))}" for label, (fraction, time) in CRITERIA.items())
     yield f"           (by criteria that do not look at the motion: {', '.join(others)})"
 

@@ -98,6 +98,8 @@ def _rows(chain: Chain, spring_N_m: Array) -> Array:
 
 
 def certainly_stable(chain: Chain, duration_s: float, time_step_s: float) -> bool:
-    """Whether a step is stable by these bounds."""
+    """Whether a step is stable by these bounds, which know of straight chains only."""
+    if chain.lateral is not None:
+        return False
     share, impacts = share_at_most(chain, duration_s, time_step_s)
     return share * wear(impacts) <= 1

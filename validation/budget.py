@@ -7,6 +7,8 @@ same in overlaps, Q_e exact at the same samples and Q_t true (from finer samples
 * rounding = Q_h - Q_v: of absolute coordinates;
 * truncation = Q_v - Q_e: what the time step costs;
 * sampling = Q_e - Q_t: a peak read from samples.
+
+That of a three-dimensional run is ``validation.sideways``'.
 """
 
 from collections.abc import Iterable
@@ -20,28 +22,12 @@ from drivers.case import Case
 from drivers.engines import EXACT, IN_HEIGHTS, load_engine
 from drivers.trace import Trace
 from validation.errors import FORCE, Truth, errors_of, quantities, truth_of, verlet_of
+from validation.parts import Parts
 from validation.reference.adaptive import LEAST_TOLERANCE
 from validation.rounding import verlet_in_heights
+from validation.sideways import sideways_budget
 
 LARGEST = 20_000  # bodies: the exact motion of longer chains costs more than most runs of them
-
-
-@dataclass(frozen=True)
-class Parts:
-    """Signed parts of the error of one quantity, as shares of the true value (of the largest force for ``force``).
-
-    Attributes:
-        whole: the error of what the run shows.
-        where: contact and time of the largest error, for ``force``.
-    """
-
-    quantity: str
-    whole: float
-    model: float
-    rounding: float
-    truncation: float
-    sampling: float
-    where: str = ""
 
 
 @dataclass(frozen=True)
@@ -80,6 +66,8 @@ def yardsticks(case: Case) -> Yardsticks:
 
 def error_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, Any]], str]:
     """The parts of the error of the force and of all quantities a run shows, and why some or all are left out."""
+    if case.chain.lateral is not None:
+        return sideways_budget(case, engine, trace)
     if case.chain.bodies > LARGEST:
         return [], f"not measured: the exact motion of more than {LARGEST} bodies costs more than most runs of them"
     try:

@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers import paths
 from drivers.case import Case
+from drivers.engines import load_engine
 from drivers.finished import FinishedRun
 from drivers.guard import energy_error
 from drivers.read_scene import read_scene
@@ -19,6 +20,7 @@ from drivers.trace import Trace
 from postproc.observables import observe
 from postproc.residual import share_of_largest
 from validation.rounding import HORIZON, ROUNDING_MARGIN, comparable, rounding_error
+from validation.sideways import model_quantity, sideways_rounding, tube_verlet_of, why_unmeasured
 
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
@@ -104,8 +106,9 @@ def compare_case(case: Case, runs: dict[str, FinishedRun], absent: dict[str, str
 def _force_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[str, FinishedRun]) -> list[Verdict]:
     verdicts = []
     if "verlet" in runs and engine not in ("verlet", "reference"):
-        limit, samples = model_tolerance(case, runs["verlet"].trace)
-        found = deviation(run.trace, runs["verlet"].trace, samples)
+        verlet = _same_scheme(case, engine, runs["verlet"].trace)
+        limit, samples = model_tolerance(case, verlet)
+        found = deviation(run.trace, verlet, samples)
         until = ""
         if samples < case.scene.samples:
             until = f"; judged until {run.trace.time_s[samples] * 1e6:g} µs, where rounding alone passes {HORIZON:g}"
@@ -117,14 +120,23 @@ def _force_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[str, F
     return verdicts
 
 
+def _same_scheme(case: Case, engine: str, verlet: Trace) -> Trace:
+    """The run of engine ``verlet``, or where friction's law is another the same with that of the engine in question."""
+    law = load_engine(engine).SHEAR
+    if case.chain.lateral is None or law == load_engine("verlet").SHEAR or why_unmeasured(case):
+        return verlet
+    return tube_verlet_of(case, law)
+
+
 def model_tolerance(case: Case, verlet: Trace) -> tuple[Tolerance, int]:
     """The tolerance of the modelling error, and how many samples it is good for.
 
     It is wider than stated only where rounding by itself is measured to exceed it, and ends where that grows
     beyond ``HORIZON``: a chain that bounces on is chaotic.
     """
-    stated = tolerance("model", "force", shipped_name(case))
-    allowed, samples = comparable(share_of_largest(rounding_error(case), verlet))
+    stated = tolerance("model", model_quantity(case), shipped_name(case))
+    rounding = rounding_error if case.chain.lateral is None else sideways_rounding
+    allowed, samples = comparable(share_of_largest(rounding(case), verlet))
     if allowed <= stated.limit:
         return stated, samples
     reason = f"{ROUNDING_MARGIN:g} times what rounding absolute coordinates does to this very scene, measured in-repo"

@@ -11,12 +11,15 @@ from postproc.residual import residual
 from validation.budget import LARGEST, yardsticks
 from validation.errors import verlet_of
 from validation.rounding import comparable
+from validation.sideways import sideways_warnings
 
 VERLET = "verlet"
 
 
 def warnings_of(case: Case, engine: str, trace: Trace) -> list[str]:
     """What to say of a run that is done and of little use; nothing of most."""
+    if case.chain.lateral is not None:
+        return sideways_warnings(case, engine, trace)
     try:
         return [*_of_error(case, predicted_error(case, engine)), *_of_model(case, engine, trace)]
     except ArithmeticError as failed:

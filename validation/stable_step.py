@@ -10,6 +10,7 @@ from drivers.stability import SAFETY, Reached, at_most, late_damping, wear
 from drivers.trace import Trace, overlaps
 from validation.arrays import arrays_of
 from validation.reference.verlet import integrate_verlet
+from validation.sideways_limit import predicted_sideways_limit, sideways_reached
 
 CONVERGED, MOST_TRIES = 1e-9, 100
 FINE = 0.125  # of the bound's step: limits so found are within 0.3 % of exact ones, on 300 random scenes
@@ -19,11 +20,15 @@ MOST = 500_000_000  # bodies times steps that are followed, some seconds; what c
 
 def predicted_limit(chain: Chain, duration_s: float) -> float:
     """The time step in s beyond which a run of that duration blows up."""
+    if chain.lateral is not None:
+        return predicted_sideways_limit(chain, duration_s)
     return stable_step(chain, reached(chain, duration_s))
 
 
 def reached(chain: Chain, duration_s: float) -> Reached:
     """What contacts reach in a motion, followed at a fine step: all of it, or where that takes long its beginning."""
+    if chain.lateral is not None:
+        return sideways_reached(chain, duration_s).contacts
     bounds = at_most(chain, duration_s)
     step = FINE * stable_step(chain, bounds)
     if not np.isfinite(step):

@@ -6,6 +6,7 @@ An engine module has
 * ``HOW_TO_GET``: what to install then;
 * ``IN_REPOSITORY``: whether it is part of this repository, and so a yardstick for the others;
 * ``SCHEME``: how it integrates, one of those named below: what its runs are measured against;
+* ``SHEAR``: what its friction keeps in three dimensions, ``TOTAL`` or ``INCREMENTAL``;
 * ``MODELS``: the modelling elements (``drivers.elements``) that it can;
 * ``LOST``: what it says when a body has left the space it watches, which is a blow-up; empty if it watches none;
 * ``VARIABLES``: environment variables it needs;
@@ -34,6 +35,7 @@ from drivers.trace import Trace
 IN_HEIGHTS = "velocity Verlet in absolute heights"
 IN_OVERLAPS = "velocity Verlet in overlaps"
 EXACT = "exact to its tolerance, whatever the time step"
+TOTAL, INCREMENTAL = "total", "incremental"  # the shear displacement, or the force
 
 
 class Engine(Protocol):
@@ -42,6 +44,7 @@ class Engine(Protocol):
     HOW_TO_GET: str
     IN_REPOSITORY: bool
     SCHEME: str
+    SHEAR: str
     MODELS: frozenset[str]
     LOST: str
     VARIABLES: Mapping[str, str]

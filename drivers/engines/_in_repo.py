@@ -13,6 +13,7 @@ from drivers import paths
 from drivers.case import Case
 from drivers.complaints import Complaint
 from drivers.deck import Deck
+from drivers.engines import _in_repo_tube
 from drivers.engines._arrays import load_array
 from drivers.trace import Trace, make_trace
 
@@ -55,6 +56,7 @@ def render(case: Case, method: str, **timing: float) -> Deck:
         **({"damping_N_s_m-5/4": chain.damping.tolist()} if chain.damping_ratio else {}),
         "height_m": chain.height_m.tolist(),  # not integrated, but part of what the run reports
         "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
+        **(_in_repo_tube.values_of(case, chain.lateral) if chain.lateral else {}),
     }
     lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(value)}" for key, value in values.items())
     return Deck({"chain.json": f"{{{lines}}}\n"}, COMMAND, raw=("chain.npy",))
@@ -71,14 +73,16 @@ def read(case: Case, folder: Path) -> Trace:
     Raises:
         RunError: the file or part of it is missing.
     """
+    if case.chain.lateral is not None:
+        return _in_repo_tube.read(case, case.chain.lateral, folder)
     force, displacement, velocity = load_array(folder / "chain.npy", (3, case.scene.samples, case.chain.bodies))
     height = case.chain.height_m + displacement
     return make_trace(case.chain, case.sample_times_s, force, height, velocity)
 
 
 def refusal(case: Case) -> Complaint | None:
-    """None: it takes every straight chain."""
-    return None
+    """A three-dimensional chain in a bore of flat sides; it takes every straight one."""
+    return _in_repo_tube.refusal(case)
 
 
 def seen(case: Case, folder: Path) -> Trace | None:

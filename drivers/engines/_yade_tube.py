@@ -105,7 +105,7 @@ def read(case: Case, folder: Path) -> Trace:
     shape = (samples, chain.bodies, 3)
     shapes: dict[str, tuple[int, ...]] = {"force": shape, "place": shape, "velocity": shape}
     if chain.lateral.turns:
-        shapes["spin"] = shape
+        shapes["spin"] = shapes["torque"] = shape
     if chain.wall:
         shapes["on_wall"] = (samples, 3)
     if bore:
@@ -123,7 +123,10 @@ def read(case: Case, folder: Path) -> Trace:
     from_wall = -arrays["on_wall"][:, 2] if chain.wall else np.zeros(samples)
     contacts = total[:, :, 2] - chain.load_N - by_bore[:, :, 2]
     force = contact_forces(from_wall, contacts)
-    spin = arrays["spin"] if "spin" in arrays else np.zeros(shape)
+    spin = np.zeros(shape)
+    if "spin" in arrays:
+        inertia = 0.4 * chain.mass_kg * chain.radius_m**2  # inf of a flat face
+        spin = arrays["spin"] - 0.5 * step * arrays["torque"] / inertia[:, np.newaxis]
     sideways = Sideways(place[:, :, :2], velocity[:, :, :2], spin, towards_axis(place[:, :, :2], by_bore[:, :, :2]))
     friction = by_bore[:, :, 2].sum(axis=1) if bore else None
     return make_sideways_trace(chain, case.sample_times_s, force, place[:, :, 2], velocity[:, :, 2], friction, sideways)

@@ -15,7 +15,7 @@ from drivers.complaints import Complaint
 from drivers.deck import Deck
 from drivers.deck import render as render_template
 from drivers.elements import SIDEWAYS, STRAIGHT
-from drivers.engines import IN_HEIGHTS
+from drivers.engines import IN_HEIGHTS, TOTAL
 from drivers.engines import _liggghts_tube as sideways
 from drivers.engines._materials import named_material
 from drivers.engines._sums import contact_forces
@@ -28,6 +28,7 @@ from drivers.trace import Trace, make_trace
 HOW_TO_GET = "Debian's package liggghts"
 IN_REPOSITORY = False
 SCHEME = IN_HEIGHTS
+SHEAR = TOTAL
 MODELS = STRAIGHT | SIDEWAYS
 LOST = "Lost atoms"
 VARIABLES: dict[str, str] = {}

@@ -3,7 +3,7 @@
 from drivers.case import Case
 from drivers.deck import Deck
 from drivers.elements import STRAIGHT
-from drivers.engines import EXACT, _in_repo
+from drivers.engines import EXACT, TOTAL, _in_repo
 from drivers.engines._in_repo import (
     HOW_TO_GET,
     IN_REPOSITORY,
@@ -27,6 +27,7 @@ __all__ = [
     "MODELS",
     "SCHEME",
     "SERVER",
+    "SHEAR",
     "VARIABLES",
     "complaint",
     "find",
@@ -40,6 +41,7 @@ __all__ = [
 ]
 
 SCHEME = EXACT
+SHEAR = TOTAL  # of no use: it models straight chains only
 MODELS = STRAIGHT
 
 

@@ -1,9 +1,13 @@
-"""``verlet``: velocity Verlet at the time step of the scene: the scheme of both other engines."""
+"""``verlet``: velocity Verlet at the time step of the scene: the scheme of both other engines.
+
+In three dimensions its friction keeps the shear displacement, as LIGGGHTS does: of the two codes' laws it is the one
+whose force is Mindlin's without slip at the present radius of the contact.
+"""
 
 from drivers.case import Case
 from drivers.deck import Deck
-from drivers.elements import STRAIGHT
-from drivers.engines import IN_OVERLAPS, _in_repo
+from drivers.elements import SIDEWAYS, STRAIGHT
+from drivers.engines import IN_OVERLAPS, TOTAL, _in_repo
 from drivers.engines._in_repo import (
     HOW_TO_GET,
     IN_REPOSITORY,
@@ -27,6 +31,7 @@ __all__ = [
     "MODELS",
     "SCHEME",
     "SERVER",
+    "SHEAR",
     "VARIABLES",
     "complaint",
     "find",
@@ -40,7 +45,8 @@ __all__ = [
 ]
 
 SCHEME = IN_OVERLAPS
-MODELS = STRAIGHT
+SHEAR = TOTAL
+MODELS = STRAIGHT | SIDEWAYS
 
 
 def render(case: Case) -> Deck:

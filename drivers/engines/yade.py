@@ -12,7 +12,7 @@ from drivers.complaints import Complaint
 from drivers.deck import Deck
 from drivers.deck import render as render_template
 from drivers.elements import SIDEWAYS, STRAIGHT
-from drivers.engines import IN_HEIGHTS, _yade_tube
+from drivers.engines import IN_HEIGHTS, INCREMENTAL, _yade_tube
 from drivers.engines._arrays import load_arrays
 from drivers.engines._materials import named_material
 from drivers.errors import RunError
@@ -22,6 +22,7 @@ from drivers.trace import Trace, make_trace
 HOW_TO_GET = "Debian's packages yade and python3-yade"
 IN_REPOSITORY = False
 SCHEME = IN_HEIGHTS
+SHEAR = INCREMENTAL
 MODELS = STRAIGHT | SIDEWAYS
 LOST = ""
 VARIABLES: dict[str, str] = {}

@@ -20,6 +20,9 @@ _compiled: set[str] = set()
 def main(deck: Path) -> None:
     """Runs one deck; its output goes beside it."""
     values = json.loads(deck.read_text())
+    if "place_m" in values:
+        _run_tube(deck, values)
+        return
     chain = HertzChain(
         mass_kg=values["mass_kg"],
         stiffness=values["stiffness_N_m-3/2"],
@@ -35,6 +38,41 @@ def main(deck: Path) -> None:
     motion = _integrate(chain, values)
     seconds = time.perf_counter() - start
     np.save(deck.with_suffix(".npy"), [motion.force_N, motion.displacement_m, motion.velocity_m_s])
+    print(f"completed {values['samples']} samples in {seconds:.6f} s")
+
+
+def _run_tube(deck: Path, values: dict[str, Any]) -> None:
+    """Runs the deck of a three-dimensional chain."""
+    from validation.reference.tube import integrate_tube
+    from validation.reference.tube_chain import TubeChain
+
+    chain = TubeChain(
+        mass_kg=values["mass_kg"],
+        radius_m=np.array([np.inf if diameter is None else diameter / 2 for diameter in values["diameter_m"]]),
+        stiffness=values["stiffness_N_m-3/2"],
+        damping=values.get("damping_N_s_m-5/4", np.zeros(len(values["mass_kg"]))),
+        shear=values["shear_N_m-3/2"],
+        load_N=values["load_N"],
+        bore_stiffness=values["bore_stiffness_N_m-3/2"],
+        bore_shear=values["bore_shear_N_m-3/2"],
+        place_m=values["place_m"],
+        velocity_m_s=values["velocity_xyz_m_s"],
+        wall_m=values["wall_m"],
+        friction=values["friction"],
+        bore_m=values["bore_m"],
+        bore_friction=values["bore_friction"],
+    )
+    timing = (values["time_step_s"], values["steps_per_sample"])
+    if "tube" not in _compiled:
+        integrate_tube(chain, *timing, 1)
+        _compiled.add("tube")
+    start = time.perf_counter()
+    motion = integrate_tube(chain, *timing, values["samples"])
+    seconds = time.perf_counter() - start
+    columns = [motion.force_N]
+    for triple in (motion.bore_N, motion.place_m, motion.velocity_m_s, motion.spin_rad_s):
+        columns += list(np.moveaxis(triple, 2, 0))
+    np.save(deck.with_suffix(".npy"), columns)
     print(f"completed {values['samples']} samples in {seconds:.6f} s")
 
 
