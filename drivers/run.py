@@ -26,6 +26,7 @@ from drivers.trace import FORCES, Trace, read_forces, write_forces, write_state
 from drivers.whole_file import sha256_of, whole_file
 
 LEAST_LIMIT_S = 60.0
+LATER = "not measured yet"
 _asking_version = threading.Lock()
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: beyond it, a run hangs
 
@@ -66,11 +67,13 @@ def run_case(
     rerun: bool = False,
     limit_s: float | None = None,
     unsafe: bool = False,
+    measured: bool = True,
 ) -> EndedRun:
     """Runs a case, or finds it done; its errors are measured and recorded.
 
     A run that failed before is tried again; ``unsafe`` runs what guards refuse. The folder appears under its name only
-    when it is complete.
+    when it is complete. Without ``measured`` errors are left for whoever asks for the run next: of three-dimensional
+    runs they cost more than the run.
 
     Raises:
         RunError: the engine is not installed.
@@ -88,7 +91,7 @@ def run_case(
     identity = run_identity(engine_name, version, deck)
     found = find_run(home, identity)
     if found and found.done and not rerun and _has_all(found, case):
-        return _told_again(found, case)
+        return _told_again(found, case, measured)
     with _workplace(home, identity) as folder:
         for name, text in deck.files.items():
             (folder / name).write_text(text)
@@ -105,11 +108,12 @@ def run_case(
             _remove(folder / name)
         if trace is not None:
             _write_products(case, trace, folder)
-            record = replace(record, forces_sha256=sha256_of(folder / FORCES), **_errors(case, engine_name, trace))
+            errors = _errors(case, engine_name, trace) if measured else {"error_note": LATER}
+            record = replace(record, forces_sha256=sha256_of(folder / FORCES), **errors)
         record.write(folder)
         faster = find_run(home, identity)  # another process may have been
         if faster and faster.done and not rerun and _has_all(faster, case):
-            return _told_again(faster, case)
+            return _told_again(faster, case, measured)
         target = home / f"{case.scene.name}-{identity}"
         spared = faster and faster.done and record.status != "done"
         if spared:  # what is done stays
@@ -132,18 +136,21 @@ def find_run(home: Path, identity: str) -> EndedRun | None:
     return None
 
 
-def _told_again(found: EndedRun, case: Case) -> EndedRun:
+def _told_again(found: EndedRun, case: Case, measured: bool) -> EndedRun:
     """A run found for a scene of the same physics: its record and its sensors become those of the scene asked for."""
     told = json.loads(json.dumps(_description(case)))
     asked = case.plan.asked if case.plan else None
     before = found.record.accuracy
     asked_before = {name: share["asked"] for name, share in before.items()} if before else None
-    if all(getattr(found.record, key) == value for key, value in told.items()) and asked == asked_before:
+    same = all(getattr(found.record, key) == value for key, value in told.items()) and asked == asked_before
+    if same and not (measured and found.record.error_note == LATER):
         return found
     from postproc.sensors import write_sensors
 
     trace = read_forces(found.folder / FORCES)
-    record = replace(found.record, **told, **_errors(case, found.record.engine, trace))
+    unmeasured = {"error_budget": [], "error_note": LATER, "accuracy": None}
+    errors = _errors(case, found.record.engine, trace) if measured else unmeasured
+    record = replace(found.record, **told, **errors)
     with whole_file(found.folder / "sensors.csv") as draft:
         write_sensors(case.layout, trace, draft)
     record.write(found.folder)

@@ -13,10 +13,11 @@ from drivers.process import all_stopped, cores
 from drivers.run import EndedRun, run_case
 
 
-def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[EndedRun]:
+def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, measured: bool = True) -> list[EndedRun]:
     """Runs pairs of a case and an engine, in their order; what is done is found.
 
-    Equal decks run once: scenes that differ in their sensors alone share a folder, whose record is that of the last.
+    Without ``measured`` errors are left for later. Equal decks run once: scenes that differ in their sensors alone
+    share a folder, whose record is that of the last.
 
     Raises:
         RunError: an engine is not installed; what was under way has ended.
@@ -26,7 +27,7 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[
     keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
     different = dict(zip(keys, jobs, strict=True))
     with workers(cores()) as pool:
-        under_way = {key: pool.submit(run_case, *job, runs) for key, job in different.items()}
+        under_way = {key: pool.submit(run_case, *job, runs, measured=measured) for key, job in different.items()}
         bar = tqdm(under_way.items(), unit="run", leave=False, disable=None, file=sys.stderr)
         ended = {key: future.result() for key, future in bar}
     return [ended[key] for key in keys]

@@ -128,6 +128,8 @@ def _above_face(case: Case) -> Array:
         apart = radius[-1] + radius[-2]
         off = float(np.hypot(*chain.lateral.offset_m[-2])) if chain.lateral else 0.0
         above[-1] = math.sqrt(apart**2 - off**2) - radius[-2] if off else radius[-1]
+        if chain.damping_ratio:  # just touching, which rounding must not make an overlap of: see Chain.height_m
+            above[-1] += 4 * np.spacing(apart)
     return above
 
 

@@ -63,7 +63,7 @@ def compare_codes(
             say(f"{subject.name} {friction}: {seeds} seeds on {' and '.join(codes)}")
             cases = [case_on(subject, side, seed) for seed in range(1, seeds + 1)]
             jobs = [(case, code) for code in codes for case in cases]
-            ended = run_many(jobs, runs)
+            ended = run_many(jobs, runs, measured=False)
             for (case, code), run in zip(jobs, ended, strict=True):
                 if not run.done:
                     raise RunError(f"{case.scene.file}: {code} {run.record.status}: {run.record.reason}")

@@ -53,7 +53,7 @@ def measure(
     for engine in engines:
         say(f"{engine}: {len(pairs)} switches")
         jobs = [(case, engine) for pair in pairs for case in (pair.without, pair.with_)]
-        ended = run_many(jobs, runs)
+        ended = run_many(jobs, runs, measured=False)
         for (case, _), run in zip(jobs, ended, strict=True):
             if not run.done:
                 raise RunError(f"{case.scene.file}: {engine} {run.record.status}: {run.record.reason}")
@@ -74,7 +74,7 @@ def _costs(pairs: list[Pair], engine: str, repeats: int, runs: Path) -> dict[str
     least = dict.fromkeys(cases, float("inf"))
     for _ in range(repeats):
         for deck, case in cases.items():
-            ended = run_case(case, engine, runs, rerun=True)
+            ended = run_case(case, engine, runs, rerun=True, measured=False)
             if not ended.done or ended.record.loop_s is None:
                 raise RunError(f"{case.scene.file}: {engine} {ended.record.status}: {ended.record.reason}")
             cost = ended.record.loop_s / (case.chain.bodies * case.scene.steps) * 1e9

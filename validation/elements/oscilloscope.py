@@ -78,7 +78,7 @@ def vary(
 
 def _shown(scene: str, step: str, cases: list[Case], engine: str, runs: Path) -> Shown:
     traces, values = [], []
-    for case, ended in zip(cases, run_many([(case, engine) for case in cases], runs), strict=True):
+    for case, ended in zip(cases, run_many([(case, engine) for case in cases], runs, measured=False), strict=True):
         if not ended.done:
             raise RunError(f"{case.scene.file}: {engine} {ended.record.status}: {ended.record.reason}")
         trace = open_run(ended.folder).trace

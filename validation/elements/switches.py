@@ -1,6 +1,7 @@
 """Which elements are switched, on which scenes: ``inputs/elements.toml``."""
 
 from dataclasses import dataclass
+from functools import cache
 
 from pydantic import Field
 
@@ -81,6 +82,7 @@ def pairs_of(elements: Elements, seeds: int) -> list[Pair]:
     ]
 
 
+@cache
 def case_on(subject: Subject, side: Side, seed: int, *more: str) -> Case:
     """One side of a switch."""
     settings = [setting.replace(f"={SCATTER}", f"={subject.scatter}") for setting in side.set]
