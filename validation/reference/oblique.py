@@ -37,6 +37,7 @@ class TangentialLaw:
 # (``noRatch``, its default) and the plane for the torque
 LIGGGHTS = TangentialLaw(incremental=False, slip_arm=0.5, torque_arm=0.5)
 YADE = TangentialLaw(incremental=True, slip_arm=0.0, torque_arm=1.0)
+YADE_ONE_ARM = TangentialLaw(incremental=True, slip_arm=1.0, torque_arm=1.0)  # noRatch=False: the plane for both
 
 
 @dataclass(frozen=True)
