@@ -148,7 +148,7 @@ def _told_again(found: EndedRun, case: Case, measured: bool) -> EndedRun:
     from postproc.sensors import write_sensors
 
     trace = read_forces(found.folder / FORCES)
-    unmeasured = {"error_budget": [], "error_note": LATER, "accuracy": None}
+    unmeasured: dict[str, Any] = {"error_budget": [], "error_note": LATER, "accuracy": None}
     errors = _errors(case, found.record.engine, trace) if measured else unmeasured
     record = replace(found.record, **told, **errors)
     with whole_file(found.folder / "sensors.csv") as draft:
