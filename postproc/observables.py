@@ -18,6 +18,7 @@ from postproc.signals import Peak, integral, peaks, rising_crossing
 
 LEVELS = (0.002, 0.04)  # of the peak, at which the paper's Table 1 cuts the width
 QUIET = 1e-14  # of the largest force: the wall has not felt anything yet
+LATER = 0.01  # of its range: by which later maxima at the wall stand out, where damping has made them small
 ROUNDING = 1e-9  # of the largest force: a signal that moves less is at rest
 
 
@@ -44,7 +45,8 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
     values |= _trains(layout, found)
     values |= _reflected(layout, found)
     if layout.wall:
-        values |= _wall_train(found["wall"], values["wall_static_N"])
+        moves = bool(found["wall"])
+        values |= _wall_train(peaks(time, signals["wall"], LATER) if moves else [], values["wall_static_N"])
     values |= _speeds_and_widths(layout, values, levels)
     values |= _balances(layout, trace)
     return values

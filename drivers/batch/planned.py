@@ -18,7 +18,7 @@ REFERENCE = "reference"
 SMALL = 1000  # bodies
 ENGINES = paths.ROOT / "drivers" / "engines"
 OBSERVING = (  # what makes a row of raw output
-    *(f"drivers/{name}.py" for name in ("chain", "guard", "session", "stability", "trace")),
+    *(f"drivers/{name}.py" for name in ("chain", "face", "guard", "lateral", "session", "stability", "trace")),
     *(f"postproc/{name}.py" for name in ("electronics", "observables", "pulse", "residual", "sensors", "signals")),
 )
 
@@ -49,6 +49,11 @@ class Planned:
         return [name for name, identity in self.identities.items() if identity in identities]
 
     @property
+    def exact(self) -> bool:
+        """Whether there are exact forces to count errors by."""
+        return REFERENCE in self.runs
+
+    @property
     def work(self) -> int:
         """Bodies times steps: what a run's cost goes with."""
         return self.case.chain.bodies * self.case.scene.steps
@@ -72,11 +77,13 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
         InputError: the case makes no scene, or none that can end well on an engine (``drivers.limits``).
     """
     case = study.case(number)
+    # exact forces, by which errors are counted, are known of straight chains only
+    names = [name for name in versions if name in study.engines or case.chain.lateral is None]
     if not study.unsafe:
-        for name in versions:
+        for name in names:
             refuse(case, name, override="unsafe = true in the study")
     gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_digest_of(OBSERVING)}\0{_guards()}"
-    decks = {name: load_engine(name).render(case) for name in versions}
+    decks = {name: load_engine(name).render(case) for name in names}
     runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
     identities = {
         name: hashlib.sha256(f"{run}\0{gauges}\0{_served(name)}".encode()).hexdigest()[:20]
@@ -87,7 +94,9 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
 
 
 def _guards() -> str:
-    return " ".join(str(tolerance("guard", each).limit) for each in ("energy", "impacts", "rounding", "least"))
+    return " ".join(
+        str(tolerance("guard", each).limit) for each in ("energy", "impacts", "rounding", "friction", "least")
+    )
 
 
 @cache

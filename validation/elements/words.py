@@ -18,6 +18,7 @@ TABLES = {
     "ranges": "oscilloscope-ranges.csv",
 }
 WITHOUT_FRICTION = "without friction"
+ROUNDING = 1e-6  # of a mean: where a spread is none
 ORDINARY = next(iter(STEPS))
 
 
@@ -83,10 +84,12 @@ def _between(between: pd.DataFrame) -> list[str]:
             parted = f"they part by a per cent from {row['earliest_parted_s'] * 1e6:.0f} µs on (median {median})"
         wall = rows[rows["observable"] == "wall peak"].iloc[0]
         first, second = (_pm(wall[f"{each}_mean"], wall[f"{each}_spread"]) for each in ("first", "second"))
+        alike = f"equal distributions: p = {wall['same']:.2g}"
+        if max(wall["first_spread"], wall["second_spread"]) < ROUNDING * wall["first_mean"]:  # seeds change nothing
+            alike = f"the same for every seed, {wall['second_mean'] / wall['first_mean'] - 1:+.1e} apart"
         found.append(
             f"{scene} {friction}, {row['codes']}, {row['seeds']} seeds: until the wave reaches the wall they differ by"
-            f" at most {row['before_wall']:.1e}; {parted}. Wall peak {first} and {second} N (equal distributions:"
-            f" p = {wall['same']:.2g})."
+            f" at most {row['before_wall']:.1e}; {parted}. Wall peak {first} and {second} N ({alike})."
         )
     return found
 
