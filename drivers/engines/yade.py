@@ -104,9 +104,17 @@ def read(case: Case, folder: Path) -> Trace:
     Raises:
         RunError: the file or part of it is missing.
     """
-    _check_completed(folder)
-    if case.chain.lateral is not None:
-        return _yade_tube.read(case, folder)
+    trace = _straight(case, folder) if case.chain.lateral is None else _yade_tube.read(case, folder)
+    try:
+        completed = loop_seconds((folder / "stdout.txt").read_text(errors="replace")) is not None
+    except OSError as error:
+        raise RunError(f"no stdout: {error.strerror}") from error
+    if not completed:
+        raise RunError("the deck's closing line is missing: it did not run to its end")
+    return trace
+
+
+def _straight(case: Case, folder: Path) -> Trace:
     chain, step = case.chain, case.scene.time_step_s
     contacts = chain.bodies - (chain.wall is None)
     shapes = {"force": contacts, "height": chain.bodies, "velocity": chain.bodies}
@@ -118,15 +126,6 @@ def read(case: Case, folder: Path) -> Trace:
     height = arrays["height"] - step * arrays["velocity"]
     velocity = arrays["velocity"] - 0.5 * step * acceleration
     return make_trace(chain, case.sample_times_s, force, height, velocity)
-
-
-def _check_completed(folder: Path) -> None:
-    try:
-        completed = loop_seconds((folder / "stdout.txt").read_text(errors="replace")) is not None
-    except OSError as error:
-        raise RunError(f"no stdout: {error.strerror}") from error
-    if not completed:
-        raise RunError("the deck's closing line is missing: it did not run to its end")
 
 
 def refusal(case: Case) -> Complaint | None:
