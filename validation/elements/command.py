@@ -17,7 +17,7 @@ from postproc.quoted import quoted
 from validation.elements import between, measure, oscilloscope, rule
 from validation.elements.diagrams import draw_effects, draw_oscilloscope
 from validation.elements.switches import pairs_of, read_elements
-from validation.elements.words import TABLES, missed, quoted_of, read_tables, sentences
+from validation.elements.words import TABLES, effects_of, missed, quoted_of, read_tables, sentences
 
 REPEATS = 3  # runs from which a cost is the least
 CHEAPEST = "liggghts"  # for what needs many seeds
@@ -58,7 +58,7 @@ def elements(results: Path, runs: Path, *, quick: bool = False) -> int:
         numbers = read["steps"][read["steps"]["scene"] == subject.name]
         product = Product(draw_oscilloscope(own, quoted_of(told, subject.name)), numbers)
         write_product(product, f"oscilloscope-{subject.name}", results)
-    for line in sentences(read):
+    for line in (*effects_of(read["effects"]), *sentences(read)):
         print(line)
     print(f"{paths.shown(results / TABLES['effects'])}: {len(asked.element)} elements on {len(asked.scene)} scenes")
     complaints = missed(read)

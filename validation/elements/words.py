@@ -41,10 +41,9 @@ def quoted_of(quoted: Quoted, scene: str) -> dict[str, tuple[float, str]]:
 
 
 def sentences(tables: dict[str, pd.DataFrame]) -> list[str]:
-    """What was found, each with its numbers."""
+    """What was found, each with its numbers; the effects themselves are a table."""
     return [
         *_rule(tables["nothing"], tables["accuracies"]),
-        *_effects(tables["effects"]),
         *_between(tables["between"]),
         *_gaps(tables["steps"], tables["ranges"]),
     ]
@@ -61,16 +60,17 @@ def _rule(nothing: pd.DataFrame, accuracies: pd.DataFrame) -> list[str]:
     ]
 
 
-def _effects(effects: pd.DataFrame) -> list[str]:
+def effects_of(effects: pd.DataFrame) -> list[str]:
+    """Each element's change of the wall's peak on the first scene, and its cost, code by code."""
     found = []
     first = effects["scene"].iloc[0]
     for engine, own in effects[effects["scene"] == first].groupby("engine", sort=False):
-        parts = []
+        found.append(f"{first} on {engine}: wall peak, nanoseconds per body and step, and their ratio")
         for element, rows in own.groupby("element", sort=False):
             wall = rows[rows["observable"] == "wall peak"].iloc[0]
-            spread = f" ± {100 * wall['spread']:.2g}" if pd.notna(wall["spread"]) else ""
-            parts.append(f"{element} {100 * wall['change']:+.2g}{spread} % ({wall['cost_ratio']:.2g}×)")
-        found.append(f"Wall peak of {first} by {engine}, with the cost per body and step: {'; '.join(parts)}.")
+            spread = f" ± {100 * wall['spread']:.1g}" if wall["spread"] > ROUNDING else ""
+            change = f"{100 * wall['change']:+.3g}{spread} %"
+            found.append(f"  {element:<22} {change:>16} {wall['cost_ns']:8.3g} ns {wall['cost_ratio']:6.2f}")
     return found
 
 
@@ -95,7 +95,11 @@ def _between(between: pd.DataFrame) -> list[str]:
 
 
 def _pm(mean: float, spread: float) -> str:
-    return f"{mean:.4g} ± {spread:.1g}" if np.isfinite(spread) else f"{mean:.4g}"
+    return f"{mean:.4g} ± {spread:.1g}" if spread > ROUNDING * abs(mean) else f"{mean:.4g}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if np.isfinite(share) else "not seen"
 
 
 def _gaps(steps: pd.DataFrame, ranges: pd.DataFrame) -> list[str]:
@@ -123,7 +127,7 @@ def _gaps(steps: pd.DataFrame, ranges: pd.DataFrame) -> list[str]:
             for step in list(STEPS)[1:]:
                 mean, spread = scale * float(means[step]), scale * float(spreads[step])
                 share = (mean - elastic) / (target - elastic)
-                parts.append(f"{step} {_pm(mean, spread)} ({100 * share:.0f} %)")
+                parts.append(f"{step} {_pm(mean, spread)} ({_percent(share)})")
             found.append(
                 f"{scene}, {words}: elastic line {elastic:.4g} {unit}, experiment {target:g}; of the gap, step by step"
                 f" and all before it included: {', '.join(parts)}."
@@ -139,9 +143,7 @@ def _ranges(
     own = ranges[(ranges["scene"] == scene) & (ranges["observable"] == name)]
     for step, rows in own.groupby("step", sort=False):
         shares = (scale * rows["mean"] - elastic) / (target - elastic)
-        values = ", ".join(
-            f"{value:g}: {100 * share:.0f} %" for value, share in zip(rows["value"], shares, strict=True)
-        )
+        values = ", ".join(f"{value:g}: {_percent(share)}" for value, share in zip(rows["value"], shares, strict=True))
         found.append(f"{scene}, {words}: share of the gap for a {step} of {values}.")
     return found
 
