@@ -10,7 +10,7 @@ from drivers.batch.study import Study
 from drivers.case import Case
 from drivers.deck import Deck
 from drivers.engines import installed, load_engine
-from drivers.limits import refuse
+from drivers.limits import inability, refuse
 from drivers.run import known_version, run_identity
 from drivers.tolerances import tolerance
 
@@ -29,7 +29,8 @@ class Planned:
 
     Attributes:
         small_decks: by engine; those of long chains are not kept, since many cases are planned at a time.
-        runs: identities of the runs by engine, as run folders have them.
+        runs: identities of the runs by engine, as run folders have them; the reference is not among them where it does
+            not model what the case has.
         identities: of the rows by engine: of the run, the gauges, and what observes them.
     """
 
@@ -72,11 +73,13 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
         InputError: the case makes no scene, or none that can end well on an engine (``drivers.limits``).
     """
     case = study.case(number)
+    counts = REFERENCE in study.engines or inability(case, REFERENCE) is None  # errors, by the exact motion
+    names = [name for name in versions if name != REFERENCE or counts]
     if not study.unsafe:
-        for name in versions:
+        for name in names:
             refuse(case, name, override="unsafe = true in the study")
     gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_digest_of(OBSERVING)}\0{_guards()}"
-    decks = {name: load_engine(name).render(case) for name in versions}
+    decks = {name: load_engine(name).render(case) for name in names}
     runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
     identities = {
         name: hashlib.sha256(f"{run}\0{gauges}\0{_served(name)}".encode()).hexdigest()[:20]

@@ -24,7 +24,7 @@ from postproc.product import write_product
 from postproc.scene_drawing import draw_scene
 from postproc.vtk import write_series
 from validation.comparison import FAIL, PASS, compare_case
-from validation.tests.conftest import case_of, finished
+from validation.tests.conftest import case_of, command_line, finished
 
 CODES = ("liggghts", "yade")
 TWINS = ("fig4-tube", "fig5-tube", "fig6b-tube", "fig6d-tube")
@@ -255,6 +255,40 @@ def test_codes_agree_with_the_integrator(name: str, shared_runs: Path) -> None:
     assert all(each.verdict == PASS for each in judged)
     assert [run.record.warnings for run in runs.values()] == [[]] * 3
     assert bore_of(runs["yade"]).max() > 0
+
+
+@pytest.mark.parametrize("engine", CODES)
+def test_what_nothing_moves_stays(engine: str, shared_runs: Path) -> None:
+    case = case_of("fig4-tube", *SHORT, "wall=", "gravity=", "striker=", 'run.duration="20 us"')
+    run = finished(case, engine, shared_runs)
+    assert run.trace.kinetic_energy_J.max() < 1e-25
+    assert run.trace.force_N.max() < 1e-12
+
+
+@pytest.mark.parametrize("engine", CODES)
+def test_a_bead_may_fly_off_where_no_tube_holds_it(engine: str, shared_runs: Path) -> None:
+    flies = "chain.bead=[{from_wall=3, lateral_velocity='50 m/s'}]"
+    case = case_of("fig4-tube", *SHORT, "tube=", "chain.lateral_offset=", flies, 'run.duration="1 ms"', STATE)
+    run = finished(case, engine, shared_runs)
+    assert 0.04 < state_of(run, "x_m")[-1, 2] < 0.05
+    assert not run.record.warnings
+
+
+def test_a_study_over_seeds(tmp_path: Path) -> None:
+    study = tmp_path / "seeds.toml"
+    settings = '[set]\n"run.duration" = "20 us"\n[[axis]]\nkey = "seed"\nvalues = [1, 2, 3]\n'
+    study.write_text(f'scene = "fig4-tube"\nengines = ["liggghts", "verlet"]\n{settings}')
+    where = ("--runs", tmp_path / "runs", "--results", tmp_path / "results")
+    done = command_line("drivers", "batch", study, *where)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_parquet(tmp_path / "results" / "seeds.parquet")
+    assert list(table["status"]) == ["done"] * 6
+    assert table["force_error_share"].isna().all()  # no exact motion is known
+    study.write_text(f'scene = "fig4-tube"\nengines = ["reference"]\n{settings}')
+    refused = command_line("drivers", "batch", study, *where)
+    assert refused.returncode == 2
+    assert "lateral freedom, tube, friction, rotation" in refused.stderr
+    assert len(refused.stderr.strip().splitlines()) == 1
 
 
 def test_records_hold_what_moves(shared_runs: Path, tmp_path: Path) -> None:
