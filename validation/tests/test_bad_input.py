@@ -180,6 +180,11 @@ def test_a_play_that_is_all_used_is_none_too_much() -> None:
             "run.time_step: found 2e-05 s; allowed: at most 1",
         ),
         ("yade", ("striker.speed=5 km/s",), "radii deep; allowed: overlaps below a radius"),
+        (
+            "verlet",
+            ("chain.bead=[{from_wall=3, lateral_velocity='2 km/s'}]",),
+            "radii deep into the bore; allowed: over",
+        ),
     ],
 )
 def test_what_an_engine_refuses_of_a_tube(engine: str, settings: tuple[str, ...], told: str) -> None:
