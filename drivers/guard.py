@@ -51,6 +51,9 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
     rounded = ROUNDINGS * float(np.spacing(furthest_m(chain)))
     resting = np.maximum(chain.overlap_m, 0.0)
     force = chain.stiffness * ((resting + rounded) ** 1.5 - resting**1.5) + EXACTLY * chain.force_N.max()
+    if chain.lateral is not None and chain.lateral.velocity_m_s.any():  # YADE shears for a step before its first forces
+        bore = chain.lateral.bore
+        force = force + max(chain.lateral.friction, bore.friction if bore else 0.0) * chain.force_N.max()
     fastest = float(np.abs(trace.velocity_m_s).max())
     speed = EXACTLY * fastest + case.scene.time_step_s * (force + np.append(force[1:], 0.0)) / chain.mass_kg
     for name, unit, found, expected, allowed in (
@@ -117,7 +120,10 @@ def energy_error(chain: Chain, trace: Trace) -> Array:
     """By how much the energy errs (``drivers.trace``) over what the scene puts in. Shape (samples,)."""
     change = energy_error_J(trace.total_energy_J, damped=chain.damping_ratio > 0, slips=chain.slips)
     scale = energy_put_in(chain, float(trace.time_s[-1]))
-    return np.asarray(change / scale if scale else np.where(change > 0, np.inf, 0.0))
+    if scale:
+        return np.asarray(change / scale)
+    rounded = ROUNDINGS * float(np.spacing(furthest_m(chain)))  # bodies that just touch may be pressed as deep
+    return np.asarray(np.where(change > 0.4 * chain.stiffness.sum() * rounded**2.5, np.inf, 0.0))
 
 
 def explained_energy(case: Case, trace: Trace) -> float:

@@ -38,9 +38,18 @@ class Bore:
         """The text of the STL file of the mesh; empty for a true cylinder."""
         if self.sides is None:
             return ""
+        return stl_text(*tube_mesh(self.radius_m, self.low_m, self.high_m, self.sides, self._rings))
+
+    @property
+    def triangles(self) -> int:
+        """Of the mesh; 0 for a true cylinder."""
+        return 0 if self.sides is None else 2 * self.sides * self._rings
+
+    @property
+    def _rings(self) -> int:
+        assert self.sides is not None
         width = 2 * self.radius_m * tan(pi / self.sides)
-        rings = max(1, round((self.high_m - self.low_m) / (CELL * width)))
-        return stl_text(*tube_mesh(self.radius_m, self.low_m, self.high_m, self.sides, rings))
+        return max(1, round((self.high_m - self.low_m) / (CELL * width)))
 
     def overlaps(self, radius_m: Array, place_m: Array) -> Array:
         """How deep bodies are in the bore, or in each of its flat sides; a gap is negative.

@@ -107,7 +107,7 @@ def _packed(scene: Scene, chain: Chain, bore: Bore, resting: int) -> Chain:
     )
     if not rest.at_rest:
         found = f"beads that do not come to rest: {rest.residual_N:.2g} N are left on bead {rest.bead}"
-        allowed = f"a packing in which at most {AT_REST:g} of the load is left: fewer beads, or another seed"
+        allowed = f"at most {AT_REST:g} of the load: fewer beads, another seed or a wider tube"
         raise InputError(scene.file, "chain.lateral_offset", found, allowed)
     offset, overlap = chain.lateral.offset_m.copy(), chain.overlap_m.copy()
     offset[:resting] = rest.place_m[:, :2]

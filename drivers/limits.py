@@ -5,6 +5,7 @@ from math import floor, log10
 import numpy as np
 
 from drivers.case import Case
+from drivers.chain import energy_put_in
 from drivers.engines import EXACT, engine_names, load_engine
 from drivers.errors import InputError
 from drivers.plan import refuse_beyond_rounding
@@ -25,6 +26,7 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
     if cannot is not None:
         raise cannot
     _refuse_depth(case, override)
+    _refuse_depth_in_bore(case, override)
     if load_engine(engine).SCHEME != EXACT:
         _refuse_step(case, override)
 
@@ -77,3 +79,22 @@ def _refuse_depth(case: Case, override: str) -> None:
         found = f"a motion that presses contact {place + 1} {depth[place]:.3g} radii deep"
         allowed = f"overlaps below a radius: beyond, Hertz's law means nothing ({override} runs it)"
         raise InputError(case.scene.file, key, found, allowed)
+
+
+def _refuse_depth_in_bore(case: Case, override: str) -> None:
+    """Bodies that are thrown into the bore by more than their radius."""
+    chain, duration = case.chain, float(case.sample_times_s[-1])
+    if chain.lateral is None or chain.lateral.bore is None:
+        return
+    held = chain.lateral.bore.guided
+    stiffness, radius = chain.lateral.bore.stiffness[held], chain.radius_m[held]
+    if ((2.5 * energy_put_in(chain, duration) / stiffness) ** 0.4 < radius).all():
+        return
+    from validation.sideways_limit import sideways_reached
+
+    depth = sideways_reached(chain, duration).bore.overlap_m[held] / radius
+    if (depth >= 1).any():
+        place = int(np.argmax(depth))
+        found = f"a motion that presses body {held[place] + 1} {depth[place]:.3g} radii deep into the bore"
+        allowed = f"overlaps below a radius: beyond, Hertz's law means nothing ({override} runs it)"
+        raise InputError(case.scene.file, "chain", found, allowed)

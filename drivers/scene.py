@@ -116,7 +116,7 @@ class Tube(Part):
     material: Name
     friction: Friction = 0.0
     top: units.Height | None = None
-    sides: Annotated[int, Field(ge=3, le=10_000)] | None = None
+    sides: Annotated[int, Field(ge=3, le=1000)] | None = None
 
 
 class Contact(Part):

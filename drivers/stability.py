@@ -80,12 +80,23 @@ def share_at_most(chain: Chain, duration_s: float, time_step_s: float) -> tuple[
     than ``4 / omega``, and only one at a time has all the energy.
     """
     spring = at_most(chain, duration_s).spring(chain, time_step_s)
-    highest = float(np.sqrt(_rows(chain, spring).max()))
+    highest = float(np.sqrt(_rows(chain, spring).max() + _in_bore(chain, duration_s)))
     impacts = duration_s * highest / 4
     if chain.damping_ratio:  # 1 / limit is where limit^2 (K + b / limit) = 4, row by row
         late = _rows(chain, late_damping(chain, spring, 1.0) - spring)
         highest = float((late + np.sqrt(late**2 + 16 * _rows(chain, spring))).max()) / 4
     return time_step_s * highest / 2 / SAFETY, impacts
+
+
+def _in_bore(chain: Chain, duration_s: float) -> float:
+    """The highest ``K / m`` of a body that presses into the bore with all the energy; eigenvalues of both add up."""
+    if chain.lateral is None or chain.lateral.bore is None:
+        return 0.0
+    stiffness = chain.lateral.bore.stiffness
+    deepest = np.zeros(chain.bodies)
+    pressed = stiffness > 0
+    deepest[pressed] = (2.5 * energy_put_in(chain, duration_s) / stiffness[pressed]) ** 0.4
+    return float((contact_stiffness(stiffness, deepest) / chain.mass_kg).max())
 
 
 def _rows(chain: Chain, spring_N_m: Array) -> Array:

@@ -9,6 +9,8 @@ from drivers.chain import Chain
 from drivers.complaints import Complaint
 from drivers.scene import Scene
 
+ROUNDED = 1e-6  # of the play, the difference of two diameters
+
 
 def tube_contradictions(scene: Scene) -> Iterator[Complaint]:
     """What of a three-dimensional scene does not go together."""
@@ -29,7 +31,7 @@ def tube_contradictions(scene: Scene) -> Iterator[Complaint]:
     play = (tube.inner_diameter - widest) / 2
     if play <= 0:
         yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"more than the beads' {widest:g} m"
-    elif offset is not None and offset > play:
+    elif offset is not None and offset > play * (1 + ROUNDED):
         yield "chain.lateral_offset", f"{offset:g} m", f"at most the play of {play:.4g} m"
     elif tube.sides is not None and tube.sides < (least := _least_sides(tube.inner_diameter / 2, play)):
         yield (

@@ -62,8 +62,7 @@ _making = Lock()
 def trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
     """A three-dimensional in-repo motion as a trace."""
     place = motion.place_m[:, :, :2]
-    with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up
-        towards = towards_axis(place, motion.bore_N[:, :, :2])
+    towards = towards_axis(place, motion.bore_N[:, :, :2])
     sideways = Sideways(place, motion.velocity_m_s[:, :, :2], motion.spin_rad_s, towards)
     friction = motion.bore_N[:, :, 2].sum(axis=1) if case.chain.lateral and case.chain.lateral.bore else None
     height, velocity = motion.place_m[:, :, 2], motion.velocity_m_s[:, :, 2]

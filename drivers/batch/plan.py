@@ -54,8 +54,8 @@ def plan_part(study: Study, numbers: Sequence[int], versions: dict[str, str]) ->
         work.append(planned.work)
         for column, key in columns.items():
             values[column].append(value_at(planned.case.scene, key))
-        for name, identity in planned.identities.items():
-            identities[name].append(identity)
+        for name in versions:
+            identities[name].append(planned.identities.get(name, ""))  # none of what does not model the case
     return Plan(identities, work, values)
 
 

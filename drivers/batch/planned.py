@@ -10,7 +10,7 @@ from drivers.batch.study import Study
 from drivers.case import Case
 from drivers.deck import Deck
 from drivers.engines import installed, load_engine
-from drivers.limits import refuse
+from drivers.limits import inability, refuse
 from drivers.run import known_version, run_identity
 from drivers.tolerances import tolerance
 
@@ -29,7 +29,8 @@ class Planned:
 
     Attributes:
         small_decks: by engine; those of long chains are not kept, since many cases are planned at a time.
-        runs: identities of the runs by engine, as run folders have them.
+        runs: identities of the runs by engine, as run folders have them; the reference is not among them where it does
+            not model what the case has.
         identities: of the rows by engine: of the run, the gauges, and what observes them.
     """
 
@@ -78,7 +79,7 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
     """
     case = study.case(number)
     # exact forces, by which errors are counted, are known of straight chains only
-    names = [name for name in versions if name in study.engines or case.chain.lateral is None]
+    names = [name for name in versions if name in study.engines or inability(case, name) is None]
     if not study.unsafe:
         for name in names:
             refuse(case, name, override="unsafe = true in the study")

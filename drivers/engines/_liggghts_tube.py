@@ -70,7 +70,7 @@ def tube_of(case: Case, lateral: Lateral, labels: list[str], types: list[str], m
         type=types.index(TUBE) + 1,
         radius=bore.radius_m,
         normal=_pairs(case, bore, bore.stiffness, labels, types),
-        shear=_pairs(case, bore, bore.shear_stiffness, labels, types),
+        shear=_pairs(case, bore, bore.shear_stiffness * (bore.friction > 0), labels, types),
         slips=bore.friction > 0,
         inside=f"1:{last}" if last < case.chain.bodies else "",
         mesh=mesh if bore.sides else "",

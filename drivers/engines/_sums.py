@@ -33,4 +33,5 @@ def towards_axis(place_m: Array, bore_N: Array) -> Array:
         Shape (samples, bodies).
     """
     distance = np.maximum(np.hypot(place_m[:, :, 0], place_m[:, :, 1]), 1e-300)
-    return np.asarray(-(place_m * bore_N).sum(axis=2) / distance)
+    with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up, which the guard says in words
+        return np.asarray(-(place_m * bore_N).sum(axis=2) / distance)

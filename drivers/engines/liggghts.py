@@ -37,6 +37,7 @@ SERVER = Deck({}, ("stdbuf", "-oL", "liggghts", "-log", "none"), raw=())  # take
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
 FEW = 200  # bodies up to which all pairs are searched for neighbours: bins of the whole space would take longer
 MESH = "tube.stl"
+MOST_TRIANGLES = 100_000  # of a mesh: some 20 MB of text
 MOST_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
 LEAST_COEFFICIENT = 0.05  # of restitution, which it takes only from above here
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
@@ -80,13 +81,16 @@ def version(executable: Path) -> str:
 
 
 def refusal(case: Case) -> Complaint | None:
-    """Too much damping, or a box that is too high for the bins of its neighbour search, half a cutoff wide each."""
+    """Too much damping, too fine a mesh, or a box too high for its neighbour search, whose bins are half a cutoff."""
     chain, radius = case.chain, _radii(case)
     if with_attraction(chain.damping_ratio) <= LEAST_COEFFICIENT:
         most = damping_ratio_with_attraction(LEAST_COEFFICIENT)
         if case.scene.contact.restitution is None:
             return "contact.damping_ratio", f"{chain.damping_ratio:g}", f"below {most:.4g}"
         return "contact.restitution", f"{case.scene.contact.restitution:g}", f"above {restitution(most):.4g}"
+    bore = chain.lateral.bore if chain.lateral else None
+    if bore is not None and bore.sides and bore.triangles > MOST_TRIANGLES:
+        return "tube.sides", f"{bore.sides}, {bore.triangles:.2g} triangles", f"at most {MOST_TRIANGLES:,}: fewer sides"
     if not _binned(chain):
         return None
     box = _box(case, radius, chain.height_m)
@@ -143,9 +147,12 @@ def _box(case: Case, radius: Array, height: Array) -> Box:
     reach = 1.1 * fastest * duration + 4 * radius.max()  # nothing gets further: what leaves the box has blown up
     if chain.lateral is not None and chain.lateral.bore is not None:
         reach = max(reach, chain.lateral.bore.high_m - float(height.min()))  # a mesh has to be inside
+    width = float(f"{4 * radius.max():.1g}")
+    if chain.lateral is not None and (chain.lateral.bore is None or len(chain.lateral.bore.guided) < chain.bodies):
+        width = max(width, float(f"{reach:.2g}"))  # nothing holds it on the axis
     digits = 2 - math.floor(math.log10(reach))
     low, high = round(float(height.min() - reach), digits), round(float(height.max() + reach), digits)
-    return Box(float(f"{4 * radius.max():.1g}"), low, high, skin=float(f"{0.2 * radius.min():.1g}"))
+    return Box(width, low, high, skin=float(f"{0.2 * radius.min():.1g}"))
 
 
 def render(case: Case) -> Deck:
@@ -210,7 +217,7 @@ def render(case: Case) -> Deck:
         "columns": sideways.columns(case),
         "skin": box.skin,
         "binned": _binned(chain),
-        "triangles": lateral.bore.mesh.count("endfacet") if lateral and lateral.bore and lateral.bore.sides else 0,
+        "triangles": lateral.bore.triangles if lateral and lateral.bore else 0,
         "wall_type": wall_type,
         "wall_height": chain.wall_height_m,
         "gravity": chain.gravity_m_s2 if case.models("gravity") else None,

@@ -6,6 +6,7 @@ import pytest
 
 from drivers.case import build_case
 from drivers.errors import InputError
+from drivers.limits import refuse
 from drivers.read_scene import read_scene
 from validation.tests.conftest import SceneWriter, command_line
 
@@ -56,7 +57,6 @@ BAD = [
     ("run.duration=0.5 us", "run.duration", "5e-07 s", "sample_interval"),
     ("run.duration=1 year", "run.sample_interval", "samples of 22 contacts", "at most"),
     ("run.record=['state']", "run.record", "state", "forces"),
-    ("chain.lateral_offset=10 um", "chain.lateral_offset", "1e-05 m", "not supported yet"),
     ("materials.rigid={youngs_modulus='1 GPa', poisson_ratio=0.3}", "materials.rigid", "of its own", "another name"),
     ("run.time_step=1e-16 s", "run.time_step", "steps", "at most"),
     ("contact.restitution=0.0", "contact.restitution", "0", "0.0001"),
@@ -91,6 +91,107 @@ BAD = [
     ("chain.sensors." + "1" * 5000 + ".mass=1 g", "111", "no such entry", "counted from 0"),
     ("nonsense", "", "no path=value", "chain.count=60"),
 ]
+
+
+# likewise, laid over a scene of the paper in its tube
+BAD_IN_TUBES = [
+    ("fig4-tube", "tube.inner_diameter=4.76 mm", "tube.inner_diameter", "0.00476 m", "more than"),
+    ("fig4-tube", "tube.inner_diameter=4.5 mm", "tube.inner_diameter", "0.0045 m", "0.00476 m"),
+    ("fig4-tube", "chain.bead=[{from_wall=3, diameter='5 mm'}]", "tube.inner_diameter", "0.005 m", "more than"),
+    ("fig4-tube", "tube.inner_diameter=9.6 mm", "tube.inner_diameter", "0.0096 m", "stay in line"),
+    ("fig4-tube", "chain.bead=[{from_wall=3, diameter='1 mm'}]", "tube.inner_diameter", "0.005 m", "stay in line"),
+    ("fig4-tube", "striker.diameter=0.1 mm", "tube.inner_diameter", "0.005 m", "stay in line"),
+    ("fig6d-tube", "tube.top=", "tube.top", "nothing", "wider than the bore"),
+    ("fig6d-tube", "tube.top=45 mm", "tube.top", "0.045 m", "at most 0.0431"),
+    ("fig6d-tube", "tube.top=30 mm", "tube.top", "0.03 m", "the height of the top bead"),
+    ("fig5-tube", "tube.top=", "tube.top", "nothing", "wider than the bore"),
+    ("fig5-tube", "tube.top=53 mm", "tube.top", "0.053 m", "at most 0.05236 m"),
+    ("fig5-tube", "tube.top=20 mm", "tube.top", "0.02 m", "at least 0.0499"),
+    ("fig5-tube", "tube.top=1 um", "tube.top", "1e-06 m", "at least 0.0499"),
+    ("fig4-tube", "tube=", "chain.lateral_offset", "3e-05 m without a tube", "a [tube]"),
+    ("fig4-tube", "chain.lateral_offset=121 um", "chain.lateral_offset", "0.000121 m", "the play of 0.00012 m"),
+    ("fig4-tube", "chain.lateral_offset=1 km", "chain.lateral_offset", "1000 m", "the play of 0.00012 m"),
+    ("fig4-tube", "chain.lateral_offset=-1 um", "chain.lateral_offset", "-1 um", "zero or more"),
+    ("fig4-tube", "chain.lateral_offset=30", "chain.lateral_offset", "30", "with its unit"),
+    ("fig4-tube", "contact.friction=-0.1", "contact.friction", "-0.1", "0 or more"),
+    ("fig4-tube", "tube.friction=-0.1", "tube.friction", "-0.1", "0 or more"),
+    ("fig4-tube", "tube.friction=nan", "tube.friction", "nan", "finite"),
+    ("fig4-tube", "tube.material=rigid", "tube.material", '"rigid"', "ptfe"),
+    ("fig4-tube", "tube.sides=2", "tube.sides", "2", "3 or more"),
+    ("fig4-tube", "tube.sides=10", "tube.sides", "10", "at least 11"),
+    ("fig4-tube", "tube.sides=1e9", "tube.sides", "1000000000.0", "a whole number"),
+    ("fig4-tube", "tube.sides=1000000", "tube.sides", "1000000", "at most 1000"),
+    (
+        "fig4-tube",
+        "run={duration='1 ms', sample_interval='1 us', accuracy=1e-3}",
+        "run.accuracy",
+        "move sideways",
+        "ste",
+    ),
+    ("fig4-tube", "chain.bead=[{from_wall=3, lateral_velocity=5}]", "lateral_velocity", "5", "a velocity"),
+    (
+        "fig4-tube",
+        "chain.bead=[{from_wall=3, lateral_velocity='nan m/s'}]",
+        "lateral_velocity",
+        "nan m/s",
+        "a velocity",
+    ),
+    (
+        "fig4-tube",
+        "chain={count=0, material='ptfe', diameter='4.76 mm', lateral_offset='0 um'}",
+        "chain.count",
+        "0",
+        "1",
+    ),
+    ("fig4-tube", "contact.rotation=2", "contact.rotation", "2", "true or false"),
+]
+
+
+@pytest.mark.parametrize(("scene", "setting", "key", "found", "allowed"), BAD_IN_TUBES)
+def test_a_bad_tube_is_named(scene: str, setting: str, key: str, found: str, allowed: str) -> None:
+    with pytest.raises(InputError) as caught:
+        build_case(read_scene(scene, (setting,)))
+    message = str(caught.value)
+    assert "\n" not in message
+    head, told = message.split(": found ", 1)
+    assert key in head
+    assert found in told.split("; allowed: ")[0]
+    assert allowed in told.split("; allowed: ")[1]
+
+
+def test_a_play_that_is_all_used_is_none_too_much() -> None:
+    for diameter, offset in (("5 mm", "120 um"), ("4.760002 mm", "1 nm"), ("4.7606 mm", "0.3 um")):
+        read_scene("fig4-tube", (f"tube.inner_diameter={diameter}", f"chain.lateral_offset={offset}"))
+
+
+@pytest.mark.parametrize(
+    ("engine", "settings", "told"),
+    [
+        (
+            "reference",
+            (),
+            "lateral freedom, tube, friction, rotation; allowed: an engine that models it: liggghts, verlet",
+        ),
+        ("verlet", ("tube.sides=12",), "tube.sides: found 12; allowed: on verlet a true cylinder"),
+        ("liggghts", ("tube.sides=400",), "triangles; allowed: on liggghts at most 100,000"),
+        (
+            "yade",
+            ("run.sample_interval=20 us", "run.time_step=20 us"),
+            "run.time_step: found 2e-05 s; allowed: at most 1",
+        ),
+        ("yade", ("striker.speed=5 km/s",), "radii deep; allowed: overlaps below a radius"),
+        (
+            "verlet",
+            ("chain.bead=[{from_wall=3, lateral_velocity='2 km/s'}]",),
+            "radii deep into the bore; allowed: over",
+        ),
+    ],
+)
+def test_what_an_engine_refuses_of_a_tube(engine: str, settings: tuple[str, ...], told: str) -> None:
+    with pytest.raises(InputError) as caught:
+        refuse(build_case(read_scene("fig4-tube", settings)), engine)
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(("setting", "key", "found", "allowed"), BAD, ids=[bad[0][:40] for bad in BAD])
@@ -167,6 +268,14 @@ def test_unreadable_files(tmp_path: Path) -> None:
         (("run", "fig4", "--engine", "abaqus"), "liggghts"),
         (("render", "fig4", "--engine", "yade", "--out", "{tmp}/deck", "--set", "x=1"), "x"),
         (("run", "fig4", "--time-limit", "-1"), "--time-limit"),
+        (("run", "fig4-tube", "--set", "tube.inner_diameter=4.76 mm"), "tube.inner_diameter"),
+        (("run", "fig6d-tube", "--set", "tube.top="), "tube.top"),
+        (("run", "fig4-tube", "--engine", "reference"), "lateral freedom"),
+        (
+            ("run", "fig4-tube", "--set", "tube.inner_diameter=4.760002 mm", "--set", "chain.lateral_offset=1 nm"),
+            "do not come to rest: ",
+        ),
+        (("render", "fig5-tube", "--engine", "yade", "--out", "{tmp}/deck", "--set", "tube.sides=4"), "tube.sides"),
         (("run",), "SCENE"),
         (("walk",), "COMMAND"),
     ],
