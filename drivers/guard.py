@@ -12,7 +12,6 @@ from drivers.chain import Array, Chain, energy_put_in
 from drivers.engines import Engine
 from drivers.errors import RunError
 from drivers.face import furthest_m
-from drivers.lateral import Bore
 from drivers.process import Outcome
 from drivers.stability import share_at_most
 from drivers.tolerances import tolerance
@@ -38,7 +37,7 @@ def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) ->
         blown_up = _blown_up(case, engine, words, folder)
         raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:LONGEST_COMPLAINT]}"))))
     trace = engine.read(case, folder)
-    reason = reason_to_fail(case, trace) or wrong_start(case, trace)
+    reason = reason_to_fail(case, trace) or wrong_start(case, trace) or not_modelled(case.chain, trace)
     if reason:
         raise RunError(reason)
     return trace
@@ -108,8 +107,6 @@ def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]
         body = int(np.argmax(passed.any(axis=0)))
         beneath = f"body {body}" if body else "the wall"
         yield np.asarray(passed.any(axis=1)), f"body {body + 1} passed through {beneath}"
-        if chain.lateral is not None and chain.lateral.bore is not None:
-            yield _on_the_tube(chain, chain.lateral.bore, trace.height_m[:, -1])
     through = chain.stiffness * chain.smaller_radius_m**1.5  # the force at an overlap of a radius
     yield np.asarray((trace.force_N > through).any(axis=1)), "beads are pressed into each other by more than a radius"
     share, allowed = energy_error(chain, trace), explained_energy(case, trace)
@@ -119,12 +116,16 @@ def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]
     yield share > allowed, f"{words} {allowed:.2g}"
 
 
-def _on_the_tube(chain: Chain, bore: Bore, height_m: Array) -> tuple[NDArray[np.bool_], str]:
-    """Where a striker that stands above the tube comes down onto its end, which no deck models."""
-    outside = chain.bodies - 1 not in bore.guided
+def not_modelled(chain: Chain, trace: Trace) -> str | None:
+    """When a striker above the tube comes down onto its end, which no deck models; None where it does not."""
+    bore = chain.lateral.bore if chain.lateral else None
+    if bore is None or chain.bodies - 1 in bore.guided or trace.height_m is None:
+        return None
     radius = float(chain.radius_m[-1])
     below = sqrt(radius**2 - bore.radius_m**2) if np.isfinite(radius) and radius > bore.radius_m else 0.0
-    return np.asarray(outside & (height_m - below < bore.high_m)), "the striker has come down to the end of the tube"
+    down = trace.height_m[:, -1] - below < bore.high_m
+    when = f"at t = {trace.time_s[int(np.argmax(down))]:g} s the striker comes down to the end of the tube"
+    return f"{when}: lower tube.top" if down.any() else None
 
 
 def energy_error(chain: Chain, trace: Trace) -> Array:

@@ -17,6 +17,7 @@ from drivers.errors import InputError
 from drivers.finished import FinishedRun
 from drivers.lateral_start import with_lateral
 from drivers.packing import Column, find_rest
+from drivers.run import run_case
 from drivers.tolerances import tolerance
 from postproc.film import film_of, sheet
 from postproc.observables import observe
@@ -343,3 +344,10 @@ def test_a_rest_is_one() -> None:
     assert rest.at_rest
     assert np.abs(rest.place_m - place).max() < 1e-12
     assert chain.force_N[0] == pytest.approx(-chain.load_N[:beads].sum(), rel=10 * AT_REST)
+
+
+def test_a_striker_that_comes_down_onto_the_tube_is_told(tmp_path: Path) -> None:
+    ended = run_case(case_of("fig6d-tube", "tube.top=43.1 mm"), "liggghts", tmp_path)
+    assert not ended.done
+    assert ended.record.reason.startswith("at t = ")
+    assert "the striker comes down to the end of the tube" in ended.record.reason
