@@ -27,7 +27,7 @@ APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo)
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cluster engines $(FIGURES) figures claims trade stability elements study report test test-slurm test-accuracy bench lint clean FORCE
+.PHONY: help setup cluster engines $(FIGURES) figures claims trade stability elements study report test test-long test-slurm test-accuracy bench lint clean FORCE
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -68,6 +68,9 @@ test-accuracy: .venv/.ready-dev .venv/.engines ## accuracies on 200 random scene
 
 test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests
 	$(PY) -m pytest -n 2 --dist loadfile
+
+test-long: .venv/.ready-dev .venv/.engines ## chains in tubes, killed batches, Dask, films, claims: what takes long
+	$(PY) -m pytest -n 2 --dist loadfile -m long
 
 test-slurm: .venv/.ready-dev ## studies on a real Slurm of this machine, installed where it is missing
 	@command -v slurmctld >/dev/null && command -v munged >/dev/null || $(MAKE) --no-print-directory .slurm

@@ -8,7 +8,6 @@ import numpy as np
 from drivers.chain import Array, Chain, build_chain
 from drivers.elements import Element, choose_elements
 from drivers.errors import InputError
-from drivers.lateral_start import with_lateral
 from drivers.layout import Layout, make_layout
 from drivers.restitution import restitution
 from drivers.scene import RIGID, Scene
@@ -93,7 +92,10 @@ def build_case(scene: Scene) -> Case:
         raise InputError(scene.file, *complaint)
     for complaint in tube_impossible(scene, chain):
         raise InputError(scene.file, *complaint)
-    chain = with_lateral(scene, chain)
+    if scene.three_dimensional:
+        from drivers.lateral_start import with_lateral  # scipy: only where it is needed
+
+        chain = with_lateral(scene, chain)
     case = Case(scene, chain, choose_elements(scene, chain))
     if scene.run.accuracy is None:
         return case

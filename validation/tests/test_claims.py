@@ -26,6 +26,8 @@ from validation.claims.section import read_section
 from validation.report import write_report
 from validation.tests.conftest import need
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def judged(shared_runs: Path) -> list[Judged]:

@@ -15,6 +15,8 @@ import pytest
 from drivers.batch.store import Store
 from validation.tests.conftest import SPEEDS, StudyWriter, command_line
 
+pytestmark = pytest.mark.long
+
 
 @dataclass(frozen=True)
 class Cluster:

@@ -20,6 +20,8 @@ from postproc.product import write_product
 from postproc.spacetime import Panel, cells_of, draw_spacetime
 from validation.tests.conftest import SceneWriter, case_of, command_line, finished
 
+pytestmark = pytest.mark.long
+
 KEPT = 'run.record=["forces", "state"]'
 ODD = (
     "chain.precompression=2 N", "chain.mass_scatter=0.0008 g", "seed=5", "chain.origin=0.1 m", "chain.mass=",

@@ -27,6 +27,8 @@ from postproc.vtk import write_series
 from validation.comparison import FAIL, PASS, compare_case
 from validation.tests.conftest import case_of, command_line, finished
 
+pytestmark = pytest.mark.long
+
 CODES = ("liggghts", "yade")
 TWINS = ("fig4-tube", "fig5-tube", "fig6b-tube", "fig6d-tube")
 STATE = 'run.record=["forces","state"]'

@@ -17,6 +17,8 @@ from postproc import vtk
 from postproc.vtk import write_series
 from validation.tests.conftest import STRIKER, WALL, SceneWriter, case_of, command_line, finished
 
+pytestmark = pytest.mark.long
+
 KEPT = 'run.record=["forces", "state"]'
 TUBE = '[tube]\ninner_diameter = "5 mm"\nmaterial = "ptfe"\n'
 FLAT = '[striker]\nshape = "flat"\nmaterial = "alumina"\nmass = "0.47 g"\nspeed = "0.44 m/s"\n'
