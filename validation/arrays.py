@@ -37,4 +37,5 @@ def tube_arrays_of(chain: Chain) -> TubeChain:
         friction=lateral.friction,
         bore_m=bore.radius_m if bore else 0.0,
         bore_friction=bore.friction if bore else 0.0,
+        turns=lateral.turns,
     )

@@ -29,6 +29,7 @@ def values_of(case: Case, lateral: Lateral) -> dict[str, Any]:
         "bore_stiffness_N_m-3/2": (bore.stiffness if bore else nowhere).tolist(),
         "bore_shear_N_m-3/2": (bore.shear_stiffness if bore else nowhere).tolist(),
         "bore_friction": bore.friction if bore else 0.0,
+        "turns": lateral.turns,
     }
 
 

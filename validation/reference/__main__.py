@@ -61,6 +61,7 @@ def _run_tube(deck: Path, values: dict[str, Any]) -> None:
         friction=values["friction"],
         bore_m=values["bore_m"],
         bore_friction=values["bore_friction"],
+        turns=values["turns"],
     )
     timing = (values["time_step_s"], values["steps_per_sample"])
     if "tube" not in _compiled:

@@ -60,13 +60,16 @@ def integrate_tube(
     bodies = (chain.mass_kg, chain.radius_m, chain.stiffness, chain.damping, chain.shear, chain.load_N,
               chain.bore_stiffness, chain.bore_shear)  # fmt: skip
     numbers = (float(chain.wall_m), float(chain.friction), float(chain.bore_m), float(chain.bore_friction))
+    turning = np.isfinite(chain.radius_m) & chain.turns
+    inertia = np.where(turning, 0.4 * chain.mass_kg * chain.radius_m**2, np.inf)
     rows, flat = partial(np.zeros, (n, 3)), partial(np.zeros, n)
     place, velocity = chain.place_m.copy(), chain.velocity_m_s.copy()
     state: State = (place, velocity, rows(), rows(), rows(), rows(), flat())
     marks: Marks = (flat(), flat(), flat(), flat(), flat(), flat(), np.zeros(2))
     memory: Memory = (rows(), rows(), rows(), rows())
     forces, kept = np.empty((samples, n)), np.empty((4, samples, n, 3))
-    _run(bodies, numbers, state, memory, marks, law == INCREMENTAL, time_step_s, steps_per_sample, forces, kept)
+    timing = (law == INCREMENTAL, time_step_s, steps_per_sample)
+    _run(bodies, inertia, numbers, state, memory, marks, *timing, forces, kept)
     energies = marks[6]
     impacts = float(energies[0] / energies[1] ** 2) if energies[1] else 0.0
     extremes = Extremes(marks[0], marks[1], marks[3], marks[4], impacts)
@@ -75,12 +78,11 @@ def integrate_tube(
 
 @njit(cache=True, error_model="numpy")
 def _run(
-    bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
-    every: int, forces: Array, samples: Array,
+    bodies: Bodies, inertia: Array, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool,
+    dt: float, every: int, forces: Array, samples: Array,
 ) -> None:  # fmt: skip
-    mass, radius = bodies[0], bodies[1]
+    mass = bodies[0]
     place, velocity, spin, force, torque, bore, axial = state
-    inertia = np.where(np.isinf(radius), np.inf, 0.4 * mass * radius * radius)
     _forces(bodies, numbers, state, memory, marks, incremental, dt, False)
     for j in range(mass.size):  # half a step back
         for axis in range(3):

@@ -22,6 +22,7 @@ class TubeChain:
         place_m: at time 0, the axis is x = y = 0.
         velocity_m_s: at time 0; nothing spins then.
         wall_m: height of the wall under body 1.
+        turns: whether friction turns bodies.
 
     Raises:
         ValueError: an array of another shape or not finite, a mass or a radius not above zero.
@@ -41,12 +42,13 @@ class TubeChain:
     friction: float
     bore_m: float
     bore_friction: float
+    turns: bool = True
 
     def __post_init__(self) -> None:
         bodies = np.size(self.mass_kg)
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
-            if name in ("wall_m", "friction", "bore_m", "bore_friction"):
+            if name in ("wall_m", "friction", "bore_m", "bore_friction", "turns"):
                 continue
             array = np.array(value, dtype=float)
             shape = (bodies, 3) if name in ("place_m", "velocity_m_s") else (bodies,)

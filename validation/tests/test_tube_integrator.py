@@ -182,3 +182,15 @@ def test_a_trace_is_cut_whole() -> None:
     cut = until(trace, 7)
     assert cut.sideways is not None
     assert len(cut.force_N) == len(cut.sideways.spin_rad_s) == len(cut.time_s) == 7
+
+
+@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+def test_beads_that_may_not_turn(engine: str, shared_runs: Path) -> None:
+    case = case_of("fig4-tube", "contact.rotation=false", "contact.friction=0.3", "run.duration=0.3 ms")
+    run = finished(case, engine, shared_runs)
+    verlet = tube_verlet_of(case, load_engine(engine).SHEAR)
+    assert residual(run.trace, verlet).max() < 1e-9
+    turning = tube_verlet_of(
+        case_of("fig4-tube", "contact.friction=0.3", "run.duration=0.3 ms"), load_engine(engine).SHEAR
+    )
+    assert residual(turning, verlet).max() > 1e-3
