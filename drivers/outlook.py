@@ -54,6 +54,9 @@ def outlook(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]
     yield f"predicted  {_listed(errors)}; rounding of absolute heights up to {rounding.allowance:.1e} more"
     if chooser.known > min(errors.values(), default=1.0) / TENFOLD:
         yield f"           the exact motion itself is known to {chooser.known:.1e} only: it multiplies rounding"
+    for element in case.elements:
+        if case.full is not None and case.full.models(element.name) and not element.modelled:
+            yield f"left out   {element.name}: {element.reason.partition(': ')[2]}"
     yield f"engine     {_engines(case)}"
     yield ""
     yield from _table(rows)
