@@ -9,6 +9,7 @@ from drivers.chain import Array
 from postproc.signals import Peak, peaks, rising_crossing
 
 ONSET = 0.02
+UNLIKE = 2.0
 ENVELOPE_MAXIMA = 3  # that the envelope of a train goes through
 FINER = 100  # times the samples: where the fit and the pulse end
 
@@ -34,13 +35,16 @@ def envelope(maxima: list[Peak]) -> Envelope:
 def train_envelope(maxima: list[Peak]) -> Envelope | None:
     """The exponential through a train's first ``ENVELOPE_MAXIMA``; None where there are fewer, or one is not above 0.
 
+    Maxima of a train come at like intervals: one more than twice as late as another belongs to what comes back later.
+
     Args:
         maxima: in the order of time.
     """
     leading = maxima[:ENVELOPE_MAXIMA]
     if len(leading) < ENVELOPE_MAXIMA or min(peak.value for peak in leading) <= 0:
         return None
-    return envelope(leading)
+    intervals = np.diff([peak.time_s for peak in leading])
+    return envelope(leading) if intervals.max() <= UNLIKE * intervals.min() else None
 
 
 @dataclass(frozen=True)
