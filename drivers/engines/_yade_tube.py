@@ -9,8 +9,8 @@ import numpy as np
 from drivers.case import Case
 from drivers.deck import render as render_template
 from drivers.engines._arrays import load_arrays
-from drivers.engines._materials import named_material
 from drivers.engines._sums import contact_forces, towards_axis
+from drivers.engines._yade_values import common_values, staggered_velocities
 from drivers.trace import Sideways, Trace, make_sideways_trace
 
 # by default friction's arm is not the same for slip and for torque
@@ -36,9 +36,9 @@ class Body:
 
 def render(case: Case) -> str:
     """``chain.py``."""
-    scene, chain, lateral = case.scene, case.chain, case.chain.lateral
+    chain, lateral = case.chain, case.chain.lateral
     assert lateral is not None
-    staggered = chain.velocity_m_s - 0.5 * scene.time_step_s * chain.acceleration_m_s2
+    staggered = staggered_velocities(case)
     bodies = [
         Body(
             x=lateral.offset_m[i, 0],
@@ -54,7 +54,6 @@ def render(case: Case) -> str:
         for i in range(chain.bodies)
     ]
     flat = bodies.pop() if np.isinf(chain.radius_m[-1]) else None
-    first = 0 if chain.wall else 1
     bore = lateral.bore
     geometries = [SPHERES] if len(bodies) > 1 else []
     if chain.wall or flat:
@@ -62,26 +61,15 @@ def render(case: Case) -> str:
     if bore:
         geometries.append(FACETS)
     guided = bore.guided if bore else []
-    labels = [*chain.materials, *([chain.wall] if chain.wall else [])]
     return render_template(
         "yade/tube.py.j2",
-        summary=case.summary,
-        time_step=scene.time_step_s,
-        every=scene.steps_per_sample,
-        samples=scene.samples,
-        gravity=chain.gravity_m_s2 if case.models("gravity") else None,
-        precompression=chain.precompression_N if case.models("precompression") else None,
-        top=chain.beads - 1,
-        materials=[named_material(scene, name) for name in dict.fromkeys(labels)],
+        **common_values(case),
         friction_angle=atan(lateral.friction),
         slips=lateral.slips,
         rotation=lateral.turns,
         spheres=bodies,
         flat=flat,
-        wall={"height": chain.wall_height_m, "material": chain.wall} if case.models("wall") else None,
         geometries=geometries,
-        planes=([0] if chain.wall else []) + ([chain.bodies - 1 - first] if flat else []),
-        damping_ratio=chain.damping_ratio,
         guided=guided,
         sides=bore.sides if bore else None,
         low=bore.low_m if bore else 0.0,

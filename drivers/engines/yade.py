@@ -14,7 +14,7 @@ from drivers.deck import render as render_template
 from drivers.elements import SIDEWAYS, STRAIGHT
 from drivers.engines import IN_HEIGHTS, INCREMENTAL, _yade_tube
 from drivers.engines._arrays import load_arrays
-from drivers.engines._materials import named_material
+from drivers.engines._yade_values import common_values, staggered_velocities
 from drivers.errors import RunError
 from drivers.process import UNKNOWN_VERSION, first_line_of
 from drivers.trace import Trace, make_trace
@@ -56,36 +56,24 @@ def version(executable: Path) -> str:
 
 def render(case: Case) -> Deck:
     """``chain.py``."""
-    scene, chain = case.scene, case.chain
+    chain = case.chain
     if chain.lateral is not None:
         return Deck({"chain.py": _yade_tube.render(case)}, COMMAND, raw=("chain.npz",))
-    staggered = chain.velocity_m_s - 0.5 * scene.time_step_s * chain.acceleration_m_s2
+    staggered = staggered_velocities(case)
     bodies = [
         Body(chain.height_m[i], chain.radius_m[i], chain.mass_kg[i], staggered[i], chain.materials[i])
         for i in range(chain.bodies)
     ]
     flat = bodies.pop() if np.isinf(chain.radius_m[-1]) else None
-    labels = [*chain.materials, *([chain.wall] if chain.wall else [])]
-    first = 0 if chain.wall else 1
     geometries = ["Ig2_Sphere_Sphere_ScGeom()"] if len(bodies) > 1 else []
     if chain.wall or flat:
         geometries.append("Ig2_Wall_Sphere_ScGeom(hertzian=True)")
     text = render_template(
         "yade/chain.py.j2",
-        summary=case.summary,
-        time_step=scene.time_step_s,
-        every=scene.steps_per_sample,
-        samples=scene.samples,
-        gravity=chain.gravity_m_s2 if case.models("gravity") else None,
-        precompression=chain.precompression_N if case.models("precompression") else None,
-        top=chain.beads - 1,
-        materials=[named_material(scene, name) for name in dict.fromkeys(labels)],
+        **common_values(case),
         spheres=bodies,
         flat=flat,
-        wall={"height": chain.wall_height_m, "material": chain.wall} if case.models("wall") else None,
         geometries=geometries,
-        damping_ratio=chain.damping_ratio,
-        planes=([0] if chain.wall else []) + ([chain.bodies - 1 - first] if flat else []),
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
 

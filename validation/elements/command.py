@@ -46,7 +46,7 @@ def elements(results: Path, runs: Path, *, quick: bool = False) -> int:
         "between": between.compare_codes(asked.scene, seeds, codes, runs, _say),
     }
     shown = oscilloscope.watch(asked.scene, seeds, code, runs, _say)
-    varied = oscilloscope.vary(asked.scene[:2], min(seeds, 6), code, runs, _say)
+    varied = oscilloscope.vary(asked.scene[:2], seeds, code, runs, _say)
     tables["steps"] = [line for each in shown for line in _lines(each.scene, each.step, "", each)]
     tables["ranges"] = [line for name, value, each in varied for line in _lines(each.scene, name, f"{value:g}", each)]
     write_tables(tables, results)
