@@ -9,8 +9,8 @@ from drivers.cli import Parser, must_be_file, must_be_folder, run_main, seconds
 from drivers.errors import InputError
 
 if TYPE_CHECKING:
-    from validation.comparison import Verdict
     from validation.scenes import ComparedScene
+    from validation.verdict import Verdict
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 
@@ -151,8 +151,8 @@ def _compare(arguments: argparse.Namespace) -> int:
             raise InputError("compare", "", " ".join(arguments.what), "scenes, or exactly two run folders")
         return _compare_runs(*folders)
     from drivers import paths
-    from validation.comparison import FAIL
     from validation.scenes import run_and_compare
+    from validation.verdict import FAIL
 
     failed = False
     for source in arguments.what:
@@ -205,9 +205,9 @@ def _print_budgets(compared: "ComparedScene") -> None:
 
 def _report(arguments: argparse.Namespace) -> int:
     from drivers import paths
-    from validation.comparison import FAIL, NOT_RUN, PASS
     from validation.report import write_report
     from validation.scenes import run_and_compare
+    from validation.verdict import FAIL, NOT_RUN, PASS
 
     must_be_file("--out", arguments.out)
     must_be_folder("--runs", arguments.runs)

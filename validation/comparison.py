@@ -21,8 +21,8 @@ from postproc.observables import observe
 from postproc.residual import share_of_largest
 from validation.rounding import HORIZON, ROUNDING_MARGIN, comparable, rounding_error
 from validation.sideways import model_quantity, sideways_rounding, tube_verlet_of, why_unmeasured
+from validation.verdict import FAIL, NOT_RUN, PASS, Verdict
 
-PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
 
 
@@ -38,26 +38,6 @@ class Deviation:
     share: float
     time_s: float
     contact: int
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """One line of the verdict table.
-
-    Attributes:
-        quantity: what was measured, such as "force against verlet".
-        value, limit: the error and its tolerance; NaN where nothing was measured.
-        where: time and contact of the worst value, or why nothing was measured.
-    """
-
-    scene: str
-    engine: str
-    quantity: str
-    value: float
-    limit: float
-    reason: str
-    where: str
-    verdict: str
 
 
 def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Deviation:

@@ -13,12 +13,12 @@ from drivers.whole_file import whole_file
 from postproc.observables import observe
 from postproc.style import inline_svg
 from validation.claims.section import read_section
-from validation.comparison import FAIL, NOT_RUN, PASS, Verdict
 from validation.elements.section import read_section as read_elements
 from validation.plots import draw_chain, draw_scene
 from validation.scenes import ComparedScene
 from validation.stability.section import read_section as read_stability
 from validation.trade.section import read_section as read_trade
+from validation.verdict import FAIL, NOT_RUN, PASS, Verdict
 
 QUANTITIES = {
     "force against verlet": "model: force against the same scheme",

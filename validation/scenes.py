@@ -10,7 +10,8 @@ from drivers.finished import FinishedRun, open_run
 from drivers.limits import inability
 from drivers.read_scene import read_scene
 from drivers.run import run_case
-from validation.comparison import NOT_INSTALLED, REFUSED, Verdict, compare_case
+from validation.comparison import NOT_INSTALLED, REFUSED, compare_case
+from validation.verdict import Verdict
 
 
 @dataclass(frozen=True)

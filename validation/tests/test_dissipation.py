@@ -23,7 +23,7 @@ from drivers.trace import Trace
 from postproc.attenuation import transmissions
 from postproc.observables import observe
 from validation.arrays import arrays_of
-from validation.comparison import PASS, compare_case
+from validation.comparison import compare_case
 from validation.errors import truth_of, verlet_of
 from validation.reference import damped
 from validation.reference.adaptive import integrate_adaptive
@@ -33,6 +33,7 @@ from validation.stability.limits import WITHIN, measure
 from validation.stability.scenes import Subject
 from validation.stable_step import linear_limit, predicted_limit
 from validation.tests.conftest import case_of, finished, need
+from validation.verdict import PASS
 
 ENGINES = ("verlet", "liggghts", "yade", "reference")
 DAMPED = "contact.restitution=0.9"

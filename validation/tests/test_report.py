@@ -11,9 +11,6 @@ import pytest
 
 from drivers.tolerances import tolerance
 from validation.comparison import (
-    FAIL,
-    NOT_RUN,
-    PASS,
     compare_case,
     deviation,
     model_tolerance,
@@ -23,6 +20,7 @@ from validation.report import write_report
 from validation.rounding import HORIZON
 from validation.scenes import ComparedScene
 from validation.tests.conftest import SceneWriter, case_of, command_line, finished
+from validation.verdict import FAIL, NOT_RUN, PASS
 
 
 @pytest.fixture

@@ -24,8 +24,9 @@ from postproc.observables import observe
 from postproc.product import write_product
 from postproc.scene_drawing import draw_scene
 from postproc.vtk import write_series
-from validation.comparison import FAIL, PASS, compare_case
+from validation.comparison import compare_case
 from validation.tests.conftest import case_of, command_line, finished
+from validation.verdict import FAIL, PASS
 
 pytestmark = pytest.mark.long
 

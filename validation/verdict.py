@@ -1,0 +1,25 @@
+"""What is said of a number: pass, fail or not run, with the tolerance and its reason."""
+
+from dataclasses import dataclass
+
+PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One line of the verdict table.
+
+    Attributes:
+        quantity: what was measured, such as "force against verlet".
+        value, limit: the error and its tolerance; NaN where nothing was measured.
+        where: time and contact of the worst value, or why nothing was measured.
+    """
+
+    scene: str
+    engine: str
+    quantity: str
+    value: float
+    limit: float
+    reason: str
+    where: str
+    verdict: str
