@@ -60,6 +60,14 @@ def _parser() -> Parser:
     elements.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
     elements.set_defaults(action=_elements)
 
+    independent = commands.add_parser(
+        "independent", help="cases beyond the paper, against published numbers and theory"
+    )
+    independent.add_argument("--file", type=Path, metavar="FILE", help="cases (default: inputs/independent.toml)")
+    independent.add_argument("--results", type=Path, metavar="DIR", help="default: results/")
+    independent.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
+    independent.set_defaults(action=_independent)
+
     bench = commands.add_parser("bench", help="what the integrators and engines cost, as ratios taken in one run")
     bench.set_defaults(action=_bench)
 
@@ -94,6 +102,17 @@ def _elements(arguments: argparse.Namespace) -> int:
     must_be_folder("--results", arguments.results)
     must_be_folder("--runs", arguments.runs)
     return elements(arguments.results or paths.RESULTS, arguments.runs or paths.RUNS, quick=arguments.quick)
+
+
+def _independent(arguments: argparse.Namespace) -> int:
+    from drivers import paths
+    from validation.independent.command import independent
+
+    must_be_folder("--results", arguments.results)
+    must_be_folder("--runs", arguments.runs)
+    return independent(
+        arguments.file or paths.INDEPENDENT, arguments.results or paths.RESULTS, arguments.runs or paths.RUNS
+    )
 
 
 def _wave(_: argparse.Namespace) -> int:
