@@ -26,10 +26,11 @@ def independent(file: Path, results: Path, runs: Path) -> int:
     print(f"{paths.shown(out)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run")
     if missing_codes():
         print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
-    for each in map(verdict_of, lines):
-        if each.verdict == FAIL:
-            off = "" if each.quantity.startswith(RUN) else f"off by {each.value:.3g}, allowed {each.limit:g}: "
-            print(f"{each.scene}: {each.engine}: {each.quantity}: {off}{each.where}", file=sys.stderr)
+    for line in lines:
+        if line.verdict == FAIL:
+            each = verdict_of(line)
+            off = "" if line.quantity == RUN else f"off by {line.error:.3g}, allowed {line.within:g}: "
+            print(f"{line.id}: {line.engine}: {each.quantity}: {off}{each.where}", file=sys.stderr)
     return 1 if counts[FAIL] else 0
 
 

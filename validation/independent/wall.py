@@ -1,4 +1,4 @@
-"""A solitary wave that meets a wall: the peak force there, and that of the wave which comes back, over the incident one.
+"""A solitary wave that meets a wall: the peak force there and that of the wave that comes back, over the incident one.
 
 Both are read where the wave keeps its shape: at the lowest sensor's contact. The theory starts from the exact solitary
 wave instead of a strike.
@@ -42,9 +42,9 @@ def _reflected(place: int, wall_stiffness: float) -> dict[str, float]:
     """A wave of speed 1 in a chain of masses and stiffnesses 1 (``validation.reference.travelling_wave``)."""
     wave = solve_travelling_wave()
     start = place + ABOVE
-    beads = np.arange(1, start + ABOVE + 1)
-    force = _profile(wave.place, wave.force, beads - 0.5 - start)
-    velocity = _profile(wave.place, wave.velocity, beads - start)
+    beads: Array = np.arange(1.0, start + ABOVE + 1)
+    force = _profile(wave.place, wave.force, np.asarray(beads - 0.5 - start))
+    velocity = _profile(wave.place, wave.velocity, np.asarray(beads - start))
     stiffness = np.ones(len(beads))
     stiffness[0] = wall_stiffness
     overlap = np.cbrt(np.maximum(force, 0.0)) ** 2
