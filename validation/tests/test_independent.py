@@ -80,6 +80,8 @@ BAD = [
     (CASE + CHECK.format("duration_s") * 2, "check duration_s: found the same check twice", "once"),
     (CASE.replace('measure = "impact"', 'measure = "train"').replace("peak_force_N", "wave_2_over_first"),
      "case glass: found no contact 30 below a striker's", 'the measure "train" can read'),
+    (CASE.replace("scene =", 'set = ["gravity=9.81 m/s^2"]\nscene ='),
+     "case glass: found more than two bodies", "can read"),
     (CASE.replace("scene =", 'set = ["contact.restitution=0.5"]\nscene =') + CHECK.format("duration_s"),
      "check duration_s: found no expected", "no theory gives it"),
     (CASE.replace("scene =", 'set = ["chain.count=0"]\nscene ='), "chain", ""),
@@ -307,6 +309,19 @@ def test_an_engine_that_is_not_there_or_refuses_is_not_run(
     assert lines["yade"].why == "not installed"
     assert "contact.restitution" in lines["liggghts"].why
     assert lines["reference"].verdict == PASS
+
+
+def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path) -> None:
+    """Their decks are equal, and so is their run."""
+    for code in codes():
+        need(code)
+    both = CASE + CASE.replace('"glass"', '"bare"').replace("scene =", "set = ['run.record=[\"forces\"]']\nscene =")
+    path = tmp_path / "both.toml"
+    path.write_text(both)
+    found = {(line.id, line.engine): line for line in judge_all(path, tmp_path / "runs")}
+    for code in codes():
+        assert found["glass", code].verdict == PASS
+        assert (found["bare", code].verdict, found["bare", code].why[:18]) == (FAIL, "no state was kept:")
 
 
 # ---- table and section
