@@ -269,9 +269,9 @@ def test_powers_of_depth_are_found() -> None:
 
 
 def test_a_leading_peak_is_found_between_samples_and_through_rounding() -> None:
-    time = np.arange(0.0, 12.0, 0.1)
+    time = np.arange(0.0, 15.0, 0.1)
     noise = 1e-4 * np.random.default_rng(1).normal(size=time.size)
-    signal = np.exp(-((time - 4.03) ** 2) / 2) + 2 * np.exp(-((time - 9.0) ** 2) / 2)
+    signal = np.exp(-((time - 4.03) ** 2) / 2) + 2 * np.exp(-((time - 12.0) ** 2) / 2)
     found, rough = weak.leading_peak(time, signal), weak.leading_peak(time, signal + noise)
     assert (found.time_s, found.value) == pytest.approx((4.03, 1.0), abs=2e-5)
     assert (rough.time_s, rough.value) == pytest.approx((4.03, 1.0), abs=2e-4)
