@@ -71,9 +71,14 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
     if why:
         return _nowhere(UNKNOWN, f"when it leaves the exact motion is {why}")
     try:
-        rods = rods_for(case, engine)
+        with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
+            return _departure(case, engine, trace)
     except ArithmeticError as error:
         return _nowhere(UNKNOWN, f"when it leaves the exact motion is not measured: {error}")
+
+
+def _departure(case: Case, engine: str, trace: Trace) -> Departure:
+    rods = rods_for(case, engine)
     run = until(trace, len(rods.exact_N))
     fault = first_fault(case, engine, run, rods)
     if fault:
@@ -109,13 +114,12 @@ def _departures(case: Case, engine: str, run: Trace, rods: Rods) -> Iterator[Dep
 
 
 def _from_exact(engine: str, run: Trace, rods: Rods) -> Iterator[Departure]:
+    """When a run passes each level; of several at one sample the largest."""
     share = np.nan_to_num(np.abs(run.force_N - rods.exact_N) / rods.largest_N, nan=np.inf)
     own = share_of_largest(np.abs(run.force_N - rods.scheme.force_N), rods.scheme).max(axis=1)
-    for level in LEVELS:
-        beyond = share.max(axis=1) > level
-        if not beyond.any():
-            return
-        sample = int(np.argmax(beyond))
+    beyond = {level: share.max(axis=1) > level for level in LEVELS}
+    passed = {int(np.argmax(beyond[level])): level for level in LEVELS if beyond[level].any()}
+    for sample, level in passed.items():
         column = int(np.argmax(share[sample]))
         kind, why = _why(engine, rods, sample, float(own[sample]), level)
         time_s = float(run.time_s[sample])

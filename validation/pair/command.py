@@ -103,7 +103,7 @@ def _budgets(pair: Pair) -> Iterator[str]:
     for quantity in quantities:
         if quantity == "force" or quantity.endswith("_peak"):
             for name, budget in budgets.items():
-                if quantity in budget:
+                if set(PARTS) <= budget.get(quantity, {}).keys():  # records of other versions may lack some
                     yield f"{quantity:<24} {name:<7} " + " ".join(f"{budget[quantity][part]:10.1e}" for part in PARTS)
     for name, opened in _both(pair):
         if opened.run.record.error_note:

@@ -10,6 +10,7 @@ from drivers.batch.store import ENDING
 from drivers.case import Case
 from drivers.chain import Array
 from drivers.elements import choose_elements
+from drivers.engines import engine_names
 from drivers.errors import InputError
 from drivers.finished import FinishedRun, open_run
 from drivers.record import FILE
@@ -66,7 +67,10 @@ def _open(folder: Path) -> FinishedRun:
             raise InputError(paths.shown(folder), "", "the store of a batch", lay_out)
         if next(folder.glob(f"*/{FILE}"), None):
             raise InputError(paths.shown(folder), "", "a folder of runs", "one of the run folders in it")
-    return open_run(folder)
+    run = open_run(folder)
+    if run.record.engine not in engine_names():
+        raise InputError(paths.shown(folder / FILE), "engine", run.record.engine, f"one of {', '.join(engine_names())}")
+    return run
 
 
 def _common(where: str, one: Trace, other: Trace) -> tuple[tuple[int, int], int]:
