@@ -93,7 +93,7 @@ def rods_for(case: Case, engine: str) -> Rods:
     """The yardsticks of a run on that engine; of a three-dimensional case cut where rounding alone parts two runs.
 
     Raises:
-        ArithmeticError: the exact motion cannot be followed.
+        ArithmeticError: the exact motion cannot be followed, or the scheme blows up.
     """
     adapter = load_engine(engine)
     stated = tolerance("model", model_quantity(case), shipped_name(case))
@@ -108,6 +108,8 @@ def rods_for(case: Case, engine: str) -> Rods:
         exact, order = rods.truth.trace.force_N, 1.0 if case.chain.damping_ratio else 2.0
         in_heights = rods.heights if adapter.SCHEME == IN_HEIGHTS else rods.verlet
         scheme, plain = (rods.truth.trace if adapter.SCHEME == EXACT else in_heights), rods.verlet
+    if not (np.isfinite(scheme.force_N).all() and np.isfinite(scheme.kinetic_energy_J).all()):
+        raise ArithmeticError("velocity Verlet at this step blows up")
     reason = f"{ROUNDING_MARGIN:g} times what rounding does to this very scene"
     allowed = stated if rounding <= stated.limit else Tolerance(rounding, reason)
     grown = np.maximum.accumulate(shares)

@@ -189,6 +189,9 @@ def test_where_it_cannot_be_said() -> None:
     long = case_of("fig4", "chain.count=20001", "chain.sensors=[]", "run.duration=2 us")
     assert departure(long, "yade", trace).kind == UNKNOWN
     assert "20000 bodies" in departure(long, "yade", trace).words
+    coarse = case_of("fig4", "run.time_step=40 us", "run.sample_interval=40 us")
+    assert departure(coarse, "yade", trace).kind == UNKNOWN
+    assert "blows up" in departure(coarse, "yade", trace).words
 
 
 def test_three_dimensions_are_held_against_the_own_law() -> None:
