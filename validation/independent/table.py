@@ -49,7 +49,8 @@ def read_lines(path: Path, cases: Path = paths.INDEPENDENT) -> list[Line]:
 
 
 def _line(row: dict[Hashable, Any]) -> Line:
-    return Line(**{str(key): float(text or "nan") if key in NUMBERS else text for key, text in row.items()})
+    values: dict[str, Any] = {str(key): float(text or "nan") if key in NUMBERS else text for key, text in row.items()}
+    return Line(**values)
 
 
 def read_verdicts(results: Path) -> list[Verdict]:
