@@ -1,6 +1,6 @@
 """Runs a scene on all engines and gathers what the comparison and the report need."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers import paths
@@ -11,6 +11,7 @@ from drivers.limits import inability
 from drivers.read_scene import read_scene
 from drivers.run import run_case
 from validation.comparison import NOT_INSTALLED, REFUSED, compare_case
+from validation.departure import Departure, departure
 from validation.verdict import Verdict
 
 
@@ -21,12 +22,14 @@ class ComparedScene:
     Attributes:
         runs: finished runs by engine.
         absent: why an engine has none.
+        departures: when each run first leaves the exact motion, and why.
     """
 
     case: Case
     runs: dict[str, FinishedRun]
     absent: dict[str, str]
     verdicts: list[Verdict]
+    departures: dict[str, Departure] = field(default_factory=dict)
 
 
 def run_and_compare(
@@ -53,4 +56,5 @@ def run_and_compare(
             finished[engine] = open_run(result.folder)
         else:
             absent[engine] = f"{result.record.status}: {result.record.reason}"
-    return ComparedScene(case, finished, absent, compare_case(case, finished, absent))
+    departures = {engine: departure(case, engine, run.trace) for engine, run in finished.items()}
+    return ComparedScene(case, finished, absent, compare_case(case, finished, absent), departures)
