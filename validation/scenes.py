@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from drivers import paths
 from drivers.case import Case, build_case
@@ -12,6 +11,7 @@ from drivers.limits import inability
 from drivers.read_scene import read_scene
 from drivers.run import run_case
 from validation.comparison import NOT_INSTALLED, REFUSED, compare_case
+from validation.departure import Departure, departure
 from validation.verdict import Verdict
 
 
@@ -22,7 +22,7 @@ class ComparedScene:
     Attributes:
         runs: finished runs by engine.
         absent: why an engine has none.
-        departures: when and why a run first leaves the exact motion, by engine.
+        departures: when each run first leaves the exact motion, and why.
         diagnoses: what a run that is off matches, in one sentence, by engine.
     """
 
@@ -30,7 +30,7 @@ class ComparedScene:
     runs: dict[str, FinishedRun]
     absent: dict[str, str]
     verdicts: list[Verdict]
-    departures: dict[str, Any] = field(default_factory=dict)
+    departures: dict[str, Departure] = field(default_factory=dict)
     diagnoses: dict[str, str] = field(default_factory=dict)
 
 
@@ -58,4 +58,5 @@ def run_and_compare(
             finished[engine] = open_run(result.folder)
         else:
             absent[engine] = f"{result.record.status}: {result.record.reason}"
-    return ComparedScene(case, finished, absent, compare_case(case, finished, absent))
+    departures = {engine: departure(case, engine, run.trace) for engine, run in finished.items()}
+    return ComparedScene(case, finished, absent, compare_case(case, finished, absent), departures)
