@@ -1,7 +1,8 @@
 """Runs a scene on all engines and gathers what the comparison and the report need."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from drivers import paths
 from drivers.case import Case, build_case
@@ -21,12 +22,16 @@ class ComparedScene:
     Attributes:
         runs: finished runs by engine.
         absent: why an engine has none.
+        departures: when and why a run first leaves the exact motion, by engine.
+        diagnoses: what a run that is off matches, in one sentence, by engine.
     """
 
     case: Case
     runs: dict[str, FinishedRun]
     absent: dict[str, str]
     verdicts: list[Verdict]
+    departures: dict[str, Any] = field(default_factory=dict)
+    diagnoses: dict[str, str] = field(default_factory=dict)
 
 
 def run_and_compare(

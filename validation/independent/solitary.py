@@ -1,0 +1,123 @@
+"""A single solitary wave in a chain that nothing presses, against the exact travelling wave of the discrete chain.
+
+With contact stiffness k and bead mass m the exact wave has, whatever its amplitude,
+
+    F_m = A k^(2/5) m^(3/5) v_m^(6/5),   c = B (k/m)^(2/5) v_m^(1/5) = C k^(1/3) m^(-1/2) F_m^(1/6) beads per second
+
+and its widths in beads. The long-wave limit (Nesterenko, Dynamics of Heterogeneous Materials, 1.4: the paper's Eqs. 2
+and 3) has C = (4/5)^(1/2), and B = (16/25)^(1/5).
+"""
+
+import numpy as np
+
+from drivers.case import Case
+from drivers.chain import Array
+from drivers.trace import Trace
+from postproc.sensors import sensor_average
+from postproc.signals import Peak, first_peak, rising_crossing
+from validation.independent.measure import Measure
+from validation.independent.scipy_chain import forces_of
+from validation.reference.travelling_wave import solve_travelling_wave
+
+LONG_WAVE_BY_VELOCITY = 0.64**0.2
+WIDTHS = (("4pct", 0.04), ("half", 0.5))
+SIGNALS = (("contact", False), ("average", True))
+SETTLED = 30  # contacts below the strike: there the wave is the exact one to 2e-9
+
+
+def measure(case: Case, trace: Trace) -> dict[str, float]:
+    """Velocity and force at the lower sensor, speed from the upper to the lower one.
+
+    Raises:
+        ValueError: fewer than two sensors, no state, or no wave at them.
+    """
+    places = sorted(sensor.from_wall for sensor in case.scene.chain.sensors)
+    if len(places) < 2:
+        raise ValueError("two sensors are needed, between which the speed is read")
+    if trace.velocity_m_s is None:
+        raise ValueError("no state was kept: run.record needs it")
+    lower, upper = places[0], places[-1]
+    time = trace.time_s
+    force, before = _peak(time, trace.force_N[:, lower - 1]), _peak(time, trace.force_N[:, upper - 1])
+    velocity = _peak(time, -trace.velocity_m_s[:, lower - 1]).value
+    speed = (upper - lower) / (force.time_s - before.time_s)
+    stiffness, mass = float(case.chain.stiffness[lower]), float(case.chain.mass_kg[lower - 1])
+    by_velocity = speed / ((stiffness / mass) ** 0.4 * velocity**0.2)
+    signals = {"contact": trace.force_N[:, lower - 1], "average": sensor_average(trace.force_N, lower)}
+    widths = {
+        f"{name}_width_{level}_diameters": _width_s(time, signals[name], share) * speed
+        for name, _ in SIGNALS
+        for level, share in WIDTHS
+    }
+    return {
+        "peak_velocity_over_strike": velocity / float(np.abs(case.chain.velocity_m_s).max()),
+        "force_by_velocity": force.value / (stiffness**0.4 * mass**0.6 * velocity**1.2),
+        "speed_by_force": speed / (stiffness ** (1 / 3) * mass**-0.5 * force.value ** (1 / 6)),
+        "speed_by_velocity": by_velocity,
+        "speed_below_long_wave": 1 - by_velocity / LONG_WAVE_BY_VELOCITY,
+        **widths,
+    }
+
+
+def theory(case: Case) -> dict[str, float]:
+    """The exact wave; its amplitude by a strike from another integrator, force turned to velocity by the exact wave."""
+    wave, chain = solve_travelling_wave(), case.chain
+    speed = float(np.abs(chain.velocity_m_s).max())
+    stiffness, mass = float(chain.stiffness[-1]), float(chain.mass_kg[0])
+    time_unit = (mass / stiffness) ** 0.4 * speed**-0.2
+    time, force = forces_of(chain, 1.3 * SETTLED * time_unit)
+    peak = _peak(time, force[:, -1 - SETTLED]).value
+    velocity = (peak / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6)
+    widths = {
+        f"{name}_width_{level}_diameters": wave.width(share, averaged=averaged)
+        for name, averaged in SIGNALS
+        for level, share in WIDTHS
+    }
+    return {
+        "peak_velocity_over_strike": velocity / speed,
+        "force_by_velocity": wave.force_by_velocity,
+        "speed_by_force": wave.speed_by_force,
+        "speed_by_velocity": wave.speed_by_velocity,
+        "speed_below_long_wave": 1 - wave.speed_by_velocity / LONG_WAVE_BY_VELOCITY,
+        **widths,
+    }
+
+
+def _peak(time_s: Array, values: Array) -> Peak:
+    peak = first_peak(time_s, values)
+    if peak is None:
+        raise ValueError("no wave within run.duration")
+    return peak
+
+
+def _width_s(time_s: Array, values: Array, share: float) -> float:
+    """Time from rising through a share of the first peak to falling through it."""
+    peak = _peak(time_s, values)
+    level = share * peak.value
+    end_of_pulse = peak.sample + int(np.argmax(values[peak.sample :] < level))
+    part = slice(0, end_of_pulse + 9)  # what comes later is another wave
+    # the falling edge rises where time runs back
+    mirrored = Peak(-peak.time_s, peak.value, len(values[part]) - 1 - peak.sample)
+    rise = rising_crossing(time_s, values, level, peak)
+    fall = -rising_crossing(-time_s[part][::-1], values[part][::-1], level, mirrored)
+    return fall - rise
+
+
+WORDS = {"contact": "a contact's force", "average": "a sensor's average", "4pct": "4 % of", "half": "half"}
+SOLITARY = Measure(
+    quantities={
+        "peak_velocity_over_strike": "largest bead velocity over the striker's",
+        "force_by_velocity": "F_m / (k^(2/5) m^(3/5) v_m^(6/5))",
+        "speed_by_force": "c / (k^(1/3) m^(-1/2) F_m^(1/6)), c in beads per second",
+        "speed_by_velocity": "c / ((k/m)^(2/5) v_m^(1/5)), c in beads per second",
+        "speed_below_long_wave": "by how much the speed is below that of the long-wave limit for the same velocity",
+        **{
+            f"{name}_width_{level}_diameters": f"full width of {WORDS[name]} at {WORDS[level]} its peak"
+            for name, _ in SIGNALS
+            for level, _ in WIDTHS
+        },
+    },
+    measure=measure,
+    theory=theory,
+    source="the exact travelling wave of the discrete chain (English and Pego, Proc. AMS 133:1763, 2005)",
+)

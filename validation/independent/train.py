@@ -1,0 +1,52 @@
+"""A train of solitary waves behind a heavy striker: the force of each wave over that of the first.
+
+It is read thirty contacts below the striker's own: that contact lies under the thirtieth bead from the top. There the
+waves of a striker of up to four bead masses have parted to 1e-3 of their ratios; of eight, the fourth still gains 5 %.
+"""
+
+from drivers.case import Case
+from drivers.chain import Array
+from drivers.trace import Trace
+from postproc.signals import peaks
+from validation.independent.measure import Measure
+from validation.independent.scipy_chain import forces_of
+
+BELOW = 30  # contacts below the striker's
+WAVES = 5
+SMALL = 1e-3  # of the range: by so much a wave stands out
+
+
+def measure(case: Case, trace: Trace) -> dict[str, float]:
+    """Ratios from the contact's maxima.
+
+    Raises:
+        ValueError: fewer than two waves come by.
+    """
+    return _ratios(case, trace.time_s, trace.force_N)
+
+
+def theory(case: Case) -> dict[str, float]:
+    """The same of the same chain by another integrator."""
+    return _ratios(case, *forces_of(case.chain, float(case.sample_times_s[-1])))
+
+
+def _ratios(case: Case, time_s: Array, force_N: Array) -> dict[str, float]:
+    column = case.chain.bodies - 1 - BELOW
+    if case.scene.striker is None or column < 1:
+        raise ValueError(f"no contact {BELOW} below a striker's")
+    found = [peak.value for peak in peaks(time_s, force_N[:, column], SMALL)]
+    if len(found) < 2:
+        raise ValueError(f"{len(found)} waves at contact {column + 1} within run.duration")
+    return {f"wave_{number}_over_first": value / found[0] for number, value in enumerate(found[1:WAVES], start=2)}
+
+
+ORDINALS = ("second", "third", "fourth", "fifth")
+TRAIN = Measure(
+    quantities={
+        f"wave_{number}_over_first": f"force of the {word} wave over the first's, {BELOW} contacts below the striker's"
+        for number, word in enumerate(ORDINALS, start=2)
+    },
+    measure=measure,
+    theory=theory,
+    source="the same chain by scipy's DOP853 to 1e-10 a step, which shares no line with the integrators judged",
+)

@@ -1,0 +1,87 @@
+"""A solitary wave that meets a wall: the peak force there, and that of the wave which comes back, over the incident one.
+
+Both are read where the wave keeps its shape: at the lowest sensor's contact. The theory starts from the exact solitary
+wave instead of a strike.
+"""
+
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from drivers.case import Case
+from drivers.chain import Array
+from drivers.trace import Trace
+from postproc.signals import first_peak, peaks
+from validation.independent.measure import Measure
+from validation.independent.scipy_chain import forces
+from validation.reference.travelling_wave import solve_travelling_wave
+
+ABOVE = 10  # contacts above the sensor's at which the exact wave starts, and beads above that
+SMALL = 0.02
+
+
+def measure(case: Case, trace: Trace) -> dict[str, float]:
+    """Ratios from the maxima of two contacts.
+
+    Raises:
+        ValueError: the wave does not come back within the run.
+    """
+    return _ratios(_place(case), trace.time_s, trace.force_N)
+
+
+def theory(case: Case) -> dict[str, float]:
+    """From the exact solitary wave and the wall's stiffness over that of the contacts between beads."""
+    chain = case.chain
+    return _reflected(_place(case), float(chain.stiffness[0] / chain.stiffness[1]))
+
+
+@cache
+def _reflected(place: int, wall_stiffness: float) -> dict[str, float]:
+    """A wave of speed 1 in a chain of masses and stiffnesses 1 (``validation.reference.travelling_wave``)."""
+    wave = solve_travelling_wave()
+    start = place + ABOVE
+    beads = np.arange(1, start + ABOVE + 1)
+    force = CubicSpline(wave.place, wave.force)(beads - 0.5 - start)
+    velocity = CubicSpline(wave.place, wave.velocity)(beads - start)
+    stiffness = np.ones(len(beads))
+    stiffness[0] = wall_stiffness
+    overlap = np.cbrt(np.maximum(force, 0.0)) ** 2
+    # it is back at the sensor after 2 place + ABOVE beads; those at the wall linger
+    return _ratios(place, *forces(np.ones(len(beads)), stiffness, overlap, velocity, 2.0 * place + ABOVE + 8.0))
+
+
+def _ratios(place: int, time_s: Array, force_N: Array) -> dict[str, float]:
+    """Ratios to the first wave that passes contact ``place``."""
+    incident, wall = first_peak(time_s, force_N[:, place - 1]), first_peak(time_s, force_N[:, 0])
+    if incident is None or wall is None:
+        raise ValueError("no wave at the sensor or at the wall within run.duration")
+    back = [peak.value for peak in peaks(time_s, force_N[:, place - 1], SMALL) if peak.time_s > wall.time_s]
+    if not back:
+        raise ValueError(f"no wave comes back to contact {place} within run.duration")
+    return {
+        "wall_peak_over_incident": wall.value / incident.value,
+        "reflected_over_incident": max(back) / incident.value,
+    }
+
+
+def _place(case: Case) -> int:
+    """The lowest sensor's bead, whose contact below is read.
+
+    Raises:
+        ValueError: there is no sensor or no wall.
+    """
+    if case.scene.wall is None or not case.scene.chain.sensors:
+        raise ValueError("no wall, or no sensor to read the wave at")
+    return min(sensor.from_wall for sensor in case.scene.chain.sensors)
+
+
+WALL = Measure(
+    quantities={
+        "wall_peak_over_incident": "largest force on the wall over that of the wave that comes",
+        "reflected_over_incident": "force of the wave that goes back over that of the wave that comes",
+    },
+    measure=measure,
+    theory=theory,
+    source="the exact solitary wave of the discrete chain, led to the wall by scipy's DOP853",
+)
