@@ -39,6 +39,7 @@ COLOUR = re.compile(r"#[0-9a-f]{6}\b")
 USED = re.compile(r'(?:url\(|xlink:href=")#([^")]+)')
 NAMED = re.compile(r' id="([^"]*)"')
 STYLE = re.compile(r'style="([^"]*)"')
+SIZE = re.compile(r'(<svg[^>]*?) width="[^"]*" height="[^"]*"')
 JUNK = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->|<\?xml.*?\?>|<!DOCTYPE.*?>", re.DOTALL)
 
 
@@ -69,7 +70,7 @@ def fit_for_page(text: str, salt: str) -> str:
     text = PATH.sub(lambda found: f' d="{_thin(found[1])}"', text)
     text = STYLE.sub(lambda found: f'style="{COLOUR.sub(lambda c: colour_of(c[0]), found[1])}"', text)
     text = re.sub(r"<defs>\s*</defs>", "", NUMBER.sub(lambda found: f"{float(found[0]):.2f}", text))
-    text = re.sub(r'(<svg[^>]*?) width="[^"]*" height="[^"]*"', r'\1 aria-hidden="true" focusable="false"', text, count=1)
+    text = SIZE.sub(r'\1 aria-hidden="true" focusable="false"', text, count=1)
     return re.sub(r">\s+<", "><", text).strip()
 
 

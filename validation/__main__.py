@@ -30,7 +30,7 @@ def _parser() -> Parser:
     compare.add_argument("--unsafe", action="store_true", help="run what a guard refuses")
     compare.set_defaults(action=_compare)
 
-    report = commands.add_parser("report", help="write the report and its verdicts for programs, running what is not done")
+    report = commands.add_parser("report", help="write the report page, and its verdicts for programs")
     report.add_argument("scenes", nargs="*", metavar="SCENE", help="default: the paper's four, fig4 to fig6d")
     report.add_argument("--out", type=Path, metavar="FILE", help="default: results/report.html; JSON and XML beside it")
     report.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")

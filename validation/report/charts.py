@@ -205,7 +205,8 @@ def _differences(traces: Mapping[str, Trace], x: Array, every: int, top: float) 
 def _line(engine: str, label: str, path: str, values: Array) -> Curve:
     line = line_of(engine)
     dashes = "" if line.dashes == "-" else " ".join(f"{each * line.width:g}" for each in line.dashes[1])
-    return Curve(engine, label, colour_of(line.colour), line.width, dashes, path, b64encode(values.astype("<f4").tobytes()).decode())
+    numbers = b64encode(values.astype("<f4").tobytes()).decode()
+    return Curve(engine, label, colour_of(line.colour), line.width, dashes, path, numbers)
 
 
 def _path(x: Array, y: Array) -> str:

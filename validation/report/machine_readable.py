@@ -62,7 +62,8 @@ def _test(suite: ElementTree.Element, name: str, row: Row, cell: Cell, verdict: 
     measured = not math.isnan(verdict.limit)
     words = f"{verdict.value:.3e} of {verdict.limit:.3e}: {verdict.where}" if measured else verdict.where
     if verdict.verdict == FAIL:
-        failure = ElementTree.SubElement(case, "failure", message=_words(words), type="tolerance" if measured else "run")
+        kind = "tolerance" if measured else "run"
+        failure = ElementTree.SubElement(case, "failure", message=_words(words), type=kind)
         lines = [words, f"tolerance: {verdict.reason}", cell.diagnosis, f"look closer: {row.again}"]
         failure.text = _words("\n".join(line for line in lines if line))
     elif verdict.verdict == NOT_RUN:

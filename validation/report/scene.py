@@ -101,9 +101,10 @@ def _judged(scene: ComparedScene, engines: list[str]) -> list[tuple[str, list[An
 
 def _budget(scene: ComparedScene, engines: list[str]) -> list[tuple[str, str, list[str]]]:
     """Lines of the error budget by quantity and engine: the whole and its parts, which add up to it."""
-    lines = []
-    for engine in engines:
-        for part in scene.runs[engine].record.error_budget:
-            lines.append((part["quantity"], engine, [f"{part[key]:.1e}" for key in PARTS]))
+    lines = [
+        (part["quantity"], engine, [f"{part[key]:.1e}" for key in PARTS])
+        for engine in engines
+        for part in scene.runs[engine].record.error_budget
+    ]
     order = list(dict.fromkeys(quantity for quantity, _, _ in lines))
     return sorted(lines, key=lambda line: order.index(line[0]))

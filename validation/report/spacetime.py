@@ -3,10 +3,10 @@
 from base64 import b64encode
 from dataclasses import dataclass
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 
-from drivers.chain import Array
 from drivers.trace import Trace
 from postproc.spacetime import GAMMA, LEAST, cells_of
 from postproc.style import force_colours
@@ -61,13 +61,11 @@ def raster_of(trace: Trace, engine: str) -> Raster:
             for each in round_ticks(1.0, float(contacts), 5)
             if each == int(each)
         ],
-        forces=[
-            (bottom - HEIGHT * (force / largest) ** GAMMA, f"{force:g}") for force in round_ticks(0.0, largest, 5)
-        ],
+        forces=[(bottom - HEIGHT * (force / largest) ** GAMMA, f"{force:g}") for force in round_ticks(0.0, largest, 5)],
     )
 
 
-def _png(rgba: Array) -> str:
+def _png(rgba: Any) -> str:
     from matplotlib.image import imsave
 
     buffer = BytesIO()

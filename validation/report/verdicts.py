@@ -62,6 +62,11 @@ class Row:
     cells: dict[str, Cell]
     reasons: dict[str, int] = field(default_factory=dict)
 
+    @property
+    def fails(self) -> bool:
+        """Whether any engine failed."""
+        return any(cell.verdict == FAIL for cell in self.cells.values())
+
 
 def scene_row(scene: ComparedScene) -> Row:
     """The row of a compared scene."""
@@ -153,6 +158,14 @@ def number(value: float, digits: int = 2) -> str:
     if math.isnan(value):
         return "–"
     return f"{value:.{digits}g}"
+
+
+def short(value: float) -> str:
+    """Two digits and a power of ten, without the zeros that nobody reads; a dash for what is no number."""
+    if not math.isfinite(value):
+        return "–" if math.isnan(value) else "∞"
+    digits, _, power = f"{value:.1e}".partition("e")
+    return f"{digits}e{int(power)}" if int(power) else digits
 
 
 def _cell(engine: str, own: list[Verdict], note: str, cost: str = "", diagnosis: str = "") -> Cell:

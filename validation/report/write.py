@@ -15,7 +15,7 @@ from validation.report.machine_readable import as_json, as_junit
 from validation.report.made_with import made_with
 from validation.report.scene import section_of
 from validation.report.spacetime import PLACES
-from validation.report.verdicts import case_rows, counted, in_order, scene_row, tolerances, with_reasons
+from validation.report.verdicts import case_rows, counted, in_order, scene_row, short, tolerances, with_reasons
 from validation.scenes import ComparedScene
 from validation.stability.section import read_section as read_stability
 from validation.trade.section import read_section as read_trade
@@ -64,6 +64,7 @@ def write_report(scenes: list[ComparedScene], path: Path, command: str = AGAIN) 
         stability=read_stability(results),
         elements=read_elements(results),
         dark=DARK,
+        short=short,
         places=PLACES,
     )
     results.mkdir(parents=True, exist_ok=True)

@@ -39,9 +39,7 @@ def read_section(results: Path) -> dict[str, Any]:
             "limits": _limits(tables["limits"]),
             "extremes": _extremes(tables["extremes"]),
             "figures": [
-                (words, _figure(results, tables[name], name))
-                for name, (_, words) in FIGURES.items()
-                if name in tables
+                (words, _figure(results, tables[name], name)) for name, (_, words) in FIGURES.items() if name in tables
             ],
         }
     except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
