@@ -27,7 +27,7 @@ APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo)
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cluster engines $(FIGURES) figures claims trade stability elements study report test test-long test-slurm test-accuracy bench lint clean FORCE
+.PHONY: help setup cluster engines $(FIGURES) figures claims trade stability elements study report test test-long test-slurm test-accuracy test-page bench lint clean FORCE
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -75,6 +75,10 @@ test-long: .venv/.ready-dev .venv/.engines ## chains in tubes, killed batches, D
 test-slurm: .venv/.ready-dev ## studies on a real Slurm of this machine, installed where it is missing
 	@command -v slurmctld >/dev/null && command -v munged >/dev/null || $(MAKE) --no-print-directory .slurm
 	$(PY) -m pytest -m slurm validation/tests/test_slurm.py
+
+test-page: .venv/.ready-dev .venv/.engines ## the report page in headless Chromium, installed where it is missing
+	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || $(MAKE) --no-print-directory .chromium
+	$(PY) -m pytest -m page validation/tests/test_page.py
 
 bench: .venv/.ready .venv/.engines ## what the integrators and engines cost, as ratios
 	$(PY) -m validation bench
@@ -157,6 +161,13 @@ endef
 	@test -n "$(APT)" || { echo "no Slurm here: install slurmctld, slurmd and munge"; exit 1; }
 	$(AS_ROOT) apt-get update -qq
 	$(INSTALL) -qq munge slurmctld slurmd slurm-client slurm-wlm-basic-plugins >/dev/null
+
+.PHONY: .chromium
+.chromium:
+	@test -n "$(APT)" || { echo "no browser here: install chromium and its driver (Debian: chromium, chromium-driver)"; exit 1; }
+	@echo "installing chromium and chromium-driver from the system's packages"
+	$(AS_ROOT) apt-get update -qq
+	$(INSTALL) -qq chromium chromium-driver >/dev/null
 
 # remembers which engines were there; it is newer only when that changed
 .venv/.engines: $(AGAIN) $(if $(filter-out $(shell cat .venv/.engines 2>/dev/null),$(FOUND)),FORCE) | .venv/.ready
