@@ -160,6 +160,8 @@ def _compare(arguments: argparse.Namespace) -> int:
             source, tuple(arguments.settings), arguments.runs or paths.RUNS, unsafe=arguments.unsafe
         )
         _print_table(compared.verdicts)
+        for engine, sentence in compared.diagnoses.items():
+            print(f"{compared.case.scene.name:<12} {engine:<10} diagnosis: {sentence}")
         _print_budgets(compared)
         failed |= any(verdict.verdict == FAIL for verdict in compared.verdicts)
     return 1 if failed else 0

@@ -1,6 +1,6 @@
 """Runs a scene on all engines and gathers what the comparison and the report need."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers import paths
@@ -10,8 +10,9 @@ from drivers.finished import FinishedRun, open_run
 from drivers.limits import inability
 from drivers.read_scene import read_scene
 from drivers.run import run_case
+from drivers.trace import Trace
 from validation.comparison import NOT_INSTALLED, REFUSED, compare_case
-from validation.verdict import Verdict
+from validation.verdict import FAIL, Verdict
 
 
 @dataclass(frozen=True)
@@ -21,12 +22,14 @@ class ComparedScene:
     Attributes:
         runs: finished runs by engine.
         absent: why an engine has none.
+        diagnoses: by engine, what a run with a failed verdict matches, in a sentence.
     """
 
     case: Case
     runs: dict[str, FinishedRun]
     absent: dict[str, str]
     verdicts: list[Verdict]
+    diagnoses: dict[str, str] = field(default_factory=dict)
 
 
 def run_and_compare(
@@ -40,6 +43,7 @@ def run_and_compare(
     case = build_case(read_scene(source, settings))
     finished: dict[str, FinishedRun] = {}
     absent: dict[str, str] = {}
+    refused: dict[str, Trace] = {}
     for engine in engine_names():
         if load_engine(engine).find() is None:
             absent[engine] = NOT_INSTALLED
@@ -53,4 +57,19 @@ def run_and_compare(
             finished[engine] = open_run(result.folder)
         else:
             absent[engine] = f"{result.record.status}: {result.record.reason}"
-    return ComparedScene(case, finished, absent, compare_case(case, finished, absent))
+            if result.refused is not None:
+                refused[engine] = result.refused
+    verdicts = compare_case(case, finished, absent)
+    return ComparedScene(case, finished, absent, verdicts, _diagnoses(case, verdicts, finished, refused))
+
+
+def _diagnoses(
+    case: Case, verdicts: list[Verdict], finished: dict[str, FinishedRun], refused: dict[str, Trace]
+) -> dict[str, str]:
+    """Of red runs, which are few: only then are the variants loaded."""
+    red = {verdict.engine for verdict in verdicts if verdict.verdict == FAIL}
+    if not red:
+        return {}
+    from validation.diagnosis.rows import diagnoses_of
+
+    return diagnoses_of(case, verdicts, refused | {name: run.trace for name, run in finished.items() if name in red})

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.case import Case
-from drivers.chain import Array, energy_put_in
+from drivers.chain import Array
 from drivers.engines import EXACT
 from drivers.tolerances import tolerance
 from drivers.trace import Trace
@@ -15,6 +15,7 @@ from validation.diagnosis.model import Model, Motion, model_of, moved
 from validation.diagnosis.records import moving, recorded, sums_of
 from validation.diagnosis.scaled import single_families, whole_families
 from validation.diagnosis.variants import Family, Variant, conventions
+from validation.motion import motion_scales
 from validation.rounding import HORIZON, ROUNDING_MARGIN, comparable, rounding_error
 
 BUDGET = 800_000_000  # bodies times steps of all variants together, some 3 s
@@ -106,7 +107,7 @@ def _of_motion(
     case: Case, model: Model, own: Motion, trace: Trace, samples: int, allowed: float
 ) -> Diagnosis | None:
     """What recorded velocities match, where the forces are right."""
-    scales = np.array([motion_scales(case, trace)]).T
+    scales = motion_scales(case.chain, trace)[:, None]
     seen = np.array([trace.kinetic_energy_J, trace.momentum_N_s])[:, :samples]
 
     def left(sums: tuple[Array, Array]) -> float:
@@ -117,14 +118,6 @@ def _of_motion(
         return None
     found = [Found("velocities recorded", words, left(sums), allowed) for words, *sums in moving(model, own)]
     return _said(found, deviation, "of the energy and the momentum; the forces are right")
-
-
-def motion_scales(case: Case, trace: Trace) -> tuple[float, float]:
-    """What kinetic energies and momenta are counted by: the energy put in, and the largest momentum there can be."""
-    duration = float(trace.time_s[-1])
-    energy = energy_put_in(case.chain, duration) or 1.0
-    momentum = max(float(np.abs(trace.momentum_N_s).max()), abs(float(case.chain.load_N.sum())) * duration)
-    return energy, momentum or 1.0
 
 
 def _of_forces(case: Case, model: Model, target: Target, off: Array, allowed: float) -> Diagnosis:
