@@ -178,6 +178,8 @@ def _compare(arguments: argparse.Namespace) -> int:
         )
         _print_table(compared.verdicts)
         _print_departures(compared)
+        for engine, sentence in compared.diagnoses.items():
+            print(f"{compared.case.scene.name:<12} {engine:<10} diagnosis: {sentence}")
         _print_budgets(compared)
         failed |= any(verdict.verdict == FAIL for verdict in compared.verdicts)
     return 1 if failed else 0
