@@ -121,7 +121,9 @@ results/.elements: $(filter-out postproc/figures/% templates/report/% validation
 
 # the stamp stands only if every verdict is good; finished runs are not run again
 # the page is written even if a claim is at fault, but then the target fails
-results/.report: $(filter-out postproc/figures/%,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/report.html),,FORCE)
+# what other targets made since then is put in as well
+NEWS = $(shell find results -maxdepth 1 \( -name '*.csv' -o -name '*.svg' \) -newer results/.report 2>/dev/null)
+results/.report: $(filter-out postproc/figures/%,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
 	@test -f results/trade.csv || $(PY) -m validation trade --budget $(SHORT_BUDGET)
 	@test -f results/stability.csv || $(PY) -m validation stability --quick
 	@test -f results/elements.csv || $(PY) -m validation elements --quick

@@ -51,7 +51,8 @@ USED = re.compile(r'(?:url\(|xlink:href=")#([^")]+)')
 NAMED = re.compile(r' id="([^"]*)"')
 STYLE = re.compile(r'style="([^"]*)"')
 WORD = re.compile(r'(<(?:text|tspan)\b[^>]*style="[^"]*fill: )(#[0-9a-f]{6})')
-SIZE = re.compile(r'(<svg[^>]*?) width="[^"]*" height="[^"]*"')
+SIZE = re.compile(r'(<svg[^>]*?) width="([\d.]+)pt" height="[^"]*"')
+LARGER = 1.6  # px to the point: print's type, made as large as the page's
 JUNK = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->|<\?xml.*?\?>|<!DOCTYPE.*?>", re.DOTALL)
 
 
@@ -87,7 +88,13 @@ def fit_for_page(text: str, salt: str) -> str:
     text = WORD.sub(lambda found: found[1] + _ink(found[2]), text)
     text = STYLE.sub(lambda found: f'style="{COLOUR.sub(lambda c: colour_of(c[0]), found[1])}"', text)
     text = re.sub(r"<defs>\s*</defs>", "", NUMBER.sub(lambda found: f"{float(found[0]):.2f}", text))
-    text = SIZE.sub(r'\1 aria-hidden="true" focusable="false"', text, count=1)
+    text = SIZE.sub(
+        lambda found: (
+            f'{found[1]} style="max-width: {LARGER * float(found[2]):.0f}px" aria-hidden="true" focusable="false"'
+        ),
+        text,
+        count=1,
+    )
     return re.sub(r">\s+<", "><", text).strip()
 
 
