@@ -14,9 +14,7 @@ TOLERANCE = 1e-10  # of a step, relative: forces come out to 1e-8 of the largest
 SAMPLES_PER_UNIT = 16  # a solitary wave takes four units to pass: peaks of quintics through them are good to 1e-8
 
 
-def forces(
-    mass: Array, stiffness: Array, overlap: Array, velocity_down: Array, duration: float
-) -> tuple[Array, Array]:
+def forces(mass: Array, stiffness: Array, overlap: Array, velocity_down: Array, duration: float) -> tuple[Array, Array]:
     """Times and the forces in all contacts, shape (samples, bodies), of a chain without loads.
 
     Raises:

@@ -11,6 +11,9 @@ from typing import Any
 
 import pytest
 from selenium.webdriver import Chrome, ChromeOptions, ChromeService
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
+from selenium.webdriver.common.actions.interaction import POINTER_TOUCH
+from selenium.webdriver.common.actions.pointer_input import PointerInput
 
 QUESTIONS = (Path(__file__).parent / "page.js").read_text()
 LARGEST_PX = 16_000  # beyond it a screenshot comes out blank
@@ -75,6 +78,16 @@ def ask(driver: Chrome, question: str, *arguments: Any) -> Any:
     """The answer of a function in ``page.js`` on the page that is shown."""
     names = ", ".join(f"arguments[{i}]" for i in range(len(arguments)))
     return driver.execute_script(f"{QUESTIONS}\nreturn {question}({names});", *arguments)
+
+
+def point(driver: Chrome, x: float, y: float, kind: str = "mouse") -> None:
+    """Moves the mouse there, or taps (``kind`` touch)."""
+    pointer = PointerInput(kind, kind)
+    actions = ActionBuilder(driver, mouse=pointer, duration=0)
+    actions.pointer_action.move_to_location(round(x), round(y))
+    if kind == POINTER_TOUCH:
+        actions.pointer_action.pointer_down().pointer_up()
+    actions.perform()
 
 
 def said(driver: Chrome) -> list[str]:
