@@ -18,6 +18,10 @@ DARK = {
     "#ffffff": "var(--page)",
     "#000000": "var(--ink)",
     "#eeeeee": "var(--soft)",
+    "#f2f2f2": "#262d35",
+    "#dddddd": "#39414a",
+    "#d9d9d9": "#39414a",
+    "#cfe3f2": "#23405a",
     "#555555": "var(--dim)",
     "#b0b0b0": "#5b6570",
     "#0072b2": "#4aa8e0",
@@ -30,6 +34,13 @@ DARK = {
     "#2a788e": "#5cb0c8",
     "#7f4f00": "#cf9440",
 }
+# of words: what can be read on a light screen and on a dark one, where a line may be paler
+WORDS = {
+    "#d55e00": ("#a34800", "#f0833a"),
+    "#22a884": ("#0d6b52", "#22a884"),
+    "#7ad151": ("#3c7519", "#7ad151"),
+    "#2a788e": ("#21647a", "#5cb0c8"),
+}
 NUMBER = re.compile(r"-?\d+\.\d{2,}")
 PATH = re.compile(r' d="([^"]*)"')
 LONG = 40  # points: shorter paths are markers and letters, and stay as they are
@@ -39,6 +50,7 @@ COLOUR = re.compile(r"#[0-9a-f]{6}\b")
 USED = re.compile(r'(?:url\(|xlink:href=")#([^")]+)')
 NAMED = re.compile(r' id="([^"]*)"')
 STYLE = re.compile(r'style="([^"]*)"')
+WORD = re.compile(r'(<(?:text|tspan)\b[^>]*style="[^"]*fill: )(#[0-9a-f]{6})')
 SIZE = re.compile(r'(<svg[^>]*?) width="[^"]*" height="[^"]*"')
 JUNK = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->|<\?xml.*?\?>|<!DOCTYPE.*?>", re.DOTALL)
 
@@ -46,6 +58,10 @@ JUNK = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->|<\?xml
 def colour_of(colour: str) -> str:
     """A colour that follows the page into the dark."""
     return f"var(--c-{colour[1:]}, {colour})" if colour in DARK else colour
+
+
+def _ink(colour: str) -> str:
+    return f"var(--t-{colour[1:]})" if colour in WORDS else colour
 
 
 def fit_for_page(text: str, salt: str) -> str:
@@ -68,6 +84,7 @@ def fit_for_page(text: str, salt: str) -> str:
     text = NAMED.sub(lambda found: f' id="{salt}-{found[1]}"' if found[1] in used else "", text)
     text = USED.sub(lambda found: found[0].replace(f"#{found[1]}", f"#{salt}-{found[1]}"), text)
     text = PATH.sub(lambda found: f' d="{_thin(found[1])}"', text)
+    text = WORD.sub(lambda found: found[1] + _ink(found[2]), text)
     text = STYLE.sub(lambda found: f'style="{COLOUR.sub(lambda c: colour_of(c[0]), found[1])}"', text)
     text = re.sub(r"<defs>\s*</defs>", "", NUMBER.sub(lambda found: f"{float(found[0]):.2f}", text))
     text = SIZE.sub(r'\1 aria-hidden="true" focusable="false"', text, count=1)

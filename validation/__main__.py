@@ -177,6 +177,9 @@ def _compare(arguments: argparse.Namespace) -> int:
             source, tuple(arguments.settings), arguments.runs or paths.RUNS, unsafe=arguments.unsafe
         )
         _print_table(compared.verdicts)
+        _print_departures(compared)
+        for engine, sentence in compared.diagnoses.items():
+            print(f"{compared.case.scene.name:<12} {engine:<10} diagnosis: {sentence}")
         _print_budgets(compared)
         failed |= any(verdict.verdict == FAIL for verdict in compared.verdicts)
     return 1 if failed else 0
@@ -203,6 +206,15 @@ def _print_table(verdicts: "list[Verdict]") -> None:
     for v in verdicts:
         numbers = f"{v.value:9.2e} {v.limit:9.2e}" if v.quantity != "run" else " " * 19
         print(f"{v.scene:<12} {v.engine:<10} {v.quantity:<24} {numbers}  {v.verdict}: {v.where}")
+
+
+def _print_departures(compared: "ComparedScene") -> None:
+    """When each run first leaves the exact motion, and why."""
+    from validation.departure import departure_rows
+
+    print()
+    for row in departure_rows(compared.departures):
+        print(f"{compared.case.scene.name:<12} {row.engine:<10} {row.words}")
 
 
 def _print_budgets(compared: "ComparedScene") -> None:

@@ -40,6 +40,7 @@ class SidewaysRods:
         order: by which the three converge.
         rounding: what rounding lets runs differ by, over the largest force.
         samples: until when they can be compared.
+        shares: what rounding does to the forces at each sample of the case, likewise. Shape (samples of the case,).
     """
 
     verlet: Trace
@@ -48,6 +49,7 @@ class SidewaysRods:
     order: float
     rounding: float
     samples: int
+    shares: Array
 
     @property
     def extrapolated_N(self) -> Array:
@@ -118,10 +120,11 @@ def sideways_rods(case: Case, law: str) -> SidewaysRods:
     with _making:
         if key not in _last:
             verlet, half, quarter = (tube_verlet_of(case, law, finer) for finer in (1, 2, 4))
-            rounding, samples = comparable(np.nan_to_num(residual(rounded_otherwise(case, law), verlet), nan=np.inf))
+            shares = np.nan_to_num(residual(rounded_otherwise(case, law), verlet), nan=np.inf)
+            rounding, samples = comparable(shares)
             verlet, half, quarter = (until(trace, samples) for trace in (verlet, half, quarter))
             _last.clear()
-            _last[key] = SidewaysRods(verlet, half, quarter, order_of(verlet, half, quarter), rounding, samples)
+            _last[key] = SidewaysRods(verlet, half, quarter, order_of(verlet, half, quarter), rounding, samples, shares)
         return _last[key]
 
 

@@ -42,7 +42,7 @@ class Check(Part):
     @property
     def against(self) -> str:
         """What it is compared with."""
-        return "theory" if self.expected is None else "published"
+        return "theory" if self.expected is None else "quoted"
 
     def error(self, found: float, expected: float) -> float:
         """By how much a number is off, in the terms of the limit."""
@@ -76,10 +76,12 @@ class Posed:
     Attributes:
         entry: as the file has it.
         cases: by its label, which is empty where there is one only: a case for the scene, or each of the study.
+        theory: what the measure's theory gives for each.
     """
 
     entry: Independent
     cases: dict[str, Case]
+    theory: dict[str, dict[str, float]]
 
 
 def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
@@ -140,12 +142,15 @@ def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> Posed:
             lay_over(base, setting)
         study = replace(study, base=base)
         cases = {study.label(number): study.case(number) for number in range(1, study.count + 1)}
-    for case in cases.values():
-        given = MEASURES[entry.measure].theory(case)
+    try:
+        theory = {label: MEASURES[entry.measure].theory(case) for label, case in cases.items()}
+    except ValueError as error:
+        raise InputError(where, key, str(error), f'a case that the measure "{entry.measure}" can read') from error
+    for given in theory.values():
         for check in entry.check:
             if check.expected is None and check.quantity not in given:
                 raise InputError(where, f"{key}: check {check.quantity}", "no expected", "a number: no theory gives it")
-    return Posed(entry, cases)
+    return Posed(entry, cases, theory)
 
 
 def _source(name: str, path: Path) -> str | Path:

@@ -28,8 +28,9 @@ def independent(file: Path, results: Path, runs: Path) -> int:
         print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
     for line in lines:
         if line.verdict == FAIL:
-            verdict = verdict_of(line)
-            print(f"{line.id}: {line.engine}: {verdict.quantity}: {verdict.where}", file=sys.stderr)
+            each = verdict_of(line)
+            off = "" if line.quantity == RUN else f"off by {line.error:.3g}, allowed {line.within:g}: "
+            print(f"{line.id}: {line.engine}: {each.quantity}: {off}{each.where}", file=sys.stderr)
     return 1 if counts[FAIL] else 0
 
 

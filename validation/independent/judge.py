@@ -33,7 +33,7 @@ class Line:
     Attributes:
         id, title: of the independent case; ``label`` is its case's of a study.
         quantity: ``run`` where there are no numbers; then ``why`` says why.
-        against: ``published`` or ``theory``; ``source`` says whose.
+        against: ``quoted`` or ``theory``; ``source`` says whose.
         error: relative, unless ``error_is`` says absolute; ``within``: what is allowed of it, and ``reason`` why.
     """
 
@@ -74,7 +74,7 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
     ended = dict(zip(jobs, run_many(list(jobs.values()), runs, measured=False), strict=True))
     lines = []
     for one, label, case in _each(posed):
-        expected = MEASURES[one.entry.measure].theory(case)
+        expected = one.theory[label]
         for engine in engine_names():
             key = (one.entry.id, label, engine)
             if key in absent:

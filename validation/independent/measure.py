@@ -17,7 +17,8 @@ class Measure:
         quantities: what each quantity is, in words, by its name.
         measure: the quantities as a run shows them. Raises a ValueError that says what is missing where it shows
             none: a wave that never comes fails the run.
-        theory: the quantities by a closed form or a solver of its own, as many as it knows.
+        theory: the quantities by a closed form or a solver of its own, as many as it knows. Raises a ValueError where
+            the case is none of its kind.
         source: where the theory is from.
     """
 

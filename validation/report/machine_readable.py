@@ -4,7 +4,7 @@ import json
 import math
 import re
 from collections import Counter
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict
 from typing import Any
 from xml.etree import ElementTree
 
@@ -97,7 +97,7 @@ def _scene(scene: ComparedScene, row: Row) -> dict[str, Any]:
         if engine in scene.runs:
             own["run"] = _run(scene.runs[engine])
         departure = scene.departures.get(engine)
-        own["departure"] = asdict(departure) if is_dataclass(departure) and not isinstance(departure, type) else None
+        own["departure"] = asdict(departure) if departure else None
     return told
 
 

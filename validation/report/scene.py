@@ -8,6 +8,7 @@ from drivers.elements import Element
 from drivers.engines import load_engine
 from postproc.observables import observe
 from postproc.stack import EXACT
+from validation.departure import DepartureRow, departure_rows
 from validation.report.charts import Chart, chart_of
 from validation.report.spacetime import Raster, raster_of
 from validation.report.verdicts import QUANTITIES, Row, in_order, number
@@ -38,7 +39,7 @@ class SceneSection:
     warnings: list[tuple[str, str]]
     chart: Chart | None
     raster: Raster | None
-    departures: list[tuple[str, str]]
+    departures: list[DepartureRow]
     budget: list[tuple[str, str, list[str]]]
     budget_notes: list[tuple[str, str]]
     observables: list[tuple[str, list[str]]]
@@ -66,7 +67,7 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
         warnings=[(engine, words) for engine in engines for words in scene.runs[engine].record.warnings],
         chart=chart_of(case.layout, traces) if traces else None,
         raster=raster_of(traces[shown], shown) if traces else None,
-        departures=[(engine, scene.departures[engine].words) for engine in engines if engine in scene.departures],
+        departures=departure_rows({name: found for name in engines if (found := scene.departures.get(name))}),
         budget=_budget(scene, engines),
         budget_notes=[(e, scene.runs[e].record.error_note) for e in engines if scene.runs[e].record.error_note],
         observables=[(name, [number(observed[engine][name], 6) for engine in engines]) for name in names],

@@ -69,5 +69,5 @@ def _png(rgba: Any) -> str:
     from matplotlib.image import imsave
 
     buffer = BytesIO()
-    imsave(buffer, np.asarray(rgba), format="png", metadata={"Software": None})
+    imsave(buffer, np.asarray(rgba), format="png")
     return f"data:image/png;base64,{b64encode(buffer.getvalue()).decode()}"

@@ -14,6 +14,7 @@ from validation.verdict import FAIL, NOT_RUN, PASS, Verdict
 
 QUANTITIES = {
     "force against verlet": "model: force against the same scheme",
+    "motion against verlet": "model: kinetic energy and momentum, likewise",
     "force against reference": "truncation: force against the exact reference",
     "peak of a gauge": "peak of a gauge",
     "speed between gauges": "speed between gauges",

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drivers import deck, paths
 from drivers.whole_file import whole_file
-from postproc.inline import DARK
+from postproc.inline import DARK, WORDS
 from validation.claims.section import read_section as read_claims
 from validation.elements.section import read_section as read_elements
 from validation.independent.section import read_section as read_independent
@@ -64,6 +64,7 @@ def write_report(scenes: list[ComparedScene], path: Path, command: str = AGAIN) 
         stability=read_stability(results),
         elements=read_elements(results),
         dark=DARK,
+        words=WORDS,
         short=short,
         places=PLACES,
     )

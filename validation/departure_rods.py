@@ -1,0 +1,119 @@
+"""What a run is held against to say when it leaves the exact motion: that, its own scheme, and what rounding does."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.case import Case
+from drivers.chain import Array
+from drivers.engines import EXACT, IN_HEIGHTS, load_engine
+from drivers.tolerances import Tolerance, tolerance
+from drivers.trace import Trace
+from postproc.residual import residual
+from validation.budget import LARGEST, yardsticks
+from validation.comparison import shipped_name
+from validation.errors import verlet_of
+from validation.rounding import ROUNDING_MARGIN, comparable, verlet_in_heights
+from validation.sideways import model_quantity, sideways_rods, tube_verlet_of, why_unmeasured
+
+ARRIVED = 1e-3  # of the largest force: the wave is there
+AMPLIFIED = 100.0  # times what rounding made until the wave came to the wall: measured up to 56 on the shipped scenes
+STILL = 1e-3  # of what is allowed: a contact whose force has changed by less has not felt the wave yet
+
+
+@dataclass(frozen=True)
+class Rods:
+    """What a run is held against; shares are of the largest force.
+
+    Attributes:
+        exact_N: shape (samples, contacts).
+        scheme: the run's own scheme at the same step.
+        rounding: the most that rounding has made until each sample. Shape (samples,).
+        samples: for how many a fault can be told from chaos.
+        stated: by which a run may differ from its scheme.
+        allowed: the same, and more where rounding by itself makes more.
+        order: by which the scheme converges.
+    """
+
+    exact_N: Array
+    scheme: Trace
+    rounding: Array
+    samples: int
+    stated: Tolerance
+    allowed: Tolerance
+    order: float
+
+    @property
+    def largest_N(self) -> float:
+        """The largest force."""
+        return float(np.abs(self.exact_N).max()) or 1.0
+
+    @property
+    def turned(self) -> int:
+        """The sample at which the wave has come to the lowest contact; how many there are where it never does."""
+        felt = np.flatnonzero(self.exact_N.any(axis=0))
+        if not felt.size:
+            return len(self.exact_N)
+        lowest = self.exact_N[:, felt[0]]
+        arrived = np.abs(lowest - lowest[0]) > ARRIVED * self.largest_N
+        return int(np.argmax(arrived)) if arrived.any() else len(self.exact_N)
+
+    def multiplied(self, sample: int) -> float:
+        """How often larger rounding is by then than when the wave came to the wall; 1 before."""
+        if sample <= self.turned:
+            return 1.0
+        return float(self.rounding[sample] / max(self.rounding[self.turned], np.finfo(float).eps))
+
+    def chaotic(self, sample: int) -> bool:
+        """Whether the chain multiplies by then whatever there is."""
+        return self.multiplied(sample) > AMPLIFIED
+
+    @property
+    def explained(self) -> Array:
+        """What rounding may make until each sample, in another order of adding. Shape (samples,)."""
+        return np.asarray(ROUNDING_MARGIN * self.rounding)
+
+    def still(self, sample: int) -> float:
+        """A contact whose force has changed by less has felt nothing until then but rounding."""
+        return max(STILL * self.stated.limit, float(self.explained[sample]))
+
+
+def why_no_rods(case: Case) -> str:
+    """Why a case has none; empty where it has."""
+    if case.chain.lateral is not None:
+        return why_unmeasured(case)
+    if case.chain.bodies > LARGEST:
+        return f"not measured: the exact motion of more than {LARGEST} bodies costs more than most runs of them"
+    return ""
+
+
+def rods_for(case: Case, engine: str) -> Rods:
+    """The yardsticks of a run on that engine; of a three-dimensional case cut where rounding alone parts two runs.
+
+    Raises:
+        ArithmeticError: the exact motion cannot be followed.
+    """
+    adapter = load_engine(engine)
+    stated = tolerance("model", model_quantity(case), shipped_name(case))
+    if case.chain.lateral is not None:
+        side = sideways_rods(case, adapter.SHEAR)
+        shares, samples, rounding = side.shares[: side.samples], side.samples, side.rounding
+        exact, scheme, order = side.extrapolated_N, side.verlet, side.order
+    else:
+        rods = yardsticks(case)
+        shares = np.nan_to_num(residual(rods.heights, rods.verlet), nan=np.inf)
+        rounding, samples = comparable(shares)
+        exact, order = rods.truth.trace.force_N, 1.0 if case.chain.damping_ratio else 2.0
+        in_heights = rods.heights if adapter.SCHEME == IN_HEIGHTS else rods.verlet
+        scheme = rods.truth.trace if adapter.SCHEME == EXACT else in_heights
+    reason = f"{ROUNDING_MARGIN:g} times what rounding does to this very scene"
+    allowed = stated if rounding <= stated.limit else Tolerance(rounding, reason)
+    return Rods(exact, scheme, np.maximum.accumulate(shares), samples, stated, allowed, order)
+
+
+def forces_of_scheme(case: Case, engine: str) -> Array:
+    """Forces by an engine's scheme, which has a time step. Shape (samples, contacts)."""
+    adapter = load_engine(engine)
+    if case.chain.lateral is not None:
+        return tube_verlet_of(case, adapter.SHEAR).force_N
+    return verlet_in_heights(case) if adapter.SCHEME == IN_HEIGHTS else verlet_of(case).force_N

@@ -1,0 +1,149 @@
+"""Where a run first leaves its own scheme by more than rounding does, and what kind of fault shows like that."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.case import Case
+from drivers.chain import Array
+from drivers.engines import EXACT, load_engine
+from drivers.trace import Trace
+from postproc.residual import share_of_largest
+from validation.departure_rods import Rods, forces_of_scheme
+
+SET_UP, MODEL, ANOTHER_STEP = "set-up", "model", "another step"
+FAULTS = (SET_UP, MODEL, ANOTHER_STEP)
+START = 1e-9  # of the largest energy and momentum: what runs may differ by at time 0; measured up to 3e-16
+FITTED = 0.05  # of its difference from the scheme: what a run may differ from it at the step that is said to explain it
+SPEEDS = 10.0  # times what forces may differ by: the energy goes with the velocity squared, 2.3 times measured
+MOST_WORK = 2e7  # bodies times steps of a scheme tried at another step
+
+
+@dataclass(frozen=True)
+class Fault:
+    """The first sample at which a run is not what it should be.
+
+    Attributes:
+        contact: which contact is furthest off; 0 where it is not a contact's force.
+        share: by how much, of the largest force (of energy or momentum: of its largest).
+        limit: what was allowed.
+        words: what shows, and what kinds of fault show like that.
+    """
+
+    sample: int
+    contact: int
+    share: float
+    limit: float
+    kind: str
+    words: str
+
+
+def first_fault(case: Case, engine: str, run: Trace, rods: Rods) -> Fault | None:
+    """The first fault of a run; None where rounding explains all that it differs by from its scheme.
+
+    Faults are only looked for as long as they can be told from chaos.
+    """
+    wrong_start = _wrong_start(run, rods.scheme)
+    shares = _shares(run.force_N, rods)
+    apart = shares.max(axis=1)
+    if not (apart[: rods.samples] > rods.allowed.limit).any():
+        return wrong_start or _wrong_speeds(run, rods)
+    sample = int(np.argmax(apart > np.maximum(rods.stated.limit, rods.explained)))
+    column = int(np.argmax(shares[sample]))
+    kind, words = MODEL, ""
+    if sample == 0:
+        has, should = (float(each.force_N[0, column]) for each in (run, rods.scheme))
+        starts = f"starts wrong: at time 0 contact {column + 1} bears {has:.4g} N, where the scene has {should:.4g} N"
+        kind, words = SET_UP, f"{starts}: set-up, its heights or the law of that contact"
+    elif wrong_start:
+        return wrong_start
+    else:
+        yardstick = "the exact motion" if load_engine(engine).SCHEME == EXACT else "velocity Verlet at the same step"
+        time_us = run.time_s[sample] * 1e6
+        leaves = f"leaves {yardstick} by {shares[sample, column]:.1e} of the largest force at {time_us:.6g} µs"
+        leaves = f"{leaves} in contact {column + 1}"
+        kind, why = _kind_and_why(case, engine, run, rods, sample, column)
+        most = float(apart[: rods.samples].max())
+        words = f"{leaves}{why}; it is off by up to {most:.1e}"
+    return Fault(sample, column + 1, float(shares[sample, column]), rods.allowed.limit, kind, words)
+
+
+def _wrong_start(run: Trace, scheme: Trace) -> Fault | None:
+    """Energy or momentum that is not the scene's at time 0: bodies of other speeds or masses."""
+    for name, unit, values, expected in (
+        ("kinetic energy", "J", run.kinetic_energy_J, scheme.kinetic_energy_J),
+        ("momentum", "N s", run.momentum_N_s, scheme.momentum_N_s),
+    ):
+        has, should = float(values[0]), float(expected[0])
+        share = abs(has - should) / (float(np.abs(expected).max()) or 1.0)
+        if not share <= START:
+            starts = f"starts wrong: at time 0 its {name} is {has:.7g} {unit}, where the scene has {should:.7g} {unit}"
+            words = f"{starts}: set-up, masses or speeds, or speeds of another time"
+            return Fault(0, 0, share, START, SET_UP, words)
+    return None
+
+
+def _wrong_speeds(run: Trace, rods: Rods) -> Fault | None:
+    """Kinetic energy that is off where no force is: velocities of another time, or the masses of something else."""
+    expected = rods.scheme.kinetic_energy_J
+    share = np.abs(run.kinetic_energy_J - expected)[: rods.samples] / (float(np.abs(expected).max()) or 1.0)
+    beyond = share > SPEEDS * rods.allowed.limit
+    if not beyond.any():
+        return None
+    sample = int(np.argmax(beyond))
+    words = f"its kinetic energy is off by {share[sample]:.1e} of its largest at {run.time_s[sample] * 1e6:.6g} µs"
+    words = f"{words}, while its forces are right: model, velocities of another time; up to {share.max():.1e}"
+    return Fault(sample, 0, float(share[sample]), SPEEDS * rods.allowed.limit, MODEL, words)
+
+
+def _kind_and_why(case: Case, engine: str, run: Trace, rods: Rods, sample: int, column: int) -> tuple[str, str]:
+    """The kind of a fault that does not show at time 0, and the end of its sentence."""
+    other = _other_step(case, engine, run, rods)
+    if other:
+        return ANOTHER_STEP, f": another step, {other}"
+    change = np.abs(rods.scheme.force_N[: sample + 1] - rods.scheme.force_N[0]) / rods.largest_N
+    if change[:, column].max() <= rods.still(sample):
+        return SET_UP, ", before any wave is there: set-up, it does not start in equilibrium (gravity, loads, masses)"
+    if change[:sample].max() <= rods.still(sample):
+        return SET_UP, ", with the first force that changes: set-up, what strikes there or the law of that contact"
+    most = max(float(rods.explained[sample]), rods.stated.limit)
+    return MODEL, f" while a wave passes: model, another law or mass; rounding explains up to {most:.0e}"
+
+
+def _other_step(case: Case, engine: str, run: Trace, rods: Rods) -> str:
+    """Which other step explains a run, in words; empty where none does.
+
+    Until the wave turns, errors go with the step's power p: if the run's are c times the scheme's, the step is
+    ``c^(1/p)`` times the stated one, which is then tried.
+    """
+    if load_engine(engine).SCHEME == EXACT:
+        return ""
+    end, n = min(rods.turned + 1, rods.samples), case.scene.steps_per_sample
+    error, own = (each.force_N[:end] - rods.exact_N[:end] for each in (run, rods.scheme))
+    smaller = np.abs(error).max() <= FITTED * np.abs(own).max()
+    far_smaller = f"a far smaller one: it follows the exact motion to {np.abs(error).max() / rods.largest_N:.0e}"
+    scale = float((own * own).sum())
+    factor = float((error * own).sum()) / scale if scale else 0.0
+    proportional = np.abs(error - factor * own).max() <= FITTED * np.abs(error - own).max()
+    if not (np.isfinite(factor) and factor > 0 and proportional):
+        return far_smaller if smaller else ""
+    guess = n / factor ** (1 / rods.order)
+    tried = {
+        steps: float(_shares(forces_of_scheme(case.at(steps), engine)[: len(run.force_N)], rods, run)[:end].max())
+        for steps in {max(1, round(guess) + more) for more in (-1, 0, 1)} - {n}
+        if steps * case.scene.samples * case.chain.bodies <= MOST_WORK
+    }
+    best = min(tried, key=lambda steps: tried[steps], default=0)
+    if not best or tried[best] > FITTED * np.abs(error).max() / rods.largest_N:
+        about = f"about {case.scene.run.sample_interval / guess * 1e6:.2g} µs"
+        return far_smaller if smaller else about
+    step_us = case.scene.run.sample_interval / best * 1e6
+    same = f"to {tried[best]:.0e}" if tried[best] else "bit for bit"
+    return f"velocity Verlet at {step_us:.4g} µs does the same {same}"
+
+
+def _shares(force_N: Array, rods: Rods, run: Trace | None = None) -> Array:
+    """Differences of forces from the scheme's, or a run's, over the largest; inf where there is no number."""
+    other = (run or rods.scheme).force_N
+    with np.errstate(invalid="ignore"):
+        return np.nan_to_num(share_of_largest(np.abs(force_N - other), rods.scheme), nan=np.inf)

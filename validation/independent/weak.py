@@ -1,0 +1,140 @@
+"""A weak strike on a chain pressed together by its own weight: how strong the signal is, the deeper it gets.
+
+The contact under the bead at depth h (the top bead: 1) carries the weight of h beads, so that small motions see springs
+``K = (3/2) k^(2/3) F^(1/3) ~ h^(1/3)``. They are a sum over the modes of this chain of springs, which says what each
+bead does. The leading peak goes with powers of depth (Hong, Ji and Kim, Phys. Rev. Lett. 82, 3058, 1999): for a contact
+force ``overlap^p`` the velocity with ``h^-(1/3 + 1/p)/4``, which is ``h^(-1/4)``; so the force, sqrt(K m) times it,
+with ``h^(-1/12)``. Simulations gave 0.250 (patt-sol/9808008).
+
+These powers are those of middle depths. The modes of longer chains steepen on: the velocity's local exponent is -0.230
+at depth 45, -0.240 at 130, -0.250 at 500, -0.257 at 2500, -0.261 at 16000. Near the top the springs change within a
+wavelength of long waves, which the powers above leave out: with m = 1 and K = h^(1/3), waves of a struck top are the
+outgoing solutions ``h^(1/3) H_2/5(6/5 omega h^(5/6))``, whose velocities have a spectrum of omega^(1/10) instead of a
+flat one. With a front that takes a time of h^(1/6) the peak goes with ``h^(-1/12 - 11/60) = h^(-4/15)`` in the end,
+that of the force with ``h^(-1/10)``.
+"""
+
+import numpy as np
+from scipy.linalg import eigh_tridiagonal
+
+from drivers.case import Case
+from drivers.chain import Array, Chain, contact_stiffness
+from drivers.trace import Trace
+from postproc.signals import first_peak
+from validation.independent.measure import Measure
+
+SHOWN = (20, 100, 450)  # depths whose amplitudes are judged
+LAW = np.arange(200, 451, 10)  # depths that the power law is fitted to: there the published exponents hold
+TOP = 0.7  # of a peak: samples above it tell how high it is
+DEGREE = 6  # of the polynomial through them
+
+
+def measure(case: Case, trace: Trace) -> dict[str, float]:
+    """Leading peaks of beads' downward velocities and of contacts' forces above the static ones.
+
+    Raises:
+        ValueError: the chain is too short, no state was kept, or the signal does not come that deep within the run.
+    """
+    bead = _beads(case)
+    if trace.velocity_m_s is None:
+        raise ValueError("no state was kept: run.record needs it")
+    force = trace.force_N[:, bead] - case.chain.force_N[bead]
+    return _values(trace.time_s, -trace.velocity_m_s[:, bead], force)
+
+
+def theory(case: Case) -> dict[str, float]:
+    """The same peaks of the linear chain's motion, by its modes.
+
+    Raises:
+        ValueError: the chain is too short.
+    """
+    velocity, force = motion_by_modes(case.chain, case.sample_times_s, _beads(case))
+    return _values(case.sample_times_s, -velocity, force)
+
+
+def motion_by_modes(chain: Chain, time_s: Array, bodies: Array) -> tuple[Array, Array]:
+    """Small motions about equilibrium from the velocities at time 0: each mode swings at its own frequency.
+
+    ``m_j u_j'' = K_j (u_j-1 - u_j) - K_j+1 (u_j - u_j+1)``, with ``sqrt(m) u`` for u a symmetric tridiagonal matrix.
+
+    Args:
+        chain: straight, every contact closed.
+        time_s: shape (samples,).
+        bodies: indices from the lowest up, as many as wanted.
+
+    Returns:
+        Velocities (upwards) of these bodies and forces above the static ones of the contacts under them, each of shape
+        (samples, wanted).
+    """
+    root, spring = np.sqrt(chain.mass_kg), contact_stiffness(chain.stiffness, chain.overlap_m)
+    diagonal = (spring + np.append(spring[1:], 0.0)) / chain.mass_kg
+    squares, modes = eigh_tridiagonal(diagonal, -spring[1:] / (root[1:] * root[:-1]))
+    frequency = np.sqrt(squares)
+    part = modes.T @ (root * chain.velocity_m_s)
+    shape = modes / root[:, np.newaxis]
+    shortened = np.diff(shape, axis=0, prepend=0.0)[bodies] * spring[bodies, np.newaxis]
+    phase = np.outer(time_s, frequency)
+    return (np.cos(phase) * part) @ shape[bodies].T, -(np.sin(phase) * (part / frequency)) @ shortened.T
+
+
+def amplitude(time_s: Array, signal: Array) -> float:
+    """How high the first maximum is: of a polynomial through the samples around it, which evens out rounding.
+
+    Raises:
+        ValueError: there is none.
+    """
+    peak = first_peak(time_s, signal)
+    if peak is None:
+        raise ValueError("the signal does not come so deep within the run")
+    low = TOP * signal[peak.sample]
+    first = peak.sample - int(np.argmax(signal[peak.sample :: -1] < low)) + 1
+    last = peak.sample + int(np.argmax(signal[peak.sample :] < low)) - 1
+    if last - first < DEGREE:
+        raise ValueError(f"{last - first + 1} samples on top of a peak: run.sample_interval is too long")
+    curve = np.polynomial.Polynomial.fit(time_s[first : last + 1], signal[first : last + 1], DEGREE)
+    places = curve.deriv().roots()
+    inside = places[
+        (np.abs(places.imag) < 1e-9 * time_s[-1]) & (np.abs(places.real - peak.time_s) < _half(time_s, first, last))
+    ]
+    return float(curve(inside.real).max())
+
+
+def _half(time_s: Array, first: int, last: int) -> float:
+    return float(time_s[last] - time_s[first]) / 2
+
+
+def _beads(case: Case) -> Array:
+    """Indices of the beads at all depths that are read.
+
+    Raises:
+        ValueError: the chain is too short.
+    """
+    depths = np.array([*SHOWN, *LAW])
+    if depths.max() > case.chain.beads:
+        raise ValueError(f"{case.chain.beads} beads: too few for a depth of {depths.max()}")
+    return np.asarray(case.chain.beads - depths)
+
+
+def _values(time_s: Array, velocity_m_s: Array, force_N: Array) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for name, unit, signals in (("velocity", "m_s", velocity_m_s), ("force", "N", force_N)):
+        peaks = np.array([amplitude(time_s, column) for column in signals.T])
+        values |= {f"{name}_{depth}_deep_{unit}": float(peak) for depth, peak in zip(SHOWN, peaks, strict=False)}
+        values[f"{name}_exponent"] = float(np.polyfit(np.log(LAW), np.log(peaks[len(SHOWN) :]), 1)[0])
+    return values
+
+
+WEAK = Measure(
+    quantities={
+        **{
+            f"velocity_{depth}_deep_m_s": f"leading peak of the velocity of bead {depth} from the top"
+            for depth in SHOWN
+        },
+        **{f"force_{depth}_deep_N": f"leading peak of the force under bead {depth} from the top" for depth in SHOWN},
+        "velocity_exponent": f"power of depth that the velocity's peak goes with, {LAW[0]} to {LAW[-1]} deep",
+        "force_exponent": f"power of depth that the force's peak goes with, {LAW[0]} to {LAW[-1]} deep",
+    },
+    measure=measure,
+    theory=theory,
+    source="modes of the linearised chain, K = (3/2) k^(2/3) F^(1/3)",
+)
