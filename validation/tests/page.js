@@ -41,6 +41,11 @@ function cutOff() {
   }).map(name);
 }
 
+// what does not fit on a sheet, so that it is torn whatever is asked for
+function tallerThan(height) {
+  return elements("figure, tr").filter((each) => each.getBoundingClientRect().height > height).map(name);
+}
+
 function brokenLinks() {
   return [...document.querySelectorAll("a")].map((each) => each.getAttribute("href")).filter((href) =>
     !href || !href.startsWith("#") || !document.getElementById(decodeURIComponent(href.slice(1))));
@@ -132,7 +137,7 @@ function readout(chart) {
 // words that are torn apart though they are short
 function torn() {
   const found = [];
-  for (const element of elements("h1, h2, h3, th, dt, summary, caption, nav a, b")) {
+  for (const element of elements("h1, h2, h3, th, td, dt, summary, caption, nav a, b")) {
     for (const node of element.childNodes) {
       if (node.nodeType !== Node.TEXT_NODE) continue;
       for (const { 0: word, index } of node.data.matchAll(/[\p{L}\d]{2,14}/gu)) {

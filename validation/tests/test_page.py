@@ -17,6 +17,7 @@ from validation.comparison import compare_case
 from validation.report import write_report
 from validation.scenes import ComparedScene, run_and_compare
 from validation.tests.browser import (
+    PRINTED_HIGH_PX,
     PRINTED_PX,
     allow_scripts,
     ask,
@@ -170,7 +171,10 @@ def test_paper_holds_everything(page: Shown) -> None:
     assert ask(page.driver, "pageColour") == [255, 255, 255]
     assert ask(page.driver, "tooWide", PRINTED_PX) == []
     assert ask(page.driver, "cutOff") == []
+    assert ask(page.driver, "torn") == []
     assert ask(page.driver, "breakable", "figure, tr") == []
+    assert ask(page.driver, "tallerThan", PRINTED_HIGH_PX) == []
+    assert ask(page.driver, "hidden", "main :is(p:not(.readout), table, figure, pre, li)") == []
     assert [kind for kind in ask(page.driver, "contrasts") if kind[1] < LEGIBLE] == []
 
 
