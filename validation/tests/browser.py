@@ -11,12 +11,15 @@ from typing import Any
 
 import pytest
 from selenium.webdriver import Chrome, ChromeOptions, ChromeService
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
+from selenium.webdriver.common.actions.interaction import POINTER_TOUCH
+from selenium.webdriver.common.actions.pointer_input import PointerInput
 
 QUESTIONS = (Path(__file__).parent / "page.js").read_text()
 LARGEST_PX = 16_000  # beyond it a screenshot comes out blank
 A4_IN = {"paperWidth": 8.27, "paperHeight": 11.69}
 PICTURES = ("image", "img", "SvgRoot", "Canvas", "graphics-document")  # roles in Chromium's accessibility tree
-PRINTED_PX = 718  # what A4 leaves between margins of 1 cm, at 96 to the inch
+PRINTED_PX, PRINTED_HIGH_PX = 718, 1047  # what A4 leaves between margins of 1 cm, at 96 to the inch
 
 
 def need_browser() -> None:
@@ -57,8 +60,8 @@ def devtools(driver: Chrome, command: str, **parameters: Any) -> dict[str, Any]:
     return answer
 
 
-def view(driver: Chrome, width_px: int, scheme: str = "light", media: str = "screen") -> None:
-    """Shows the page at a width, in a colour scheme, on a medium."""
+def view(driver: Chrome, width_px: int, scheme: str = "light", media: str = "") -> None:
+    """Shows the page at a width, in a colour scheme, as on paper with ``media="print"``."""
     height_px = 800 if width_px > 500 else 844
     devtools(driver, "Emulation.setDeviceMetricsOverride", width=width_px, height=height_px, deviceScaleFactor=1,
              mobile=False)  # fmt: skip
@@ -77,15 +80,25 @@ def ask(driver: Chrome, question: str, *arguments: Any) -> Any:
     return driver.execute_script(f"{QUESTIONS}\nreturn {question}({names});", *arguments)
 
 
+def point(driver: Chrome, x: float, y: float, kind: str = "mouse") -> None:
+    """Moves the mouse there, or taps (``kind`` touch)."""
+    pointer = PointerInput(kind, kind)
+    actions = ActionBuilder(driver, mouse=pointer, duration=0)
+    actions.pointer_action.move_to_location(round(x), round(y))
+    if kind == POINTER_TOUCH:
+        actions.pointer_action.pointer_down().pointer_up()
+    actions.perform()
+
+
 def said(driver: Chrome) -> list[str]:
     """What was written to the console since the last call, information left out."""
-    return [f"{entry['level']}: {entry['message']}" for entry in driver.get_log("browser")  # type: ignore[no-untyped-call]
+    return [f"{entry['level']}: {entry['message']}" for entry in driver.get_log("browser")
             if entry["level"] not in ("INFO", "DEBUG")]  # fmt: skip
 
 
 def requests(driver: Chrome) -> list[str]:
     """Addresses that were asked for since the last call."""
-    events = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]  # type: ignore[no-untyped-call]
+    events = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
     asked = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
     return [each["request"]["url"] for each in asked]
 

@@ -41,6 +41,11 @@ function cutOff() {
   }).map(name);
 }
 
+// what does not fit on a sheet, so that it is torn whatever is asked for
+function tallerThan(height) {
+  return elements("figure, tr").filter((each) => each.getBoundingClientRect().height > height).map(name);
+}
+
 function brokenLinks() {
   return [...document.querySelectorAll("a")].map((each) => each.getAttribute("href")).filter((href) =>
     !href || !href.startsWith("#") || !document.getElementById(decodeURIComponent(href.slice(1))));
@@ -81,6 +86,69 @@ function touchAll() {
       }
     }
   }
+}
+
+const chartOf = (chart) => document.querySelector(`figure[data-chart="${CSS.escape(chart)}"]`);
+
+// one pair of axes of a chart, brought into view: its edges on the screen, and what each curve is drawn at along time
+function panel(chart, index, shares) {
+  const axis = chartOf(chart).querySelectorAll("path.axis")[index];
+  axis.scrollIntoView({ block: "center", behavior: "instant" });
+  const { left, right, top, bottom } = axis.getBoundingClientRect();
+  const inside = (element) => {
+    const box = element.getBoundingClientRect();
+    return box.top >= top - 1 && box.bottom <= bottom + 1;
+  };
+  const scale = [...chartOf(chart).querySelectorAll("path.grid")]
+    .filter((line) => inside(line) && line.getBBox().height === 0)
+    .map((line) => [line.getBoundingClientRect().top, line.nextElementSibling.textContent]);
+  const heightAt = (curve, x) => {
+    const toScreen = curve.getScreenCTM();
+    let [low, high] = [0, curve.getTotalLength()];
+    const at = (length) => curve.getPointAtLength(length).matrixTransform(toScreen);
+    for (let i = 0; i < 40; i += 1) {
+      const middle = (low + high) / 2;
+      if (at(middle).x < x) low = middle; else high = middle;
+    }
+    return at(high).y;
+  };
+  const drawn = [...chartOf(chart).querySelectorAll("path.curve")].filter(inside).map((curve) =>
+    [curve.dataset.label, shares.map((share) => heightAt(curve, left + share * (right - left)))]);
+  return { left, right, top, bottom, scale, drawn: Object.fromEntries(drawn) };
+}
+
+function charts() {
+  return [...document.querySelectorAll("figure[data-chart]")].map((each) => each.dataset.chart);
+}
+
+// what a chart tells at the moment, or null: the time, all its words, and the value of each curve by its label
+function readout(chart) {
+  const box = chartOf(chart).querySelector(".readout");
+  if (!visible(box)) return null;
+  const lines = [...box.querySelectorAll("[data-value]")];
+  return {
+    time: Number(box.querySelector("[data-time]").dataset.time),
+    words: box.innerText,
+    values: Object.fromEntries(lines.map((line) => [line.textContent.split(":")[0], Number(line.dataset.value)])),
+    shown: Object.fromEntries(lines.map((line) => [line.textContent.split(":")[0], parseFloat(line.textContent.split(":")[1])])),
+  };
+}
+
+// words that are torn apart though they are short
+function torn() {
+  const found = [];
+  for (const element of elements("h1, h2, h3, th, td, dt, summary, caption, nav a, b")) {
+    for (const node of element.childNodes) {
+      if (node.nodeType !== Node.TEXT_NODE) continue;
+      for (const { 0: word, index } of node.data.matchAll(/[\p{L}\d]{2,14}/gu)) {
+        const range = document.createRange();
+        range.setStart(node, index);
+        range.setEnd(node, index + word.length);
+        if (new Set([...range.getClientRects()].map((box) => Math.round(box.top))).size > 1) found.push(word);
+      }
+    }
+  }
+  return found;
 }
 
 function hidden(selector) {

@@ -1,18 +1,23 @@
 """The report page in headless Chromium, as its readers see it: ``make test-page``, screenshots in ``results/page``."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
-from selenium.webdriver import Chrome
+from selenium.webdriver import Chrome, Keys
 
 from drivers import paths
+from drivers.finished import FinishedRun
 from validation.comparison import compare_case
 from validation.report import write_report
 from validation.scenes import ComparedScene, run_and_compare
 from validation.tests.browser import (
+    PRINTED_HIGH_PX,
     PRINTED_PX,
     allow_scripts,
     ask,
@@ -21,6 +26,7 @@ from validation.tests.browser import (
     keep_screenshot,
     nameless_pictures,
     need_browser,
+    point,
     requests,
     said,
     view,
@@ -31,6 +37,8 @@ pytestmark = pytest.mark.page
 
 WIDTHS_PX = (1280, 390)
 SCHEMES = ("light", "dark")
+SINGLE = 2.0**-24  # the page keeps values in single precision
+DIGITS = 5e-5  # and shows at least five digits
 LEGIBLE = 4.5  # WCAG 2.2, 1.4.3: contrast of text
 HOSTILE = """</script><img src=x onerror="throw 1"><script>throw 2</script>' & \\" {{ 3 }}"""
 KEPT = paths.RESULTS / "page"
@@ -115,12 +123,11 @@ def test_nothing_is_said_and_nothing_is_asked_for(shown: Shown) -> None:
 def test_the_page_scrolls_one_way_only(page: Shown, width_px: int, scheme: str) -> None:
     view(page.driver, width_px, scheme)
     keep_screenshot(page.driver, KEPT / f"{page.name}-{width_px}-{scheme}-first.png", whole=False)
+    keep_screenshot(page.driver, KEPT / f"{page.name}-{width_px}-{scheme}.png", whole=True)
     assert ask(page.driver, "tooWide", width_px) == []
     ask(page.driver, "openAll")
     assert ask(page.driver, "tooWide", width_px) == []
-    page.load()
-    view(page.driver, width_px, scheme)
-    keep_screenshot(page.driver, KEPT / f"{page.name}-{width_px}-{scheme}.png", whole=True)
+    assert ask(page.driver, "torn") == []
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -159,14 +166,16 @@ def test_the_page_is_in_order(page: Shown) -> None:
 
 
 def test_paper_holds_everything(page: Shown) -> None:
+    assert keep_print(page.driver, KEPT / f"{page.name}.pdf").startswith(b"%PDF")
     view(page.driver, PRINTED_PX, "dark", "print")
     assert ask(page.driver, "pageColour") == [255, 255, 255]
     assert ask(page.driver, "tooWide", PRINTED_PX) == []
     assert ask(page.driver, "cutOff") == []
+    assert ask(page.driver, "torn") == []
     assert ask(page.driver, "breakable", "figure, tr") == []
+    assert ask(page.driver, "tallerThan", PRINTED_HIGH_PX) == []
+    assert ask(page.driver, "hidden", "main :is(p:not(.readout), table, figure, pre, li)") == []
     assert [kind for kind in ask(page.driver, "contrasts") if kind[1] < LEGIBLE] == []
-    view(page.driver, WIDTHS_PX[0])
-    assert keep_print(page.driver, KEPT / f"{page.name}.pdf").startswith(b"%PDF")
 
 
 def test_it_reads_without_scripts(page: Shown) -> None:
@@ -179,6 +188,96 @@ def test_it_reads_without_scripts(page: Shown) -> None:
         keep_screenshot(page.driver, KEPT / f"{page.name}-without-scripts.png", whole=True)
     finally:
         allow_scripts(page.driver, allowed=True)
+
+
+def contact(run: FinishedRun, j: int) -> np.ndarray:
+    """The force in a contact, from the run's own file."""
+    return np.asarray(pd.read_parquet(run.folder / "forces.parquet")[f"contact_{j}_N"])
+
+
+def of_panels(runs: dict[str, FinishedRun]) -> list[dict[str, np.ndarray]]:
+    """What the curves of Fig. 4's chart are, panel by panel: gauges at beads 9 and 5 (Eq. 5), the wall, differences."""
+    beads = [{engine: (contact(run, j) + contact(run, j + 1)) / 2 for engine, run in runs.items()} for j in (9, 5)]
+    wall = {engine: contact(run, 1) for engine, run in runs.items()}
+    forces = {engine: np.column_stack([contact(run, j + 1) for j in range(22)]) for engine, run in runs.items()}
+    differences = {
+        f"{engine} − {yardstick}": np.abs(forces[engine] - forces[yardstick]).max(axis=1) / forces[yardstick].max()
+        for yardstick in ("reference", "verlet")
+        for engine in runs
+        if engine not in (yardstick, "reference")
+    }
+    return [*beads, wall, differences]
+
+
+def fig4(shown: Shown) -> ComparedScene:
+    """The scene whose files are at hand."""
+    if not shown.scenes:
+        pytest.skip("values are compared on the page made here")
+    return shown.scenes[0]
+
+
+@pytest.mark.parametrize("kind", ["mouse", "touch"])
+def test_a_curve_tells_the_runs_own_values(page: Shown, kind: str) -> None:
+    runs = fig4(page).runs
+    driver, spacing_us = page.driver, 1.0
+    view(driver, WIDTHS_PX[kind == "touch"])
+    for index, curves in enumerate(of_panels(runs)):
+        assert ask(driver, "readout", "fig4") is None
+        for share in (0.07, 0.5, 0.93):
+            edges = ask(driver, "panel", "fig4", index, [])
+            width_px = edges["right"] - edges["left"]
+            point(driver, edges["left"] + share * width_px, (edges["top"] + edges["bottom"]) / 2, kind)
+            told = ask(driver, "readout", "fig4")
+            assert told["time"] == pytest.approx(share * 800, abs=spacing_us / 2 + 800 / width_px)
+            sample = round(told["time"] / spacing_us)
+            assert told["time"] == pytest.approx(sample * spacing_us, abs=1e-9 * 800)
+            values = {label: force[sample] for label, force in curves.items()}
+            assert told["values"] == pytest.approx(values, rel=SINGLE, abs=0)
+            assert told["shown"] == pytest.approx(values, rel=DIGITS, abs=0)
+            assert f"{sample} µs" in told["words"]
+            assert ask(driver, "tooWide", WIDTHS_PX[kind == "touch"]) == []
+        point(driver, 2, 2, kind)
+    assert ask(driver, "readout", "fig4") is None
+
+
+def test_curves_are_drawn_at_what_they_tell(page: Shown) -> None:
+    samples = [120, 400, 555, 690]
+    for index, curves in enumerate(of_panels(fig4(page).runs)):
+        found = ask(page.driver, "panel", "fig4", index, [sample / 800 for sample in samples])
+        ticks = [(height, float(words)) for height, words in found["scale"]]
+        convert = np.log10 if index == 3 else np.asarray
+        heights, numbers = np.array([t[0] for t in ticks]), convert(np.array([t[1] for t in ticks]))
+        slope, offset = np.polyfit(numbers, heights, 1)
+        assert set(found["drawn"]) == set(curves)
+        for label, force in curves.items():
+            near = np.array([convert(force[s - 1 : s + 2]) for s in samples]) * slope + offset
+            drawn = np.array(found["drawn"][label])
+            assert np.all(near.min(axis=1) - 1 < drawn), label
+            assert np.all(drawn < near.max(axis=1) + 1), label
+
+
+def test_keys_do_as_well(page: Shown) -> None:
+    fig4(page)
+    chart = page.driver.find_element("css selector", 'figure[data-chart="fig4"] svg')
+    times = []
+    for keys in (Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_LEFT):
+        chart.send_keys(keys)
+        times.append(ask(page.driver, "readout", "fig4")["time"])
+    assert times == [1, 2, 1]
+    chart.send_keys(Keys.ESCAPE)
+    assert ask(page.driver, "readout", "fig4") is None
+
+
+def test_every_chart_tells_something(page: Shown) -> None:
+    charts = ask(page.driver, "charts")
+    assert charts
+    for chart in charts:
+        edges = ask(page.driver, "panel", chart, 0, [])
+        point(page.driver, (edges["left"] + edges["right"]) / 2, edges["top"] + 5)
+        told = ask(page.driver, "readout", chart)
+        assert all(math.isfinite(value) for value in told["values"].values())
+        point(page.driver, 2, 2)
+        assert ask(page.driver, "readout", chart) is None
 
 
 def test_scripts_can_be_forbidden(driver: Chrome, tmp_path: Path) -> None:
