@@ -12,6 +12,7 @@ import pytest
 from drivers.case import Case
 from drivers.chain import Array
 from drivers.trace import Trace
+from validation.__main__ import main
 from validation.budget import yardsticks
 from validation.departure import CHAOS, LEVELS, NONE, TRUNCATION, UNKNOWN, Departure, departure, departure_rows
 from validation.errors import verlet_of
@@ -20,7 +21,7 @@ from validation.random_scenes import random_case
 from validation.rounding import verlet_in_heights
 from validation.scenes import run_and_compare
 from validation.sideways import tube_verlet_of
-from validation.tests.conftest import case_of, command_line, finished
+from validation.tests.conftest import case_of, finished
 
 WEIGHTLESS = "gravity=0 m/s^2"
 LONG = ("run.duration=20 ms", "run.sample_interval=5 us")
@@ -202,14 +203,18 @@ def test_a_chain_that_rests() -> None:
     assert departure(case, "yade", as_code(case)).kind == NONE
 
 
-def test_departures_come_with_the_comparison(shared_runs: Path) -> None:
+def test_departures_come_with_the_comparison(
+    shared_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     compared = run_and_compare("fig4", (WEIGHTLESS,), shared_runs)
     assert set(compared.departures) == set(compared.runs)
     rows = departure_rows(compared.departures)
     assert {row.engine for row in rows} == set(compared.runs)
     assert {row.kind for row in rows if row.engine == "reference"} == {NONE}
-    printed = command_line("validation", "compare", "fig4", "--set", WEIGHTLESS, "--runs", shared_runs)
-    assert all(row.words in printed.stdout for row in rows)
+    monkeypatch.setattr("sys.argv", ["", "compare", "fig4", "--set", WEIGHTLESS, "--runs", str(shared_runs)])
+    assert main() == 0
+    printed = capsys.readouterr().out
+    assert all(row.words in printed for row in rows)
 
 
 def _all(found: Departure) -> list[Departure]:

@@ -3,12 +3,14 @@
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import InputError
 from drivers.trace import FORCES, read_forces, write_forces
+from validation.__main__ import main
 from validation.departure import TRUNCATION
 from validation.first_fault import ANOTHER_STEP, FAULTS, MODEL, SET_UP
 from validation.pair.command import compare_runs
@@ -181,10 +183,9 @@ def test_keys_with_units_and_what_one_scene_lacks() -> None:
     ]
 
 
-def test_on_the_command_line(run_of: FolderOf) -> None:
-    verlet, coarse = run_of("verlet", "fig4"), run_of("verlet", "fig4", "run.time_step=1 us")
-    good = command_line("validation", "compare", verlet, coarse)
-    assert (good.returncode, good.stderr) == (0, "")
+def test_what_is_printed(run_of: FolderOf, capsys: pytest.CaptureFixture[str]) -> None:
+    assert compare_runs(run_of("verlet", "fig4"), run_of("verlet", "fig4", "run.time_step=1 us")) == 0
+    told = capsys.readouterr().out
     for words in (
         "time step 1e-06 s, 800 steps, 801 samples, commit ",
         "differs run.time_step: 1e-07 s against 1e-06 s",
@@ -194,18 +195,22 @@ def test_on_the_command_line(run_of: FolderOf) -> None:
         "first   leaves the exact motion by 1e-06 of the largest force at 12 µs in contact 22: truncation",
         "error budget",
     ):
-        assert words in good.stdout
-    other = run_of("verlet", "fig4", "wall.material=alumina")
+        assert words in told
+
+
+def test_on_the_command_line(run_of: FolderOf, monkeypatch: pytest.MonkeyPatch) -> None:
+    verlet, other = str(run_of("verlet", "fig4")), str(run_of("verlet", "fig4", "wall.material=alumina"))
     bad = command_line("validation", "compare", verlet, other)
-    assert bad.returncode == 1
+    assert (bad.returncode, bad.stderr) == (1, "")
     assert bad.stdout.rstrip().splitlines()[-1].startswith("FAIL: force, wall_peak")
     assert "second, taken for a run of the first's scene: leaves velocity Verlet" in bad.stdout
-    one = command_line("validation", "compare", verlet)
-    assert one.returncode == 2
-    assert len(one.stderr.splitlines()) == 1
-    setting = command_line("validation", "compare", verlet, other, "--set", "seed=1")
-    assert setting.returncode == 2
-    assert "--set" in setting.stderr
+    same = command_line("validation", "compare", verlet, verlet)
+    assert same.returncode == 2
+    assert len(same.stderr.splitlines()) == 1
+    for words, found in (([verlet], "exactly two run folders"), ([verlet, other, "--set", "seed=1"], "--set")):
+        monkeypatch.setattr("sys.argv", ["validation", "compare", *words])
+        with pytest.raises(InputError, match=found):
+            main()
 
 
 def test_folders_that_are_no_runs(run_of: FolderOf, copied: Callable[[Path], Path], tmp_path: Path) -> None:
@@ -254,8 +259,9 @@ def test_a_copy_is_the_same_and_changed_forces_are_noticed(
     assert compare_runs(good, copy) == 0
     assert "warning" not in capsys.readouterr().out
     trace = read_forces(copy / FORCES)
-    trace.force_N[600, 6] += 1e-6
-    write_forces(trace, copy / FORCES)
+    force = trace.force_N.copy()
+    force[600, 6] += 1e-6
+    write_forces(replace(trace, force_N=force), copy / FORCES)
     assert compare_runs(good, copy) == 1
     told = capsys.readouterr().out
     assert "contact 7 at 600 µs" in told
