@@ -108,7 +108,8 @@ def _kind_and_why(case: Case, engine: str, run: Trace, rods: Rods, sample: int, 
     if change[:, column].max() <= rods.still(sample):
         return SET_UP, ", before any wave is there: set-up, it does not start in equilibrium (gravity, loads, masses)"
     if change[:sample].max() <= rods.still(sample):
-        return SET_UP, ", with the first force that changes: set-up, what strikes there or the law of that contact"
+        why = "what strikes there, the law of that contact, or samples of another time"
+        return SET_UP, f", with the first force that changes: set-up, {why}"
     most = max(float(rods.explained[sample]), rods.stated.limit)
     return MODEL, f" while a wave passes: model, another law or mass; rounding explains up to {most:.0e}"
 

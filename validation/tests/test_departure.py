@@ -78,6 +78,15 @@ def test_chaos_comes_after_reflections() -> None:
     assert kinds == sorted(kinds, reverse=True)
 
 
+def test_truncation_stays_truncation_after_a_reflection() -> None:
+    """Until half a millisecond rounding has grown no more than walks do."""
+    case = case_of("fig6b")
+    found = departure(case, "verlet", verlet_of(case))
+    (later,) = found.later
+    assert (found.kind, later.kind, later.level) == (TRUNCATION, TRUNCATION, 1e-4)
+    assert later.time_s == pytest.approx(507e-6)
+
+
 def test_rounding_parts_a_code_from_verlet_when_the_chain_is_chaotic(shared_runs: Path) -> None:
     """Two roundings pass 1e-8 of the largest force at 8 ms and are 1 % apart at 20 ms: 1e-6 lies between."""
     case = case_of("fig4", *LONG)
