@@ -43,7 +43,9 @@ def open_run(folder: Path) -> FinishedRun:
     record = read_record(folder)
     allowed = "a run folder, as python -m drivers run prints it"
     if record is None:
-        raise InputError(str(folder), FILE, "no record of a run", allowed)
+        unread = "a record that is damaged or of another version"
+        found = unread if (folder / FILE).exists() else "no record of a run"
+        raise InputError(str(folder), FILE, found, allowed)
     if record.status != "done":
         raise InputError(str(folder), FILE, f"a run that {record.status}: {record.reason}", "a run that is done")
     try:

@@ -166,7 +166,11 @@ def _compare(arguments: argparse.Namespace) -> int:
     if folders:
         if len(folders) != 2 or len(arguments.what) != 2:
             raise InputError("compare", "", " ".join(arguments.what), "scenes, or exactly two run folders")
-        return _compare_runs(*folders)
+        if arguments.settings:
+            raise InputError("--set", "", "a setting for runs that are done", "settings of scenes")
+        from validation.pair.command import compare_runs
+
+        return compare_runs(*folders)
     from drivers import paths
     from validation.scenes import run_and_compare
     from validation.verdict import FAIL
@@ -183,22 +187,6 @@ def _compare(arguments: argparse.Namespace) -> int:
         _print_budgets(compared)
         failed |= any(verdict.verdict == FAIL for verdict in compared.verdicts)
     return 1 if failed else 0
-
-
-def _compare_runs(first: Path, second: Path) -> int:
-    from drivers.finished import open_run
-    from validation.comparison import deviation, tolerance_between
-
-    one, other = open_run(first), open_run(second)
-    try:
-        found = deviation(one.trace, other.trace)
-    except ValueError as error:
-        raise InputError(f"{first} {second}", "", str(error), "runs of equal contacts and sample times") from error
-    limit = tolerance_between(one.record, other.record)
-    verdict = "pass" if found.share <= limit.limit else "FAIL"
-    place = f"contact {found.contact} at {found.time_s * 1e6:g} µs"
-    print(f"{verdict}  {found.share:.3g} of the largest force ({place}); allowed {limit.limit:g}: {limit.reason}")
-    return 0 if verdict == "pass" else 1
 
 
 def _print_table(verdicts: "list[Verdict]") -> None:

@@ -14,7 +14,6 @@ from drivers.engines import load_engine
 from drivers.finished import FinishedRun
 from drivers.guard import energy_error
 from drivers.read_scene import read_scene
-from drivers.record import RunRecord
 from drivers.tolerances import Tolerance, tolerance
 from drivers.trace import Trace
 from postproc.observables import observe
@@ -193,11 +192,3 @@ def _judge(case: Case, engine: str, quantity: str, found: Deviation, limit: Tole
 def _verdict(case: Case, engine: str, quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
     verdict = PASS if value <= limit.limit else FAIL  # NaN fails
     return Verdict(case.scene.name, engine, quantity, value, limit.limit, limit.reason, where, verdict)
-
-
-def tolerance_between(one: RunRecord, other: RunRecord) -> Tolerance:
-    """The tolerance for two runs of the same scheme at the same step; of truncation for all others."""
-    same_step = one.time_step_s == other.time_step_s
-    if same_step and "reference" not in (one.engine, other.engine):
-        return tolerance("model", "force")
-    return tolerance("truncation", "force")

@@ -138,10 +138,10 @@ def _why(engine: str, rods: Rods, sample: int, own: float, level: float) -> tupl
 
 
 def _from_scheme(case: Case, engine: str, run: Trace, rods: Rods) -> Iterator[Departure]:
-    """When rounding alone has parted a run from its scheme: two runs can no longer be compared."""
+    """When rounding alone has parted a run from its scheme: from then on two runs cannot be compared."""
     if load_engine(engine).SCHEME == EXACT:
         return
-    share = np.nan_to_num(share_of_largest(np.abs(run.force_N - rods.scheme.force_N), rods.scheme), nan=np.inf)
+    share = np.nan_to_num(share_of_largest(np.abs(run.force_N - rods.plain_N), rods.scheme), nan=np.inf)
     beyond = share.max(axis=1) > HORIZON
     if rods.samples < case.scene.samples and beyond.any() and rods.chaotic(int(np.argmax(beyond))):
         sample = int(np.argmax(beyond))
@@ -151,6 +151,13 @@ def _from_scheme(case: Case, engine: str, run: Trace, rods: Rods) -> Iterator[De
         words = f"leaves velocity Verlet at the same step by {HORIZON:g} of the largest force {place}: {CHAOS},"
         words = f"{words} as a Verlet does that only rounds otherwise"
         yield Departure(time_s, column + 1, float(share[sample, column]), CHAOS, HORIZON, words)
+    elif len(run.time_s) < case.scene.samples:  # of three dimensions nothing beyond is known
+        time_s = float(case.sample_times_s[len(run.time_s)])
+        kind = CHAOS if rods.chaotic(len(run.time_s) - 1) else ROUNDING
+        words = (
+            f"cannot be followed from {time_s * 1e6:.6g} µs on: {kind}, rounding alone parts two runs by {HORIZON:g}"
+        )
+        yield Departure(time_s, 0, HORIZON, kind, HORIZON, words)
 
 
 def _place(time_s: float, contact: int) -> str:

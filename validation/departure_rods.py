@@ -28,6 +28,7 @@ class Rods:
     Attributes:
         exact_N: shape (samples, contacts).
         scheme: the run's own scheme at the same step.
+        plain_N: forces of that scheme where it rounds otherwise, in overlaps; of three dimensions the same.
         rounding: the most that rounding has made until each sample. Shape (samples,).
         samples: for how many a fault can be told from chaos.
         stated: by which a run may differ from its scheme.
@@ -37,6 +38,7 @@ class Rods:
 
     exact_N: Array
     scheme: Trace
+    plain_N: Array
     rounding: Array
     samples: int
     stated: Tolerance
@@ -98,17 +100,18 @@ def rods_for(case: Case, engine: str) -> Rods:
     if case.chain.lateral is not None:
         side = sideways_rods(case, adapter.SHEAR)
         shares, samples, rounding = side.shares[: side.samples], side.samples, side.rounding
-        exact, scheme, order = side.extrapolated_N, side.verlet, side.order
+        exact, scheme, plain, order = side.extrapolated_N, side.verlet, side.verlet, side.order
     else:
         rods = yardsticks(case)
         shares = np.nan_to_num(residual(rods.heights, rods.verlet), nan=np.inf)
         rounding, samples = comparable(shares)
         exact, order = rods.truth.trace.force_N, 1.0 if case.chain.damping_ratio else 2.0
         in_heights = rods.heights if adapter.SCHEME == IN_HEIGHTS else rods.verlet
-        scheme = rods.truth.trace if adapter.SCHEME == EXACT else in_heights
+        scheme, plain = (rods.truth.trace if adapter.SCHEME == EXACT else in_heights), rods.verlet
     reason = f"{ROUNDING_MARGIN:g} times what rounding does to this very scene"
     allowed = stated if rounding <= stated.limit else Tolerance(rounding, reason)
-    return Rods(exact, scheme, np.maximum.accumulate(shares), samples, stated, allowed, order)
+    grown = np.maximum.accumulate(shares)
+    return Rods(exact, scheme, plain.force_N, grown, samples, stated, allowed, order)
 
 
 def forces_of_scheme(case: Case, engine: str) -> Array:

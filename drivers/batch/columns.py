@@ -12,8 +12,13 @@ from drivers.units import InUnit
 
 def column_name(name: str, key: str) -> str:
     """A column's name with its unit, such as ``striker.speed_m_s``."""
-    unit = _unit_at(SceneFile, key.split("."))
+    unit = unit_of(key)
     return f"{name}_{re.sub(r'[/*]', '_', unit.replace('^', ''))}" if unit else name
+
+
+def unit_of(key: str) -> str:
+    """The SI unit of the quantity at a scene's key; empty where it has none."""
+    return _unit_at(SceneFile, key.split("."))
 
 
 def value_at(scene: Scene, key: str) -> Any:

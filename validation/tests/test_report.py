@@ -209,20 +209,6 @@ def late(compared: ComparedScene) -> ComparedScene:
     return ComparedScene(compared.case, runs, absent, verdicts, {}, {"yade": "matches forces a sample <late>"})
 
 
-def test_compare_on_the_command_line(scene_file: SceneWriter, shared_runs: Path) -> None:
-    case = case_of(scene_file())
-    verlet, reference = (finished(case, engine, shared_runs).folder for engine in ("verlet", "reference"))
-    done = command_line("validation", "compare", verlet, reference)
-    assert done.returncode == 0
-    assert done.stdout.startswith("pass")
-    coarse = finished(case_of(scene_file(), "run.time_step=1 us"), "verlet", shared_runs).folder
-    bent = command_line("validation", "compare", verlet, coarse)
-    assert "truncation" not in bent.stderr
-    one = command_line("validation", "compare", verlet)
-    assert one.returncode == 2
-    assert len(one.stderr.splitlines()) == 1
-
-
 def test_the_wave_on_the_command_line() -> None:
     done = command_line("validation", "wave")
     assert done.returncode == 0

@@ -1,0 +1,132 @@
+"""By how much two runs differ, quantity by quantity, each with a verdict; and since when."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.chain import Array
+from drivers.tolerances import Tolerance
+from drivers.trace import Trace
+from postproc.observables import observe
+from postproc.residual import share_of_largest
+from postproc.signals import integral
+from validation.comparison import Deviation, deviation
+from validation.departure import Departure, departure
+from validation.pair.keys import different_keys
+from validation.pair.opened import Opened, thinned
+from validation.pair.tolerances import Allowed, allowed_between
+from validation.rounding import HORIZON
+from validation.verdict import FAIL, PASS, Verdict
+
+LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)  # of the largest force: rounding, its horizon, coarse steps, what experiments resolve
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two runs and what became of comparing them.
+
+    Attributes:
+        keys: a line for each key of their scenes that differs.
+        verdicts: by quantity; the second run is the one in question.
+        until: why not all samples were judged; empty where they were.
+        parted: by level, the first sample at which the forces differ by more.
+        departures: of each run from the exact motion of its own scene.
+        taken_for: what the second run looks like, taken for one of the first's scene.
+    """
+
+    first: Opened
+    second: Opened
+    keys: list[str]
+    verdicts: list[Verdict]
+    until: str
+    parted: dict[float, Deviation | None]
+    departures: tuple[Departure, Departure]
+    taken_for: Departure
+
+    @property
+    def missed(self) -> bool:
+        """Whether something differs by more than is allowed."""
+        return any(verdict.verdict == FAIL for verdict in self.verdicts)
+
+
+def compare_pair(one: Opened, other: Opened) -> Pair:
+    """All that is known of two runs."""
+    allowed, until = allowed_between(one, other), ""
+    if allowed.samples < len(one.trace.time_s):
+        end = one.trace.time_s[allowed.samples] * 1e6
+        until = f"judged until {end:g} µs, where rounding alone passes {HORIZON:g}"
+    of_first, taken_for = (
+        departure(one.case, each.engine, each.trace) for each in (one, other)
+    )  # one set of yardsticks
+    traces = [thinned(each.trace, 1, allowed.samples) for each in (one, other)]
+    return Pair(
+        first=one,
+        second=other,
+        keys=different_keys(one.run.record.scene, other.run.record.scene),
+        verdicts=[*_verdicts(one, other, traces[0], traces[1], allowed)],
+        until=until,
+        parted={level: _parted(one.trace, other.trace, level) for level in LEVELS},
+        departures=(of_first, departure(other.case, other.engine, other.trace)),
+        taken_for=taken_for,
+    )
+
+
+def _verdicts(one: Opened, other: Opened, first: Trace, second: Trace, allowed: Allowed) -> Iterator[Verdict]:
+    found = deviation(second, first)
+    place = f"contact {found.contact} at {found.time_s * 1e6:g} µs"
+    yield _verdict(one, other, "force", found.share, allowed.force, place)
+    yield from _of_gauges(one, other, first, second, allowed)
+    series = {
+        "kinetic energy": (first.kinetic_energy_J, second.kinetic_energy_J, first.kinetic_energy_J),
+        "total energy": (first.total_energy_J, second.total_energy_J, first.kinetic_energy_J),
+        "momentum": (first.momentum_N_s, second.momentum_N_s, first.momentum_N_s),
+    }
+    if one.run.layout.wall and other.run.layout.wall:
+        impulses = [integral(each.time_s, each.force_N[:, 0]) for each in (first, second)]
+        series["wall impulse"] = (impulses[0], impulses[1], impulses[0])
+    for quantity, (should, has, scale) in series.items():
+        share, sample = _largest(has - should, scale)
+        yield _verdict(one, other, quantity, share, allowed.balance, f"at {first.time_s[sample] * 1e6:g} µs")
+
+
+def _largest(difference: Array, scale: Array) -> tuple[float, int]:
+    """The largest difference over the largest value, and where; of nothing but zeros: over 1."""
+    share = np.abs(difference) / (float(np.abs(scale).max()) or 1.0)
+    sample = int(np.argmax(np.nan_to_num(share, nan=np.inf)))
+    return float(share[sample]), sample
+
+
+def _of_gauges(one: Opened, other: Opened, first: Trace, second: Trace, allowed: Allowed) -> Iterator[Verdict]:
+    """Peaks and speeds that both runs have a gauge for."""
+    should, has = observe(one.run.layout, first), observe(other.run.layout, second)
+    for name in should:
+        gauge, peak, number = name.removesuffix("_N").partition("_peak")
+        speed = name.startswith("speed_")
+        if name not in has or not (peak or speed) or (np.isnan(should[name]) and np.isnan(has[name])):
+            continue
+        unit = "m/s" if speed else "N"
+        values = f"{should[name]:.7g} against {has[name]:.7g} {unit}"
+        arrival = should.get(f"{gauge}_arrival_s", np.nan) if not number else np.nan
+        when = f" at {arrival * 1e6:.6g} µs" if np.isfinite(arrival) else ""
+        error = abs(has[name] / should[name] - 1) if should[name] else abs(has[name])
+        quantity = name.removesuffix("_m_s") if speed else f"{gauge}{peak}{number}"
+        limit = allowed.speed if speed else allowed.peak
+        yield _verdict(one, other, quantity, float(error), limit, f"{values}{when}")
+
+
+def _verdict(one: Opened, other: Opened, quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
+    scene, engines = other.run.record.scene_name, f"{other.engine} against {one.engine}"
+    verdict = PASS if value <= limit.limit else FAIL  # NaN fails
+    return Verdict(scene, engines, quantity, value, limit.limit, limit.reason, where, verdict)
+
+
+def _parted(first: Trace, second: Trace, level: float) -> Deviation | None:
+    """The first sample at which forces differ by more than a level."""
+    share = np.nan_to_num(share_of_largest(np.abs(second.force_N - first.force_N), first), nan=np.inf)
+    beyond = share.max(axis=1) > level
+    if not beyond.any():
+        return None
+    sample = int(np.argmax(beyond))
+    column = int(np.argmax(share[sample]))
+    return Deviation(float(share[sample, column]), float(first.time_s[sample]), column + 1)
