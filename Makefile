@@ -8,7 +8,7 @@ FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*
 SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*' \
   -not -path 'inputs/studies/*' -not -path 'drivers/batch/*' -not -name study.py -not -name film.py -not -name vtk.py)
 # what every figure depends on, beside its own module and scenes
-COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/report/% postproc/inline.py validation/pair/% validation/claims/% validation/trade/% validation/stability/% validation/elements/% inputs/extremes.toml inputs/elements.toml \
+COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/report/% postproc/inline.py validation/pair/% validation/claims/% validation/trade/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml \
   $(addprefix validation/,bench.py bench_batch.py comparison.py criteria.py departure.py departure_rods.py first_fault.py random_scenes.py rounding.py scenes.py __main__.py),$(SOURCES))
 SCENES_fig1 := fig4
 SCENES_fig2 := fig4 table1
@@ -27,7 +27,7 @@ APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo)
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cluster engines $(FIGURES) figures claims trade stability elements study report test test-long test-slurm test-accuracy test-page bench lint clean FORCE
+.PHONY: help setup cluster engines $(FIGURES) figures claims trade stability elements independent study report test test-long test-slurm test-accuracy test-page bench lint clean FORCE
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -55,6 +55,8 @@ trade: results/.trade ## what accuracy costs on every engine: make trade [BUDGET
 stability: results/.stability ## where engines break: limits, extremes, long runs, rounding
 
 elements: results/.elements ## what each modelling element adds and costs, and what the experiment would have shown
+
+independent: results/.independent ## cases beyond the paper: impacts, exact waves, trains, walls, by published numbers and theory
 
 study: .venv/.ready .venv/.engines ## run a study and draw its figure: make study STUDY=sensitivity
 	@test -n "$(STUDY)" || { echo "which? make study STUDY=$(firstword $(STUDIES)); there are $(STUDIES)"; exit 2; }
@@ -103,31 +105,36 @@ results/%.svg results/%.png results/%.csv: postproc/figures/%.py $$(addsuffix .t
 results/%-spacetime.svg results/%-spacetime.png results/%-spacetime.csv: results/%.svg results/%.png results/%.csv
 	@for kind in svg png csv; do test -f results/$*-spacetime.$$kind || exec $(PY) -m postproc $*; done
 
-results/.claims: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/stability/% validation/elements/% inputs/extremes.toml inputs/elements.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/claims.csv),,FORCE)
+results/.claims: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/claims.csv),,FORCE)
 	$(PY) -m validation claims
 	@touch $@
 
-results/.trade: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/stability/% validation/elements/% inputs/extremes.toml inputs/elements.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/trade.csv),,FORCE)
+results/.trade: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/trade.csv),,FORCE)
 	$(PY) -m validation trade --budget $(BUDGET)
 	@touch $@
 
-results/.stability: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/trade/% validation/elements/% inputs/elements.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/stability.csv),,FORCE)
+results/.stability: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/trade/% validation/elements/% validation/independent/% inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/stability.csv),,FORCE)
 	$(PY) -m validation stability
 	@touch $@
 
-results/.elements: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/trade/% validation/stability/% inputs/extremes.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/elements.csv),,FORCE)
+results/.elements: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/trade/% validation/stability/% validation/independent/% inputs/extremes.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/elements.csv),,FORCE)
 	$(PY) -m validation elements
 	@touch $@
 
+results/.independent: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/trade/% validation/stability/% validation/elements/% inputs/extremes.toml inputs/elements.toml inputs/paper/claims.toml,$(SOURCES)) $(wildcard inputs/studies/*.toml drivers/batch/*.py) .venv/.ready .venv/.engines $(if $(wildcard results/independent.csv),,FORCE)
+	$(PY) -m validation independent
+	@touch $@
+
 # the stamp stands only if every verdict is good; finished runs are not run again
-# the page is written even if a claim is at fault, but then the target fails
-# what other targets made since then is put in as well
+# the page is written even if a claim or an independent case is at fault, but then the target fails
+# what other targets have made since is put in as well
 NEWS = $(shell find results -maxdepth 1 \( -name '*.csv' -o -name '*.svg' \) -newer results/.report 2>/dev/null)
 results/.report: $(filter-out postproc/figures/%,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
 	@test -f results/trade.csv || $(PY) -m validation trade --budget $(SHORT_BUDGET)
 	@test -f results/stability.csv || $(PY) -m validation stability --quick
 	@test -f results/elements.csv || $(PY) -m validation elements --quick
-	@$(MAKE) --no-print-directory results/.claims; claims=$$?; $(PY) -m validation report && test $$claims = 0
+	@$(MAKE) --no-print-directory results/.claims; claims=$$?; $(MAKE) --no-print-directory results/.independent; independent=$$?; \
+	  $(PY) -m validation report && test $$claims = 0 && test $$independent = 0
 	@touch $@
 
 .venv/.ready: requirements.lock

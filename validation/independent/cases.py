@@ -144,7 +144,7 @@ def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> Posed:
         cases = {study.label(number): study.case(number) for number in range(1, study.count + 1)}
     try:
         theory = {label: MEASURES[entry.measure].theory(case) for label, case in cases.items()}
-    except ValueError as error:
+    except (ValueError, ArithmeticError) as error:
         raise InputError(where, key, str(error), f'a case that the measure "{entry.measure}" can read') from error
     for given in theory.values():
         for check in entry.check:

@@ -63,8 +63,14 @@ def _duration(time_s: Array, force_N: Array) -> float:
 
 
 def theory(case: Case) -> dict[str, float]:
-    """Hertz's closed form for elastic bodies; the restitution that the scene asks for."""
+    """Hertz's closed form for elastic bodies; the restitution that the scene asks for.
+
+    Raises:
+        ValueError: more than one contact, or a load beside it.
+    """
     chain, contact = case.chain, _contact(case)
+    if np.count_nonzero(chain.stiffness) != 1 or chain.load_N.any():
+        raise ValueError("more than two bodies and one contact without loads")
     returned = {"restitution": restitution(chain.damping_ratio) if chain.damping_ratio else 1.0}
     if chain.damping_ratio:
         return returned

@@ -119,7 +119,7 @@ def _arrival(case: Case, trace: Trace, place: int) -> float:
 def _dynamic(case: Case, trace: Trace, below: int) -> Array:
     """Force above its static value, of the contact so many places below the top bead's centre."""
     column = case.chain.beads - below
-    return np.asarray(trace.force_N[:, column] - case.chain.force_N[column])
+    return np.asarray(trace.force_N[:, column] - trace.force_N[0, column])
 
 
 def _spring(case: Case) -> tuple[float, float]:

@@ -32,8 +32,14 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
 
 
 def theory(case: Case) -> dict[str, float]:
-    """From the exact solitary wave and the wall's stiffness over that of the contacts between beads."""
+    """From the exact solitary wave and the wall's stiffness over that of the contacts between beads.
+
+    Raises:
+        ValueError: no wall or sensor, or a chain under load.
+    """
     chain = case.chain
+    if chain.load_N.any():
+        raise ValueError("a chain under load, in which no wave is the exact one")
     return _reflected(_place(case), float(chain.stiffness[0] / chain.stiffness[1]))
 
 

@@ -4,7 +4,8 @@ The contact under the bead at depth h (the top bead: 1) carries the weight of h 
 ``K = (3/2) k^(2/3) F^(1/3) ~ h^(1/3)``. They are a sum over the modes of this chain of springs, which says what each
 bead does. The leading peak goes with powers of depth (Hong, Ji and Kim, Phys. Rev. Lett. 82, 3058, 1999): for a contact
 force ``overlap^p`` the velocity with ``h^-(1/3 + 1/p)/4``, which is ``h^(-1/4)``; so the force, sqrt(K m) times it,
-with ``h^(-1/12)``. Simulations gave 0.250 (patt-sol/9808008).
+with ``h^(-1/12)``. Simulations gave 0.250 (patt-sol/9808008). Speeds go with ``h^((1 - 1/p)/2) = h^(1/6)``, arrivals
+with ``h^(5/6)``. Arrivals tell how stiff the chain is as a whole, amplitudes of velocity do not depend on it.
 
 These powers are those of middle depths. The modes of longer chains steepen on: the velocity's local exponent is -0.230
 at depth 45, -0.240 at 130, -0.250 at 500, -0.257 at 2500, -0.261 at 16000. Near the top the springs change within a
@@ -20,7 +21,7 @@ from scipy.linalg import eigh_tridiagonal
 from drivers.case import Case
 from drivers.chain import Array, Chain, contact_stiffness
 from drivers.trace import Trace
-from postproc.signals import first_peak
+from postproc.signals import Peak, first_peak
 from validation.independent.measure import Measure
 
 SHOWN = (20, 100, 450)  # depths whose amplitudes are judged
@@ -38,7 +39,7 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
     bead = _beads(case)
     if trace.velocity_m_s is None:
         raise ValueError("no state was kept: run.record needs it")
-    force = trace.force_N[:, bead] - case.chain.force_N[bead]
+    force = trace.force_N[:, bead] - trace.force_N[0, bead]
     return _values(trace.time_s, -trace.velocity_m_s[:, bead], force)
 
 
@@ -77,30 +78,27 @@ def motion_by_modes(chain: Chain, time_s: Array, bodies: Array) -> tuple[Array, 
     return (np.cos(phase) * part) @ shape[bodies].T, -(np.sin(phase) * (part / frequency)) @ shortened.T
 
 
-def amplitude(time_s: Array, signal: Array) -> float:
-    """How high the first maximum is: of a polynomial through the samples around it, which evens out rounding.
+def leading_peak(time_s: Array, signal: Array) -> Peak:
+    """The first maximum: of a polynomial through the samples around it, which evens out rounding.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is none, or too few samples show it.
     """
+    missing = ValueError("the signal does not come so deep within the run, or run.sample_interval is too long for it")
     peak = first_peak(time_s, signal)
     if peak is None:
-        raise ValueError("the signal does not come so deep within the run")
+        raise missing
     low = TOP * signal[peak.sample]
     first = peak.sample - int(np.argmax(signal[peak.sample :: -1] < low)) + 1
     last = peak.sample + int(np.argmax(signal[peak.sample :] < low)) - 1
     if last - first < DEGREE:
-        raise ValueError(f"{last - first + 1} samples on top of a peak: run.sample_interval is too long")
-    curve = np.polynomial.Polynomial.fit(time_s[first : last + 1], signal[first : last + 1], DEGREE)
-    places = curve.deriv().roots()
-    inside = places[
-        (np.abs(places.imag) < 1e-9 * time_s[-1]) & (np.abs(places.real - peak.time_s) < _half(time_s, first, last))
-    ]
-    return float(curve(inside.real).max())
-
-
-def _half(time_s: Array, first: int, last: int) -> float:
-    return float(time_s[last] - time_s[first]) / 2
+        raise missing
+    top = slice(first, last + 1)
+    curve = np.polynomial.Polynomial.fit(time_s[top], signal[top], DEGREE)
+    level = curve.deriv().roots()
+    places = level.real[(np.abs(level.imag) < 1e-9 * time_s[-1])]
+    place = float(places[np.argmin(np.abs(places - peak.time_s))])
+    return Peak(place, float(curve(place)), peak.sample)
 
 
 def _beads(case: Case) -> Array:
@@ -118,10 +116,17 @@ def _beads(case: Case) -> Array:
 def _values(time_s: Array, velocity_m_s: Array, force_N: Array) -> dict[str, float]:
     values: dict[str, float] = {}
     for name, unit, signals in (("velocity", "m_s", velocity_m_s), ("force", "N", force_N)):
-        peaks = np.array([amplitude(time_s, column) for column in signals.T])
-        values |= {f"{name}_{depth}_deep_{unit}": float(peak) for depth, peak in zip(SHOWN, peaks, strict=False)}
-        values[f"{name}_exponent"] = float(np.polyfit(np.log(LAW), np.log(peaks[len(SHOWN) :]), 1)[0])
+        peaks = [leading_peak(time_s, column) for column in signals.T]
+        values |= {f"{name}_{depth}_deep_{unit}": peak.value for depth, peak in zip(SHOWN, peaks, strict=False)}
+        values[f"{name}_exponent"] = _power([peak.value for peak in peaks[len(SHOWN) :]])
+    values[f"arrival_{SHOWN[-1]}_deep_s"] = peaks[len(SHOWN) - 1].time_s  # of the force
+    values["arrival_exponent"] = _power([peak.time_s for peak in peaks[len(SHOWN) :]])
     return values
+
+
+def _power(values: list[float]) -> float:
+    """The power of depth that values at the depths ``LAW`` go with, by least squares of logarithms."""
+    return float(np.polyfit(np.log(LAW), np.log(values), 1)[0])
 
 
 WEAK = Measure(
@@ -131,8 +136,10 @@ WEAK = Measure(
             for depth in SHOWN
         },
         **{f"force_{depth}_deep_N": f"leading peak of the force under bead {depth} from the top" for depth in SHOWN},
+        f"arrival_{SHOWN[-1]}_deep_s": f"when the force under bead {SHOWN[-1]} from the top has its leading peak",
         "velocity_exponent": f"power of depth that the velocity's peak goes with, {LAW[0]} to {LAW[-1]} deep",
         "force_exponent": f"power of depth that the force's peak goes with, {LAW[0]} to {LAW[-1]} deep",
+        "arrival_exponent": f"power of depth that the time of the force's peak goes with, {LAW[0]} to {LAW[-1]} deep",
     },
     measure=measure,
     theory=theory,

@@ -1,0 +1,404 @@
+"""Independent cases: their file, their theory, their verdicts, and that what is wrong turns red."""
+
+import math
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.interpolate import CubicSpline
+
+from drivers import paths
+from drivers.case import Case
+from drivers.engines import codes, load_engine
+from drivers.errors import InputError
+from drivers.trace import Trace
+from postproc.signals import first_peak
+from validation.independent import scipy_chain
+from validation.independent.cases import Posed, pose, read_independent
+from validation.independent.impact import DURATION
+from validation.independent.judge import HERE, RUN, Line, judge_all, verdict_of
+from validation.independent.measure import unit_of
+from validation.independent.measures import MEASURES
+from validation.independent.section import read_section
+from validation.independent.table import read_lines, read_verdicts, write_lines
+from validation.reference.travelling_wave import solve_travelling_wave
+from validation.simulate import exact
+from validation.tests.conftest import StandIn, case_of, command_line, need
+from validation.verdict import FAIL, NOT_RUN, PASS
+
+CASE = """
+[[case]]
+id = "glass"
+title = "Two spheres"
+source = "somebody"
+scene = "two-spheres"
+measure = "impact"
+[[case.check]]
+quantity = "peak_force_N"
+expected = 10697.0
+absolute = 0.5
+reason = "half of the last digit"
+"""
+CHECK = '[[case.check]]\nquantity = "{}"\nwithin = 1e-6\nreason = "because"\n'
+CHEAP = ("two-glass-spheres", "aluminium-on-plane")
+
+
+def load(path: Path) -> list[Posed]:
+    return [pose(entry, path) for entry in read_independent(path)]
+
+
+def shipped(*names: str) -> str:
+    """The text of some shipped cases."""
+    parts = [f"[[case]]{part}" for part in paths.INDEPENDENT.read_text().split("[[case]]")[1:]]
+    return "\n".join(part for part in parts if any(f'id = "{name}"' in part for name in names))
+
+
+BAD = [
+    ("", "case: found nothing", "needed"),
+    ("case = []", "case: found []", "1 item"),
+    (CASE.replace("source =", "sours = 1\nsource ="), "case.0.sours: found an unknown key", "did you mean source?"),
+    (CASE.replace('"impact"', '"impakt"'), 'case glass: measure: found "impakt"', "impact, "),
+    (CASE.replace("peak_force_N", "peak_force_kN"), 'check.quantity: found "peak_force_kN"', "peak_force_N"),
+    (CASE.replace("two-spheres", "three-spheres"), "three-spheres: found no such scene", "two-spheres"),
+    (CASE.replace("two-spheres", "../../etc/passwd"), "passwd", "ending in .toml"),
+    (CASE.replace('scene = "two-spheres"', ""), "case glass: found neither scene nor study", "one of them"),
+    (CASE.replace("scene =", 'study = "restitution"\nscene ='), "case glass: found a scene and a study", "one of"),
+    (CASE.replace('scene = "two-spheres"', 'study = "nosuch"'), "nosuch: found no such study", "restitution"),
+    (CASE.replace("absolute = 0.5", ""), "peak_force_N: found neither within nor absolute", "one of them"),
+    (CASE.replace("absolute = 0.5", "absolute = 1.0\nwithin = 0.1"), "found within and absolute", "one of them"),
+    (CASE.replace("absolute = 0.5", "absolute = nan"), "absolute: found nan", "a finite number"),
+    (CASE.replace("absolute = 0.5", "absolute = -0.5"), "absolute: found -0.5", "above 0"),
+    (CASE.replace("absolute = 0.5", 'absolute = "0.5"'), 'absolute: found "0.5"', "a plain number"),
+    (CASE.replace("10697.0", "inf"), "expected: found inf", "a finite number"),
+    (CASE.replace("10697.0\nabsolute", "0.0\nwithin"), "found within beside expected = 0", "absolute"),
+    (CASE.replace('"half of the last digit"', '""'), 'reason: found ""', "at least 1"),
+    (CASE.replace('id = "glass"', 'id = "../x"'), 'id: found "../x"', "letters, digits"),
+    (CASE + CASE, "case glass: found the same id twice", "an id of its own"),
+    (CASE + CHECK.format("duration_s") * 2, "check duration_s: found the same check twice", "once"),
+    (CASE.replace('measure = "impact"', 'measure = "train"').replace("peak_force_N", "wave_2_over_first"),
+     "case glass: found no contact 30 below a striker's", 'the measure "train" can read'),
+    (CASE.replace("scene =", 'set = ["gravity=9.81 m/s^2"]\nscene ='),
+     "case glass: found more than two bodies", "can read"),
+    (CASE.replace("scene =", 'set = ["contact.restitution=0.5"]\nscene =') + CHECK.format("duration_s"),
+     "check duration_s: found no expected", "no theory gives it"),
+    (CASE.replace("scene =", 'set = ["chain.count=0"]\nscene ='), "chain", ""),
+    (CASE.replace("scene =", 'set = ["chain.count"]\nscene ='), "found no path=value", "chain.count=60"),
+    ("[[case]\n", "independent.toml: found", "TOML"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "found", "allowed"), BAD, ids=range(len(BAD)))
+def test_a_wrong_file_is_named_in_one_line(tmp_path: Path, text: str, found: str, allowed: str) -> None:
+    path = tmp_path / "independent.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    head, told = message.split("; allowed: ")
+    assert found in head
+    assert allowed in told
+
+
+def test_a_wrong_file_ends_the_command_with_code_two(tmp_path: Path) -> None:
+    (tmp_path / "cases.toml").write_text(CASE.replace("10697.0", '"a lot"'))
+    where = [f"--{name}" for name in ("results", "runs")]
+    done = command_line(
+        "validation",
+        "independent",
+        "--file",
+        tmp_path / "cases.toml",
+        where[0],
+        tmp_path / "r",
+        where[1],
+        tmp_path / "q",
+    )
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "case.0.check.0.expected" in done.stderr
+    assert [each.name for each in tmp_path.iterdir()] == ["cases.toml"]
+
+
+def test_the_shipped_cases_use_every_measure_and_quote_measurements() -> None:
+    entries = read_independent()
+    assert {entry.measure for entry in entries} == set(MEASURES)
+    for entry in entries:
+        for check in entry.check:
+            assert any(letter.isdigit() for letter in check.reason), f"{entry.id}: {check.reason}"
+
+
+def test_units_stand_at_the_end_of_names() -> None:
+    names = ("peak_force_N", "duration_s", "peak_overlap_m", "sound_speed_m_s", "cutoff_Hz", "restitution")
+    assert [unit_of(name) for name in names] == ["N", "s", "m", "m/s", "Hz", ""]
+
+
+# ---- theory
+
+
+def test_the_constant_of_the_duration_is_that_of_quadrature() -> None:
+    # x = 1 - y^2 takes the singularity away
+    half, _ = quad(lambda y: 2 * y / math.sqrt(1 - (1 - y * y) ** 2.5) if y else 2 / math.sqrt(2.5), 0, 1, epsabs=1e-13)
+    assert pytest.approx(2 * half, rel=1e-11) == DURATION
+    assert round(DURATION, 5) == 2.94328  # as the literature has it
+
+
+def test_hertz_impact_keeps_energy() -> None:
+    case = case_of("two-spheres")
+    given, chain = MEASURES["impact"].theory(case), case.chain
+    speed, mass = 20.0, chain.mass_kg[0] / 2
+    assert 0.4 * chain.stiffness[1] * given["peak_overlap_m"] ** 2.5 == pytest.approx(mass * speed**2 / 2, rel=1e-13)
+
+
+def test_scipy_finds_the_closed_form_of_an_impact() -> None:
+    ones = np.ones(2)
+    time, force = scipy_chain.forces(ones, np.array([0.0, 1.0]), np.zeros(2), np.array([0.0, 1.0]), 6.0)
+    deepest = (5 * 0.5 / 4) ** 0.4
+    peak = first_peak(time, force[:, 1])
+    assert peak is not None
+    assert peak.value == pytest.approx(deepest**1.5, rel=1e-8)
+    assert peak.time_s == pytest.approx(DURATION * deepest / 2, rel=1e-6)
+
+
+def test_what_scipy_says_does_not_depend_on_its_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = case_of("wave-train")
+    told = MEASURES["train"].theory(case)
+    monkeypatch.setattr(scipy_chain, "TOLERANCE", 1e-12)
+    assert MEASURES["train"].theory(case) == pytest.approx(told, rel=1e-8)
+
+
+def test_a_rigid_wall_is_a_mirror() -> None:
+    """The wall's peak is that of two exact waves that meet at a contact, where each overlap counts twice."""
+    wave, gap = solve_travelling_wave(), 14
+    beads = np.arange(1.0, 2 * gap + 21)
+    force, velocity = CubicSpline(wave.place, wave.force), CubicSpline(wave.place, wave.velocity)
+    middle = len(beads) // 2 + 0.5  # a contact is half a bead below its bead
+    overlap, speed = np.zeros(len(beads)), np.zeros(len(beads))
+    for centre, sign in ((middle + gap, 1.0), (middle - gap, -1.0)):
+        contact, bead = beads - 0.5 - centre, beads - centre
+        overlap += np.where(abs(contact) < 4, np.cbrt(np.maximum(force(contact), 0)) ** 2, 0.0)
+        speed += np.where(abs(bead) < 4, sign * velocity(bead), 0.0)
+    stiffness = np.ones(len(beads))
+    stiffness[0] = 0.0
+    time, found = scipy_chain.forces(np.ones(len(beads)), stiffness, overlap, speed, gap + 4.0)
+    peak = first_peak(time, found[:, len(beads) // 2])
+    assert peak is not None
+    told = MEASURES["wall"].theory(case_of("wall-reflection"))["wall_peak_over_incident"]
+    assert peak.value / wave.force.max() == pytest.approx(told, rel=1e-8)
+
+
+def test_the_soft_wall_is_as_stiff_as_a_contact() -> None:
+    stiffness = case_of("wall-reflection", "wall.material=soft-wall").chain.stiffness
+    assert stiffness[0] == pytest.approx(stiffness[1], rel=1e-13)
+
+
+def test_scipy_refuses_what_it_does_not_know() -> None:
+    with pytest.raises(ValueError, match="loads"):
+        scipy_chain.forces_of(case_of("fig4").chain, 1e-4)
+
+
+# ---- measures on what they cannot read
+
+
+@pytest.mark.parametrize(
+    ("measure", "scene", "settings", "told"),
+    [
+        ("impact", "two-spheres", ("run.duration=20 us",), "do not meet and part"),
+        ("impact", "two-spheres", ("chain.bead.1.velocity=10 m/s",), "do not meet and part"),
+        ("train", "wave-train", ("run.duration=0.5 ms",), "waves at contact 21 within run.duration"),
+        ("wall", "wall-reflection", ("run.duration=2 ms",), "within run.duration"),
+        ("wall", "wall-reflection", ("striker.speed=1 nm/s",), "within run.duration"),
+        ("solitary wave", "steel-chain", ("run.duration=0.1 ms",), "within run.duration"),
+        ("solitary wave", "steel-chain", ("chain.sensors=[]",), "two sensors"),
+    ],
+)
+def test_a_wave_that_does_not_come_is_told(measure: str, scene: str, settings: tuple[str, ...], told: str) -> None:
+    case = case_of(scene, *settings)
+    with pytest.raises(ValueError, match=told):
+        MEASURES[measure].measure(case, exact(case).trace)
+
+
+# ---- the whole command, and sabotage
+
+
+@pytest.fixture
+def cheap(tmp_path: Path) -> Path:
+    path = tmp_path / "cheap.toml"
+    path.write_text(shipped(*CHEAP))
+    return path
+
+
+def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path) -> None:
+    for code in codes():
+        need(code)
+    where = ("--file", cheap, "--results", tmp_path / "results", "--runs", shared_runs)
+    done = command_line("validation", "independent", *where)
+    assert done.returncode == 0, done.stderr
+    lines = read_lines(tmp_path / "results" / "independent.csv", cheap)
+    assert {line.verdict for line in lines} == {PASS}
+    per_engine = Counter(line.engine for line in lines)
+    assert set(per_engine) >= {"reference", "verlet", *codes()}
+    assert set(per_engine.values()) == {14}  # seven numbers a case
+    assert f"{len(lines)} passed, 0 failed, 0 not run" in done.stdout
+
+    before = sorted(shared_runs.rglob("run.json"))
+    changed = {path: path.stat().st_mtime_ns for path in before}
+    cheap.write_text(cheap.read_text().replace("expected = 10697.0", "expected = 10698.0"))  # printed: 10.697 kN
+    done = command_line("validation", "independent", *where)
+    assert done.returncode == 1
+    red = [line for line in read_lines(tmp_path / "results" / "independent.csv", cheap) if line.verdict == FAIL]
+    assert {(line.id, line.quantity, line.against) for line in red} == {("two-glass-spheres", "peak_force_N", "quoted")}
+    assert {line.engine for line in red} == set(per_engine)
+    assert len(done.stderr.strip().splitlines()) == len(red)
+    assert "found 10696.889 N, expected 10698 N" in done.stderr
+    assert {path: path.stat().st_mtime_ns for path in sorted(shared_runs.rglob("run.json"))} == changed, "ran again"
+
+
+def test_a_soft_wall_in_one_engine_is_red_there_alone(
+    cheap: Path, shared_runs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wall contact sqrt(1/2) times as stiff: what a wrong radius makes of it."""
+
+    def soft(case: Case) -> Trace:
+        chain = case.chain
+        stiffness = chain.stiffness.copy()
+        stiffness[0] /= math.sqrt(2)
+        return exact(replace(case, chain=replace(chain, stiffness=stiffness))).trace
+
+    monkeypatch.setitem(HERE, "verlet", soft)
+    cheap.write_text(shipped("aluminium-on-plane"))
+    lines = judge_all(cheap, shared_runs)
+    red = {line.quantity for line in lines if line.verdict == FAIL}
+    assert {line.engine for line in lines if line.verdict == FAIL} == {"verlet"}
+    assert red == {"peak_force_N", "peak_overlap_m", "duration_s"}  # a softer wall gives all of the speed back
+
+
+def test_forces_of_one_in_a_hundred_million_more_are_red(
+    cheap: Path, shared_runs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stronger(case: Case) -> Trace:
+        trace = exact(case).trace
+        return replace(trace, force_N=trace.force_N * (1 + 1e-8))
+
+    monkeypatch.setitem(HERE, "reference", stronger)
+    lines = judge_all(cheap, shared_runs)
+    red = [line for line in lines if line.verdict == FAIL]
+    assert {(line.engine, line.quantity, line.against) for line in red} == {("reference", "peak_force_N", "theory")}
+
+
+def test_an_engine_that_breaks_fails_with_its_words(tmp_path: Path, cheap: Path, stand_in: StandIn) -> None:
+    stand_in("yade", "echo the wheel came off >&2; exit 3\n")
+    cheap.write_text(shipped("aluminium-on-plane"))
+    lines = [line for line in judge_all(cheap, tmp_path / "runs") if line.engine == "yade"]
+    assert [(line.quantity, line.verdict) for line in lines] == [(RUN, FAIL)]
+    assert "the wheel came off" in lines[0].why
+    assert "the wheel came off" in verdict_of(lines[0]).where
+
+
+def test_an_engine_that_is_not_there_or_refuses_is_not_run(
+    tmp_path: Path, cheap: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    need("liggghts")
+    monkeypatch.setattr(load_engine("yade"), "find", lambda: None)
+    text = shipped("aluminium-on-plane").replace("measure =", 'set = ["contact.restitution=0.1"]\nmeasure =')
+    cheap.write_text(text[: text.index("[[case.check]]")] + CHECK.format("restitution").replace("1e-6", "1e-3"))
+    lines = {line.engine: line for line in judge_all(cheap, tmp_path / "runs")}
+    assert lines["yade"].verdict == lines["liggghts"].verdict == NOT_RUN
+    assert lines["yade"].why == "not installed"
+    assert "contact.restitution" in lines["liggghts"].why
+    assert lines["reference"].verdict == PASS
+
+
+def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path) -> None:
+    """Their decks are equal, and so is their run."""
+    for code in codes():
+        need(code)
+    both = CASE + CASE.replace('"glass"', '"bare"').replace("scene =", "set = ['run.record=[\"forces\"]']\nscene =")
+    path = tmp_path / "both.toml"
+    path.write_text(both)
+    found = {(line.id, line.engine): line for line in judge_all(path, tmp_path / "runs")}
+    for code in codes():
+        assert found["glass", code].verdict == PASS
+        assert (found["bare", code].verdict, found["bare", code].why[:18]) == (FAIL, "no state was kept:")
+
+
+# ---- table and section
+
+
+def whole_table() -> list[Line]:
+    """Lines for every shipped case, as if the engines had hit every number."""
+    return [
+        Line(
+            entry.id,
+            entry.title,
+            "",
+            engine,
+            check.quantity,
+            unit_of(check.quantity),
+            check.against,
+            1.0,
+            1.0 + 1e-13,
+            1e-13,
+            "relative",
+            check.limit,
+            PASS,
+            "",
+            check.reason,
+            entry.source,
+        )
+        for entry in read_independent()
+        for engine in ("liggghts", "reference", "yade")
+        for check in entry.check
+    ]
+
+
+def test_the_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    lines = whole_table()
+    lines[0] = replace(lines[0], why='a "word", and\nanother', found=0.1 + 0.2, label="a=1, b=nan")
+    write_lines(lines, tmp_path / "independent.csv")
+    assert read_lines(tmp_path / "independent.csv") == lines
+    assert read_verdicts(tmp_path) == [verdict_of(line) for line in lines]
+    assert read_lines(tmp_path / "none.csv") == []
+    assert read_verdicts(tmp_path / "nowhere") == []
+
+
+@pytest.mark.parametrize("text", ["", "id,title\na,b\n", "\x00", "id\n"])
+def test_a_damaged_table_is_told(tmp_path: Path, text: str) -> None:
+    (tmp_path / "independent.csv").write_text(text)
+    with pytest.raises(InputError, match=r"independent\.csv.*make independent"):
+        read_section(tmp_path)
+
+
+def test_a_table_of_other_cases_is_told(tmp_path: Path) -> None:
+    write_lines(whole_table()[:3], tmp_path / "independent.csv")
+    with pytest.raises(InputError, match="not the cases"):
+        read_verdicts(tmp_path)
+
+
+def test_the_section_has_engines_as_columns_and_says_why(tmp_path: Path) -> None:
+    assert read_section(tmp_path) == {}
+    lines = whole_table()
+    first = lines[0].id
+    lost = [line for line in lines if (line.id, line.engine) == (first, "yade")]
+    kept = [line for line in lines if line not in lost]
+    broken = replace(lost[0], quantity=RUN, against="", verdict=FAIL, why="it blew up", found=math.nan, error=math.nan)
+    write_lines([*kept[:1], broken, *kept[1:]], tmp_path / "independent.csv")
+    section = read_section(tmp_path)
+    assert section["engines"] == ["liggghts", "yade", "reference"]
+    assert section["counts"] == {PASS: len(kept), FAIL: 1}
+    case = section["cases"][0]
+    assert case["id"] == first
+    assert len(case["rows"]) == len(lost)
+    row = case["rows"][0]
+    assert row.quantity == MEASURES["impact"].quantities[row.name]
+    assert (row.cells["yade"].text, row.cells["yade"].verdict) == ("it blew up", FAIL)
+    assert (row.cells["liggghts"].error, row.cells["liggghts"].verdict) == ("1.0e-13", PASS)
+
+
+@pytest.mark.long
+def test_all_cases_pass_on_all_engines(shared_runs: Path) -> None:
+    for code in codes():
+        need(code)
+    assert [line for line in judge_all(runs=shared_runs) if line.verdict != PASS] == []
