@@ -149,6 +149,7 @@ def test_the_page_scrolls_one_way_only(page: Shown, width_px: int, scheme: str) 
     ask(page.driver, "openAll")
     assert ask(page.driver, "tooWide", width_px) == []
     assert ask(page.driver, "torn") == []
+    assert ask(page.driver, "colliding") == []
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -332,3 +333,6 @@ def test_the_checks_see_what_is_wrong(driver: Chrome, tmp_path: Path) -> None:
     assert ask(driver, "breakable", "figure") == ["<figure> breaks"]
     assert sorted(round(value, 1) for _, value, _ in ask(driver, "contrasts") if value < LEGIBLE) == [1.9, 3.3]
     assert len(nameless_pictures(driver)) == 2
+    assert ask(driver, "colliding") == ["one on other"]
+    assert set(ask(driver, "torn")) == {"torn"}
+    assert ask(driver, "tallerThan", PRINTED_HIGH_PX) == ["<tr> torn"]
