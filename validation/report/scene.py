@@ -22,7 +22,7 @@ class SceneSection:
     """One scene; every list is in the order in which it is shown.
 
     Attributes:
-        chart, raster: None where no engine finished.
+        chart: None where no engine finished, or there is neither a gauge nor a second engine; ``raster``: the former.
         judged: quantity in words, then by engine the verdict or None.
         budget: quantity, engine and its parts.
         observables: name and its value by each of ``engines``.
@@ -55,6 +55,7 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
     observed = {engine: observe(scene.runs[engine].layout, scene.runs[engine].trace) for engine in engines}
     names = list(next(iter(observed.values()), {}))
     traces = {engine: scene.runs[engine].trace for engine in engines}
+    chart = chart_of(case.layout, traces) if traces else None
     shown = EXACT if EXACT in traces else next(iter(traces), "")
     return SceneSection(
         name=row.name,
@@ -65,7 +66,7 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
         row=row,
         judged=_judged(scene, engines),
         warnings=[(engine, words) for engine in engines for words in scene.runs[engine].record.warnings],
-        chart=chart_of(case.layout, traces) if traces else None,
+        chart=chart if chart and chart.panels else None,
         raster=raster_of(traces[shown], shown) if traces else None,
         departures=departure_rows({name: found for name in engines if (found := scene.departures.get(name))}),
         budget=_budget(scene, engines),

@@ -182,7 +182,7 @@ def test_curves_carry_the_values_of_the_run(compared: ComparedScene, tmp_path: P
 def test_long_records_are_thinned_and_say_their_times(compared: ComparedScene) -> None:
     run = compared.runs["verlet"]
     repeats = 20
-    time_s = np.arange(repeats * len(run.trace.time_s)) * 1e-6
+    time_s = np.arange(repeats * len(run.trace.time_s), dtype=float) * 1e-6
     long = replace(run.trace, time_s=time_s, force_N=np.tile(run.trace.force_N, (repeats, 1)))
     chart = chart_of(run.layout, {"verlet": long})
     every = -(-len(time_s) // MOST_SAMPLES)
@@ -190,6 +190,16 @@ def test_long_records_are_thinned_and_say_their_times(compared: ComparedScene) -
     assert chart.count <= MOST_SAMPLES
     assert chart.spacing == pytest.approx(time_s[every] * 1e6)
     assert chart.spacing * chart.last == pytest.approx(time_s[-1] * 1e6)
+
+
+def test_a_chain_without_gauges_and_without_forces_has_a_page(
+    scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
+) -> None:
+    case = case_of(scene_file("free", wall="", striker="", duration="2 us"))
+    runs = {"verlet": finished(case, "verlet", shared_runs)}
+    text = page_of(ComparedScene(case, runs, {}, compare_case(case, runs, {})), tmp_path)
+    assert Page(text).tags["figure"] == 1  # nothing to draw but the chain
+    assert "nan" not in text[text.index("<section") :].lower().split()
 
 
 def page_of(scene: ComparedScene, folder: Path) -> str:

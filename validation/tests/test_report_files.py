@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from drivers import paths
+from drivers import deck, paths
 from postproc.inline import DARK, fit_for_page
 from postproc.style import pyplot, svg_of
 from validation.comparison import compare_case
@@ -20,7 +20,9 @@ from validation.independent.cases import read_independent
 from validation.independent.judge import Line
 from validation.independent.table import write_lines
 from validation.report import write_report
+from validation.report.charts import chart_of
 from validation.report.made_with import cpu_name
+from validation.report.spacetime import PLACES
 from validation.report.verdicts import share_of, worst_of
 from validation.scenes import ComparedScene
 from validation.tests.conftest import SceneWriter, case_of, command_line, finished
@@ -129,6 +131,18 @@ def test_hostile_words_stay_words(written: tuple[str, dict[str, Any], ElementTre
     assert "<b>&" in (failure.text or "")
     assert "matches </script>" in (failure.text or "")
     assert "python -m validation compare" in (failure.text or "")
+
+
+def test_hostile_words_stay_in_the_data_of_a_chart(hostile: ComparedScene) -> None:
+    traces = {engine: run.trace for engine, run in hostile.runs.items()}
+    chart = chart_of(hostile.case.layout, traces)
+    odd = replace(chart, panels=[replace(panel, title=HOSTILE) for panel in chart.panels])
+    text = deck.render("report/chart.html.j2", name=HOSTILE, chart=odd, places=PLACES, label=HOSTILE)
+    tags = Table(text).tags
+    assert (tags["script"], tags["b"]) == (1, 0)
+    found = re.search(r"<script[^>]*>(.*?)</script>", text, re.DOTALL)
+    assert found
+    assert json.loads(found[1])["panels"][0]["title"] == HOSTILE
 
 
 def test_the_json_tells_what_it_was_made_with(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
