@@ -31,6 +31,11 @@ function tooWide(width) {
   return wrong.slice(0, 5);
 }
 
+// what a reader sees only after scrolling down
+function belowTheFold(selector) {
+  return elements(selector).filter((each) => each.getBoundingClientRect().bottom > window.innerHeight).map(name);
+}
+
 // boxes that hold more than they show: on paper nobody can scroll
 function cutOff() {
   return elements("body *:not(svg *)").filter((each) => {

@@ -152,6 +152,13 @@ def test_the_page_scrolls_one_way_only(page: Shown, width_px: int, scheme: str) 
     assert ask(page.driver, "colliding") == []
 
 
+def test_the_first_screen_says_what_matters(page: Shown) -> None:
+    """Counts, versions, machine, command, and each scene's verdicts with the reasons of their tolerances."""
+    essentials = ".lead, .made dd, table.verdicts:not(.cases) tr, .reasons li"
+    assert len(page.driver.find_elements("css selector", essentials)) > 10
+    assert ask(page.driver, "belowTheFold", essentials) == []
+
+
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_every_text_can_be_read(page: Shown, scheme: str) -> None:
     view(page.driver, WIDTHS_PX[0], scheme)
