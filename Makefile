@@ -8,8 +8,8 @@ FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*
 SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*' \
   -not -path 'inputs/studies/*' -not -path 'drivers/batch/*' -not -name study.py -not -name film.py -not -name vtk.py)
 # what every figure depends on, beside its own module and scenes
-COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/pair/% validation/claims/% validation/trade/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml \
-  $(addprefix validation/,bench.py bench_batch.py comparison.py criteria.py departure.py departure_rods.py first_fault.py plots.py random_scenes.py report.py rounding.py scenes.py __main__.py),$(SOURCES))
+COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/report/% postproc/inline.py validation/pair/% validation/claims/% validation/trade/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml \
+  $(addprefix validation/,bench.py bench_batch.py comparison.py criteria.py departure.py departure_rods.py first_fault.py random_scenes.py rounding.py scenes.py __main__.py),$(SOURCES))
 SCENES_fig1 := fig4
 SCENES_fig2 := fig4 table1
 SCENES_fig3 := table1
@@ -27,7 +27,7 @@ APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo)
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cluster engines $(FIGURES) figures claims trade stability elements independent study report test test-long test-slurm test-accuracy bench lint clean FORCE
+.PHONY: help setup cluster engines $(FIGURES) figures claims trade stability elements independent study report test test-long test-slurm test-accuracy test-page bench lint clean FORCE
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -78,6 +78,10 @@ test-slurm: .venv/.ready-dev ## studies on a real Slurm of this machine, install
 	@command -v slurmctld >/dev/null && command -v munged >/dev/null || $(MAKE) --no-print-directory .slurm
 	$(PY) -m pytest -m slurm validation/tests/test_slurm.py
 
+test-page: .venv/.ready-dev .venv/.engines ## the report page in headless Chromium, installed where it is missing
+	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || $(MAKE) --no-print-directory .chromium
+	$(PY) -m pytest -m page validation/tests/test_page.py
+
 bench: .venv/.ready .venv/.engines ## what the integrators and engines cost, as ratios
 	$(PY) -m validation bench
 
@@ -101,29 +105,31 @@ results/%.svg results/%.png results/%.csv: postproc/figures/%.py $$(addsuffix .t
 results/%-spacetime.svg results/%-spacetime.png results/%-spacetime.csv: results/%.svg results/%.png results/%.csv
 	@for kind in svg png csv; do test -f results/$*-spacetime.$$kind || exec $(PY) -m postproc $*; done
 
-results/.claims: $(filter-out postproc/figures/% templates/report/% validation/report.py validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/claims.csv),,FORCE)
+results/.claims: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/claims.csv),,FORCE)
 	$(PY) -m validation claims
 	@touch $@
 
-results/.trade: $(filter-out postproc/figures/% templates/report/% validation/report.py validation/claims/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/trade.csv),,FORCE)
+results/.trade: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/trade.csv),,FORCE)
 	$(PY) -m validation trade --budget $(BUDGET)
 	@touch $@
 
-results/.stability: $(filter-out postproc/figures/% templates/report/% validation/report.py validation/claims/% validation/trade/% validation/elements/% validation/independent/% inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/stability.csv),,FORCE)
+results/.stability: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/trade/% validation/elements/% validation/independent/% inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/stability.csv),,FORCE)
 	$(PY) -m validation stability
 	@touch $@
 
-results/.elements: $(filter-out postproc/figures/% templates/report/% validation/report.py validation/claims/% validation/trade/% validation/stability/% validation/independent/% inputs/extremes.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/elements.csv),,FORCE)
+results/.elements: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/trade/% validation/stability/% validation/independent/% inputs/extremes.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/elements.csv),,FORCE)
 	$(PY) -m validation elements
 	@touch $@
 
-results/.independent: $(filter-out postproc/figures/% templates/report/% validation/report.py validation/claims/% validation/trade/% validation/stability/% validation/elements/% inputs/extremes.toml inputs/elements.toml inputs/paper/claims.toml,$(SOURCES)) $(wildcard inputs/studies/*.toml drivers/batch/*.py) .venv/.ready .venv/.engines $(if $(wildcard results/independent.csv),,FORCE)
+results/.independent: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/trade/% validation/stability/% validation/elements/% inputs/extremes.toml inputs/elements.toml inputs/paper/claims.toml,$(SOURCES)) $(wildcard inputs/studies/*.toml drivers/batch/*.py) .venv/.ready .venv/.engines $(if $(wildcard results/independent.csv),,FORCE)
 	$(PY) -m validation independent
 	@touch $@
 
 # the stamp stands only if every verdict is good; finished runs are not run again
 # the page is written even if a claim or an independent case is at fault, but then the target fails
-results/.report: $(filter-out postproc/figures/%,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/report.html),,FORCE)
+# what other targets have made since is put in as well
+NEWS = $(shell find results -maxdepth 1 \( -name '*.csv' -o -name '*.svg' \) -newer results/.report 2>/dev/null)
+results/.report: $(filter-out postproc/figures/%,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
 	@test -f results/trade.csv || $(PY) -m validation trade --budget $(SHORT_BUDGET)
 	@test -f results/stability.csv || $(PY) -m validation stability --quick
 	@test -f results/elements.csv || $(PY) -m validation elements --quick
@@ -164,6 +170,13 @@ endef
 	@test -n "$(APT)" || { echo "no Slurm here: install slurmctld, slurmd and munge"; exit 1; }
 	$(AS_ROOT) apt-get update -qq
 	$(INSTALL) -qq munge slurmctld slurmd slurm-client slurm-wlm-basic-plugins >/dev/null
+
+.PHONY: .chromium
+.chromium:
+	@test -n "$(APT)" || { echo "no browser here: install chromium and its driver (Debian: chromium, chromium-driver)"; exit 1; }
+	@echo "installing chromium and chromium-driver from the system's packages"
+	$(AS_ROOT) apt-get update -qq
+	$(INSTALL) -qq chromium chromium-driver >/dev/null
 
 # remembers which engines were there; it is newer only when that changed
 .venv/.engines: $(AGAIN) $(if $(filter-out $(shell cat .venv/.engines 2>/dev/null),$(FOUND)),FORCE) | .venv/.ready

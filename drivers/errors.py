@@ -1,5 +1,10 @@
 """What can be wrong, told in one line."""
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from drivers.trace import Trace
+
 
 class InputError(Exception):
     """The input is wrong: exit code 2.
@@ -27,11 +32,13 @@ class RunError(Exception):
     Args:
         reason: why.
         status: ``failed`` or ``timeout``.
+        trace: what there is of one, for whoever asks what went wrong: it is kept in memory alone.
     """
 
-    def __init__(self, reason: str, status: str = "failed") -> None:
+    def __init__(self, reason: str, status: str = "failed", trace: "Trace | None" = None) -> None:
         super().__init__(reason, status)
         self.status = status
+        self.trace = trace
 
     def __str__(self) -> str:
         """The reason."""

@@ -26,7 +26,7 @@ def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) ->
     """The trace of a process that ended.
 
     Raises:
-        RunError: it cannot count as done.
+        RunError: it cannot count as done; with what there is of a trace.
     """
     if outcome.timed_out:
         raise RunError(f"killed at the time limit of {outcome.limit_s:g} s", status="timeout")
@@ -34,12 +34,17 @@ def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) ->
         stdout, stderr = ((folder / name).read_text(errors="replace") for name in ("stdout.txt", "stderr.txt"))
         ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
         words = "".join(c if c.isprintable() else " " for c in engine.complaint(stdout, stderr))
-        blown_up = _blown_up(case, engine, words, folder)
-        raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:LONGEST_COMPLAINT]}"))))
-    trace = engine.read(case, folder)
+        before = engine.seen(case, folder)
+        blown_up = _blown_up(case, engine, words, before)
+        raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:LONGEST_COMPLAINT]}"))), trace=before)
+    try:
+        trace = engine.read(case, folder)
+    except RunError as error:
+        error.trace = engine.seen(case, folder)
+        raise
     reason = reason_to_fail(case, trace) or wrong_start(case, trace) or not_modelled(case.chain, trace)
     if reason:
-        raise RunError(reason)
+        raise RunError(reason, trace=trace)
     return trace
 
 
@@ -70,9 +75,8 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
     return None
 
 
-def _blown_up(case: Case, engine: Engine, words: str, folder: Path) -> str | None:
+def _blown_up(case: Case, engine: Engine, words: str, before: Trace | None) -> str | None:
     """What a run that ended badly had shown of a blow-up until then, or its engine says of one."""
-    before = engine.seen(case, folder)
     seen = 0 if before is None else len(before.time_s)
     reason = reason_to_fail(case, before) if before is not None else None
     if reason is None and engine.LOST and engine.LOST in words:

@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,10 +33,15 @@ SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: bey
 
 @dataclass(frozen=True)
 class EndedRun:
-    """A run that ended, well or badly, and its folder."""
+    """A run that ended, well or badly, and its folder.
+
+    Attributes:
+        refused: what there is of the trace of a run that just failed, which no folder keeps.
+    """
 
     folder: Path
     record: RunRecord
+    refused: Trace | None = field(default=None, compare=False, repr=False)
 
     @property
     def missed(self) -> str | None:
@@ -99,10 +104,11 @@ def run_case(
             deck.command_with(executable), folder, limit_s or default_limit_s(case), **engine.VARIABLES
         )
         record = _record(case, engine_name, engine, version, deck, outcome, folder)
-        trace = None
+        trace = refused = None
         try:
             trace = checked_trace(case, engine, outcome, folder)
         except RunError as error:
+            refused = error.trace
             record = replace(record, status=error.status, reason=str(error))
         for name in deck.raw:
             _remove(folder / name)
@@ -119,7 +125,7 @@ def run_case(
         if spared:  # what is done stays
             target = target.with_name(f"{target.name}-failed")
         _move_into_place(folder, target, None if spared or not faster else faster.folder)
-    return EndedRun(target, record)
+    return EndedRun(target, record, refused)
 
 
 def run_identity(engine_name: str, version: str, deck: Deck) -> str:

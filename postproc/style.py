@@ -82,12 +82,11 @@ def pyplot() -> Any:
     return plt
 
 
-def inline_svg(figure: Any, salt: str) -> str:
-    """A figure as an ``<svg>`` element to stand in a page; ``salt`` keeps its ids apart from other figures'."""
+def svg_of(figure: Any) -> str:
+    """A figure as an SVG file's text; the figure is closed."""
     plt = pyplot()
     buffer = StringIO()
-    with plt.rc_context({"svg.hashsalt": salt}):
+    with plt.rc_context({"svg.hashsalt": "figure"}):
         figure.savefig(buffer, format="svg", bbox_inches="tight", metadata={"Date": None})
     plt.close(figure)
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
+    return buffer.getvalue()

@@ -18,6 +18,7 @@ from drivers.tolerances import Tolerance, tolerance
 from drivers.trace import Trace
 from postproc.observables import observe
 from postproc.residual import share_of_largest
+from validation.motion import motion_deviation
 from validation.rounding import HORIZON, ROUNDING_MARGIN, comparable, rounding_error
 from validation.sideways import model_quantity, sideways_rounding, tube_verlet_of, why_unmeasured
 from validation.verdict import FAIL, NOT_RUN, PASS, Verdict
@@ -92,6 +93,7 @@ def _force_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[str, F
         if samples < case.scene.samples:
             until = f"; judged until {run.trace.time_s[samples] * 1e6:g} µs, where rounding alone passes {HORIZON:g}"
         verdicts.append(_judge(case, engine, "force against verlet", found, limit, until))
+        verdicts.append(_motion_verdict(case, engine, run.trace, verlet, limit, samples))
     if "reference" in runs and engine != "reference":
         found = deviation(run.trace, runs["reference"].trace)
         limit = tolerance("truncation", "force", shipped_name(case))
@@ -101,6 +103,18 @@ def _force_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[str, F
         found = deviation(run.trace, runs[others[0]].trace)
         verdicts.append(_judge(case, engine, f"force against {others[0]}", found, tolerance("model", "sides")))
     return verdicts
+
+
+def _motion_verdict(case: Case, engine: str, trace: Trace, verlet: Trace, forces: Tolerance, samples: int) -> Verdict:
+    """Kinetic energy and momentum: recorded velocities that are off change no force.
+
+    Where the forces are allowed more, by rounding or by a sphere for a face, so are they.
+    """
+    found = motion_deviation(case.chain, trace, verlet, samples)
+    stated = tolerance("model", "motion")
+    limit = stated if forces.limit <= stated.limit else forces
+    where = f"{found.quantity} at {found.time_s * 1e6:g} µs"
+    return _verdict(case, engine, "motion against verlet", found.share, limit, where)
 
 
 def _same_scheme(case: Case, engine: str, verlet: Trace) -> Trace:

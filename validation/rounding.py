@@ -23,18 +23,27 @@ def comparable(rounding_share: Array) -> tuple[float, int]:
     return float(allowed[samples - 1]), samples
 
 
+def heights_and_reach(case: Case) -> tuple[Array, Array]:
+    """Heights at time 0, and the distances at which neighbours (body 1 and the height 0) just touch. Shape (bodies,).
+
+    A damped flat face is the large sphere that LIGGGHTS has to take it for.
+    """
+    chain = case.chain
+    flat = np.isinf(chain.radius_m)
+    face = sphere_for_face(case.scene, chain)[0] if flat.any() and chain.damping_ratio else 0.0
+    radius = np.where(flat, face, chain.radius_m)
+    reach = radius + np.concatenate([[chain.wall_height_m], radius[:-1]])
+    return np.asarray(chain.height_m + np.where(flat, face, 0.0)), np.asarray(reach)
+
+
 def verlet_in_heights(case: Case) -> Array:
     """Forces by the scheme of the codes at the case's step, with absolute heights as its state, as engines hold them.
 
-    A damped flat face is the large sphere that LIGGGHTS has to take it for. Shape (samples, bodies).
+    Shape (samples, bodies).
     """
     scene, chain = case.scene, case.chain
-    flat = np.isinf(chain.radius_m)
-    face = sphere_for_face(scene, chain)[0] if flat.any() and chain.damping_ratio else 0.0
-    radius = np.where(flat, face, chain.radius_m)
-    reach = radius + np.concatenate([[chain.wall_height_m], radius[:-1]])
+    height, reach = heights_and_reach(case)
     timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
-    height = chain.height_m + np.where(flat, face, 0.0)
     return integrate_verlet_absolute(arrays_of(chain), height, reach, *timing)
 
 

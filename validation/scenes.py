@@ -10,9 +10,10 @@ from drivers.finished import FinishedRun, open_run
 from drivers.limits import inability
 from drivers.read_scene import read_scene
 from drivers.run import run_case
+from drivers.trace import Trace
 from validation.comparison import NOT_INSTALLED, REFUSED, compare_case
 from validation.departure import Departure, departure
-from validation.verdict import Verdict
+from validation.verdict import FAIL, Verdict
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,7 @@ class ComparedScene:
         runs: finished runs by engine.
         absent: why an engine has none.
         departures: when each run first leaves the exact motion, and why.
+        diagnoses: by engine, what a run with a failed verdict matches, in a sentence.
     """
 
     case: Case
@@ -30,6 +32,7 @@ class ComparedScene:
     absent: dict[str, str]
     verdicts: list[Verdict]
     departures: dict[str, Departure] = field(default_factory=dict)
+    diagnoses: dict[str, str] = field(default_factory=dict)
 
 
 def run_and_compare(
@@ -43,6 +46,7 @@ def run_and_compare(
     case = build_case(read_scene(source, settings))
     finished: dict[str, FinishedRun] = {}
     absent: dict[str, str] = {}
+    refused: dict[str, Trace] = {}
     for engine in engine_names():
         if load_engine(engine).find() is None:
             absent[engine] = NOT_INSTALLED
@@ -56,5 +60,21 @@ def run_and_compare(
             finished[engine] = open_run(result.folder)
         else:
             absent[engine] = f"{result.record.status}: {result.record.reason}"
+            if result.refused is not None:
+                refused[engine] = result.refused
+    verdicts = compare_case(case, finished, absent)
     departures = {engine: departure(case, engine, run.trace) for engine, run in finished.items()}
-    return ComparedScene(case, finished, absent, compare_case(case, finished, absent), departures)
+    diagnoses = _diagnoses(case, verdicts, finished, refused)
+    return ComparedScene(case, finished, absent, verdicts, departures, diagnoses)
+
+
+def _diagnoses(
+    case: Case, verdicts: list[Verdict], finished: dict[str, FinishedRun], refused: dict[str, Trace]
+) -> dict[str, str]:
+    """Of red runs, which are few: only then are the variants loaded."""
+    red = {verdict.engine for verdict in verdicts if verdict.verdict == FAIL}
+    if not red:
+        return {}
+    from validation.diagnosis.rows import diagnoses_of
+
+    return diagnoses_of(case, verdicts, refused | {name: run.trace for name, run in finished.items() if name in red})

@@ -7,7 +7,7 @@ import pandas as pd
 
 from drivers import paths
 from drivers.errors import InputError
-from postproc.style import inline_svg
+from postproc.inline import read_svg, stored_or_drawn
 from validation.elements.diagrams import draw_effects
 from validation.elements.words import TABLES, read_tables, sentences
 
@@ -29,7 +29,7 @@ def read_section(results: Path) -> dict[str, Any]:
             "observables": names,
             "effects": {scene: _rows(own, names) for scene, own in effects.groupby("scene", sort=False)},
             "figures": [
-                ("Effect of each element against its cost", inline_svg(draw_effects(effects), "elements")),
+                ("Effect of each element against its cost", _effects(results, effects)),
                 *_oscilloscopes(results, effects["scene"].unique()),
             ],
         }
@@ -38,14 +38,19 @@ def read_section(results: Path) -> dict[str, Any]:
         raise InputError(paths.shown(results / TABLES["effects"]), "", found, "what make elements writes") from error
 
 
+def _effects(results: Path, effects: pd.DataFrame) -> str:
+    table = results / TABLES["effects"]
+    return stored_or_drawn(results / "elements.svg", table, lambda: draw_effects(effects), "elements")
+
+
 def _oscilloscopes(results: Path, scenes: Any) -> list[tuple[str, str]]:
+    """What gauges show of each scene; those that were not drawn are left out."""
     figures = []
     for scene in scenes:
-        path = results / f"oscilloscope-{scene}.svg"
-        if path.exists():
-            text = path.read_text()
+        figure = read_svg(results / f"oscilloscope-{scene}.svg", f"oscilloscope-{scene}")
+        if figure:
             words = f"{scene}: what the gauges show, from the elastic line to the gauge's electronics"
-            figures.append((words, text[text.index("<svg") :]))
+            figures.append((words, figure))
     return figures
 
 

@@ -8,12 +8,12 @@ import pandas as pd
 
 from drivers import paths
 from drivers.errors import InputError
-from postproc.style import inline_svg
+from postproc.inline import stored_or_drawn
 from validation.criteria import CRITERIA
 from validation.stability.limits import CRITERION_KEYS
 from validation.stability.maps import draw_horizons, draw_limits, draw_rounding
 from validation.stability.scenes import SHIPPED
-from validation.stability.words import LIMITS, WASTEFUL, read_tables, sentences
+from validation.stability.words import LIMITS, TABLES, WASTEFUL, read_tables, sentences
 
 FIGURES = {
     "limits": (draw_limits, "Predicted steps and users' criteria over the measured limit"),
@@ -39,15 +39,18 @@ def read_section(results: Path) -> dict[str, Any]:
             "limits": _limits(tables["limits"]),
             "extremes": _extremes(tables["extremes"]),
             "figures": [
-                (words, inline_svg(draw(tables[name]), f"stability-{name}"))
-                for name, (draw, words) in FIGURES.items()
-                if name in tables
+                (words, _figure(results, tables[name], name)) for name, (_, words) in FIGURES.items() if name in tables
             ],
         }
     except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
         raise InputError(
             paths.shown(results / LIMITS), "", "a damaged table", "the tables that make stability writes"
         ) from error
+
+
+def _figure(results: Path, table: pd.DataFrame, name: str) -> str:
+    stored = results / f"stability-{name}.svg"
+    return stored_or_drawn(stored, results / TABLES[name], lambda: FIGURES[name][0](table), f"stability-{name}")
 
 
 def _limits(limits: pd.DataFrame) -> list[dict[str, Any]]:

@@ -1,6 +1,10 @@
 """Comparison, verdicts and the report page."""
 
+import html
+import json
+import platform
 import re
+from base64 import b64decode
 from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -9,7 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.errors import InputError
+from drivers.record import provenance
 from drivers.tolerances import tolerance
+from postproc.sensors import sensor_signals
 from validation.comparison import (
     compare_case,
     deviation,
@@ -17,6 +24,8 @@ from validation.comparison import (
     shipped_name,
 )
 from validation.report import write_report
+from validation.report.charts import MOST_SAMPLES, chart_of
+from validation.report.verdicts import scene_row, short
 from validation.rounding import HORIZON
 from validation.scenes import ComparedScene
 from validation.tests.conftest import SceneWriter, case_of, command_line, finished
@@ -99,12 +108,115 @@ def test_the_page_stands_alone(compared: ComparedScene, tmp_path: Path) -> None:
     assert counts == {PASS: 2, FAIL: 1, NOT_RUN: 1}
     text = (tmp_path / "report.html").read_text()
     page = Page(text)
-    assert all(address.startswith(("#", "data:image/png;base64,")) for address in page.addresses)
-    assert page.tags["svg"] == page.tags["figure"] == len(page.labels) == 2  # the gauges and the whole chain
-    assert "script" not in page.tags
+    assert page.addresses
+    assert all(address.startswith(("#", "data:")) for address in page.addresses)
+    assert page.tags["svg"] == page.tags["figure"] == 2  # the gauges and the whole chain
+    assert sum(label.startswith(("Gauge forces", "Force in every contact")) for label in page.labels) == 2
     assert "ERROR &lt;b&gt;&amp;" in text
     assert text.index('class="verdicts"') < text.index("<section")
     assert re.search(r"2 passed.*1 failed.*1 not run", text, re.DOTALL)
+
+
+def test_the_first_screen_says_what_the_worst_figure_is_and_why_it_may_be_so_large(
+    compared: ComparedScene, tmp_path: Path
+) -> None:
+    write_report([compared], tmp_path / "report.html", "make it again")
+    text = (tmp_path / "report.html").read_text()
+    first = text[: text.index("<section")]
+    (row,) = [scene_row(compared)]
+    worst = row.cells["verlet"].worst
+    assert worst is not None
+    own = [v for v in compared.verdicts if v.engine == "verlet"]
+    assert max(v.value / v.limit for v in own) == worst.value / worst.limit
+    for words in (worst.quantity, short(worst.value), short(worst.limit), worst.reason, "make it again",
+                  platform.node(), "numpy", provenance()["commit"][:12]):  # fmt: skip
+        assert words in html.unescape(first), words
+
+
+def test_a_red_row_says_its_diagnosis_and_how_to_look_closer(compared: ComparedScene, tmp_path: Path) -> None:
+    sick = late(compared)
+    counts = write_report([sick], tmp_path / "report.html")
+    assert counts[FAIL] == 1
+    text = (tmp_path / "report.html").read_text()
+    first = text[: text.index("<section")]
+    assert '<tr class="miss">' in first
+    assert "yade fails." in first
+    assert "matches forces a sample &lt;late&gt;" in first
+    assert f"python -m validation compare {compared.case.scene.file}" in first
+    assert '<tr class="miss">' not in page_of(replace(sick, verdicts=[], diagnoses={}), tmp_path)
+
+
+def test_what_was_not_made_is_left_out_with_a_word(tmp_path: Path) -> None:
+    write_report([], tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    for target in ("independent", "table1", "claims", "figures", "trade", "stability", "elements"):
+        assert f"<code>make {target}</code>" in text, target
+
+
+@pytest.mark.parametrize(
+    ("file", "content"), [("table1.csv", "force_N\n1"), ("fig4.svg", "<svg><g></svg>"), ("independent.csv", "id\n1")]
+)
+def test_a_damaged_file_is_named_in_a_line(file: str, content: str, tmp_path: Path) -> None:
+    (tmp_path / file).write_text(content)
+    with pytest.raises(InputError, match=file):
+        write_report([], tmp_path / "report.html")
+    assert [path.name for path in tmp_path.iterdir()] == [file]
+
+
+def test_curves_carry_the_values_of_the_run(compared: ComparedScene, tmp_path: Path) -> None:
+    text = page_of(compared, tmp_path)
+    found = re.search(r'<script type="application/json">(.*?)</script>', text, re.DOTALL)
+    assert found
+    chart = json.loads(found[1])
+    trace, layout = compared.runs["verlet"].trace, compared.runs["verlet"].layout
+    assert chart["count"] == len(trace.time_s) == chart["last"] + 1
+    assert chart["spacing"] == pytest.approx(1.0)
+    wall = next(panel for panel in chart["panels"] if panel["title"].startswith("wall"))
+    own = next(curve for curve in wall["curves"] if curve["engine"] == "verlet")
+    values = np.frombuffer(b64decode(own["values"]), "<f4")
+    assert values == pytest.approx(sensor_signals(layout, trace)["wall"], rel=1e-7)
+    differences = chart["panels"][-1]
+    assert [curve["label"] for curve in differences["curves"]] == ["verlet − reference"]
+
+
+def test_long_records_are_thinned_and_say_their_times(compared: ComparedScene) -> None:
+    run = compared.runs["verlet"]
+    repeats = 20
+    time_s = np.arange(repeats * len(run.trace.time_s), dtype=float) * 1e-6
+    long = replace(run.trace, time_s=time_s, force_N=np.tile(run.trace.force_N, (repeats, 1)))
+    chart = chart_of(run.layout, {"verlet": long})
+    every = -(-len(time_s) // MOST_SAMPLES)
+    assert every > 1
+    assert chart.count <= MOST_SAMPLES
+    assert chart.spacing == pytest.approx(time_s[every] * 1e6)
+    assert chart.spacing * chart.last == pytest.approx(time_s[-1] * 1e6)
+
+
+def test_a_chain_without_gauges_and_without_forces_has_a_page(
+    scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
+) -> None:
+    case = case_of(scene_file("free", wall="", striker="", duration="2 us"))
+    runs = {"verlet": finished(case, "verlet", shared_runs)}
+    text = page_of(ComparedScene(case, runs, {}, compare_case(case, runs, {})), tmp_path)
+    assert Page(text).tags["figure"] == 1  # nothing to draw but the chain
+    assert "nan" not in text[text.index("<section") :].lower().split()
+
+
+def page_of(scene: ComparedScene, folder: Path) -> str:
+    """The page of one scene."""
+    write_report([scene], folder / "page.html")
+    return (folder / "page.html").read_text()
+
+
+def late(compared: ComparedScene) -> ComparedScene:
+    """The scene with a YADE whose forces come a sample late, and a diagnosis of it."""
+    run = compared.runs["verlet"]
+    odd = replace(run)
+    object.__setattr__(odd, "trace", replace(run.trace, force_N=np.roll(run.trace.force_N, 1, axis=0)))
+    runs = compared.runs | {"yade": odd}
+    absent = {"liggghts": "not installed"}
+    verdicts = compare_case(compared.case, runs, absent)
+    return ComparedScene(compared.case, runs, absent, verdicts, {}, {"yade": "matches forces a sample <late>"})
 
 
 def test_the_wave_on_the_command_line() -> None:

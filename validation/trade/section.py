@@ -7,7 +7,7 @@ import pandas as pd
 
 from drivers import paths
 from drivers.errors import InputError
-from postproc.style import inline_svg
+from postproc.inline import stored_or_drawn
 from validation.trade.advice import QUANTITIES, TARGETS, cheapest
 from validation.trade.command import LEVERS, TABLE
 from validation.trade.diagrams import draw_scene
@@ -33,10 +33,15 @@ def read_section(results: Path) -> dict[str, Any]:
             "table": [_line(rows, scene, quantity) for scene in scenes[:1] for quantity in QUANTITIES]
             + [_line(rows, scene, "force") for scene in scenes[1:]],
             "targets": [f"{target:.0e}" for target in TARGETS],
-            "figures": [(scene, inline_svg(draw_scene(rows, scene), f"trade-{scene}")) for scene in scenes],
+            "figures": [(scene, _figure(results, rows, scene)) for scene in scenes],
         }
     except (ValueError, KeyError, IndexError, TypeError) as error:  # pandas' own errors are ValueErrors
         raise InputError(paths.shown(table), "", "a damaged table", "the tables that make trade writes") from error
+
+
+def _figure(results: Path, rows: pd.DataFrame, scene: str) -> str:
+    stored = results / f"trade-{scene}.svg"
+    return stored_or_drawn(stored, results / TABLE, lambda: draw_scene(rows, scene), f"trade-{scene}")
 
 
 def _line(rows: pd.DataFrame, scene: str, quantity: str) -> dict[str, Any]:

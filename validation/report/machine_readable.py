@@ -1,0 +1,146 @@
+"""The verdicts for programs: ``report.json``, and JUnit XML as continuous integration reads it."""
+
+import json
+import math
+import re
+from collections import Counter
+from dataclasses import asdict
+from typing import Any
+from xml.etree import ElementTree
+
+from drivers import paths
+from drivers.case import Case
+from drivers.finished import FinishedRun
+from validation.report.verdicts import Cell, Row, counted, source_of
+from validation.scenes import ComparedScene
+from validation.verdict import FAIL, NOT_RUN, PASS, Verdict
+
+SCHEMA = 1
+SCENES, CASES = "scenes", "independent"  # what the suites' names begin with
+UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # what XML 1.0 cannot hold
+
+
+def as_json(made: dict[str, Any], scenes: list[ComparedScene], rows: list[Row], cases: list[Row]) -> str:
+    """The report as JSON; what is no number is null."""
+    data = {
+        "schema_version": SCHEMA,
+        "made_with": made,
+        "counts": {
+            SCENES: _counts(counted(rows)),
+            CASES: _counts(counted(cases)),
+            "verdicts": _counts(Counter(v.verdict for row in (*rows, *cases) for v in _verdicts(row))),
+        },
+        SCENES: [_scene(scene, row) for scene, row in zip(scenes, rows, strict=True)],
+        CASES: [_row(row) for row in cases],
+    }
+    return json.dumps(_plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def as_junit(made: dict[str, Any], rows: list[Row], cases: list[Row]) -> str:
+    """The report as JUnit XML: a suite for each scene and independent case, a test for each engine and quantity."""
+    root = ElementTree.Element("testsuites", name="cross-code validation")
+    totals: Counter[str] = Counter()
+    for kind, row in [*((SCENES, row) for row in rows), *((CASES, row) for row in cases)]:
+        name = f"{kind}.{row.name}"
+        found = Counter(verdict.verdict for verdict in _verdicts(row))
+        suite = ElementTree.SubElement(root, "testsuite", _numbers(found), name=_words(name))
+        suite.set("hostname", _words(made["machine"]["host"]))
+        for cell in row.cells.values():
+            for verdict in cell.verdicts:
+                _test(suite, name, row, cell, verdict)
+        totals += found
+    for key, value in _numbers(totals).items():
+        root.set(key, value)
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _test(suite: ElementTree.Element, name: str, row: Row, cell: Cell, verdict: Verdict) -> None:
+    case = ElementTree.SubElement(
+        suite, "testcase", classname=_words(f"{name}.{cell.engine}"), name=_words(verdict.quantity), time="0"
+    )
+    measured = not math.isnan(verdict.limit)
+    words = f"{verdict.value:.3e} of {verdict.limit:.3e}: {verdict.where}" if measured else verdict.where
+    if verdict.verdict == FAIL:
+        kind = "tolerance" if measured else "run"
+        failure = ElementTree.SubElement(case, "failure", message=_words(words), type=kind)
+        lines = [words, f"tolerance: {verdict.reason}", cell.diagnosis, f"look closer: {row.again}"]
+        failure.text = _words("\n".join(line for line in lines if line))
+    elif verdict.verdict == NOT_RUN:
+        ElementTree.SubElement(case, "skipped", message=_words(words))
+    else:
+        ElementTree.SubElement(case, "system-out").text = _words(words)
+
+
+def _numbers(found: Counter[str]) -> dict[str, str]:
+    numbers = {"tests": found.total(), "failures": found[FAIL], "errors": 0, "skipped": found[NOT_RUN]}
+    return {key: str(number) for key, number in numbers.items()} | {"time": "0"}
+
+
+def _counts(found: Counter[str]) -> dict[str, int]:
+    return {kind: found[kind] for kind in (PASS, FAIL, NOT_RUN)}
+
+
+def _verdicts(row: Row) -> list[Verdict]:
+    return [verdict for cell in row.cells.values() for verdict in cell.verdicts]
+
+
+def _scene(scene: ComparedScene, row: Row) -> dict[str, Any]:
+    case: Case = scene.case
+    told = _row(row) | {
+        "summary": case.summary,
+        "source": source_of(case.scene),
+        "time_step_s": case.scene.time_step_s,
+        "elements": [asdict(element) for element in case.elements],
+    }
+    for engine, own in told["engines"].items():
+        if engine in scene.runs:
+            own["run"] = _run(scene.runs[engine])
+        departure = scene.departures.get(engine)
+        own["departure"] = asdict(departure) if departure else None
+    return told
+
+
+def _run(run: FinishedRun) -> dict[str, Any]:
+    record = run.record
+    names = ("status", "engine_version", "deck_sha256", "commit", "dirty", "host", "time_step_s", "steps", "bodies",
+             "wall_s", "cpu_s", "loop_s", "memory_bytes", "step_limit_s", "warnings", "error_budget",
+             "error_note")  # fmt: skip
+    return {"folder": paths.shown(run.folder)} | {name: getattr(record, name) for name in names}
+
+
+def _row(row: Row) -> dict[str, Any]:
+    return {
+        "name": row.name,
+        "title": row.title,
+        "command": row.again,
+        "engines": {
+            cell.engine: {
+                "verdict": cell.verdict,
+                "note": cell.note,
+                "worst": cell.worst.quantity if cell.worst else None,
+                "diagnosis": cell.diagnosis or None,
+                "verdicts": [
+                    {key: value for key, value in asdict(each).items() if key not in ("scene", "engine")}
+                    for each in cell.verdicts
+                ],
+            }
+            for cell in row.cells.values()
+        },
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Without NaN and infinities, of which JSON has none."""
+    if isinstance(value, dict):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if hasattr(value, "item"):
+        return _plain(value.item())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _words(text: str) -> str:
+    """Text without what XML cannot hold."""
+    return UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", text)

@@ -1,0 +1,138 @@
+"""A page in headless Chromium, driven through Debian's ``chromium`` and ``chromium-driver``."""
+
+import base64
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from selenium.webdriver import Chrome, ChromeOptions, ChromeService
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
+from selenium.webdriver.common.actions.interaction import POINTER_TOUCH
+from selenium.webdriver.common.actions.pointer_input import PointerInput
+
+QUESTIONS = (Path(__file__).parent / "page.js").read_text()
+LARGEST_PX = 16_000  # beyond it a screenshot comes out blank
+A4_IN = {"paperWidth": 8.27, "paperHeight": 11.69}
+PICTURES = ("image", "img", "SvgRoot", "Canvas", "graphics-document")  # roles in Chromium's accessibility tree
+PRINTED_PX, PRINTED_HIGH_PX = 718, 1047  # what A4 leaves between margins of 1 cm, at 96 to the inch
+
+
+def need_browser() -> None:
+    """Leaves a test out where there is no browser; in CI that is a failure."""
+    missing = [name for name in ("chromium", "chromedriver") if shutil.which(name) is None]
+    if missing:
+        if os.environ.get("CI"):
+            pytest.fail(f"{' and '.join(missing)} not installed, and CI has to have them")
+        pytest.skip(f"{' and '.join(missing)} not installed")
+
+
+@contextmanager
+def browser() -> Iterator[Chrome]:
+    """A browser that keeps a log of its console and of its requests.
+
+    Both paths are given, so that selenium looks for nothing and downloads nothing.
+    """
+    options = ChromeOptions()
+    options.binary_location = shutil.which("chromium") or ""
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    for argument in ("--headless=new", "--disable-dev-shm-usage", "--disable-gpu", "--force-color-profile=srgb"):
+        options.add_argument(argument)
+    if os.geteuid() == 0:
+        options.add_argument("--no-sandbox")  # root cannot have one
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("no_proxy", "*")  # the driver listens on loopback
+        driver = Chrome(options=options, service=ChromeService(executable_path=shutil.which("chromedriver")))
+        try:
+            driver.set_page_load_timeout(60)
+            yield driver
+        finally:
+            driver.quit()
+
+
+def devtools(driver: Chrome, command: str, **parameters: Any) -> dict[str, Any]:
+    """Sends a command of the DevTools protocol and returns its answer."""
+    answer: dict[str, Any] = driver.execute_cdp_cmd(command, parameters)
+    return answer
+
+
+def view(driver: Chrome, width_px: int, scheme: str = "light", media: str = "") -> None:
+    """Shows the page at a width, in a colour scheme, as on paper with ``media="print"``."""
+    height_px = 800 if width_px > 500 else 844
+    devtools(driver, "Emulation.setDeviceMetricsOverride", width=width_px, height=height_px, deviceScaleFactor=1,
+             mobile=False)  # fmt: skip
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    devtools(driver, "Emulation.setEmulatedMedia", media=media, features=features)
+
+
+def allow_scripts(driver: Chrome, *, allowed: bool) -> None:
+    """Whether pages loaded from now on may run their scripts; ``ask`` works all the same."""
+    devtools(driver, "Emulation.setScriptExecutionDisabled", value=not allowed)
+
+
+def ask(driver: Chrome, question: str, *arguments: Any) -> Any:
+    """The answer of a function in ``page.js`` on the page that is shown."""
+    names = ", ".join(f"arguments[{i}]" for i in range(len(arguments)))
+    return driver.execute_script(f"{QUESTIONS}\nreturn {question}({names});", *arguments)
+
+
+def point(driver: Chrome, x: float, y: float, kind: str = "mouse") -> None:
+    """Moves the mouse there, or taps (``kind`` touch)."""
+    pointer = PointerInput(kind, kind)
+    actions = ActionBuilder(driver, mouse=pointer, duration=0)
+    actions.pointer_action.move_to_location(round(x), round(y))
+    if kind == POINTER_TOUCH:
+        actions.pointer_action.pointer_down().pointer_up()
+    actions.perform()
+
+
+def said(driver: Chrome) -> list[str]:
+    """What was written to the console since the last call, information left out."""
+    return [f"{entry['level']}: {entry['message']}" for entry in driver.get_log("browser")
+            if entry["level"] not in ("INFO", "DEBUG")]  # fmt: skip
+
+
+def requests(driver: Chrome) -> list[str]:
+    """Addresses that were asked for since the last call."""
+    events = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
+    asked = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
+    return [each["request"]["url"] for each in asked]
+
+
+def nameless_pictures(driver: Chrome) -> list[str]:
+    """Pictures for which a screen reader has no words: neither their own nor those of a picture around them."""
+    nodes = {node["nodeId"]: node for node in devtools(driver, "Accessibility.getFullAXTree")["nodes"]}
+
+    def named(node: dict[str, Any] | None) -> bool:
+        while node is not None:
+            if node.get("role", {}).get("value") in PICTURES and node.get("name", {}).get("value", "").strip():
+                return True
+            node = nodes.get(node.get("parentId", ""))
+        return False
+
+    return [node["role"]["value"] for node in nodes.values()
+            if not node["ignored"] and node["role"]["value"] in PICTURES and not named(node)]  # fmt: skip
+
+
+def keep_screenshot(driver: Chrome, file: Path, *, whole: bool) -> None:
+    """Writes the first screen, or the page as far as a picture can hold it."""
+    if whole:
+        size = devtools(driver, "Page.getLayoutMetrics")["cssContentSize"]
+        clip = {"x": 0, "y": 0, "width": size["width"], "height": min(size["height"], LARGEST_PX), "scale": 1}
+        shot = devtools(driver, "Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)
+    else:
+        shot = devtools(driver, "Page.captureScreenshot", format="png")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_bytes(base64.b64decode(shot["data"]))
+
+
+def keep_print(driver: Chrome, file: Path) -> bytes:
+    """Writes the page as it prints on A4, and returns that."""
+    printed = devtools(driver, "Page.printToPDF", printBackground=True, **A4_IN)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_bytes(base64.b64decode(printed["data"]))
+    return file.read_bytes()

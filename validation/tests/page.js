@@ -1,0 +1,251 @@
+// Questions to a page, asked by test_page.py. Each function answers with a list of what is wrong, empty if nothing is.
+
+const name = (element) => {
+  const about = element.id || element.getAttribute("class") || element.textContent.trim().slice(0, 40);
+  return `<${element.localName}> ${about.replace(/\s+/g, " ")}`;
+};
+const visible = (element) => element.checkVisibility({ visibilityProperty: true, contentVisibilityAuto: false });
+const elements = (selector = "body *") => [...document.querySelectorAll(selector)].filter(visible);
+const ancestors = (element) => {
+  const found = [];
+  for (let each = element; each; each = each.parentElement) found.push(each);
+  return found;
+};
+
+function openAll() {
+  document.querySelectorAll("details").forEach((each) => { each.open = true; });
+}
+
+// a horizontal scroll of the page, tried as a reader would; and what reaches past its edge where nothing scrolls
+function tooWide(width) {
+  const root = document.scrollingElement;
+  const wrong = [];
+  if (window.innerWidth !== width) wrong.push(`the window is ${window.innerWidth} wide`);
+  if (root.scrollWidth > root.clientWidth) wrong.push(`the page is ${root.scrollWidth} of ${root.clientWidth} wide`);
+  const boxed = (element) => ancestors(element.parentElement).slice(0, -2)
+    .some((each) => ["auto", "scroll"].includes(getComputedStyle(each).overflowX));
+  for (const element of elements("body *:not(svg *)")) {
+    const { right, width: own } = element.getBoundingClientRect();
+    if (own > 1 && right > root.clientWidth + 1 && !boxed(element)) wrong.push(`${name(element)} ends at ${right}`);
+  }
+  return wrong.slice(0, 5);
+}
+
+// what a reader sees only after scrolling down
+function belowTheFold(selector) {
+  return elements(selector).filter((each) => each.getBoundingClientRect().bottom > window.innerHeight).map(name);
+}
+
+// boxes that hold more than they show: on paper nobody can scroll
+function cutOff() {
+  return elements("body *:not(svg *)").filter((each) => {
+    const { overflowX, overflowY } = getComputedStyle(each);
+    const small = each.clientWidth <= 1;  // words for screen readers alone
+    return !small && ((overflowX !== "visible" && each.scrollWidth > each.clientWidth + 1)
+      || (overflowY !== "visible" && each.scrollHeight > each.clientHeight + 1));
+  }).map(name);
+}
+
+// what does not fit on a sheet, so that it is torn whatever is asked for
+function tallerThan(height) {
+  return elements("figure, tr").filter((each) => each.getBoundingClientRect().height > height).map(name);
+}
+
+// words of a picture that stand on each other, or past its edge
+function colliding() {
+  const wrong = [];
+  for (const picture of elements("svg")) {
+    const texts = [...picture.querySelectorAll("text")].filter(visible).filter((each) => Math.abs(each.getScreenCTM().b) < 1e-6).map((each) => [each.textContent.trim(), each.getBoundingClientRect()]);
+    texts.forEach(([words, one], i) => {
+      if (one.right > document.scrollingElement.clientWidth + 1 || one.left < -1) wrong.push(`${words} past the edge`);
+      for (const [others, other] of texts.slice(i + 1)) {
+        const wide = Math.min(one.right, other.right) - Math.max(one.left, other.left);
+        const high = Math.min(one.bottom, other.bottom) - Math.max(one.top, other.top);
+        if (wide > 2 && high > 0.3 * Math.min(one.height, other.height)) wrong.push(`${words} on ${others}`);
+      }
+    });
+  }
+  return wrong;
+}
+
+function brokenLinks() {
+  return [...document.querySelectorAll("a")].map((each) => each.getAttribute("href")).filter((href) =>
+    !href || !href.startsWith("#") || !document.getElementById(decodeURIComponent(href.slice(1))));
+}
+
+function repeatedIds() {
+  const ids = [...document.querySelectorAll("[id]")].map((each) => each.id);
+  return ids.filter((id, i) => ids.indexOf(id) !== i);
+}
+
+function aboutItself() {
+  return [
+    !document.documentElement.lang && "no language",
+    !document.title && "no title",
+    window === top && document.compatMode !== "CSS1Compat" && "no doctype",
+  ].filter(Boolean);
+}
+
+function headings() {
+  return [...document.querySelectorAll("h1, h2, h3, h4, h5, h6")]
+    .map((each) => [Number(each.localName[1]), each.textContent.trim()]);
+}
+
+// all that can be read, with everything unfolded
+function text() {
+  openAll();
+  return document.body.innerText.replace(/\s+/g, " ");
+}
+
+// a pointer that goes over every picture, so that scripts which wait for it have run
+function touchAll() {
+  for (const picture of document.querySelectorAll("svg, img, canvas")) {
+    const { left, top, width, height } = picture.getBoundingClientRect();
+    for (const share of [0.1, 0.5, 0.9]) {
+      const place = { bubbles: true, clientX: left + share * width, clientY: top + height / 2 };
+      for (const kind of ["pointermove", "pointerdown", "pointerup", "pointerleave"]) {
+        picture.dispatchEvent(new PointerEvent(kind, place));
+      }
+    }
+  }
+}
+
+const chartOf = (chart) => document.querySelector(`figure[data-chart="${CSS.escape(chart)}"]`);
+
+// one pair of axes of a chart, brought into view: its edges on the screen, and what each curve is drawn at along time
+function panel(chart, index, shares) {
+  const axis = chartOf(chart).querySelectorAll("path.axis")[index];
+  axis.scrollIntoView({ block: "center", behavior: "instant" });
+  const { left, right, top, bottom } = axis.getBoundingClientRect();
+  const inside = (element) => {
+    const box = element.getBoundingClientRect();
+    return box.top >= top - 1 && box.bottom <= bottom + 1;
+  };
+  const scale = [...chartOf(chart).querySelectorAll("path.grid")]
+    .filter((line) => inside(line) && line.getBBox().height === 0)
+    .map((line) => [line.getBoundingClientRect().top, line.nextElementSibling.textContent]);
+  const heightAt = (curve, x) => {
+    const toScreen = curve.getScreenCTM();
+    let [low, high] = [0, curve.getTotalLength()];
+    const at = (length) => curve.getPointAtLength(length).matrixTransform(toScreen);
+    for (let i = 0; i < 40; i += 1) {
+      const middle = (low + high) / 2;
+      if (at(middle).x < x) low = middle; else high = middle;
+    }
+    return at(high).y;
+  };
+  const drawn = [...chartOf(chart).querySelectorAll("path.curve")].filter(inside).map((curve) =>
+    [curve.dataset.label, shares.map((share) => heightAt(curve, left + share * (right - left)))]);
+  return { left, right, top, bottom, scale, drawn: Object.fromEntries(drawn) };
+}
+
+function charts() {
+  return [...document.querySelectorAll("figure[data-chart]")].map((each) => each.dataset.chart);
+}
+
+// what a chart tells at the moment, or null: the time, all its words, and the value of each curve by its label
+function readout(chart) {
+  const box = chartOf(chart).querySelector(".readout");
+  if (!visible(box)) return null;
+  const lines = [...box.querySelectorAll("[data-value]")];
+  return {
+    time: Number(box.querySelector("[data-time]").dataset.time),
+    words: box.innerText,
+    values: Object.fromEntries(lines.map((line) => [line.textContent.split(":")[0], Number(line.dataset.value)])),
+    shown: Object.fromEntries(lines.map((line) => [line.textContent.split(":")[0], parseFloat(line.textContent.split(":")[1])])),
+  };
+}
+
+// words that are torn apart though they are short
+function torn() {
+  const found = [];
+  for (const element of elements("h1, h2, h3, th, td, dt, summary, caption, nav a, b")) {
+    for (const node of element.childNodes) {
+      if (node.nodeType !== Node.TEXT_NODE) continue;
+      for (const { 0: word, index } of node.data.matchAll(/[\p{L}\d]{2,14}/gu)) {
+        const range = document.createRange();
+        range.setStart(node, index);
+        range.setEnd(node, index + word.length);
+        if (new Set([...range.getClientRects()].map((box) => Math.round(box.top))).size > 1) found.push(word);
+      }
+    }
+  }
+  return found;
+}
+
+function hidden(selector) {
+  return [...document.querySelectorAll(selector)].filter((each) => !visible(each)).map(name);
+}
+
+// any colour CSS can write, as red, green, blue, alpha
+const paint = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
+const rgba = (colour) => {
+  paint.clearRect(0, 0, 1, 1);
+  paint.fillStyle = colour;
+  paint.fillRect(0, 0, 1, 1);
+  const [r, g, b, a] = paint.getImageData(0, 0, 1, 1).data;
+  return [r, g, b, a / 255];
+};
+const over = (top, below) => [0, 1, 2].map((i) => top[3] * top[i] + (1 - top[3]) * below[i]);
+// WCAG 2.2, relative luminance and contrast ratio
+const luminance = (colour) => colour
+  .map((value) => value / 255)
+  .map((value) => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4))
+  .reduce((sum, value, i) => sum + value * [0.2126, 0.7152, 0.0722][i], 0);
+const ratio = (one, other) => {
+  const [dark, light] = [luminance(one), luminance(other)].sort((a, b) => a - b);
+  return (light + 0.05) / (dark + 0.05);
+};
+const canvasColour = () => rgba(getComputedStyle(document.documentElement).colorScheme.includes("dark")
+  && matchMedia("(prefers-color-scheme: dark)").matches && !matchMedia("print").matches ? "#121212" : "#ffffff");
+
+// the areas of a picture that are painted below the middle of a text
+function painted(text) {
+  const { left, right, top, bottom } = text.getBoundingClientRect();
+  const covers = (each) => {
+    if (!(each.compareDocumentPosition(text) & Node.DOCUMENT_POSITION_FOLLOWING)) return false;
+    const middle = new DOMPoint((left + right) / 2, (top + bottom) / 2);
+    return each.isPointInFill(middle.matrixTransform(each.getScreenCTM().inverse()));
+  };
+  return [...text.ownerSVGElement.querySelectorAll(":not(defs *):is(path, rect, circle)")].filter(visible).filter(covers);
+}
+
+function background(element) {
+  let below = canvasColour().slice(0, 3);
+  for (const each of ancestors(element).reverse()) below = over(rgba(getComputedStyle(each).backgroundColor), below);
+  if (element.ownerSVGElement) {
+    for (const each of painted(element)) {
+      const { fill, fillOpacity, opacity } = getComputedStyle(each);
+      if (fill === "none" || fill.startsWith("url")) continue;
+      const [r, g, b, a] = rgba(fill);
+      below = over([r, g, b, a * fillOpacity * opacity], below);
+    }
+  }
+  return below;
+}
+
+// contrast of every kind of text there is: the lowest ratio by tag, class and colours
+function contrasts() {
+  const found = new Map();
+  for (const element of elements()) {
+    const words = [...element.childNodes].some((each) => each.nodeType === Node.TEXT_NODE && each.data.trim());
+    if (!words) continue;
+    const style = getComputedStyle(element);
+    const below = background(element);
+    const faded = ancestors(element).reduce((share, each) => share * getComputedStyle(each).opacity, 1);
+    const ink = rgba(element.ownerSVGElement ? style.fill : style.color);
+    const value = ratio(over([...ink.slice(0, 3), ink[3] * faded], below), below);
+    const kind = `${element.localName}.${element.getAttribute("class") || ""} rgb(${ink.slice(0, 3)}) on rgb(${below.map(Math.round)})`;
+    if (!found.has(kind)) found.set(kind, [value, element.textContent.trim().slice(0, 30)]);
+  }
+  return [...found].map(([kind, [value, words]]) => [kind, value, words]);
+}
+
+// what breaks between two sheets of paper though it should stay whole
+function breakable(selector) {
+  return elements(selector).filter((each) => getComputedStyle(each).breakInside !== "avoid").map(name);
+}
+
+function pageColour() {
+  return background(document.body);
+}
