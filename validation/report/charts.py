@@ -190,7 +190,8 @@ def _differences(traces: Mapping[str, Trace], x: Array, every: int, top: float) 
             logarithm = np.where(values > 0, np.log10(values), np.nan)
         return np.asarray(top + PANEL * (high - logarithm) / (high - low))
 
-    curves, notes = [], {}
+    curves: list[Curve] = []
+    notes: dict[str, float] = {}
     for engine, yardstick, values in found:
         y = place(values)
         curves.append(_line(engine, f"{engine} − {yardstick}", _path(x, y), values[::every]))
