@@ -16,6 +16,7 @@ that of the force with ``h^(-1/10)``.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh_tridiagonal
 
 from drivers.case import Case
@@ -53,7 +54,7 @@ def theory(case: Case) -> dict[str, float]:
     return _values(case.sample_times_s, -velocity, force)
 
 
-def motion_by_modes(chain: Chain, time_s: Array, bodies: Array) -> tuple[Array, Array]:
+def motion_by_modes(chain: Chain, time_s: Array, bodies: NDArray[np.int_]) -> tuple[Array, Array]:
     """Small motions about equilibrium from the velocities at time 0: each mode swings at its own frequency.
 
     ``m_j u_j'' = K_j (u_j-1 - u_j) - K_j+1 (u_j - u_j+1)``, with ``sqrt(m) u`` for u a symmetric tridiagonal matrix.
@@ -101,7 +102,7 @@ def leading_peak(time_s: Array, signal: Array) -> Peak:
     return Peak(place, float(curve(place)), peak.sample)
 
 
-def _beads(case: Case) -> Array:
+def _beads(case: Case) -> NDArray[np.int_]:
     """Indices of the beads at all depths that are read.
 
     Raises:
@@ -118,13 +119,13 @@ def _values(time_s: Array, velocity_m_s: Array, force_N: Array) -> dict[str, flo
     for name, unit, signals in (("velocity", "m_s", velocity_m_s), ("force", "N", force_N)):
         peaks = [leading_peak(time_s, column) for column in signals.T]
         values |= {f"{name}_{depth}_deep_{unit}": peak.value for depth, peak in zip(SHOWN, peaks, strict=False)}
-        values[f"{name}_exponent"] = _power([peak.value for peak in peaks[len(SHOWN) :]])
+        values[f"{name}_exponent"] = power_of_depth([peak.value for peak in peaks[len(SHOWN) :]])
     values[f"arrival_{SHOWN[-1]}_deep_s"] = peaks[len(SHOWN) - 1].time_s  # of the force
-    values["arrival_exponent"] = _power([peak.time_s for peak in peaks[len(SHOWN) :]])
+    values["arrival_exponent"] = power_of_depth([peak.time_s for peak in peaks[len(SHOWN) :]])
     return values
 
 
-def _power(values: list[float]) -> float:
+def power_of_depth(values: list[float]) -> float:
     """The power of depth that values at the depths ``LAW`` go with, by least squares of logarithms."""
     return float(np.polyfit(np.log(LAW), np.log(values), 1)[0])
 

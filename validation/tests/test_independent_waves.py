@@ -258,7 +258,20 @@ def test_waves_of_the_continuum_under_gravity(kind: Callable[[float, float], com
         return complex(depth ** (1 / 3) * kind(0.4, 1.2 * omega * depth ** (5 / 6)))
 
     def flux(depth: float) -> complex:
-        return depth ** (1 / 3) * (wave(depth + d / 2) - wave(depth - d / 2)) / d
+        return float(np.cbrt(depth)) * (wave(depth + d / 2) - wave(depth - d / 2)) / d
 
     left = (flux(h + d / 2) - flux(h - d / 2)) / d
     assert abs(left + omega**2 * wave(h)) < 1e-6 * abs(omega**2 * wave(h))
+
+
+def test_powers_of_depth_are_found() -> None:
+    assert weak.power_of_depth((3e-6 * weak.LAW**-0.25).tolist()) == pytest.approx(-0.25, rel=1e-12)
+
+
+def test_a_leading_peak_is_found_between_samples_and_through_rounding() -> None:
+    time = np.arange(0.0, 15.0, 0.1)
+    noise = 1e-4 * np.random.default_rng(1).normal(size=time.size)
+    signal = np.exp(-((time - 4.03) ** 2) / 2) + 2 * np.exp(-((time - 12.0) ** 2) / 2)
+    found, rough = weak.leading_peak(time, signal), weak.leading_peak(time, signal + noise)
+    assert (found.time_s, found.value) == pytest.approx((4.03, 1.0), abs=2e-5)
+    assert (rough.time_s, rough.value) == pytest.approx((4.03, 1.0), abs=2e-4)
