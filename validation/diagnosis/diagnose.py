@@ -26,6 +26,7 @@ LEAST_RUNS = 400  # of an early window, without which nothing is tried
 FULL_RUNS = 150  # of all that is compared
 ALIKE = 30.0  # times what the nearest family leaves in the early window
 TELLING = 1e3  # times what rounding explains: such a deviation tells parameters
+MOST_SCANNED = 3  # of them, for which all of a run is scanned where an early window has told nothing
 MOST_EARLY = 12  # families that are followed from the first window to the second
 EARLY = 1e-6  # precision of a fit in the early window
 MOST_FULL = 5  # families that are followed to the end
@@ -159,6 +160,7 @@ def _of_forces(case: Case, model: Model, target: Target, off: Array, allowed: fl
     first = int(np.argmax(off.max(axis=1) > allowed))
     cost = model.bodies * model.steps_per_sample * (EXACT_COSTS if model.scheme == EXACT else 1)
     samples = max(min(samples, BUDGET // (cost * FULL_RUNS)), 2)
+    part = f" in the first {samples} samples" if samples < len(off) else ""
     windows = [min(samples, first + 1 + more) for more in (LEAST_WINDOW, max(LEAST_WINDOW, samples // 8))]
     if off[: windows[0]].max() < TELLING * allowed:
         windows = windows[1:]
@@ -173,7 +175,7 @@ def _of_forces(case: Case, model: Model, target: Target, off: Array, allowed: fl
     if not any(each.matches for each in found):
         near = _near(off[first], model.bodies)
         found += _fitted(case, list(single_families(case, model, near)), target, windows, deviation, allowed)
-    return _said(found, deviation, "of the largest force")
+    return _said(found, deviation, f"of the largest force{part}")
 
 
 def _near(off: Array, bodies: int) -> list[int]:
@@ -253,23 +255,36 @@ def _fitted(
     least = max(min(candidates)[0], allowed / 10)
     candidates.sort(key=lambda each: (each[0] > ALIKE * least, each[1] if each[0] <= ALIKE * least else each[0]))
     found: list[Found] = []
-    for _, place, value in candidates[:MOST_FULL]:
-        found.append(_followed(case, families[place], value, target, allowed))
+    for rank, (_, place, value) in enumerate(candidates[:MOST_FULL]):
+        found.append(_followed(case, families[place], value, target, allowed, again=rank < MOST_SCANNED))
         if found[-1].matches:
             break
     return found
 
 
-def _followed(case: Case, family: Family, value: float, target: Target, allowed: float) -> Found:
-    """A family fitted to all of a run, in the convention that comes nearest."""
-    values = [refined(replace(family, at=at), target, value)[0] for at in _conventional(family)]
-    models = [at(t) for at, t in zip(_conventional(family), values, strict=True)]
+def _followed(case: Case, family: Family, value: float, target: Target, allowed: float, *, again: bool) -> Found:
+    """A family fitted to all of a run, in the convention that comes nearest.
+
+    An early window may not have told the value: a wall that is too low is felt later. Then all of the run is scanned
+    ``again``.
+    """
+    found = _from(case, family, value, target, allowed)
+    if found.matches or not again:
+        return found
+    starts = start_values(family, target, found.left)
+    return min([found, *(_from(case, family, start, target, allowed) for start in starts)], key=lambda each: each.left)
+
+
+def _from(case: Case, family: Family, value: float, target: Target, allowed: float) -> Found:
+    members = _conventional(family)
+    values = [refined(replace(family, at=at), target, value)[0] for at in members]
+    models = [at(t) for at, t in zip(members, values, strict=True)]
     left = [worst(target.off(model)) for model in models]
     best = int(np.argmin(left))
     if not allowed < left[best] < NEAR:
         return Found(family.kind, family.words(values[best]), left[best], allowed)
     apart, samples = _horizon(models[best], target, allowed)
-    short, at = target.until(samples), _conventional(family)[best]
+    short, at = target.until(samples), members[best]
     t, _ = refined(replace(family, at=at), short, values[best])
     words = family.words(t) + _until(samples, target, case)
     return Found(family.kind, words, worst(short.off(at(t))), apart)

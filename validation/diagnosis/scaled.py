@@ -77,7 +77,7 @@ def _contacts(case: Case, model: Model) -> Iterator[Family]:
     chain = case.chain
     striker = case.scene.striker is not None
     if chain.wall:
-        words = partial(_wall_words, chain.wall)
+        words = partial(_wall_words, chain.wall, "a wall contact")
         yield by_factor("wall contact", words, partial(_stiffer, model, 0))
     if chain.beads > 1:
         words = partial(_times_as_stiff, "contacts of beads")
@@ -85,6 +85,9 @@ def _contacts(case: Case, model: Model) -> Iterator[Family]:
     if striker and chain.beads:
         words = partial(_times_as_stiff, "a striker's contact")
         yield by_factor("striker contact", words, partial(_stiffer, model, chain.bodies - 1))
+    if chain.wall and striker and chain.beads and np.isinf(chain.radius_m[-1]):
+        words = partial(_wall_words, "what the scene has", "contacts with wall and flat striker")
+        yield by_factor("plane contacts", words, partial(_stiffer, model, [0, chain.bodies - 1]))
     if chain.bodies > 1:
         words = partial(_times_as_stiff, "all contacts")
         yield by_factor("all contacts", words, partial(_stiffer, model, slice(0, chain.bodies)))
@@ -130,9 +133,11 @@ def _radii(case: Case, model: Model) -> Iterator[Family]:
     if model.scheme == EXACT or not chain.beads:
         return
     radius = float(np.median(chain.radius_m[: chain.beads])) * 1e3
-    for solid, remark in ((False, ""), (True, ", and the mass that goes with it")):
-        words = partial(_radius_words, radius, remark)
-        yield by_factor("bead radius", words, partial(_of_radius, case, model, solid), np.log(1 + 0.03 * BOTH_SIGNS))
+    grid = np.log(1 + 0.03 * BOTH_SIGNS)
+    for who, count in (("beads", chain.beads), ("bodies", chain.bodies)):
+        for solid, remark in ((False, ""), (True, ", and the mass that goes with it")):
+            words = partial(_radius_words, who, radius, remark)
+            yield by_factor("radius", words, partial(_of_radius, case, model, count, solid), grid)
 
 
 def _loads(case: Case, model: Model) -> Iterator[Family]:
@@ -189,7 +194,7 @@ def _numerics(case: Case, model: Model) -> Iterator[Family]:
     yield by_factor("time step", partial(_step_words, model.time_step_s), partial(_slower, model))
 
 
-def _stiffer(model: Model, places: slice | int, factor: float) -> Model:
+def _stiffer(model: Model, places: slice | int | list[int], factor: float) -> Model:
     return replace(model, stiffness=scaled_at(model.stiffness, places, factor))
 
 
@@ -212,17 +217,18 @@ def _of_modulus(
     return replace(model, stiffness=stiffness_of(case, changed, under))
 
 
-def _of_radius(case: Case, model: Model, solid: bool, factor: float) -> Model:
-    """Beads of another radius at the same heights, so that all overlaps change."""
+def _of_radius(case: Case, model: Model, count: int, solid: bool, factor: float) -> Model:
+    """The lowest bodies of another radius at the same heights, so that all overlaps change."""
     chain = case.chain
-    grown = scaled_at(chain.radius_m, slice(0, chain.beads), factor)
-    more = np.where(np.isfinite(chain.radius_m), grown - chain.radius_m, 0.0)
+    grown = scaled_at(chain.radius_m, slice(0, count), factor)
+    more = (factor - 1) * np.where(np.isfinite(chain.radius_m), chain.radius_m, 0.0)
+    more[count:] = 0.0
     deeper = more + np.append(0.0, more[:-1])
     overlap = chain.overlap_m + np.where(chain.stiffness > 0, deeper, 0.0)
     stiffness = stiffness_of(case, *own(case), grown)
     # heights stay: what an overlap gains is no move of the body
     other = replace(model, stiffness=stiffness, overlap_m=overlap, resting_m=overlap, reach_m=model.reach_m + deeper)
-    mass = scaled_at(model.mass_kg, slice(0, chain.beads), factor**3)
+    mass = scaled_at(model.mass_kg, slice(0, count), factor**3)
     return weighing(other, mass, chain.gravity_m_s2) if solid else other
 
 
@@ -275,10 +281,10 @@ def _times_as_stiff(what: str, factor: float, remark: str = "") -> str:
     return f"{what} {of_one(factor)} times as stiff{remark}"
 
 
-def _wall_words(wall: str, factor: float) -> str:
+def _wall_words(has: str, what: str, factor: float) -> str:
     half = "; 0.5^(1/2) comes of R* = R/2, which YADE takes unless told"
     known = half if abs(factor / ROOT_HALF - 1) < 1e-6 else ""
-    return f"a wall contact {of_one(factor)} times as stiff ({wall} takes 1{known})"
+    return f"{what} {of_one(factor)} times as stiff ({has} takes 1{known})"
 
 
 def _times_as_heavy(what: str, factor: float) -> str:
@@ -324,8 +330,9 @@ def _step_words(step_s: float, factor: float) -> str:
     return f"a time step of {number(factor * step_s * 1e6)} us ({has}) at stamps of the scene's"
 
 
-def _radius_words(radius_mm: float, remark: str, factor: float) -> str:
-    return f"beads of a radius of {number(factor * radius_mm)} mm{remark} (the scene has {number(radius_mm)})"
+def _radius_words(who: str, radius_mm: float, remark: str, factor: float) -> str:
+    has = f"a bead's is {number(radius_mm)} mm"
+    return f"{who} {of_one(factor)} times as large in radius at the same places{remark} ({has})"
 
 
 def _gravity_words(has: str, t: float) -> str:
