@@ -105,9 +105,7 @@ def _force_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[str, F
     return verdicts
 
 
-def _motion_verdict(
-    case: Case, engine: str, trace: Trace, verlet: Trace, forces: Tolerance, samples: int
-) -> Verdict:
+def _motion_verdict(case: Case, engine: str, trace: Trace, verlet: Trace, forces: Tolerance, samples: int) -> Verdict:
     """Kinetic energy and momentum: recorded velocities that are off change no force.
 
     Where the forces are allowed more, by rounding or by a sphere for a face, so are they.
