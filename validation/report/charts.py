@@ -24,6 +24,7 @@ WIDTH, LEFT, RIGHT, TOP = 720.0, 62.0, 712.0, 24.0
 PANEL, GAP, BELOW = 116.0, 30.0, 40.0  # heights
 MOST_SAMPLES = 1600  # that a curve keeps for its values; of longer records every n-th
 MOST_GAUGES = 4  # drawn; the table of observables has them all
+NOTE = 22.0  # height of a note's words on a phone
 FINE = 10  # coordinates are whole tenths
 SCHEME = "verlet"
 TIMES = ((1e6, "µs"), (1e3, "ms"), (1.0, "s"))
@@ -196,8 +197,9 @@ def _differences(traces: Mapping[str, Trace], x: Array, every: int, top: float) 
         y = place(values)
         curves.append(_line(engine, f"{engine} − {yardstick}", _path(x, y), values[::every]))
         if np.isfinite(y).any():
-            words = f"from {yardstick}"  # beside the lowest of its curves: a run that is off has left the others
-            notes[words] = max(notes.get(words, -np.inf), float(y[np.isfinite(y)][-1]) - 4.0)
+            words, last = f"from {yardstick}", float(y[np.isfinite(y)][-1])
+            last = last - 4.0 if last > top + NOTE else last + NOTE  # clear of the title
+            notes[words] = max(notes.get(words, -np.inf), last)  # at the lowest curve: a run that is off has left it
     stride = max(1, int(np.ceil((high - low) / 5)))
     ticks = [(float(place(np.array(10.0**power))), f"1e{power:g}") for power in np.arange(low, high + 1, stride)]
     title = "largest difference over all contacts, of the largest force"

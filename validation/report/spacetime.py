@@ -14,6 +14,7 @@ from validation.report.charts import LEFT, RIGHT, TOP, WIDTH, round_ticks, time_
 
 HEIGHT, BELOW, SCALE_LEFT, SCALE_WIDTH = 190.0, 40.0, 632.0, 14.0
 PLOT_RIGHT = SCALE_LEFT - 14.0
+TITLE = 12.0  # of the picture, what the words above it need on a phone
 STEPS = 64  # of the colour scale
 PLACES = {"width": WIDTH, "left": LEFT, "right": RIGHT, "top": TOP, "plot_right": PLOT_RIGHT, "plot_height": HEIGHT,
           "scale_left": SCALE_LEFT, "scale_width": SCALE_WIDTH}  # fmt: skip
@@ -61,7 +62,11 @@ def raster_of(trace: Trace, engine: str) -> Raster:
             for each in round_ticks(1.0, float(contacts), 5)
             if each == int(each)
         ],
-        forces=[(bottom - HEIGHT * (force / largest) ** GAMMA, f"{force:g}") for force in round_ticks(0.0, largest, 5)],
+        forces=[
+            (place, f"{force:g}")
+            for force in round_ticks(0.0, largest, 5)
+            if (place := bottom - HEIGHT * (force / largest) ** GAMMA) > TOP + TITLE
+        ],
     )
 
 

@@ -31,6 +31,11 @@ function tooWide(width) {
   return wrong.slice(0, 5);
 }
 
+// what a reader sees only after scrolling down
+function belowTheFold(selector) {
+  return elements(selector).filter((each) => each.getBoundingClientRect().bottom > window.innerHeight).map(name);
+}
+
 // boxes that hold more than they show: on paper nobody can scroll
 function cutOff() {
   return elements("body *:not(svg *)").filter((each) => {
@@ -44,6 +49,23 @@ function cutOff() {
 // what does not fit on a sheet, so that it is torn whatever is asked for
 function tallerThan(height) {
   return elements("figure, tr").filter((each) => each.getBoundingClientRect().height > height).map(name);
+}
+
+// words of a picture that stand on each other, or past its edge
+function colliding() {
+  const wrong = [];
+  for (const picture of elements("svg")) {
+    const texts = [...picture.querySelectorAll("text")].filter(visible).filter((each) => Math.abs(each.getScreenCTM().b) < 1e-6).map((each) => [each.textContent.trim(), each.getBoundingClientRect()]);
+    texts.forEach(([words, one], i) => {
+      if (one.right > document.scrollingElement.clientWidth + 1 || one.left < -1) wrong.push(`${words} past the edge`);
+      for (const [others, other] of texts.slice(i + 1)) {
+        const wide = Math.min(one.right, other.right) - Math.max(one.left, other.left);
+        const high = Math.min(one.bottom, other.bottom) - Math.max(one.top, other.top);
+        if (wide > 2 && high > 0.3 * Math.min(one.height, other.height)) wrong.push(`${words} on ${others}`);
+      }
+    });
+  }
+  return wrong;
 }
 
 function brokenLinks() {

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,8 +12,12 @@ import pytest
 from selenium.webdriver import Chrome, Keys
 
 from drivers import paths
+from drivers.engines import engine_names
 from drivers.finished import FinishedRun
 from validation.comparison import compare_case
+from validation.independent.cases import read_independent
+from validation.independent.judge import Line
+from validation.independent.table import write_lines
 from validation.report import write_report
 from validation.scenes import ComparedScene, run_and_compare
 from validation.tests.browser import (
@@ -31,7 +35,8 @@ from validation.tests.browser import (
     said,
     view,
 )
-from validation.tests.conftest import BASE, STRIKER, WALL, case_of, finished
+from validation.tests.conftest import BASE, STRIKER, WALL, case_of, command_line, finished
+from validation.verdict import FAIL, PASS
 
 pytestmark = pytest.mark.page
 
@@ -80,11 +85,27 @@ def scenes(tmp_path_factory: pytest.TempPathFactory, shared_runs: Path) -> list[
     return [run_and_compare("fig4", runs=shared_runs), small]
 
 
+def write_independent(results: Path) -> None:
+    """A table of all independent cases in numbers of no meaning; the last one of an engine failed, in hostile words."""
+    lines = [
+        Line(entry.id, entry.title, "", engine, check.quantity, "N", "theory", 1.0, 1.0, 0.5 * check.limit, "relative",
+             check.limit, PASS, "", check.reason, entry.source)
+        for entry in read_independent(paths.INDEPENDENT) for engine in engine_names() for check in entry.check
+    ]  # fmt: skip
+    failed = replace(lines[-1], verdict=FAIL, error=2 * lines[-1].within, why=HOSTILE)
+    write_lines([*lines[:-1], failed], results / paths.INDEPENDENT_TABLE)
+
+
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, scenes: list[ComparedScene]) -> Path:
-    file = tmp_path_factory.mktemp("page") / "report.html"
-    write_report(scenes, file)
-    return file
+def made(tmp_path_factory: pytest.TempPathFactory, scenes: list[ComparedScene], shared_runs: Path) -> Path:
+    """The page of these scenes, two figures and the independent cases; everything else has not been made."""
+    results = tmp_path_factory.mktemp("page")
+    for figure in ("fig1", "fig4"):
+        drawn = command_line("postproc", figure, "--runs", shared_runs, "--out", results)
+        assert drawn.returncode == 0, drawn.stderr
+    write_independent(results)
+    write_report(scenes, results / "report.html")
+    return results / "report.html"
 
 
 @pytest.fixture(scope="module", params=["made", "results"])
@@ -128,6 +149,14 @@ def test_the_page_scrolls_one_way_only(page: Shown, width_px: int, scheme: str) 
     ask(page.driver, "openAll")
     assert ask(page.driver, "tooWide", width_px) == []
     assert ask(page.driver, "torn") == []
+    assert ask(page.driver, "colliding") == []
+
+
+def test_the_first_screen_says_what_matters(page: Shown) -> None:
+    """Counts, versions, machine, command, and each scene's verdicts with the reasons of their tolerances."""
+    essentials = ".lead, .made dd, table.verdicts:not(.cases) tr, .reasons li"
+    assert len(page.driver.find_elements("css selector", essentials)) > 10
+    assert ask(page.driver, "belowTheFold", essentials) == []
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -311,3 +340,6 @@ def test_the_checks_see_what_is_wrong(driver: Chrome, tmp_path: Path) -> None:
     assert ask(driver, "breakable", "figure") == ["<figure> breaks"]
     assert sorted(round(value, 1) for _, value, _ in ask(driver, "contrasts") if value < LEGIBLE) == [1.9, 3.3]
     assert len(nameless_pictures(driver)) == 2
+    assert ask(driver, "colliding") == ["one on other"]
+    assert set(ask(driver, "torn")) == {"torn"}
+    assert ask(driver, "tallerThan", PRINTED_HIGH_PX) == ["<tr> torn"]
