@@ -1,12 +1,15 @@
 """What a run that is off matches, in a sentence."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drivers.case import Case
 from drivers.chain import Array
-from drivers.engines import EXACT
+from drivers.engines import EXACT, IN_HEIGHTS, IN_OVERLAPS
+from drivers.face import furthest_m
+from drivers.guard import ROUNDINGS
 from drivers.tolerances import tolerance
 from drivers.trace import Trace
 from validation.diagnosis.faults import faults
@@ -16,18 +19,20 @@ from validation.diagnosis.records import moving, recorded, sums_of
 from validation.diagnosis.scaled import single_families, whole_families
 from validation.diagnosis.variants import Family, Variant, conventions
 from validation.motion import motion_scales
-from validation.rounding import HORIZON, ROUNDING_MARGIN, comparable, rounding_error
+from validation.rounding import comparable, rounding_error
 
 BUDGET = 800_000_000  # bodies times steps of all variants together, some 3 s
 LEAST_RUNS = 400  # of an early window, without which nothing is tried
 FULL_RUNS = 150  # of all that is compared
 ALIKE = 30.0  # times what the nearest family leaves in the early window
 TELLING = 1e3  # times what rounding explains: such a deviation tells parameters
+MOST_SCANNED = 3  # of them, for which all of a run is scanned where an early window has told nothing
 MOST_EARLY = 12  # families that are followed from the first window to the second
 EARLY = 1e-6  # precision of a fit in the early window
 MOST_FULL = 5  # families that are followed to the end
 NEAREST = 7  # beads and contacts that are tried one by one
 LEAST_WINDOW = 20  # samples after the first that is off
+NEAR = 0.1  # of the largest force: what leaves more is not asked where rounding parts it
 BEYOND = 100.0  # times the largest force of the scene: what follows is a blow-up
 EXACT_COSTS = 8  # runs of fixed steps that one of the adaptive integrator costs
 
@@ -81,16 +86,21 @@ def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
         return Diagnosis("", "no diagnosis: there are no forces to compare", matched=False)
     target = Target(trace.force_N[:samples], largest)
     off = np.abs(own.force_N[:samples] - target.force_N) / largest
-    if off.max() <= allowed:
-        return _of_motion(case, model, own, trace, samples, max(allowed, tolerance("model", "motion").limit))
-    return _of_forces(case, model, target, off, allowed)
+    if off.max() > allowed:
+        return _of_forces(case, model, target, off, allowed)
+    if samples < comparable_samples:
+        end = case.sample_times_s[samples] * 1e6
+        return Diagnosis(
+            "", f"no diagnosis: it is its scene until {end:g} us, where it ends or blows up", matched=False
+        )
+    return _of_motion(case, model, own, trace, samples, max(allowed, tolerance("model", "motion").limit))
 
 
 def _usable(trace: Trace, largest_N: float) -> int:
     """How many samples are finite and no blow-up."""
     with np.errstate(invalid="ignore"):
         good = (np.abs(trace.force_N) <= BEYOND * (largest_N or np.inf)).all(axis=1)
-    return int(np.argmin(good)) if not good.all() else len(good)
+    return int(np.argmin(np.append(good, False)))
 
 
 def _allowed(case: Case, model: Model) -> tuple[float, int]:
@@ -103,9 +113,7 @@ def _allowed(case: Case, model: Model) -> tuple[float, int]:
     return max(stated, allowed), samples
 
 
-def _of_motion(
-    case: Case, model: Model, own: Motion, trace: Trace, samples: int, allowed: float
-) -> Diagnosis | None:
+def _of_motion(case: Case, model: Model, own: Motion, trace: Trace, samples: int, allowed: float) -> Diagnosis | None:
     """What recorded velocities match, where the forces are right."""
     scales = motion_scales(case.chain, trace)[:, None]
     seen = np.array([trace.kinetic_energy_J, trace.momentum_N_s])[:, :samples]
@@ -115,9 +123,36 @@ def _of_motion(
 
     deviation = left(sums_of(model, own.velocity_m_s))
     if deviation <= allowed:
-        return None
-    found = [Found("velocities recorded", words, left(sums), allowed) for words, *sums in moving(model, own)]
+        return _of_heights(case, own, trace, samples)
+    found = [
+        Found("velocities recorded", words, left((kinetic, momentum)), allowed)
+        for words, kinetic, momentum in moving(model, own)
+    ]
     return _said(found, deviation, "of the energy and the momentum; the forces are right")
+
+
+def _of_heights(case: Case, own: Motion, trace: Trace, samples: int) -> Diagnosis | None:
+    """What recorded heights match, where they are known and all else is right."""
+    if trace.height_m is None:
+        return None
+    seen, dt = (trace.height_m - case.chain.height_m)[:samples], case.scene.time_step_s
+    allowed = ROUNDINGS * float(np.spacing(furthest_m(case.chain))) * np.sqrt(case.scene.steps + 1)
+
+    def left(rise: Array) -> float:
+        return float(np.abs(rise[:samples] - seen).max())
+
+    size = f"({dt * 1e6:g} us)"
+    before = own.rise_m - dt * (2 * own.velocity_m_s - own.later_m_s)
+    found = [
+        Found("heights recorded", words, left(rise), allowed)
+        for words, rise in (
+            (f"heights one time step {size} early", own.rise_m + dt * own.later_m_s),
+            (f"heights one time step {size} late", before),
+            ("heights that do not change", np.zeros_like(own.rise_m)),
+        )
+    ]
+    deviation = left(own.rise_m)
+    return None if deviation <= allowed else _said(found, deviation, "m; forces and velocities are right")
 
 
 def _of_forces(case: Case, model: Model, target: Target, off: Array, allowed: float) -> Diagnosis:
@@ -125,6 +160,7 @@ def _of_forces(case: Case, model: Model, target: Target, off: Array, allowed: fl
     first = int(np.argmax(off.max(axis=1) > allowed))
     cost = model.bodies * model.steps_per_sample * (EXACT_COSTS if model.scheme == EXACT else 1)
     samples = max(min(samples, BUDGET // (cost * FULL_RUNS)), 2)
+    part = f" in the first {samples} samples" if samples < len(off) else ""
     windows = [min(samples, first + 1 + more) for more in (LEAST_WINDOW, max(LEAST_WINDOW, samples // 8))]
     if off[: windows[0]].max() < TELLING * allowed:
         windows = windows[1:]
@@ -132,14 +168,14 @@ def _of_forces(case: Case, model: Model, target: Target, off: Array, allowed: fl
         words = f"no diagnosis: it parts at {first} samples of {model.bodies} bodies, too much to try variants of"
         return Diagnosis("", words, matched=False, deviation=deviation)
     target = target.until(samples)
-    found = [_recorded(each, target, allowed) for each in recorded(model, target.force_N)]
-    found += [_plain(variant, target, allowed) for variant in faults(case, model)]
+    found = [_plain(case, variant, target, allowed) for variant in faults(case, model)]
+    found += [_recorded(each, target, allowed) for each in recorded(model, target.force_N)]
     if not any(each.matches for each in found):
-        found += _fitted(list(whole_families(case, model)), target, windows, deviation, allowed)
+        found += _fitted(case, list(whole_families(case, model)), target, windows, deviation, allowed)
     if not any(each.matches for each in found):
         near = _near(off[first], model.bodies)
-        found += _fitted(list(single_families(case, model, near)), target, windows, deviation, allowed)
-    return _said(found, deviation, "of the largest force")
+        found += _fitted(case, list(single_families(case, model, near)), target, windows, deviation, allowed)
+    return _said(found, deviation, f"of the largest force{part}")
 
 
 def _near(off: Array, bodies: int) -> list[int]:
@@ -172,26 +208,36 @@ def _recorded(each: tuple[str, str, Array, slice], target: Target, allowed: floa
     return Found(kind, words, left, allowed)
 
 
-def _plain(variant: Variant, target: Target, allowed: float) -> Found:
+def _plain(case: Case, variant: Variant, target: Target, allowed: float) -> Found:
     """The best of what conventions make of a variant."""
     models = conventions(variant.model)
     left = [worst(target.off(model)) for model in models]
     best = int(np.argmin(left))
-    return _judged(variant.kind, variant.words, models[best], left[best], target, allowed)
+    if not allowed < left[best] < NEAR:
+        return Found(variant.kind, variant.words, left[best], allowed)
+    apart, samples = _horizon(models[best], target, allowed)
+    short = target.until(samples)
+    return Found(variant.kind, variant.words + _until(samples, target, case), worst(short.off(models[best])), apart)
 
 
-def _judged(kind: str, words: str, model: Model, left: float, target: Target, allowed: float) -> Found:
-    """With what rounding does to the variant, where that is what is left."""
-    if allowed < left < HORIZON * ROUNDING_MARGIN and model.scheme != EXACT:
-        other = replace(model, scheme="in overlaps" if model.scheme != "in overlaps" else model.scheme)
-        forces = [moved(each, len(target.force_N)).force_N for each in (model, other)]
-        apart = ROUNDING_MARGIN * float(np.abs(forces[0] - forces[1]).max()) / target.largest_N
-        allowed = max(allowed, apart)
-    return Found(kind, words, left, allowed)
+def _horizon(model: Model, target: Target, allowed: float) -> tuple[float, int]:
+    """What rounding does to a variant, of the largest force, and for how many samples that is small."""
+    if model.scheme == EXACT:
+        return allowed, len(target.force_N)
+    other = replace(model, scheme=IN_OVERLAPS if model.scheme == IN_HEIGHTS else IN_HEIGHTS)
+    forces = [moved(each, len(target.force_N)).force_N for each in (model, other)]
+    apart, samples = comparable(np.abs(forces[0] - forces[1]).max(axis=1) / target.largest_N)
+    return max(allowed, apart), samples
+
+
+def _until(samples: int, target: Target, case: Case) -> str:
+    if samples >= len(target.force_N):
+        return ""
+    return f" until {case.sample_times_s[samples] * 1e6:g} us, where rounding parts them,"
 
 
 def _fitted(
-    families: list[Family], target: Target, windows: list[int], deviation: float, allowed: float
+    case: Case, families: list[Family], target: Target, windows: list[int], deviation: float, allowed: float
 ) -> list[Found]:
     """The families that come nearest in an early window, followed to the end until one matches.
 
@@ -209,27 +255,45 @@ def _fitted(
     least = max(min(candidates)[0], allowed / 10)
     candidates.sort(key=lambda each: (each[0] > ALIKE * least, each[1] if each[0] <= ALIKE * least else each[0]))
     found: list[Found] = []
-    for _, place, value in candidates[:MOST_FULL]:
-        found.append(_followed(families[place], value, target, allowed))
+    for rank, (_, place, value) in enumerate(candidates[:MOST_FULL]):
+        found.append(_followed(case, families[place], value, target, allowed, again=rank < MOST_SCANNED))
         if found[-1].matches:
             break
     return found
 
 
-def _followed(family: Family, value: float, target: Target, allowed: float) -> Found:
-    """A family fitted to all of a run, in the convention that comes nearest."""
-    best: tuple[float, float, Model] | None = None
-    count = len(conventions(family.at(value)))
-    for place in range(count):
+def _followed(case: Case, family: Family, value: float, target: Target, allowed: float, *, again: bool) -> Found:
+    """A family fitted to all of a run, in the convention that comes nearest.
 
-        def at(t: float, place: int = place) -> Model:
-            return conventions(family.at(t))[place]
+    An early window may not have told the value: a wall that is too low is felt later. Then all of the run is scanned
+    ``again``.
+    """
+    found = _from(case, family, value, target, allowed)
+    if found.matches or not again:
+        return found
+    starts = start_values(family, target, found.left)
+    return min([found, *(_from(case, family, start, target, allowed) for start in starts)], key=lambda each: each.left)
 
-        t, _ = refined(replace(family, at=at), target, value)
-        model = at(t)
-        left = worst(target.off(model))
-        if best is None or left < best[0]:
-            best = left, t, model
-    assert best is not None
-    left, t, model = best
-    return _judged(family.kind, family.words(t), model, left, target, allowed)
+
+def _from(case: Case, family: Family, value: float, target: Target, allowed: float) -> Found:
+    members = _conventional(family)
+    values = [refined(replace(family, at=at), target, value)[0] for at in members]
+    models = [at(t) for at, t in zip(members, values, strict=True)]
+    left = [worst(target.off(model)) for model in models]
+    best = int(np.argmin(left))
+    if not allowed < left[best] < NEAR:
+        return Found(family.kind, family.words(values[best]), left[best], allowed)
+    apart, samples = _horizon(models[best], target, allowed)
+    short, at = target.until(samples), members[best]
+    t, _ = refined(replace(family, at=at), short, values[best])
+    words = family.words(t) + _until(samples, target, case)
+    return Found(family.kind, words, worst(short.off(at(t))), apart)
+
+
+def _conventional(family: Family) -> list[Callable[[float], Model]]:
+    """The family in each convention."""
+
+    def in_convention(place: int) -> Callable[[float], Model]:
+        return lambda t: conventions(family.at(t))[place]
+
+    return [in_convention(place) for place in range(len(conventions(family.at(family.neutral))))]

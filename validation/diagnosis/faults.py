@@ -46,6 +46,8 @@ def _striker(case: Case, model: Model) -> Iterator[Variant]:
             velocity = model.velocity_m_s.copy()
             velocity[-1] *= factor
             yield Variant("striker speed", words, replace(model, velocity_m_s=velocity))
+            if not factor and model.assumed_m_s2[-1]:  # a velocity of zero half a step before time 0
+                yield Variant("striker speed", words, replace(model, velocity_m_s=velocity, ahead=0.5))
     nothing = np.zeros(model.bodies)
     yield Variant("velocities", "all bodies at rest at time 0", replace(model, velocity_m_s=nothing))
     yield Variant("velocities", "all velocities at time 0 reversed", replace(model, velocity_m_s=-model.velocity_m_s))

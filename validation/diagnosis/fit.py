@@ -42,7 +42,8 @@ class Target:
         return min((self._off(read) for read in readings(model, force)), key=root_mean)
 
     def _off(self, force_N: Array) -> Array:
-        missed = (force_N - self.force_N) / self.largest_N
+        with np.errstate(all="ignore"):
+            missed = (force_N - self.force_N) / self.largest_N
         return np.asarray(np.clip(np.nan_to_num(missed, nan=FAR), -FAR, FAR))
 
 
@@ -69,12 +70,12 @@ def start_values(family: Family, target: Target, deviation: float) -> list[float
 
 def refined(family: Family, target: Target, start: float, precision: float = 1e-15) -> tuple[float, float]:
     """The value nearest to a start at which a family comes nearest, and the root mean square it leaves."""
-
     size = abs(start) if family.additive and start else family.size
 
     def off(x: Array) -> Array:
         return target.off(family.at(start + size * (float(x[0]) - 1))).ravel()
 
-    stops = dict.fromkeys(("xtol", "ftol", "gtol"), precision)
-    found = least_squares(off, [1.0], method="lm", diff_step=STEP, max_nfev=MOST, **stops)
+    found = least_squares(
+        off, [1.0], method="lm", diff_step=[STEP], xtol=precision, ftol=precision, gtol=precision, max_nfev=MOST
+    )
     return start + size * (float(found.x[0]) - 1), root_mean(np.asarray(found.fun))

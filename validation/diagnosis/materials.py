@@ -28,10 +28,12 @@ def known(case: Case) -> dict[str, Material | None]:
     return {**library(), **case.scene.materials, RIGID: None}
 
 
-def stiffness_of(case: Case, bodies: Sequence[Material | None], wall: Material | None) -> Array:
-    """Hertz stiffness of the contact under each body, shape (bodies,), for materials from the lowest up."""
+def stiffness_of(
+    case: Case, bodies: Sequence[Material | None], wall: Material | None, radius_m: Array | None = None
+) -> Array:
+    """Hertz stiffness of the contact under each body, shape (bodies,), for materials (and radii) from the lowest up."""
     chain = case.chain
-    radius = [float(r) for r in chain.radius_m]
+    radius = [float(r) for r in (chain.radius_m if radius_m is None else radius_m)]
     stiffness = np.zeros(chain.bodies)
     for j in range(chain.bodies):
         if chain.stiffness[j] == 0:

@@ -1,6 +1,7 @@
 """The scheme of the codes with what can be wrong with it, independent of the engine ``verlet``.
 
-A leapfrog in absolute heights or in overlaps: ``v(t + dt/2) = v(t - dt/2) + a(t) dt; z(t + dt) = z(t) + v(t + dt/2) dt``.
+A leapfrog in absolute heights or in overlaps:
+``v(t + dt/2) = v(t - dt/2) + a(t) dt; z(t + dt) = z(t) + v(t + dt/2) dt``.
 """
 
 from dataclasses import dataclass
@@ -117,10 +118,8 @@ def moved(model: Model, samples: int) -> Motion:
 
 
 def _exactly_moved(model: Model, samples: int) -> Motion:
-    chain = HertzChain(
-        model.mass_kg, model.stiffness, model.overlap_m, model.velocity_m_s, model.load_N, model.damping
-    )
-    times = np.arange(samples) * (model.time_step_s * model.steps_per_sample)
+    chain = HertzChain(model.mass_kg, model.stiffness, model.overlap_m, model.velocity_m_s, model.load_N, model.damping)
+    times = np.arange(samples, dtype=float) * (model.time_step_s * model.steps_per_sample)
     motion = integrate_adaptive(chain, times, TOLERANCE)
     return Motion(motion.force_N, motion.velocity_m_s, motion.velocity_m_s, motion.displacement_m)
 
@@ -194,9 +193,10 @@ def _integrate(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _change(kick: float, under: float, above: float, load: float, velocity: float, local: float) -> float:
-    """What a step adds to a velocity; YADE takes the sign of its non-viscous damping from the velocity of the forces."""
+    """What a step adds to a velocity; the sign of non-viscous damping is of the velocity at the time of the forces."""
     change = kick * (under - above + load)
-    return change * (1.0 - local * np.sign(change * (velocity + 0.5 * change)))
+    damped: float = change * (1.0 - local * np.sign(change * (velocity + 0.5 * change)))
+    return damped
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

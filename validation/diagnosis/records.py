@@ -36,6 +36,7 @@ def recorded(model: Model, forces_N: Array) -> Iterator[Recorded]:
     yield "static forces", "forces less those at time 0", right - right[0], whole
     for kind, words, sums in _sums(model):
         yield kind, words, right + sums, whole
+    yield "factor", "no forces at all", np.zeros_like(right), whole
     factor = float((forces_N * right).sum() / ((right**2).sum() or 1.0))
     yield "factor", f"forces times {number(factor)}", factor * right, whole
     wrong = np.abs(forces_N - right).max(axis=0)
@@ -70,7 +71,7 @@ def _stamped(model: Model, right: Array, samples: int) -> Iterator[Recorded]:
     for shift in [*range(1, min(every, 20)), *([every // 2] if every > 40 else [])]:
         words = f"forces stamped {'one time step' if shift == 1 else f'{shift} time steps'}"
         size = f"({number(dt * 1e6)} us{' each' if shift > 1 else ''})"
-        early = steps[shift :: every][:samples]
+        early = steps[shift::every][:samples]
         yield "time stamps", f"{words} {size} early", early, slice(0, samples)
         late = np.vstack([right[:1], steps[every - shift :: every][: samples - 1]])
         yield "time stamps", f"{words} {size} late", late, slice(1, samples)

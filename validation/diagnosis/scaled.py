@@ -34,6 +34,7 @@ def whole_families(case: Case, model: Model) -> Iterator[Family]:
     yield from _contacts(case, model)
     yield from _masses(case, model)
     yield from _moduli(case, model)
+    yield from _radii(case, model)
     yield from _loads(case, model)
     yield from _starts(case, model)
     if model.scheme != EXACT:
@@ -54,17 +55,29 @@ def single_families(case: Case, model: Model, near: list[int]) -> Iterator[Famil
             yield by_factor(f"mass of bead {j + 1}", words, heavier, FEW_FACTORS)
     for j in near:
         unit = _deepest(case, j)
-        yield Family(f"place of body {j + 1}", partial(_placed, j, unit), partial(_shifted, model, j, unit), BOTH_SIGNS, size=SMALL)
+        yield Family(
+            f"place of body {j + 1}",
+            partial(_placed, j, unit),
+            partial(_shifted, model, j, unit),
+            BOTH_SIGNS,
+            size=SMALL,
+        )
     for j in near:
         unit = _largest(case)
-        yield Family(f"force on body {j + 1}", partial(_pushed, f"body {j + 1}", unit), partial(_push, model, [j], unit), BOTH_SIGNS, size=SMALL)
+        yield Family(
+            f"force on body {j + 1}",
+            partial(_pushed, f"body {j + 1}", unit),
+            partial(_push, model, [j], unit),
+            BOTH_SIGNS,
+            size=SMALL,
+        )
 
 
 def _contacts(case: Case, model: Model) -> Iterator[Family]:
     chain = case.chain
     striker = case.scene.striker is not None
     if chain.wall:
-        words = partial(_wall_words, chain.wall)
+        words = partial(_wall_words, chain.wall, "a wall contact")
         yield by_factor("wall contact", words, partial(_stiffer, model, 0))
     if chain.beads > 1:
         words = partial(_times_as_stiff, "contacts of beads")
@@ -72,6 +85,9 @@ def _contacts(case: Case, model: Model) -> Iterator[Family]:
     if striker and chain.beads:
         words = partial(_times_as_stiff, "a striker's contact")
         yield by_factor("striker contact", words, partial(_stiffer, model, chain.bodies - 1))
+    if chain.wall and striker and chain.beads and np.isinf(chain.radius_m[-1]):
+        words = partial(_wall_words, "what the scene has", "contacts with wall and flat striker")
+        yield by_factor("plane contacts", words, partial(_stiffer, model, [0, chain.bodies - 1]))
     if chain.bodies > 1:
         words = partial(_times_as_stiff, "all contacts")
         yield by_factor("all contacts", words, partial(_stiffer, model, slice(0, chain.bodies)))
@@ -95,9 +111,10 @@ def _masses(case: Case, model: Model) -> Iterator[Family]:
     if gauges and ordinary:
         words = partial(_times_as_heavy, "beads other than the sensors'")
         yield by_factor("ordinary masses", words, partial(_heavier, model, ordinary, g))
-    if chain.beads:
-        for who, bodies in (("beads", chain.beads), ("bodies", chain.bodies)):
-            round_ones = np.isfinite(chain.radius_m) & (np.arange(chain.bodies) < bodies)
+    for who, bodies in (("beads", chain.beads), ("bodies", chain.bodies)):
+        round_ones = np.isfinite(chain.radius_m) & (np.arange(chain.bodies) < bodies)
+        densities = chain.mass_kg[round_ones] / chain.radius_m[round_ones] ** 3
+        if densities.size and np.ptp(densities) > 1e-9 * densities.max():  # else it is a factor of all masses
             at = partial(_of_density, model, np.where(round_ones, chain.radius_m, 0.0), g)
             yield by_factor("density", partial(_density_words, who), at)
 
@@ -109,6 +126,18 @@ def _moduli(case: Case, model: Model) -> Iterator[Family]:
         if name in case.scene.materials and len(names) > 1:
             words = partial(_times_as_stiff, name, remark=" in E/(1 - nu^2)")
             yield by_factor(f"modulus of {name}", words, partial(_of_modulus, case, model, bodies, wall, name))
+
+
+def _radii(case: Case, model: Model) -> Iterator[Family]:
+    chain = case.chain
+    if model.scheme == EXACT or not chain.beads:
+        return
+    radius = float(np.median(chain.radius_m[: chain.beads])) * 1e3
+    grid = np.log(1 + 0.03 * BOTH_SIGNS)
+    for who, count in (("beads", chain.beads), ("bodies", chain.bodies)):
+        for solid, remark in ((False, ""), (True, ", and the mass that goes with it")):
+            words = partial(_radius_words, who, radius, remark)
+            yield by_factor("radius", words, partial(_of_radius, case, model, count, solid), grid)
 
 
 def _loads(case: Case, model: Model) -> Iterator[Family]:
@@ -136,20 +165,26 @@ def _starts(case: Case, model: Model) -> Iterator[Family]:
         yield by_factor("placing", _placing_words, partial(_deeper, model))
     if chain.wall and chain.beads:
         unit = _deepest(case, 0)
-        yield Family("place of wall", partial(_wall_placed, unit), partial(_shifted, model, 0, unit), BOTH_SIGNS, size=SMALL)
+        yield Family(
+            "place of wall", partial(_wall_placed, unit), partial(_shifted, model, 0, unit), BOTH_SIGNS, size=SMALL
+        )
     if case.scene.striker is not None and chain.beads:
         unit = _deepest(case, chain.bodies - 1)
-        yield Family("place of striker", partial(_gap, unit), partial(_shifted, model, chain.bodies - 1, unit), BOTH_SIGNS, size=SMALL)
+        yield Family(
+            "place of striker",
+            partial(_gap, unit),
+            partial(_shifted, model, chain.bodies - 1, unit),
+            BOTH_SIGNS,
+            size=SMALL,
+        )
 
 
 def _numerics(case: Case, model: Model) -> Iterator[Family]:
     weak = np.log(np.logspace(-6, -0.02, 30))
     yield by_factor("local damping", _local_words, partial(_locally, model), weak)
     damping = np.log(np.logspace(-6, 0.5, 30))
-    if case.chain.damping_ratio:
-        has = f"the scene has {number(case.chain.damping_ratio)}"
-    else:
-        has = "the scene's are elastic"
+    own_ratio = case.chain.damping_ratio
+    has = f"the scene has {number(own_ratio)}" if own_ratio else "the scene's are elastic"
     for pulls, remark in ((True, ", which may pull"), (False, ", without attraction")):
         words = partial(_damping_words, remark, has)
         yield by_factor("damping", words, partial(_damped, model, slice(0, model.bodies), pulls), damping)
@@ -159,7 +194,7 @@ def _numerics(case: Case, model: Model) -> Iterator[Family]:
     yield by_factor("time step", partial(_step_words, model.time_step_s), partial(_slower, model))
 
 
-def _stiffer(model: Model, places: slice | int, factor: float) -> Model:
+def _stiffer(model: Model, places: slice | int | list[int], factor: float) -> Model:
     return replace(model, stiffness=scaled_at(model.stiffness, places, factor))
 
 
@@ -180,6 +215,21 @@ def _of_modulus(
     changed = [other if case.chain.materials[j] == name else bodies[j] for j in range(case.chain.bodies)]
     under = other if case.chain.wall == name else wall
     return replace(model, stiffness=stiffness_of(case, changed, under))
+
+
+def _of_radius(case: Case, model: Model, count: int, solid: bool, factor: float) -> Model:
+    """The lowest bodies of another radius at the same heights, so that all overlaps change."""
+    chain = case.chain
+    grown = scaled_at(chain.radius_m, slice(0, count), factor)
+    more = (factor - 1) * np.where(np.isfinite(chain.radius_m), chain.radius_m, 0.0)
+    more[count:] = 0.0
+    deeper = more + np.append(0.0, more[:-1])
+    overlap = chain.overlap_m + np.where(chain.stiffness > 0, deeper, 0.0)
+    stiffness = stiffness_of(case, *own(case), grown)
+    # heights stay: what an overlap gains is no move of the body
+    other = replace(model, stiffness=stiffness, overlap_m=overlap, resting_m=overlap, reach_m=model.reach_m + deeper)
+    mass = scaled_at(model.mass_kg, slice(0, count), factor**3)
+    return weighing(other, mass, chain.gravity_m_s2) if solid else other
 
 
 def _falling(model: Model, own_m_s2: float, t: float) -> Model:
@@ -231,10 +281,10 @@ def _times_as_stiff(what: str, factor: float, remark: str = "") -> str:
     return f"{what} {of_one(factor)} times as stiff{remark}"
 
 
-def _wall_words(wall: str, factor: float) -> str:
+def _wall_words(has: str, what: str, factor: float) -> str:
     half = "; 0.5^(1/2) comes of R* = R/2, which YADE takes unless told"
     known = half if abs(factor / ROOT_HALF - 1) < 1e-6 else ""
-    return f"a wall contact {of_one(factor)} times as stiff ({wall} takes 1{known})"
+    return f"{what} {of_one(factor)} times as stiff ({has} takes 1{known})"
 
 
 def _times_as_heavy(what: str, factor: float) -> str:
@@ -250,7 +300,8 @@ def _density_words(who: str, relative: float) -> str:
 
 
 def _placed(j: int, unit_m: float, t: float) -> str:
-    return f"body {j + 1}, and those above it, {number(abs(unit_m * t) * 1e6)} um too {'low' if t > 0 else 'high'} at time 0"
+    size = f"{number(abs(unit_m * t) * 1e6)} um too {'low' if t > 0 else 'high'}"
+    return f"body {j + 1}, and those above it, {size} at time 0"
 
 
 def _pushed(who: str, unit_N: float, t: float) -> str:
@@ -275,7 +326,13 @@ def _placing_words(factor: float) -> str:
 
 
 def _step_words(step_s: float, factor: float) -> str:
-    return f"a time step of {number(factor * step_s * 1e6)} us (the scene has {number(step_s * 1e6)}) at stamps of the scene's"
+    has = f"the scene has {number(step_s * 1e6)}"
+    return f"a time step of {number(factor * step_s * 1e6)} us ({has}) at stamps of the scene's"
+
+
+def _radius_words(who: str, radius_mm: float, remark: str, factor: float) -> str:
+    has = f"a bead's is {number(radius_mm)} mm"
+    return f"{who} {of_one(factor)} times as large in radius at the same places{remark} ({has})"
 
 
 def _gravity_words(has: str, t: float) -> str:
@@ -309,5 +366,3 @@ def _largest(case: Case) -> float:
 def _deepest(case: Case, place: int) -> float:
     stiffness = float(case.chain.stiffness[place]) or float(case.chain.stiffness.max()) or 1.0
     return float((_largest(case) / stiffness) ** (2 / 3))
-
-

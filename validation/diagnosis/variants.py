@@ -52,9 +52,7 @@ class Family:
         return self.size < 1
 
 
-def by_factor(
-    kind: str, words: Callable[[float], str], at: Callable[[float], Model], start: Array = FACTORS
-) -> Family:
+def by_factor(kind: str, words: Callable[[float], str], at: Callable[[float], Model], start: Array = FACTORS) -> Family:
     """A family by a factor, whose logarithm is the parameter."""
     return Family(kind, lambda t: words(_exp(t)), lambda t: at(_exp(t)), start)
 
@@ -86,7 +84,7 @@ def scaled_at(array: Array, places: slice | int | list[int], factor: float) -> A
 
 
 def conventions(model: Model) -> list[Model]:
-    """The model as codes differ in starting it: with velocities of time 0, or of half a step before as the scene has it.
+    """The model as codes differ in starting it: by velocities of time 0, or of half a step before as the scene has it.
 
     They are the same wherever the forces at time 0 are those of the scene.
     """

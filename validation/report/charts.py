@@ -191,13 +191,15 @@ def _differences(traces: Mapping[str, Trace], x: Array, every: int, top: float) 
             logarithm = np.where(values > 0, np.log10(values), np.nan)
         return np.asarray(top + PANEL * (high - logarithm) / (high - low))
 
-    curves, notes = [], {}
+    curves: list[Curve] = []
+    notes: dict[str, float] = {}
     for engine, yardstick, values in found:
         y = place(values)
         curves.append(_line(engine, f"{engine} − {yardstick}", _path(x, y), values[::every]))
         if np.isfinite(y).any():
-            last = float(y[np.isfinite(y)][-1])
-            notes[f"from {yardstick}"] = last - 4.0 if last > top + NOTE else last + NOTE  # clear of the title
+            words, last = f"from {yardstick}", float(y[np.isfinite(y)][-1])
+            last = last - 4.0 if last > top + NOTE else last + NOTE  # clear of the title
+            notes[words] = max(notes.get(words, -np.inf), last)  # at the lowest curve: a run that is off has left it
     stride = max(1, int(np.ceil((high - low) / 5)))
     ticks = [(float(place(np.array(10.0**power))), f"1e{power:g}") for power in np.arange(low, high + 1, stride)]
     title = "largest difference over all contacts, of the largest force"
