@@ -225,6 +225,11 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
     return kinetic + falling + _settling(chain) or hertz
 
 
+def moving_at_start(chain: Chain) -> float:
+    """Momenta of the bodies at time 0 without their directions, in N s: what meets head on has some, too."""
+    return float(chain.mass_kg @ np.abs(chain.velocity_m_s))
+
+
 def free_fall(chain: Chain) -> float:
     """Acceleration of a free chain as a whole, in m/s^2, upwards positive."""
     return float(chain.load_N.sum() / chain.mass_kg.sum())

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.chain import Chain
+from drivers.chain import Chain, moving_at_start
 from drivers.scene import Scene
 
 
@@ -23,6 +23,7 @@ class Layout:
     Attributes:
         sensors: from the top bead towards the wall: the order in which a wave meets them.
         load_N: sum of all weights and of the precompression, upwards positive.
+        moving_N_s: momenta of all bodies at time 0 without their directions.
         damped: whether contacts lose energy in impacts.
         slips: whether they have friction.
         time_constant_s: of the electronics behind the gauges; None: they show the force itself.
@@ -32,6 +33,7 @@ class Layout:
     wall: bool
     striker: bool
     load_N: float
+    moving_N_s: float = 0.0
     damped: bool = False
     slips: bool = False
     time_constant_s: float | None = None
@@ -49,6 +51,7 @@ def make_layout(scene: Scene, chain: Chain) -> Layout:
         wall=chain.wall is not None,
         striker=scene.striker is not None,
         load_N=float(chain.load_N.sum()),
+        moving_N_s=moving_at_start(chain),
         damped=chain.damping_ratio > 0,
         slips=chain.slips,
         time_constant_s=constant,

@@ -130,7 +130,7 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
     coarse = integral(time[::2], net[::2])
     quiet = slice(0, _first_change(trace.force_N[:, 0], float(np.abs(trace.force_N).max())))
     steady = np.abs(momentum - momentum[0] - net[0] * time)[quiet]
-    scale = max(float(np.abs(momentum).max()), abs(layout.load_N) * float(time[-1])) or 1.0
+    scale = max(float(np.abs(momentum).max()), layout.moving_N_s, abs(layout.load_N) * float(time[-1])) or 1.0
     drift = energy_error_J(energy, damped=layout.damped, slips=layout.slips)
     return {
         "kinetic_energy_start_J": float(trace.kinetic_energy_J[0]),

@@ -12,7 +12,7 @@ That of a three-dimensional run is ``validation.sideways``'.
 """
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from threading import Lock
 from typing import Any
 
@@ -58,7 +58,7 @@ def yardsticks(case: Case) -> Yardsticks:
     with _making:  # engines that run side by side wait for the first
         if key not in _last:
             verlet = verlet_of(case)
-            made = Yardsticks(truth_of(case), replace(verlet, force_N=verlet_in_heights(case)), verlet)
+            made = Yardsticks(truth_of(case), verlet_in_heights(case), verlet)
             _last.clear()
             _last[key] = made
         return _last[key]

@@ -30,6 +30,7 @@ class Rods:
         scheme: the run's own scheme at the same step.
         plain_N: forces of that scheme where it rounds otherwise, in overlaps; of three dimensions the same.
         rounding: the most that rounding has made until each sample. Shape (samples,).
+        rounding_J: the most that it has made of kinetic energies; 0 where that is not known.
         samples: for how many a fault can be told from chaos.
         stated: by which a run may differ from its scheme.
         allowed: the same, and more where rounding by itself makes more.
@@ -40,6 +41,7 @@ class Rods:
     scheme: Trace
     plain_N: Array
     rounding: Array
+    rounding_J: float
     samples: int
     stated: Tolerance
     allowed: Tolerance
@@ -101,6 +103,7 @@ def rods_for(case: Case, engine: str) -> Rods:
         side = sideways_rods(case, adapter.SHEAR)
         shares, samples, rounding = side.shares[: side.samples], side.samples, side.rounding
         exact, scheme, plain, order = side.extrapolated_N, side.verlet, side.verlet, side.order
+        rounding_J = 0.0
     else:
         rods = yardsticks(case)
         shares = np.nan_to_num(residual(rods.heights, rods.verlet), nan=np.inf)
@@ -108,12 +111,13 @@ def rods_for(case: Case, engine: str) -> Rods:
         exact, order = rods.truth.trace.force_N, 1.0 if case.chain.damping_ratio else 2.0
         in_heights = rods.heights if adapter.SCHEME == IN_HEIGHTS else rods.verlet
         scheme, plain = (rods.truth.trace if adapter.SCHEME == EXACT else in_heights), rods.verlet
+        rounding_J = float(np.abs(rods.heights.kinetic_energy_J - plain.kinetic_energy_J)[:samples].max())
     if not (np.isfinite(scheme.force_N).all() and np.isfinite(scheme.kinetic_energy_J).all()):
         raise ArithmeticError("velocity Verlet at this step blows up")
     reason = f"{ROUNDING_MARGIN:g} times what rounding does to this very scene"
     allowed = stated if rounding <= stated.limit else Tolerance(rounding, reason)
     grown = np.maximum.accumulate(shares)
-    return Rods(exact, scheme, plain.force_N, grown, samples, stated, allowed, order)
+    return Rods(exact, scheme, plain.force_N, grown, rounding_J, samples, stated, allowed, order)
 
 
 def forces_of_scheme(case: Case, engine: str) -> Array:
@@ -121,4 +125,5 @@ def forces_of_scheme(case: Case, engine: str) -> Array:
     adapter = load_engine(engine)
     if case.chain.lateral is not None:
         return tube_verlet_of(case, adapter.SHEAR).force_N
-    return verlet_in_heights(case) if adapter.SCHEME == IN_HEIGHTS else verlet_of(case).force_N
+    scheme = verlet_in_heights if adapter.SCHEME == IN_HEIGHTS else verlet_of
+    return scheme(case).force_N

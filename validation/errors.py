@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from drivers.case import Case
-from drivers.chain import Array, energy_put_in
+from drivers.chain import Array, energy_put_in, moving_at_start
 from drivers.guard import energy_error
 from drivers.trace import Trace, make_trace
 from postproc.observables import observe
@@ -133,5 +133,5 @@ def _energy_error(case: Case, trace: Trace, truth: Truth) -> float:
 
 def momentum_error(case: Case, trace: Trace, truth: Truth) -> float:
     """Largest momentum difference over the largest momentum."""
-    scale = float(np.abs(truth.trace.momentum_N_s).max()) or 1.0
+    scale = max(float(np.abs(truth.trace.momentum_N_s).max()), moving_at_start(case.chain)) or 1.0
     return float(np.abs(trace.momentum_N_s - truth.trace.momentum_N_s).max()) / scale

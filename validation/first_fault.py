@@ -10,6 +10,8 @@ from drivers.engines import EXACT, load_engine
 from drivers.trace import Trace
 from postproc.residual import share_of_largest
 from validation.departure_rods import Rods, forces_of_scheme
+from validation.motion import motion_scales
+from validation.rounding import ROUNDING_MARGIN
 
 SET_UP, MODEL, ANOTHER_STEP = "set-up", "model", "another step"
 FAULTS = (SET_UP, MODEL, ANOTHER_STEP)
@@ -44,7 +46,7 @@ def first_fault(case: Case, engine: str, run: Trace, rods: Rods) -> Fault | None
 
     Faults are only looked for as long as they can be told from chaos.
     """
-    wrong_start = _wrong_start(run, rods.scheme)
+    wrong_start = _wrong_start(case, run, rods.scheme)
     shares = _shares(run.force_N, rods)
     apart = shares.max(axis=1)
     if not (apart[: rods.samples] > rods.allowed.limit).any():
@@ -69,14 +71,14 @@ def first_fault(case: Case, engine: str, run: Trace, rods: Rods) -> Fault | None
     return Fault(sample, column + 1, float(shares[sample, column]), rods.allowed.limit, kind, words)
 
 
-def _wrong_start(run: Trace, scheme: Trace) -> Fault | None:
+def _wrong_start(case: Case, run: Trace, scheme: Trace) -> Fault | None:
     """Energy or momentum that is not the scene's at time 0: bodies of other speeds or masses."""
-    for name, unit, values, expected in (
-        ("kinetic energy", "J", run.kinetic_energy_J, scheme.kinetic_energy_J),
-        ("momentum", "N s", run.momentum_N_s, scheme.momentum_N_s),
+    energy, momentum = (float(scale) for scale in motion_scales(case.chain, scheme))
+    for name, unit, values, expected, scale in (
+        ("kinetic energy", "J", run.kinetic_energy_J, scheme.kinetic_energy_J, energy),
+        ("momentum", "N s", run.momentum_N_s, scheme.momentum_N_s, momentum),
     ):
         has, should = float(values[0]), float(expected[0])
-        scale = float(np.abs(expected).max()) or 1.0
         share = abs(has - should) / scale
         if not share <= START:
             told, wanted = (f"{0.0 if abs(value) < START * scale else value:.7g} {unit}" for value in (has, should))
@@ -89,14 +91,16 @@ def _wrong_start(run: Trace, scheme: Trace) -> Fault | None:
 def _wrong_speeds(run: Trace, rods: Rods) -> Fault | None:
     """Kinetic energy that is off where no force is: velocities of another time, or the masses of something else."""
     expected = rods.scheme.kinetic_energy_J
-    share = np.abs(run.kinetic_energy_J - expected)[: rods.samples] / (float(np.abs(expected).max()) or 1.0)
-    beyond = share > SPEEDS * rods.allowed.limit
+    scale = float(np.abs(expected).max()) or 1.0
+    share = np.abs(run.kinetic_energy_J - expected)[: rods.samples] / scale
+    allowed = max(SPEEDS * rods.allowed.limit, ROUNDING_MARGIN * rods.rounding_J / scale)
+    beyond = share > allowed
     if not beyond.any():
         return None
     sample = int(np.argmax(beyond))
     words = f"its kinetic energy is off by {share[sample]:.1e} of its largest at {run.time_s[sample] * 1e6:.6g} µs"
     words = f"{words}, while its forces are right: model, velocities of another time; up to {share.max():.1e}"
-    return Fault(sample, 0, float(share[sample]), SPEEDS * rods.allowed.limit, MODEL, words)
+    return Fault(sample, 0, float(share[sample]), allowed, MODEL, words)
 
 
 def _kind_and_why(case: Case, engine: str, run: Trace, rods: Rods, sample: int, column: int) -> tuple[str, str]:

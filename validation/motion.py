@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.chain import Array, Chain, energy_put_in
+from drivers.chain import Array, Chain, energy_put_in, moving_at_start
 from drivers.trace import Trace
 
 
@@ -25,11 +25,13 @@ class MotionDeviation:
 def motion_scales(chain: Chain, trace: Trace) -> Array:
     """What kinetic energies and momenta are counted by: the energy put in, the largest momentum there can be.
 
-    The latter is at least that of the loads' impulse, so that a chain at rest has one. Shape (2,).
+    The latter is at least that of the loads' impulse, and that of all bodies at time 0 without directions, so that a
+    chain at rest has one, and what meets head on. Shape (2,).
     """
     duration = float(trace.time_s[-1])
     energy = energy_put_in(chain, duration) or 1.0
-    momentum = max(float(np.abs(trace.momentum_N_s).max()), abs(float(chain.load_N.sum())) * duration) or 1.0
+    loads = abs(float(chain.load_N.sum())) * duration
+    momentum = max(float(np.abs(trace.momentum_N_s).max()), moving_at_start(chain), loads) or 1.0
     return np.array([energy, momentum])
 
 

@@ -5,8 +5,10 @@ import numpy as np
 from drivers.case import Case
 from drivers.chain import Array
 from drivers.face import sphere_for_face
+from drivers.trace import Trace
 from validation.arrays import arrays_of
-from validation.reference.verlet import integrate_verlet, integrate_verlet_absolute
+from validation.errors import trace_of, verlet_of
+from validation.reference.verlet import integrate_verlet_absolute
 
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding of the same size, not the same
 HORIZON = 1e-6  # where rounding alone makes this much, pointwise comparison of engines ends
@@ -36,15 +38,16 @@ def heights_and_reach(case: Case) -> tuple[Array, Array]:
     return np.asarray(chain.height_m + np.where(flat, face, 0.0)), np.asarray(reach)
 
 
-def verlet_in_heights(case: Case) -> Array:
-    """Forces by the scheme of the codes at the case's step, with absolute heights as its state, as engines hold them.
+def verlet_in_heights(case: Case) -> Trace:
+    """The case by the scheme of the codes at its step, with absolute heights as its state, as engines hold them.
 
     Shape (samples, bodies).
     """
     scene, chain = case.scene, case.chain
     height, reach = heights_and_reach(case)
     timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
-    return integrate_verlet_absolute(arrays_of(chain), height, reach, *timing)
+    motion = integrate_verlet_absolute(arrays_of(chain), height, reach, *timing)
+    return trace_of(case, case.sample_times_s, motion)
 
 
 def rounding_error(case: Case) -> Array:
@@ -53,7 +56,4 @@ def rounding_error(case: Case) -> Array:
     Both do the same arithmetic but for the rounding of heights: a few 1e-18 m a step, which slow beads gather
     and a chaotic chain multiplies.
     """
-    scene = case.scene
-    timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
-    exact = integrate_verlet(arrays_of(case.chain), *timing).force_N
-    return np.asarray(np.abs(verlet_in_heights(case) - exact).max(axis=1))
+    return np.asarray(np.abs(verlet_in_heights(case).force_N - verlet_of(case).force_N).max(axis=1))

@@ -259,8 +259,8 @@ def _fill_between(
 
 def integrate_verlet_absolute(
     chain: HertzChain, height_m: Array, reach_m: Array, time_step_s: float, steps_per_sample: int, samples: int
-) -> Array:
-    """Forces of the same scheme with heights instead of overlaps as its state, as engines hold them.
+) -> Motion:
+    """The same scheme with heights instead of overlaps as its state, as engines hold them.
 
     The overlap of contact j is ``reach_j - (z_j - z_{j-1})``. What this differs by from ``integrate_verlet`` is
     the rounding of absolute coordinates, and what the motion makes of it.
@@ -274,26 +274,25 @@ def integrate_verlet_absolute(
         samples: likewise.
 
     Returns:
-        Shape (samples, bodies).
+        Every array of shape (samples, bodies).
     """
-    return np.asarray(
-        _integrate_absolute(
-            chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s, chain.load_N,
-            chain.damping, time_step_s, steps_per_sample, samples,
-        )
+    motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
+    _integrate_absolute(
+        chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s, chain.load_N, chain.damping,
+        time_step_s, steps_per_sample, motion.force_N, motion.displacement_m, motion.velocity_m_s,
     )  # fmt: skip
+    return Motion(motion.force_N, motion.displacement_m - height_m, motion.velocity_m_s)
 
 
 @njit(cache=True)
 def _integrate_absolute(
     mass: Array, stiffness: Array, height: Array, reach: Array, velocity0: Array, load: Array,
-    damping: Array, dt: float, every: int, samples: int,
-) -> Array:  # fmt: skip
+    damping: Array, dt: float, every: int, forces: Array, heights: Array, velocities: Array,
+) -> None:  # fmt: skip
     n = mass.size
     velocity, force = velocity0.copy(), np.zeros(n + 1)
-    forces = np.empty((samples, n))
     half = 0.5 * dt
-    for step in range((samples - 1) * every + 1):
+    for step in range((len(forces) - 1) * every + 1):
         if step:
             for j in range(n):
                 velocity[j] += half * (force[j] - force[j + 1] + load[j]) / mass[j]
@@ -311,4 +310,5 @@ def _integrate_absolute(
                 velocity[j] += half * (force[j] - force[j + 1] + load[j]) / mass[j]
         if step % every == 0:
             forces[step // every] = force[:n]
-    return forces
+            heights[step // every] = height
+            velocities[step // every] = velocity

@@ -68,7 +68,7 @@ def pressed(count: int, load_N: float, height_m: float) -> Case:
 def in_repo(case: Case) -> Iterator[Rounded]:
     """By the scheme of the codes in overlaps and in heights."""
     yield _rounded(case, OVERLAPS, verlet_of(case).force_N)
-    yield _rounded(case, HEIGHTS, verlet_in_heights(case))
+    yield _rounded(case, HEIGHTS, verlet_in_heights(case).force_N)
 
 
 def by_build(engine: str, build: str, cases: list[Case]) -> Iterator[Rounded]:

@@ -26,7 +26,7 @@ def trace_with(case: Case, chain: HertzChain, *, in_heights: bool = True) -> Tra
     if in_heights:
         height, reach = heights_and_reach(case)
         lowered = np.cumsum(chain.overlap_m - case.chain.overlap_m)
-        force = integrate_verlet_absolute(chain, height - lowered, reach, *timing)
+        force = integrate_verlet_absolute(chain, height - lowered, reach, *timing).force_N
     height = case.chain.height_m + motion.displacement_m
     return make_trace(case.chain, case.sample_times_s, force, height, motion.velocity_m_s)
 

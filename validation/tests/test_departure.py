@@ -32,7 +32,7 @@ def as_code(case: Case, **changes: Change) -> Trace:
     """What a code would find of a case with arrays of its chain changed."""
     arrays: dict[str, Any] = {name: change(getattr(case.chain, name).copy()) for name, change in changes.items()}
     changed = replace(case, chain=replace(case.chain, **arrays))
-    return replace(verlet_of(changed), force_N=verlet_in_heights(changed))
+    return verlet_in_heights(changed)
 
 
 def times(factor: float, body: int) -> Change:

@@ -71,8 +71,8 @@ def test_heights_differ_from_overlaps_by_rounding() -> None:
     reach = np.full(5, 1e-3)
     far_reach = reach + np.array([100.0, 0, 0, 0, 0])
     exact = integrate_verlet(chain, 1e-7, 10, 300).force_N
-    near = integrate_verlet_absolute(chain, height, reach, 1e-7, 10, 300)
-    far = integrate_verlet_absolute(chain, height + 100, far_reach, 1e-7, 10, 300)
+    near = integrate_verlet_absolute(chain, height, reach, 1e-7, 10, 300).force_N
+    far = integrate_verlet_absolute(chain, height + 100, far_reach, 1e-7, 10, 300).force_N
     assert 0 < np.abs(near - exact).max() < 1e-9
     assert 1e-9 < np.abs(far - exact).max() < 1e-3
 
