@@ -3,10 +3,12 @@
 import datetime
 import os
 import platform
+import time
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from drivers import paths
 from drivers.record import provenance
 from validation.report.verdicts import in_order
 from validation.scenes import ComparedScene
@@ -20,7 +22,7 @@ def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
     made = provenance()
     engines = {name: run.record.engine_version for scene in scenes for name, run in scene.runs.items()}
     return {
-        "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "date": _utc(time.time()),
         "command": command,
         "commit": made["commit"],
         "uncommitted_changes": made["dirty"],
@@ -34,6 +36,17 @@ def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
             "cores": os.cpu_count() or 1,
         },
     }
+
+
+def tables_made(results: Path) -> dict[str, dict[str, str]]:
+    """When each table of a results folder was made, and where it is, by its name."""
+    return {
+        path.name: {"file": paths.shown(path), "date": _utc(path.stat().st_mtime)} for path in results.glob("*.csv")
+    }
+
+
+def _utc(seconds: float) -> str:
+    return datetime.datetime.fromtimestamp(seconds, datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def cpu_name(file: Path = CPUS) -> str:

@@ -1,6 +1,6 @@
 """What the page says of one scene."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers import paths
@@ -68,7 +68,7 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
         warnings=[(engine, words) for engine in engines for words in scene.runs[engine].record.warnings],
         chart=chart if chart and chart.panels else None,
         raster=raster_of(traces[shown], shown) if traces else None,
-        departures=departure_rows({name: found for name in engines if (found := scene.departures.get(name))}),
+        departures=_departures(scene, engines),
         budget=_budget(scene, engines),
         budget_notes=[(e, scene.runs[e].record.error_note) for e in engines if scene.runs[e].record.error_note],
         observables=[(name, [number(observed[engine][name], 6) for engine in engines]) for name in names],
@@ -91,6 +91,15 @@ def _timing(scene: ComparedScene) -> str:
         share = case.scene.time_step_s / limits[0]
         words += f"; steps up to {limits[0] * 1e6:.3g} µs are stable, of which this is {share:.2g}"
     return words
+
+
+def _departures(scene: ComparedScene, engines: list[str]) -> list[DepartureRow]:
+    """Of engines that part from the exact motion alike, one line."""
+    rows = departure_rows({name: found for name in engines if (found := scene.departures.get(name))})
+    alike: dict[str, list[DepartureRow]] = {}
+    for row in rows:
+        alike.setdefault(row.words, []).append(row)
+    return [replace(same[0], engine=", ".join(row.engine for row in same)) for same in alike.values()]
 
 
 def _judged(scene: ComparedScene, engines: list[str]) -> list[tuple[str, list[Any]]]:

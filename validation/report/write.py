@@ -12,7 +12,7 @@ from validation.independent.section import read_section as read_independent
 from validation.independent.table import read_verdicts
 from validation.report.figures import read_figures, read_table1
 from validation.report.machine_readable import as_json, as_junit
-from validation.report.made_with import made_with
+from validation.report.made_with import made_with, tables_made
 from validation.report.scene import section_of
 from validation.report.spacetime import PLACES
 from validation.report.verdicts import case_rows, counted, in_order, scene_row, short, tolerances, with_reasons
@@ -65,6 +65,7 @@ def write_report(scenes: list[ComparedScene], path: Path, command: str = AGAIN) 
         elements=read_elements(results),
         dark=DARK,
         words=WORDS,
+        dates=tables_made(results),
         short=short,
         places=PLACES,
     )
