@@ -165,7 +165,8 @@ def _of_forces(case: Case, model: Model, target: Target, off: Array, allowed: fl
     if off[: windows[0]].max() < TELLING * allowed:
         windows = windows[1:]
     if first >= samples or cost * windows[-1] * LEAST_RUNS > BUDGET:
-        words = f"no diagnosis: it parts at {first} samples of {model.bodies} bodies, too much to try variants of"
+        when = f"{case.sample_times_s[first] * 1e6:g} us"
+        words = f"no diagnosis: it leaves its scene at {when}, until when {model.bodies} bodies are too much to try"
         return Diagnosis("", words, matched=False, deviation=deviation)
     target = target.until(samples)
     found = [_plain(case, variant, target, allowed) for variant in faults(case, model)]

@@ -9,6 +9,7 @@ from drivers.chain import Array
 from validation.diagnosis.model import Model
 
 FACTORS = np.log(50) * np.linspace(-1, 1, 53)  # logarithms of factors, 1.16 apart
+MOST_PLACES = 60  # contacts of a chain that are left out, or swapped, one by one
 FURTHEST = 30.0  # logarithm that a fit may try
 FEW_FACTORS = FACTORS[::2]
 BOTH_SIGNS = np.concatenate([-np.logspace(1, -5, 25), [0.0], np.logspace(-5, 1, 25)])
