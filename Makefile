@@ -8,8 +8,8 @@ FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*
 SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*' \
   -not -path 'inputs/studies/*' -not -path 'drivers/batch/*' -not -name study.py -not -name film.py -not -name vtk.py)
 # what every figure depends on, beside its own module and scenes
-COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/report/% postproc/inline.py validation/pair/% validation/diagnosis/% validation/claims/% validation/trade/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml \
-  $(addprefix validation/,bench.py bench_batch.py comparison.py criteria.py departure.py departure_rods.py first_fault.py motion.py random_scenes.py rounding.py scenes.py __main__.py),$(SOURCES))
+COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/report/% postproc/inline.py validation/pair/% validation/departure/% validation/diagnosis/% validation/claims/% validation/trade/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml \
+  $(addprefix validation/,bench.py bench_batch.py comparison.py criteria.py deviation.py random_scenes.py rounding.py scenes.py __main__.py),$(SOURCES))
 SCENES_fig1 := fig4
 SCENES_fig2 := fig4 table1
 SCENES_fig3 := table1

@@ -198,7 +198,7 @@ def _print_table(verdicts: "list[Verdict]") -> None:
 
 def _print_departures(compared: "ComparedScene") -> None:
     """When each run first leaves the exact motion, and why."""
-    from validation.departure import departure_rows
+    from validation.departure.departure import departure_rows
 
     print()
     for row in departure_rows(compared.departures):

@@ -12,13 +12,13 @@ from drivers.face import furthest_m
 from drivers.guard import ROUNDINGS
 from drivers.tolerances import tolerance
 from drivers.trace import Trace
+from validation.deviation import motion_scales
 from validation.diagnosis.faults import faults
 from validation.diagnosis.fit import Target, refined, start_values, worst
 from validation.diagnosis.model import Model, Motion, model_of, moved
 from validation.diagnosis.records import moving, recorded, sums_of
 from validation.diagnosis.scaled import single_families, whole_families
 from validation.diagnosis.variants import Family, Variant, conventions
-from validation.motion import motion_scales
 from validation.rounding import comparable, rounding_error
 
 BUDGET = 800_000_000  # bodies times steps of all variants together, some 3 s

@@ -9,10 +9,9 @@ from drivers.chain import Array
 from drivers.tolerances import Tolerance
 from drivers.trace import Trace
 from postproc.observables import observe
-from postproc.residual import share_of_largest
 from postproc.signals import integral
-from validation.comparison import Deviation, deviation
-from validation.departure import Departure, departure
+from validation.departure.departure import Departure, departure
+from validation.deviation import Deviation, deviation, first_beyond, shares_apart
 from validation.pair.keys import different_keys
 from validation.pair.opened import Opened, thinned
 from validation.pair.tolerances import Allowed, allowed_between
@@ -123,10 +122,9 @@ def _verdict(one: Opened, other: Opened, quantity: str, value: float, limit: Tol
 
 def _parted(first: Trace, second: Trace, level: float) -> Deviation | None:
     """The first sample at which forces differ by more than a level."""
-    share = np.nan_to_num(share_of_largest(np.abs(second.force_N - first.force_N), first), nan=np.inf)
-    beyond = share.max(axis=1) > level
-    if not beyond.any():
+    share = shares_apart(second.force_N, first.force_N)
+    beyond = first_beyond(share, level)
+    if beyond is None:
         return None
-    sample = int(np.argmax(beyond))
-    column = int(np.argmax(share[sample]))
+    sample, column = beyond
     return Deviation(float(share[sample, column]), float(first.time_s[sample]), column + 1)

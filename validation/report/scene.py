@@ -8,7 +8,7 @@ from drivers.elements import Element
 from drivers.engines import load_engine
 from postproc.observables import observe
 from postproc.stack import EXACT
-from validation.departure import DepartureRow, departure_rows
+from validation.departure.departure import DepartureRow, departure_rows
 from validation.report.charts import Chart, chart_of
 from validation.report.spacetime import Raster, raster_of
 from validation.report.verdicts import QUANTITIES, Row, in_order, number
