@@ -19,7 +19,7 @@ from postproc.residual import share_of_largest
 from validation.deviation import Deviation, deviation, motion_deviation
 from validation.rounding import HORIZON, ROUNDING_MARGIN, comparable, rounding_error, verlet_in_heights
 from validation.sideways import model_quantity, sideways_rounding, tube_verlet_of, why_unmeasured
-from validation.verdict import FAIL, NOT_RUN, PASS, Verdict
+from validation.verdict import FAIL, NOT_RUN, Verdict, judged
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
 ROUNDING_REASON = (
@@ -84,7 +84,7 @@ def _motion_verdict(case: Case, engine: str, trace: Trace, verlet: Trace, forces
         if ROUNDING_MARGIN * rounded > limit.limit:
             limit = Tolerance(ROUNDING_MARGIN * rounded, ROUNDING_REASON)
     where = f"{found.quantity} at {found.time_s * 1e6:g} µs"
-    return _verdict(case, engine, "motion against verlet", found.share, limit, where)
+    return judged(case.scene.name, engine, "motion against verlet", found.share, limit, where)
 
 
 def _same_scheme(case: Case, engine: str, verlet: Trace) -> Trace:
@@ -131,7 +131,7 @@ def _observable_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[s
         if errors:
             worst = max(errors, key=lambda name: np.inf if np.isnan(errors[name]) else errors[name])
             limit = tolerance("truncation", kind, shipped_name(case))
-            verdicts.append(_verdict(case, engine, label, errors[worst], limit, worst))
+            verdicts.append(judged(case.scene.name, engine, label, errors[worst], limit, worst))
     return verdicts
 
 
@@ -145,17 +145,13 @@ def _balance_verdicts(case: Case, engine: str, run: FinishedRun) -> list[Verdict
         limit = Tolerance(sampling, "what the wall's impulse changes when every other sample is left out")
     if case.plan and min(case.plan.asked.values()) > limit.limit:
         limit = Tolerance(min(case.plan.asked.values()), "the accuracy that the scene asks for")
+    drift = tolerance("energy", "drift", name)
     return [
-        _verdict(case, engine, "energy drift", energy, tolerance("energy", "drift", name), "share of what is put in"),
-        _verdict(case, engine, "impulse balance", impulse, limit, "share of momentum"),
+        judged(case.scene.name, engine, "energy drift", energy, drift, "share of what is put in"),
+        judged(case.scene.name, engine, "impulse balance", impulse, limit, "share of momentum"),
     ]
 
 
 def _judge(case: Case, engine: str, quantity: str, found: Deviation, limit: Tolerance, remark: str = "") -> Verdict:
     where = f"contact {found.contact} at {found.time_s * 1e6:g} µs{remark}"
-    return _verdict(case, engine, quantity, found.share, limit, where)
-
-
-def _verdict(case: Case, engine: str, quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
-    verdict = PASS if value <= limit.limit else FAIL  # NaN fails
-    return Verdict(case.scene.name, engine, quantity, value, limit.limit, limit.reason, where, verdict)
+    return judged(case.scene.name, engine, quantity, found.share, limit, where)

@@ -13,12 +13,11 @@ import numpy as np
 
 from drivers.case import Case
 from drivers.engines import EXACT, load_engine
-from drivers.trace import Trace
+from drivers.trace import Trace, until
 from validation.departure.expected import Expected, expected_of, why_not_known
 from validation.departure.first_fault import MODEL, first_fault
 from validation.deviation import first_beyond, shares_apart
 from validation.rounding import HORIZON
-from validation.sideways import until
 
 # of the largest force: where rounding ends comparisons, what good steps keep, what experiments could resolve
 LEVELS = (HORIZON, 1e-4, 1e-2)

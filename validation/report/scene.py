@@ -9,12 +9,11 @@ from drivers.engines import load_engine
 from postproc.observables import observe
 from postproc.stack import EXACT
 from validation.departure.departure import DepartureRow, departure_rows
+from validation.parts import PARTS
 from validation.report.charts import Chart, chart_of
 from validation.report.spacetime import Raster, raster_of
 from validation.report.verdicts import QUANTITIES, Row, in_order, number
 from validation.scenes import ComparedScene
-
-PARTS = ("whole", "model", "rounding", "truncation", "sampling")
 
 
 @dataclass(frozen=True)
