@@ -39,10 +39,7 @@ def heights_and_reach(case: Case) -> tuple[Array, Array]:
 
 
 def verlet_in_heights(case: Case) -> Trace:
-    """The case by the scheme of the codes at its step, with absolute heights as its state, as engines hold them.
-
-    Shape (samples, bodies).
-    """
+    """The case by the scheme of the codes at its step, with absolute heights as its state, as engines hold them."""
     scene, chain = case.scene, case.chain
     height, reach = heights_and_reach(case)
     timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)

@@ -161,10 +161,8 @@ def time_axis(time_s: Array, right: float) -> TimeAxis:
     """The axis of a record from ``LEFT`` to ``right``, in the unit in which times have four digits at most."""
     per_s, unit = next((each for each in TIMES if float(time_s[-1]) * each[0] < 1e4), TIMES[-1])
     long, start = float(np.ptp(time_s)) * per_s, float(time_s[0]) * per_s
-    width = right - LEFT
-    return TimeAxis(
-        unit, per_s, [(LEFT + width * t / (long or 1.0), f"{t + start:g}") for t in round_ticks(0.0, long, 8)]
-    )
+    scale = (right - LEFT) / (long or 1.0)
+    return TimeAxis(unit, per_s, [(LEFT + scale * t, f"{t + start:g}") for t in round_ticks(0.0, long, 8)])
 
 
 def _top(panels: int) -> float:
