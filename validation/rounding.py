@@ -54,3 +54,9 @@ def rounding_error(case: Case) -> Array:
     and a chaotic chain multiplies.
     """
     return np.asarray(np.abs(verlet_in_heights(case).force_N - verlet_of(case).force_N).max(axis=1))
+
+
+def rounding_of_heights(case: Case) -> Array:
+    """Likewise the largest difference of heights at each sample, in m. Shape (samples,)."""
+    heights, overlaps = (np.asarray(scheme(case).height_m) for scheme in (verlet_in_heights, verlet_of))
+    return np.asarray(np.abs(heights - overlaps).max(axis=1))
