@@ -72,9 +72,8 @@ def _diagnoses(
     case: Case, verdicts: list[Verdict], finished: dict[str, FinishedRun], refused: dict[str, Trace]
 ) -> dict[str, str]:
     """Of red runs, which are few: only then are the variants loaded."""
-    red = {verdict.engine for verdict in verdicts if verdict.verdict == FAIL}
-    if not red:
+    if not any(verdict.verdict == FAIL for verdict in verdicts):
         return {}
-    from validation.diagnosis.rows import diagnoses_of
+    from validation.diagnosis.failed import diagnoses_of
 
-    return diagnoses_of(case, verdicts, refused | {name: run.trace for name, run in finished.items() if name in red})
+    return diagnoses_of(case, verdicts, refused | {name: run.trace for name, run in finished.items()})

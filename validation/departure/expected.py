@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.case import Case
 from drivers.chain import Array
-from drivers.engines import EXACT, IN_HEIGHTS, load_engine
+from drivers.engines import EXACT, IN_HEIGHTS, IN_OVERLAPS, Engine, load_engine
 from drivers.tolerances import Tolerance, tolerance
 from drivers.trace import Trace
 from postproc.residual import residual
@@ -95,27 +95,51 @@ def expected_of(case: Case, engine: str) -> Expected:
     Raises:
         ArithmeticError: the exact motion cannot be followed, or the scheme blows up.
     """
-    adapter = load_engine(engine)
     stated = tolerance("model", model_quantity(case), shipped_name(case))
-    if case.chain.lateral is not None:
-        side = sideways_rods(case, adapter.SHEAR)
-        shares, samples, rounding = side.shares[: side.samples], side.samples, side.rounding
-        exact, scheme, plain, order = side.extrapolated_N, side.verlet, side.verlet, side.order
-        rounding_J = 0.0
-    else:
-        rods = yardsticks(case)
-        shares = np.nan_to_num(residual(rods.heights, rods.verlet), nan=np.inf)
-        rounding, samples = comparable(shares)
-        exact, order = rods.truth.trace.force_N, 1.0 if case.chain.damping_ratio else 2.0
-        in_heights = rods.heights if adapter.SCHEME == IN_HEIGHTS else rods.verlet
-        scheme, plain = (rods.truth.trace if adapter.SCHEME == EXACT else in_heights), rods.verlet
-        rounding_J = float(np.abs(rods.heights.kinetic_energy_J - plain.kinetic_energy_J)[:samples].max())
-    if not (np.isfinite(scheme.force_N).all() and np.isfinite(scheme.kinetic_energy_J).all()):
+    adapter = load_engine(engine)
+    found = _straight(case, adapter, stated) if case.chain.lateral is None else _sideways(case, adapter, stated)
+    if not (np.isfinite(found.scheme.force_N).all() and np.isfinite(found.scheme.kinetic_energy_J).all()):
         raise ArithmeticError("velocity Verlet at this step blows up")
+    return found
+
+
+def _straight(case: Case, adapter: Engine, stated: Tolerance) -> Expected:
+    known = yardsticks(case)
+    schemes = {EXACT: known.truth.trace, IN_HEIGHTS: known.heights, IN_OVERLAPS: known.verlet}
+    shares = np.nan_to_num(residual(known.heights, known.verlet), nan=np.inf)
+    rounding, samples = comparable(shares)
+    rounding_J = np.abs(known.heights.kinetic_energy_J - known.verlet.kinetic_energy_J)[:samples]
+    return Expected(
+        exact_N=known.truth.trace.force_N,
+        scheme=schemes[adapter.SCHEME],
+        plain_N=known.verlet.force_N,
+        rounding=np.maximum.accumulate(shares),
+        rounding_J=float(rounding_J.max()),
+        samples=samples,
+        stated=stated,
+        allowed=_allowed(stated, rounding),
+        order=1.0 if case.chain.damping_ratio else 2.0,
+    )
+
+
+def _sideways(case: Case, adapter: Engine, stated: Tolerance) -> Expected:
+    known = sideways_rods(case, adapter.SHEAR)
+    return Expected(
+        exact_N=known.extrapolated_N,
+        scheme=known.verlet,
+        plain_N=known.verlet.force_N,
+        rounding=np.maximum.accumulate(known.shares[: known.samples]),
+        rounding_J=0.0,
+        samples=known.samples,
+        stated=stated,
+        allowed=_allowed(stated, known.rounding),
+        order=known.order,
+    )
+
+
+def _allowed(stated: Tolerance, rounding: float) -> Tolerance:
     reason = f"{ROUNDING_MARGIN:g} times what rounding does to this very scene"
-    allowed = stated if rounding <= stated.limit else Tolerance(rounding, reason)
-    grown = np.maximum.accumulate(shares)
-    return Expected(exact, scheme, plain.force_N, grown, rounding_J, samples, stated, allowed, order)
+    return stated if rounding <= stated.limit else Tolerance(rounding, reason)
 
 
 def forces_of_scheme(case: Case, engine: str) -> Array:

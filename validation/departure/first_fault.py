@@ -49,7 +49,7 @@ def first_fault(case: Case, engine: str, run: Trace, expected: Expected) -> Faul
     wrong_start = _wrong_start(case, run, expected.scheme)
     if beyond is None:
         return wrong_start or _wrong_speeds(run, expected)
-    # what rounding allows in the end shows sooner that it is no rounding
+    # rounding explains less of it at first than in the end, so that the fault shows sooner than ``beyond``
     sample, column = first_beyond(shares, np.maximum(expected.stated.limit, expected.explained)) or beyond
     if sample == 0:
         kind, words = SET_UP, _wrong_force_at_start(run, expected.scheme, column)

@@ -2,5 +2,5 @@
 
 ``diagnose`` says it in a sentence. ``model`` is the scheme of the codes with faults that it can be given, ``faults``
 and ``scaled`` the variants without and with a parameter, ``records`` those that need no other motion, ``fit`` what
-finds the parameters.
+finds the parameters, ``failed`` the diagnoses of all runs of a scene that failed.
 """

@@ -1,6 +1,7 @@
 """Puts the report together and writes its three files."""
 
 from collections import Counter
+from contextlib import ExitStack
 from pathlib import Path
 
 from drivers import deck, paths
@@ -83,8 +84,6 @@ def write_report(scenes: list[ComparedScene], path: Path, command: str = AGAIN) 
 
 def _write_all(texts: dict[Path, str]) -> None:
     """All files, each whole; none is replaced before every one is written."""
-    if texts:
-        (path, text), *others = texts.items()
-        with whole_file(path) as draft:
-            draft.write_text(text, encoding="utf-8")
-            _write_all(dict(others))
+    with ExitStack() as drafts:
+        for path, text in texts.items():
+            drafts.enter_context(whole_file(path)).write_text(text, encoding="utf-8")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers import paths
-from drivers.engines import engine_names
+from drivers.engines import codes, engine_names
 
 PACKAGES = ("drivers", "postproc", "validation")
 
@@ -55,6 +55,17 @@ def test_nobody_else_imports_an_engine_by_name(engine: str) -> None:
     users = {file for package in PACKAGES for file, module in imports_of(paths.ROOT / package)
              if module == f"drivers.engines.{engine}"}  # fmt: skip
     assert not users
+
+
+@pytest.mark.parametrize("code", codes())
+def test_what_judges_runs_chooses_nothing_by_a_codes_name(code: str) -> None:
+    """A further engine touches none of it; words for people may name what a code does."""
+    folders = [paths.ROOT / "validation" / each for each in ("departure", "diagnosis", "independent", "pair", "report")]
+    files = [file for folder in folders for file in folder.rglob("*.py")]
+    named = {str(file) for file in files for node in ast.walk(ast.parse(file.read_text()))
+             if isinstance(node, ast.Constant) and node.value == code}  # fmt: skip
+    assert all(folder.is_dir() for folder in folders)
+    assert not named
 
 
 def test_modules_are_small() -> None:

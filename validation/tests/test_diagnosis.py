@@ -12,8 +12,8 @@ from drivers.trace import Trace, make_trace
 from validation.arrays import arrays_of
 from validation.comparison import compare_case
 from validation.diagnosis.diagnose import Diagnosis, diagnose
+from validation.diagnosis.failed import ITS_OWN, diagnoses_of
 from validation.diagnosis.model import Motion, model_of, moved
-from validation.diagnosis.rows import ITS_OWN, diagnoses_of
 from validation.errors import trace_of, verlet_of
 from validation.random_scenes import random_case
 from validation.reference.adaptive import integrate_adaptive

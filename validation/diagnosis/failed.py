@@ -1,4 +1,4 @@
-"""Diagnoses of the runs of a scene that are red."""
+"""Diagnoses of those runs of a scene that failed a verdict."""
 
 from collections.abc import Iterable, Mapping
 
