@@ -7,9 +7,11 @@ STUDIES := $(basename $(notdir $(wildcard inputs/studies/*.toml)))
 FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*.py))
 SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*' \
   -not -path 'inputs/studies/*' -not -path 'drivers/batch/*' -not -name study.py -not -name film.py -not -name vtk.py)
+# what only the page and the comparison of runs need
+PAGE := templates/report/% postproc/inline.py validation/report/% validation/pair/% validation/departure/% validation/diagnosis/% validation/scenes.py
 # what every figure depends on, beside its own module and scenes
-COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% templates/report/% validation/report/% postproc/inline.py validation/pair/% validation/diagnosis/% validation/claims/% validation/trade/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml \
-  $(addprefix validation/,bench.py bench_batch.py comparison.py criteria.py departure.py departure_rods.py first_fault.py motion.py random_scenes.py rounding.py scenes.py __main__.py),$(SOURCES))
+COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% $(PAGE) validation/claims/% validation/trade/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml \
+  $(addprefix validation/,bench.py bench_batch.py comparison.py criteria.py deviation.py random_scenes.py rounding.py verdict.py __main__.py),$(SOURCES))
 SCENES_fig1 := fig4
 SCENES_fig2 := fig4 table1
 SCENES_fig3 := table1
@@ -105,23 +107,23 @@ results/%.svg results/%.png results/%.csv: postproc/figures/%.py $$(addsuffix .t
 results/%-spacetime.svg results/%-spacetime.png results/%-spacetime.csv: results/%.svg results/%.png results/%.csv
 	@for kind in svg png csv; do test -f results/$*-spacetime.$$kind || exec $(PY) -m postproc $*; done
 
-results/.claims: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/claims.csv),,FORCE)
+results/.claims: $(filter-out postproc/figures/% $(PAGE) validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/claims.csv),,FORCE)
 	$(PY) -m validation claims
 	@touch $@
 
-results/.trade: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/trade.csv),,FORCE)
+results/.trade: $(filter-out postproc/figures/% $(PAGE) validation/claims/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/trade.csv),,FORCE)
 	$(PY) -m validation trade --budget $(BUDGET)
 	@touch $@
 
-results/.stability: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/trade/% validation/elements/% validation/independent/% inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/stability.csv),,FORCE)
+results/.stability: $(filter-out postproc/figures/% $(PAGE) validation/claims/% validation/trade/% validation/elements/% validation/independent/% inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/stability.csv),,FORCE)
 	$(PY) -m validation stability
 	@touch $@
 
-results/.elements: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/trade/% validation/stability/% validation/independent/% inputs/extremes.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/elements.csv),,FORCE)
+results/.elements: $(filter-out postproc/figures/% $(PAGE) validation/claims/% validation/trade/% validation/stability/% validation/independent/% inputs/extremes.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/elements.csv),,FORCE)
 	$(PY) -m validation elements
 	@touch $@
 
-results/.independent: $(filter-out postproc/figures/% templates/report/% validation/report/% validation/claims/% validation/trade/% validation/stability/% validation/elements/% inputs/extremes.toml inputs/elements.toml inputs/paper/claims.toml,$(SOURCES)) $(wildcard inputs/studies/*.toml drivers/batch/*.py) .venv/.ready .venv/.engines $(if $(wildcard results/independent.csv),,FORCE)
+results/.independent: $(filter-out postproc/figures/% $(PAGE) validation/claims/% validation/trade/% validation/stability/% validation/elements/% inputs/extremes.toml inputs/elements.toml inputs/paper/claims.toml,$(SOURCES)) $(wildcard inputs/studies/*.toml drivers/batch/*.py) .venv/.ready .venv/.engines $(if $(wildcard results/independent.csv),,FORCE)
 	$(PY) -m validation independent
 	@touch $@
 

@@ -55,6 +55,31 @@ class Trace:
     sideways: Sideways | None = None
 
 
+def part_of(trace: Trace, chosen: slice) -> Trace:
+    """Some of a trace's samples, with all that it has of them."""
+
+    def cut(values: Array | None) -> Array | None:
+        return None if values is None else values[chosen]
+
+    side = trace.sideways
+    return Trace(
+        time_s=trace.time_s[chosen],
+        force_N=trace.force_N[chosen],
+        kinetic_energy_J=trace.kinetic_energy_J[chosen],
+        total_energy_J=trace.total_energy_J[chosen],
+        momentum_N_s=trace.momentum_N_s[chosen],
+        height_m=cut(trace.height_m),
+        velocity_m_s=cut(trace.velocity_m_s),
+        bore_friction_N=cut(trace.bore_friction_N),
+        sideways=side and Sideways(*(getattr(side, name)[chosen] for name in side.__dataclass_fields__)),
+    )
+
+
+def until(trace: Trace, samples: int) -> Trace:
+    """The first samples of a trace."""
+    return part_of(trace, slice(samples))
+
+
 def make_trace(chain: Chain, time_s: Array, force_N: Array, height_m: Array, velocity_m_s: Array) -> Trace:
     """A trace with its energies: Hertz energy (2/5) F overlap from the engine's own forces.
 

@@ -42,6 +42,16 @@ class Cells:
     contact: Array
     force_N: Array
 
+    @property
+    def largest_N(self) -> float:
+        """What the scale of colours ends at; 1 N where there is no force."""
+        return float(self.force_N.max(initial=0.0)) or 1.0
+
+    @property
+    def closed_N(self) -> Any:
+        """The forces with open contacts masked. Shape (rows, columns)."""
+        return np.ma.masked_less_equal(self.force_N, LEAST * self.largest_N)
+
 
 def cells_of(trace: Trace, columns: int = COLUMNS, rows: int = ROWS) -> Cells:
     """A trace's forces in so many cells at most, all of a size but for the last ones."""
@@ -87,8 +97,7 @@ def _draw(axis: Any, panel: Panel) -> None:
     from matplotlib.ticker import MaxNLocator
 
     trace, cells = panel.trace, cells_of(panel.trace)
-    contacts, largest = trace.force_N.shape[1], float(trace.force_N.max(initial=0.0))
-    closed = np.ma.masked_less_equal(cells.force_N, LEAST * largest)
+    contacts = trace.force_N.shape[1]
     width = (trace.time_s[-1] - trace.time_s[0]) / max(len(trace.time_s) - 1, 1) * -(-len(trace.time_s) // COLUMNS)
     deep = -(-contacts // ROWS)
     extent = (
@@ -96,7 +105,7 @@ def _draw(axis: Any, panel: Panel) -> None:
         0.5, float(cells.contact[-1]) + deep - 0.5,
     )  # fmt: skip
     image = axis.imshow(
-        closed, cmap=force_colours(), norm=PowerNorm(GAMMA, 0, largest or 1.0), origin="lower", aspect="auto",
+        cells.closed_N, cmap=force_colours(), norm=PowerNorm(GAMMA, 0, cells.largest_N), origin="lower", aspect="auto",
         extent=extent, interpolation="none",
     )  # fmt: skip
     axis.set(ylim=(0.5, contacts + 0.5), ylabel="contact")

@@ -198,7 +198,7 @@ def _print_table(verdicts: "list[Verdict]") -> None:
 
 def _print_departures(compared: "ComparedScene") -> None:
     """When each run first leaves the exact motion, and why."""
-    from validation.departure import departure_rows
+    from validation.departure.departure import departure_rows
 
     print()
     for row in departure_rows(compared.departures):
@@ -207,13 +207,12 @@ def _print_departures(compared: "ComparedScene") -> None:
 
 def _print_budgets(compared: "ComparedScene") -> None:
     """The parts of each run's errors, as signed shares; they add up to the whole."""
-    parts = ("whole", "model", "rounding", "truncation", "sampling")
-    print(f"\n{'error budget':<23} {'quantity':<24} " + " ".join(f"{part:>10}" for part in parts))
+    from validation.parts import PARTS, for_terminal
+
+    print(f"\n{'error budget':<23} {'quantity':<24} " + " ".join(f"{part:>10}" for part in PARTS))
     for engine, run in compared.runs.items():
-        for each in run.record.error_budget:
-            if each["quantity"] == "force" or each["quantity"].endswith("_peak"):
-                numbers = " ".join(f"{each[part]:10.1e}" for part in parts)
-                print(f"{compared.case.scene.name:<12} {engine:<10} {each['quantity']:<24} {numbers}")
+        for quantity, numbers in for_terminal(run.record.error_budget):
+            print(f"{compared.case.scene.name:<12} {engine:<10} {quantity:<24} {numbers}")
         for warning in run.record.warnings:
             print(f"{compared.case.scene.name:<12} {engine:<10} warning: {warning}")
         if run.record.error_note:

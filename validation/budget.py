@@ -27,7 +27,8 @@ from validation.reference.adaptive import LEAST_TOLERANCE
 from validation.rounding import verlet_in_heights
 from validation.sideways import sideways_budget
 
-LARGEST = 20_000  # bodies: the exact motion of longer chains costs more than most runs of them
+LARGEST = 20_000  # bodies
+TOO_LARGE = f"not measured: the exact motion of more than {LARGEST} bodies costs more than most runs of them"
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def error_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, 
     if case.chain.lateral is not None:
         return sideways_budget(case, engine, trace)
     if case.chain.bodies > LARGEST:
-        return [], f"not measured: the exact motion of more than {LARGEST} bodies costs more than most runs of them"
+        return [], TOO_LARGE
     try:
         rods = yardsticks(case)
     except ArithmeticError as error:

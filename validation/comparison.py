@@ -4,8 +4,6 @@ Against ``verlet`` at the same step a run shows its modelling error, which shoul
 ``reference`` it shows what the user pays for the time step.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from drivers import paths
@@ -18,52 +16,15 @@ from drivers.tolerances import Tolerance, tolerance
 from drivers.trace import Trace
 from postproc.observables import observe
 from postproc.residual import share_of_largest
-from validation.motion import motion_deviation
+from validation.deviation import Deviation, deviation, motion_deviation
 from validation.rounding import HORIZON, ROUNDING_MARGIN, comparable, rounding_error, verlet_in_heights
 from validation.sideways import model_quantity, sideways_rounding, tube_verlet_of, why_unmeasured
-from validation.verdict import FAIL, NOT_RUN, PASS, Verdict
+from validation.verdict import FAIL, NOT_RUN, Verdict, judged
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
-
-
 ROUNDING_REASON = (
     f"{ROUNDING_MARGIN:g} times what rounding absolute coordinates does to this very scene, measured in-repo"
 )
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """How far two force traces are apart.
-
-    Attributes:
-        share: largest |F - F_ref| over all contacts and samples, over the largest |F_ref|.
-        time_s, contact: where that is.
-    """
-
-    share: float
-    time_s: float
-    contact: int
-
-
-def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Deviation:
-    """The largest force difference between two traces of equal contacts and sample times.
-
-    Args:
-        trace: the trace in question.
-        reference: what it is measured against, and whose largest force is 1.
-        samples: how many samples count; all by default.
-
-    Raises:
-        ValueError: the traces differ in contacts or sample times.
-    """
-    if trace.force_N.shape != reference.force_N.shape:
-        raise ValueError(f"{trace.force_N.shape} samples and contacts against {reference.force_N.shape}")
-    if not np.allclose(trace.time_s, reference.time_s, rtol=1e-12, atol=0):
-        raise ValueError("the sample times differ")
-    difference = np.abs(trace.force_N - reference.force_N)[:samples]
-    sample, column = np.unravel_index(int(np.argmax(difference)), difference.shape)
-    share = share_of_largest(difference, reference)
-    return Deviation(float(share[sample, column]), float(trace.time_s[sample]), int(column) + 1)
 
 
 def compare_case(case: Case, runs: dict[str, FinishedRun], absent: dict[str, str]) -> list[Verdict]:
@@ -123,7 +84,7 @@ def _motion_verdict(case: Case, engine: str, trace: Trace, verlet: Trace, forces
         if ROUNDING_MARGIN * rounded > limit.limit:
             limit = Tolerance(ROUNDING_MARGIN * rounded, ROUNDING_REASON)
     where = f"{found.quantity} at {found.time_s * 1e6:g} µs"
-    return _verdict(case, engine, "motion against verlet", found.share, limit, where)
+    return judged(case.scene.name, engine, "motion against verlet", found.share, limit, where)
 
 
 def _same_scheme(case: Case, engine: str, verlet: Trace) -> Trace:
@@ -170,7 +131,7 @@ def _observable_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[s
         if errors:
             worst = max(errors, key=lambda name: np.inf if np.isnan(errors[name]) else errors[name])
             limit = tolerance("truncation", kind, shipped_name(case))
-            verdicts.append(_verdict(case, engine, label, errors[worst], limit, worst))
+            verdicts.append(judged(case.scene.name, engine, label, errors[worst], limit, worst))
     return verdicts
 
 
@@ -184,17 +145,13 @@ def _balance_verdicts(case: Case, engine: str, run: FinishedRun) -> list[Verdict
         limit = Tolerance(sampling, "what the wall's impulse changes when every other sample is left out")
     if case.plan and min(case.plan.asked.values()) > limit.limit:
         limit = Tolerance(min(case.plan.asked.values()), "the accuracy that the scene asks for")
+    drift = tolerance("energy", "drift", name)
     return [
-        _verdict(case, engine, "energy drift", energy, tolerance("energy", "drift", name), "share of what is put in"),
-        _verdict(case, engine, "impulse balance", impulse, limit, "share of momentum"),
+        judged(case.scene.name, engine, "energy drift", energy, drift, "share of what is put in"),
+        judged(case.scene.name, engine, "impulse balance", impulse, limit, "share of momentum"),
     ]
 
 
 def _judge(case: Case, engine: str, quantity: str, found: Deviation, limit: Tolerance, remark: str = "") -> Verdict:
     where = f"contact {found.contact} at {found.time_s * 1e6:g} µs{remark}"
-    return _verdict(case, engine, quantity, found.share, limit, where)
-
-
-def _verdict(case: Case, engine: str, quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
-    verdict = PASS if value <= limit.limit else FAIL  # NaN fails
-    return Verdict(case.scene.name, engine, quantity, value, limit.limit, limit.reason, where, verdict)
+    return judged(case.scene.name, engine, quantity, found.share, limit, where)

@@ -1,6 +1,10 @@
 """The parts of an error."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
+
+PARTS = ("whole", "model", "rounding", "truncation", "sampling")
 
 
 @dataclass(frozen=True)
@@ -19,3 +23,14 @@ class Parts:
     truncation: float
     sampling: float
     where: str = ""
+
+
+def for_terminal(error_budget: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str]]:
+    """Quantity and numbers of the lines that a terminal shows of a record's budget: of the force and of peaks.
+
+    Records of other versions may lack some parts: these lines are left out.
+    """
+    for each in error_budget:
+        quantity = each["quantity"]
+        if (quantity == "force" or quantity.endswith("_peak")) and set(PARTS) <= each.keys():
+            yield quantity, " ".join(f"{each[part]:10.1e}" for part in PARTS)

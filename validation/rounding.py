@@ -39,10 +39,7 @@ def heights_and_reach(case: Case) -> tuple[Array, Array]:
 
 
 def verlet_in_heights(case: Case) -> Trace:
-    """The case by the scheme of the codes at its step, with absolute heights as its state, as engines hold them.
-
-    Shape (samples, bodies).
-    """
+    """The case by the scheme of the codes at its step, with absolute heights as its state, as engines hold them."""
     scene, chain = case.scene, case.chain
     height, reach = heights_and_reach(case)
     timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
@@ -57,3 +54,9 @@ def rounding_error(case: Case) -> Array:
     and a chaotic chain multiplies.
     """
     return np.asarray(np.abs(verlet_in_heights(case).force_N - verlet_of(case).force_N).max(axis=1))
+
+
+def rounding_of_heights(case: Case) -> Array:
+    """Likewise the largest difference of heights at each sample, in m. Shape (samples,)."""
+    heights, overlaps = (np.asarray(scheme(case).height_m) for scheme in (verlet_in_heights, verlet_of))
+    return np.asarray(np.abs(heights - overlaps).max(axis=1))

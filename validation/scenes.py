@@ -12,7 +12,7 @@ from drivers.read_scene import read_scene
 from drivers.run import run_case
 from drivers.trace import Trace
 from validation.comparison import NOT_INSTALLED, REFUSED, compare_case
-from validation.departure import Departure, departure
+from validation.departure.departure import Departure, departure
 from validation.verdict import FAIL, Verdict
 
 

@@ -16,7 +16,7 @@ from drivers.chain import Array
 from drivers.engines import load_engine
 from drivers.engines._sums import towards_axis
 from drivers.tolerances import tolerance
-from drivers.trace import Sideways, Trace, make_sideways_trace
+from drivers.trace import Sideways, Trace, make_sideways_trace, until
 from postproc.residual import residual
 from validation.arrays import tube_arrays_of
 from validation.errors import FORCE, quantities
@@ -140,27 +140,6 @@ def order_of(coarse: Trace, half: Trace, quarter: Trace) -> float:
 def extrapolated(half: Any, quarter: Any, order: float) -> Any:
     """A value at a step of zero: ``Q_4 + (Q_4 - Q_2) / (2^p - 1)``."""
     return quarter + (quarter - half) / (2**order - 1)
-
-
-def until(trace: Trace, samples: int) -> Trace:
-    """The first samples of a three-dimensional trace."""
-
-    def cut(values: Array | None) -> Array | None:
-        return None if values is None else values[:samples]
-
-    side = trace.sideways
-    return replace(
-        trace,
-        time_s=trace.time_s[:samples],
-        force_N=trace.force_N[:samples],
-        kinetic_energy_J=trace.kinetic_energy_J[:samples],
-        total_energy_J=trace.total_energy_J[:samples],
-        momentum_N_s=trace.momentum_N_s[:samples],
-        height_m=cut(trace.height_m),
-        velocity_m_s=cut(trace.velocity_m_s),
-        bore_friction_N=cut(trace.bore_friction_N),
-        sideways=side and Sideways(*(getattr(side, name)[:samples] for name in side.__dataclass_fields__)),
-    )
 
 
 def sideways_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, Any]], str]:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from drivers.tolerances import Tolerance
+
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
 
 
@@ -23,3 +25,13 @@ class Verdict:
     reason: str
     where: str
     verdict: str
+
+
+def judged(scene: str, engine: str, quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
+    """The verdict on an error by its tolerance."""
+    return Verdict(scene, engine, quantity, value, limit.limit, limit.reason, where, pass_or_fail(value, limit.limit))
+
+
+def pass_or_fail(error: float, limit: float) -> str:
+    """Whether an error is within its limit; what is no number fails."""
+    return PASS if error <= limit else FAIL

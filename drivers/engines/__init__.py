@@ -101,6 +101,12 @@ def engine_names() -> list[str]:
     return sorted(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
 
 
+def in_order(names: Iterable[str]) -> list[str]:
+    """Engines as tables show them: the codes by name, then those of this repository and what is none of its engines."""
+    known = engine_names()
+    return sorted(set(names), key=lambda name: (name not in known or load_engine(name).IN_REPOSITORY, name))
+
+
 def codes() -> list[str]:
     """The engines to be checked: all but those of this repository."""
     return [name for name in engine_names() if not load_engine(name).IN_REPOSITORY]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.case import Case
+from drivers.chain import Array
 from drivers.engines import EXACT
 from validation.diagnosis.materials import known, own, stiffness_of
 from validation.diagnosis.model import Model
@@ -57,11 +58,11 @@ def _numerics(case: Case, model: Model) -> Iterator[Variant]:
     if model.scheme == EXACT:
         return
     dt, every = model.time_step_s, model.steps_per_sample
-    step = f"({number(dt * 1e6)} us)"
+    step_us = number(dt * 1e6)
     for steps, words in ((0.5, "half a step"), (1.0, "a step"), (-0.5, "half a step"), (-1.0, "a step")):
         place = "ahead" if steps > 0 else "behind"
         euler = ", as symplectic Euler has them" if abs(steps) == 0.5 else ""
-        sentence = f"velocities that start {words} {place}{euler}; a step is {step[1:-1]}"
+        sentence = f"velocities that start {words} {place}{euler}; a step is {step_us} us"
         yield Variant("velocity shift", sentence, replace(model, ahead=steps))
     damped = replace(model, local_damping=YADE_DAMPING)
     yield Variant("local damping", f"non-viscous damping of {YADE_DAMPING}, which YADE has unless told", damped)
@@ -71,7 +72,7 @@ def _numerics(case: Case, model: Model) -> Iterator[Variant]:
         yield Variant("damping", "damped contacts that may pull", replace(model, attracts=True))
     for other in sorted({every * n for n in OTHER_STEPS} | {every // n for n in OTHER_STEPS if every % n == 0}):
         now = dt * every / other
-        words = f"a time step of {number(now * 1e6)} us (the scene has {number(dt * 1e6)})"
+        words = f"a time step of {number(now * 1e6)} us (the scene has {step_us})"
         yield Variant("time step", words, replace(model, time_step_s=now, steps_per_sample=other))
     for other in (every + n for n in (-2, -1, 1, 2) if every + n > 0):
         words = f"samples that are {other} steps apart (the scene has {every})"
@@ -130,7 +131,7 @@ def _materials(case: Case, model: Model) -> Iterator[Variant]:
                 yield Variant("material of wall", f"a wall of {other}", replace(model, stiffness=stiffness))
 
 
-def _by_density(case: Case, places: list[int], other: str) -> "np.ndarray[tuple[int], np.dtype[np.float64]] | None":
+def _by_density(case: Case, places: list[int], other: str) -> Array | None:
     """Masses of another material where the scene leaves masses to the density."""
     scene, names = case.scene, known(case)
     given = scene.chain.mass is not None if places[0] < case.chain.beads else (scene.striker and scene.striker.mass)

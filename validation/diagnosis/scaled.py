@@ -8,7 +8,7 @@ from math import pi, sqrt
 import numpy as np
 
 from drivers.case import Case
-from drivers.chain import Array
+from drivers.chain import Array, energy_put_in
 from drivers.engines import EXACT
 from drivers.restitution import with_attraction
 from drivers.scene import Material
@@ -354,9 +354,7 @@ def _damping_words(remark: str, has: str, ratio: float) -> str:
 
 
 def _largest(case: Case) -> float:
-    """A force to count forces by: of the order of the largest in the chain."""
-    from drivers.chain import energy_put_in
-
+    """A force to count forces by, in N: of the order of the largest in the chain."""
     chain = case.chain
     stiffest = float(chain.stiffness.max()) or 1.0
     energy = energy_put_in(chain, float(case.sample_times_s[-1]))
@@ -364,5 +362,6 @@ def _largest(case: Case) -> float:
 
 
 def _deepest(case: Case, place: int) -> float:
+    """An overlap to count places by, in m: what that force makes of a contact."""
     stiffness = float(case.chain.stiffness[place]) or float(case.chain.stiffness.max()) or 1.0
     return float((_largest(case) / stiffness) ** (2 / 3))

@@ -12,24 +12,19 @@ from functools import cache
 from math import sqrt
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from drivers.case import Case
 from drivers.chain import Array
 from drivers.trace import Trace
 from postproc.signals import first_peak, peaks
+from validation.independent.exact_wave import led_to_wall
 from validation.independent.measure import Measure
-from validation.independent.scipy_chain import forces
-from validation.reference.travelling_wave import solve_travelling_wave
 
 READ = 40  # contacts above the middle: the secondary wave has settled to 1e-4 of itself from 30 on
 STANDS_OUT = 1e-3  # of the wave: the weakest secondary wave is 8.5e-3 of it
-BODIES, START, LAST = (
-    120,
-    READ + 20,
-    165.0,
-)  # of the half chain; the start's place and time in beads that the wave travels
-EDGE = 10.0  # beads: the wave has fallen to nothing
+HALF_BEADS = 120
+START = READ + 20.5  # bead of the half chain at which the exact wave starts
+LAST = 165.0  # beads that the wave travels until the secondary one has come by
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
@@ -87,14 +82,7 @@ def theory(case: Case) -> dict[str, float]:
 
 @cache
 def _half(*, at_contact: bool) -> dict[str, float]:
-    """The exact wave, of speed 1 in a chain of masses and stiffnesses 1, runs into the wall."""
-    wave = solve_travelling_wave()
-    contact = np.arange(BODIES) - START  # places from the peak; the bead above a contact lies half a place higher
-    force = CubicSpline(wave.place, wave.force)(np.clip(contact, -EDGE, EDGE))
-    velocity = CubicSpline(wave.place, wave.velocity)(np.clip(contact + 0.5, -EDGE, EDGE))
-    stiffness = np.ones(BODIES)
-    stiffness[0] = 2 * sqrt(2) if at_contact else 1.0
-    time, found = forces(np.ones(BODIES), stiffness, np.cbrt(np.maximum(force, 0.0)) ** 2, velocity, LAST)
+    time, found = led_to_wall(HALF_BEADS, START, 2 * sqrt(2) if at_contact else 1.0, LAST)
     return shares(time, found[:, 0], found[:, READ])
 
 

@@ -20,7 +20,7 @@ from validation.independent.cases import Check, Independent, Posed, pose, read_i
 from validation.independent.measure import unit_of
 from validation.independent.measures import MEASURES
 from validation.simulate import REFERENCE, exact
-from validation.verdict import FAIL, NOT_RUN, PASS, Verdict
+from validation.verdict import FAIL, NOT_RUN, Verdict, pass_or_fail
 
 RUN = "run"  # the quantity that a case without numbers fails, or is not run, in
 HERE: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, "verlet": verlet_of}
@@ -141,7 +141,7 @@ def _line(entry: Independent, label: str, engine: str, check: Check, found: floa
         error=error,
         error_is="relative" if check.within is not None else "absolute",
         within=check.limit,
-        verdict=PASS if error <= check.limit else FAIL,  # NaN fails
+        verdict=pass_or_fail(error, check.limit),
         why="" if found == found else "the run does not show it",
         reason=check.reason,
         source=MEASURES[entry.measure].source if check.expected is None else entry.source,

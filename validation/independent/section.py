@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers import paths
-from drivers.engines import engine_names, load_engine
+from drivers.engines import engine_names, in_order
 from validation.independent.cases import read_independent
 from validation.independent.judge import RUN, Line
 from validation.independent.measures import MEASURES
@@ -57,8 +57,7 @@ def read_section(results: Path) -> dict[str, Any]:
     lines = read_lines(results / paths.INDEPENDENT_TABLE)
     if not lines:
         return {}
-    there = {line.engine for line in lines}
-    engines = sorted(there & set(engine_names()), key=lambda name: (load_engine(name).IN_REPOSITORY, name))
+    engines = in_order({line.engine for line in lines} & set(engine_names()))
     cases = []
     for entry in read_independent():
         own = [line for line in lines if line.id == entry.id]

@@ -6,19 +6,14 @@ wave instead of a strike.
 
 from functools import cache
 
-import numpy as np
-from scipy.interpolate import CubicSpline
-
 from drivers.case import Case
 from drivers.chain import Array
 from drivers.trace import Trace
 from postproc.signals import first_peak, peaks
+from validation.independent.exact_wave import led_to_wall
 from validation.independent.measure import Measure
-from validation.independent.scipy_chain import forces
-from validation.reference.travelling_wave import solve_travelling_wave
 
 ABOVE = 10  # contacts above the sensor's at which the exact wave starts, and beads above that
-REACH = 4  # beads from the peak, beyond which the exact wave is nothing: it falls double-exponentially
 SMALL = 0.02  # of the range: by so much a wave stands out
 
 
@@ -45,22 +40,9 @@ def theory(case: Case) -> dict[str, float]:
 
 @cache
 def _reflected(place: int, wall_stiffness: float) -> dict[str, float]:
-    """A wave of speed 1 in a chain of masses and stiffnesses 1 (``validation.reference.travelling_wave``)."""
-    wave = solve_travelling_wave()
     start = place + ABOVE
-    beads: Array = np.arange(1.0, start + ABOVE + 1)
-    force = _profile(wave.place, wave.force, np.asarray(beads - 0.5 - start))
-    velocity = _profile(wave.place, wave.velocity, np.asarray(beads - start))
-    stiffness = np.ones(len(beads))
-    stiffness[0] = wall_stiffness
-    overlap = np.cbrt(np.maximum(force, 0.0)) ** 2
     # it is back at the sensor after 2 place + ABOVE beads; those at the wall linger
-    return _ratios(place, *forces(np.ones(len(beads)), stiffness, overlap, velocity, 2.0 * place + ABOVE + 8.0))
-
-
-def _profile(place: Array, values: Array, at: Array) -> Array:
-    """The wave at places from its peak; it is given on a grid about that, and nothing beyond ``REACH``."""
-    return np.where(np.abs(at) <= REACH, CubicSpline(place, values)(at), 0.0)
+    return _ratios(place, *led_to_wall(start + ABOVE, start, wall_stiffness, 2.0 * place + ABOVE + 8.0))
 
 
 def _ratios(place: int, time_s: Array, force_N: Array) -> dict[str, float]:

@@ -6,9 +6,9 @@ from pathlib import Path
 from drivers import paths
 from validation.pair.measure import Pair, compare_pair
 from validation.pair.opened import Opened, changed_since, open_pair
+from validation.parts import PARTS, for_terminal
 from validation.verdict import FAIL
 
-PARTS = ("whole", "model", "rounding", "truncation", "sampling")
 NAMES = ("first", "second")
 
 
@@ -19,11 +19,8 @@ def compare_runs(first: Path, second: Path) -> int:
         InputError: they cannot be compared.
     """
     pair = compare_pair(*open_pair(first, second))
-    for lines in (_runs(pair), _keys(pair), _table(pair), _reasons(pair), _times(pair), _explained(pair)):
-        for line in lines:
-            print(line)
-    for lines in (_budgets(pair), _warnings(pair)):
-        for line in lines:
+    for part in (_runs, _keys, _table, _reasons, _times, _explained, _budgets, _warnings):
+        for line in part(pair):
             print(line)
     missed = [verdict.quantity for verdict in pair.verdicts if verdict.verdict == FAIL]
     print(f"\nFAIL: {', '.join(missed)}" if missed else "\npass")
@@ -94,17 +91,14 @@ def _explained(pair: Pair) -> Iterator[str]:
 
 def _budgets(pair: Pair) -> Iterator[str]:
     """The parts of each run's errors, as signed shares; they add up to the whole."""
-    budgets = {
-        name: {each["quantity"]: each for each in opened.run.record.error_budget} for name, opened in _both(pair)
-    }
+    budgets = {name: dict(for_terminal(opened.run.record.error_budget)) for name, opened in _both(pair)}
     quantities = dict.fromkeys(quantity for budget in budgets.values() for quantity in budget)
     if quantities:
         yield f"\n{'error budget':<24} {'':<7} " + " ".join(f"{part:>10}" for part in PARTS)
     for quantity in quantities:
-        if quantity == "force" or quantity.endswith("_peak"):
-            for name, budget in budgets.items():
-                if set(PARTS) <= budget.get(quantity, {}).keys():  # records of other versions may lack some
-                    yield f"{quantity:<24} {name:<7} " + " ".join(f"{budget[quantity][part]:10.1e}" for part in PARTS)
+        for name, budget in budgets.items():
+            if quantity in budget:
+                yield f"{quantity:<24} {name:<7} {budget[quantity]}"
     for name, opened in _both(pair):
         if opened.run.record.error_note:
             yield f"{name:<7} {opened.run.record.error_note}"

@@ -7,17 +7,17 @@ import numpy as np
 
 from drivers.chain import Array
 from drivers.tolerances import Tolerance
-from drivers.trace import Trace
+from drivers.trace import Trace, until
 from postproc.observables import observe
-from postproc.residual import share_of_largest
 from postproc.signals import integral
-from validation.comparison import Deviation, deviation
-from validation.departure import Departure, departure
+from validation.departure.departure import Departure, departure
+from validation.deviation import Deviation, deviation, first_beyond, shares_apart
+from validation.errors import without_unit
 from validation.pair.keys import different_keys
-from validation.pair.opened import Opened, thinned
+from validation.pair.opened import Opened
 from validation.pair.tolerances import Allowed, allowed_between
 from validation.rounding import HORIZON
-from validation.verdict import FAIL, PASS, Verdict
+from validation.verdict import FAIL, Verdict, judged
 
 LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)  # of the largest force: rounding, its horizon, coarse steps, what experiments resolve
 
@@ -52,20 +52,19 @@ class Pair:
 
 def compare_pair(one: Opened, other: Opened) -> Pair:
     """All that is known of two runs."""
-    allowed, until = allowed_between(one, other), ""
+    allowed, why_not_all = allowed_between(one, other), ""
     if allowed.samples < len(one.trace.time_s):
         end = one.trace.time_s[allowed.samples] * 1e6
-        until = f"judged until {end:g} µs, where rounding alone passes {HORIZON:g}"
-    of_first, taken_for = (
-        departure(one.case, each.engine, each.trace) for each in (one, other)
-    )  # one set of yardsticks
-    traces = [thinned(each.trace, 1, allowed.samples) for each in (one, other)]
+        why_not_all = f"judged until {end:g} µs, where rounding alone passes {HORIZON:g}"
+    # one case after the other, since what is expected of the last one is kept
+    of_first, taken_for = (departure(one.case, each.engine, each.trace) for each in (one, other))
+    first, second = (until(each.trace, allowed.samples) for each in (one, other))
     return Pair(
         first=one,
         second=other,
         keys=different_keys(one.run.record.scene, other.run.record.scene),
-        verdicts=[*_verdicts(one, other, traces[0], traces[1], allowed)],
-        until=until,
+        verdicts=[*_verdicts(one, other, first, second, allowed)],
+        until=why_not_all,
         parted={level: _parted(one.trace, other.trace, level) for level in LEVELS},
         departures=(of_first, departure(other.case, other.engine, other.trace)),
         taken_for=taken_for,
@@ -101,32 +100,28 @@ def _of_gauges(one: Opened, other: Opened, first: Trace, second: Trace, allowed:
     """Peaks and speeds that both runs have a gauge for."""
     should, has = observe(one.run.layout, first), observe(other.run.layout, second)
     for name in should:
-        gauge, peak, number = name.removesuffix("_N").partition("_peak")
         speed = name.startswith("speed_")
-        if name not in has or not (peak or speed) or (np.isnan(should[name]) and np.isnan(has[name])):
+        if name not in has or not ("_peak" in name or speed) or (np.isnan(should[name]) and np.isnan(has[name])):
             continue
-        unit = "m/s" if speed else "N"
+        unit, limit = ("m/s", allowed.speed) if speed else ("N", allowed.peak)
         values = f"{should[name]:.7g} against {has[name]:.7g} {unit}"
-        arrival = should.get(f"{gauge}_arrival_s", np.nan) if not number else np.nan
-        when = f" at {arrival * 1e6:.6g} µs" if np.isfinite(arrival) else ""
+        first_of_gauge = name.endswith("_peak_N")
+        arrival_s = should.get(name.replace("_peak_N", "_arrival_s"), np.nan) if first_of_gauge else np.nan
+        when = f" at {arrival_s * 1e6:.6g} µs" if np.isfinite(arrival_s) else ""
         error = abs(has[name] / should[name] - 1) if should[name] else abs(has[name])
-        quantity = name.removesuffix("_m_s") if speed else f"{gauge}{peak}{number}"
-        limit = allowed.speed if speed else allowed.peak
-        yield _verdict(one, other, quantity, float(error), limit, f"{values}{when}")
+        yield _verdict(one, other, without_unit(name), float(error), limit, f"{values}{when}")
 
 
 def _verdict(one: Opened, other: Opened, quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
-    scene, engines = other.run.record.scene_name, f"{other.engine} against {one.engine}"
-    verdict = PASS if value <= limit.limit else FAIL  # NaN fails
-    return Verdict(scene, engines, quantity, value, limit.limit, limit.reason, where, verdict)
+    engines = f"{other.engine} against {one.engine}"
+    return judged(other.run.record.scene_name, engines, quantity, value, limit, where)
 
 
 def _parted(first: Trace, second: Trace, level: float) -> Deviation | None:
     """The first sample at which forces differ by more than a level."""
-    share = np.nan_to_num(share_of_largest(np.abs(second.force_N - first.force_N), first), nan=np.inf)
-    beyond = share.max(axis=1) > level
-    if not beyond.any():
+    share = shares_apart(second.force_N, first.force_N)
+    beyond = first_beyond(share, level)
+    if beyond is None:
         return None
-    sample = int(np.argmax(beyond))
-    column = int(np.argmax(share[sample]))
+    sample, column = beyond
     return Deviation(float(share[sample, column]), float(first.time_s[sample]), column + 1)

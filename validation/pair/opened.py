@@ -1,6 +1,6 @@
 """Two run folders, opened and brought to the sample times that they share."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from drivers.engines import engine_names
 from drivers.errors import InputError
 from drivers.finished import FinishedRun, open_run
 from drivers.record import FILE
-from drivers.trace import FORCES, Trace
+from drivers.trace import FORCES, Trace, part_of
 from drivers.whole_file import sha256_of
 from postproc.motion import chain_of
 
@@ -101,21 +101,8 @@ def _at_every(run: FinishedRun, every: int, samples: int) -> Opened:
     changes = {"run": timing, "steps_per_sample": every * scene.steps_per_sample, "samples": samples}
     if (every, samples) != (1, scene.samples):
         scene = scene.model_copy(update=changes)
-    return Opened(run, Case(scene, chain, choose_elements(scene, chain)), thinned(run.trace, every, samples))
-
-
-def thinned(trace: Trace, every: int, samples: int) -> Trace:
-    """The forces, energies and momentum of a trace at each so many-th of its samples."""
-    chosen = slice(0, every * samples, every)
-    return replace(
-        trace,
-        time_s=trace.time_s[chosen],
-        force_N=trace.force_N[chosen],
-        kinetic_energy_J=trace.kinetic_energy_J[chosen],
-        total_energy_J=trace.total_energy_J[chosen],
-        momentum_N_s=trace.momentum_N_s[chosen],
-        bore_friction_N=None if trace.bore_friction_N is None else trace.bore_friction_N[chosen],
-    )
+    trace = part_of(run.trace, slice(0, every * samples, every))
+    return Opened(run, Case(scene, chain, choose_elements(scene, chain)), trace)
 
 
 def changed_since(run: FinishedRun) -> bool:

@@ -19,7 +19,6 @@ class Allowed:
         peak, speed: relative errors.
         balance: of energies, momentum and impulse, over the largest of each.
         samples: how many can be compared: until rounding alone parts two runs.
-        same: whether both should be the same motion.
     """
 
     force: Tolerance
@@ -27,7 +26,6 @@ class Allowed:
     speed: Tolerance
     balance: Tolerance
     samples: int
-    same: bool
 
 
 def allowed_between(one: Opened, other: Opened) -> Allowed:
@@ -41,12 +39,12 @@ def allowed_between(one: Opened, other: Opened) -> Allowed:
     if all(exact) or (not any(exact) and same_step):
         force, samples = _rounding(one, other)
         rest = _others(force)
-        return Allowed(force, rest, rest, rest, samples, same=True)
+        return Allowed(force, rest, rest, rest, samples)
     names = {shipped_name(each.case) for each in (one, other)}
     name = names.pop() if len(names) == 1 else None
     force = tolerance("truncation", "force", name)
     peak, speed = (tolerance("truncation", quantity, name) for quantity in ("peak", "speed"))
-    return Allowed(force, peak, speed, _others(force), len(one.trace.time_s), same=False)
+    return Allowed(force, peak, speed, _others(force), len(one.trace.time_s))
 
 
 def _rounding(one: Opened, other: Opened) -> tuple[Tolerance, int]:

@@ -15,9 +15,9 @@ from drivers.chain import Array
 from drivers.layout import Layout
 from drivers.trace import Trace
 from postproc.inline import colour_of, relative, thinned
-from postproc.residual import residual
+from postproc.residual import REFERENCE, residuals
 from postproc.sensors import sensor_signals
-from postproc.stack import EXACT, gauge_name
+from postproc.stack import gauge_title
 from postproc.style import drawing_order, line_of
 
 WIDTH, LEFT, RIGHT, TOP = 720.0, 62.0, 712.0, 24.0
@@ -26,7 +26,7 @@ MOST_SAMPLES = 1600  # that a curve keeps for its values; of longer records ever
 MOST_GAUGES = 4  # drawn; the table of observables has them all
 NOTE = 22.0  # height of a note's words on a phone
 FINE = 10  # coordinates are whole tenths
-SCHEME = "verlet"
+VERLET = "verlet"
 TIMES = ((1e6, "µs"), (1e3, "ms"), (1.0, "s"))
 
 
@@ -111,6 +111,20 @@ class Chart:
         }
 
 
+@dataclass(frozen=True)
+class TimeAxis:
+    """The axis below a picture.
+
+    Attributes:
+        per_s: how many of its units are a second.
+        ticks: places and labels.
+    """
+
+    unit: str
+    per_s: float
+    ticks: list[tuple[float, str]]
+
+
 def chart_of(layout: Layout, traces: Mapping[str, Trace]) -> Chart:
     """Gauge forces of all engines over each other, a panel each, and below the largest differences of any contact.
 
@@ -119,7 +133,7 @@ def chart_of(layout: Layout, traces: Mapping[str, Trace]) -> Chart:
         traces: by engine, of equal sample times; at least one.
     """
     time_s = next(iter(traces.values())).time_s
-    scale, unit = time_unit(float(time_s[-1]))
+    axis = time_axis(time_s, RIGHT)
     every = -(-len(time_s) // MOST_SAMPLES)
     x = LEFT + (RIGHT - LEFT) * (time_s - time_s[0]) / (float(np.ptp(time_s)) or 1.0)
     signals = {engine: sensor_signals(layout, trace) for engine, trace in traces.items()}
@@ -127,36 +141,32 @@ def chart_of(layout: Layout, traces: Mapping[str, Trace]) -> Chart:
     panels: list[Panel] = []
     for gauge in gauges[-MOST_GAUGES:]:
         own = {engine: (engine, found[gauge]) for engine, found in signals.items()}
-        panels.append(_panel(_gauge_title(layout, gauge), own, x, every, _top(len(panels))))
+        panels.append(_panel(gauge_title(layout, gauge), own, x, every, _top(len(panels))))
     panels += [_differences(traces, x, every, _top(len(panels)))] if len(traces) > 1 else []
-    ticks = [(LEFT + (RIGHT - LEFT) * t / (float(np.ptp(time_s)) * scale or 1.0), f"{t + time_s[0] * scale:g}")
-             for t in round_ticks(0.0, float(np.ptp(time_s)) * scale, 8)]  # fmt: skip
     return Chart(
         height=_top(len(panels)) - GAP + BELOW,
-        unit=unit,
-        start=float(time_s[0]) * scale,
-        spacing=float(time_s[every] - time_s[0]) * scale if len(time_s) > every else 0.0,
+        unit=axis.unit,
+        start=float(time_s[0]) * axis.per_s,
+        spacing=float(time_s[every] - time_s[0]) * axis.per_s if len(time_s) > every else 0.0,
         count=len(time_s[::every]),
         last=(len(time_s) - 1) / every,
-        ticks=ticks,
+        ticks=axis.ticks,
         engines=[_line(engine, engine, "", np.empty(0)) for engine in drawing_order(list(traces))],
         panels=panels,
         left_out=max(0, len(gauges) - MOST_GAUGES),
     )
 
 
-def time_unit(longest_s: float) -> tuple[float, str]:
-    """The unit in which a time has at most four digits before its point, and how many of it are a second."""
-    return next((each for each in TIMES if longest_s * each[0] < 1e4), TIMES[-1])
+def time_axis(time_s: Array, right: float) -> TimeAxis:
+    """The axis of a record from ``LEFT`` to ``right``, in the unit in which times have four digits at most."""
+    per_s, unit = next((each for each in TIMES if float(time_s[-1]) * each[0] < 1e4), TIMES[-1])
+    long, start = float(np.ptp(time_s)) * per_s, float(time_s[0]) * per_s
+    scale = (right - LEFT) / (long or 1.0)
+    return TimeAxis(unit, per_s, [(LEFT + scale * t, f"{t + start:g}") for t in round_ticks(0.0, long, 8)])
 
 
 def _top(panels: int) -> float:
     return TOP + 18.0 + panels * (PANEL + GAP)
-
-
-def _gauge_title(layout: Layout, gauge: str) -> str:
-    constant = layout.time_constant_s
-    return gauge_name(gauge) + ("" if constant is None else f", behind electronics of {constant * 1e3:g} ms")
 
 
 def _panel(title: str, forces: Mapping[str, tuple[str, Array]], x: Array, every: int, top: float) -> Panel:
@@ -179,9 +189,8 @@ def _panel(title: str, forces: Mapping[str, tuple[str, Array]], x: Array, every:
 def _differences(traces: Mapping[str, Trace], x: Array, every: int, top: float) -> Panel:
     """Largest force difference of any contact to each yardstick, over the largest force, on a logarithmic axis."""
     found: list[tuple[str, str, Array]] = []
-    for yardstick in [name for name in (EXACT, SCHEME) if name in traces] or list(traces)[:1]:
-        others = [engine for engine in drawing_order(list(traces)) if engine not in (yardstick, EXACT)]
-        found += [(engine, yardstick, residual(traces[engine], traces[yardstick])) for engine in others]
+    for yardstick in [name for name in (REFERENCE, VERLET) if name in traces] or list(traces)[:1]:
+        found += [(engine, yardstick, values) for engine, values in residuals(traces, yardstick).items()]
     seen = np.concatenate([values[np.isfinite(values) & (values > 0)] for _, _, values in found])
     low = np.floor(np.log10(seen.min())) if len(seen) else -17.0
     high = max(low + 1.0, np.ceil(np.log10(seen.max()))) if len(seen) else -16.0

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from drivers import paths
+from drivers.engines import in_order
 from drivers.record import provenance
-from validation.report.verdicts import in_order
 from validation.scenes import ComparedScene
 
 LIBRARIES = ("numpy", "scipy", "numba")

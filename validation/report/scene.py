@@ -5,16 +5,15 @@ from typing import Any
 
 from drivers import paths
 from drivers.elements import Element
-from drivers.engines import load_engine
+from drivers.engines import in_order, load_engine
 from postproc.observables import observe
-from postproc.stack import EXACT
-from validation.departure import DepartureRow, departure_rows
+from postproc.residual import REFERENCE
+from validation.departure.departure import DepartureRow, departure_rows
+from validation.parts import PARTS
 from validation.report.charts import Chart, chart_of
 from validation.report.spacetime import Raster, raster_of
-from validation.report.verdicts import QUANTITIES, Row, in_order, number
+from validation.report.verdicts import QUANTITIES, Row, number
 from validation.scenes import ComparedScene
-
-PARTS = ("whole", "model", "rounding", "truncation", "sampling")
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
     names = list(next(iter(observed.values()), {}))
     traces = {engine: scene.runs[engine].trace for engine in engines}
     chart = chart_of(case.layout, traces) if traces else None
-    shown = EXACT if EXACT in traces else next(iter(traces), "")
+    shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
     return SceneSection(
         name=row.name,
         title=row.title,

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from drivers.trace import Trace
-from postproc.spacetime import GAMMA, LEAST, cells_of
+from postproc.spacetime import GAMMA, cells_of
 from postproc.style import force_colours
-from validation.report.charts import LEFT, RIGHT, TOP, WIDTH, round_ticks, time_unit
+from validation.report.charts import LEFT, RIGHT, TOP, WIDTH, round_ticks, time_axis
 
 HEIGHT, BELOW, SCALE_LEFT, SCALE_WIDTH = 190.0, 40.0, 632.0, 14.0
 PLOT_RIGHT = SCALE_LEFT - 14.0
@@ -43,20 +43,17 @@ class Raster:
 def raster_of(trace: Trace, engine: str) -> Raster:
     """A chain's forces; a colour goes with the root of the force, contacts that are open are grey."""
     cells, contacts = cells_of(trace), trace.force_N.shape[1]
-    largest = float(cells.force_N.max(initial=0.0)) or 1.0
-    share = np.ma.masked_less_equal(cells.force_N / largest, LEAST) ** GAMMA
-    colours = force_colours()
-    long = float(np.ptp(trace.time_s)) or 1.0
-    scale, unit = time_unit(long)
+    share = (cells.closed_N / cells.largest_N) ** GAMMA
+    colours, axis = force_colours(), time_axis(trace.time_s, PLOT_RIGHT)
     bottom = TOP + HEIGHT
     return Raster(
         engine=engine,
-        unit=unit,
+        unit=axis.unit,
         height=bottom + BELOW,
         bottom=bottom,
         image=_png(colours(share[::-1], bytes=True)),
         scale=_png(colours(np.linspace(1.0, 0.0, STEPS)[:, None], bytes=True)),
-        ticks=[(LEFT + (PLOT_RIGHT - LEFT) * t / (long * scale), f"{t:g}") for t in round_ticks(0.0, long * scale, 8)],
+        ticks=axis.ticks,
         contacts=[
             (bottom - HEIGHT * (each - 0.5) / contacts, f"{each:g}")
             for each in round_ticks(1.0, float(contacts), 5)
@@ -64,8 +61,8 @@ def raster_of(trace: Trace, engine: str) -> Raster:
         ],
         forces=[
             (place, f"{force:g}")
-            for force in round_ticks(0.0, largest, 5)
-            if (place := bottom - HEIGHT * (force / largest) ** GAMMA) > TOP + TITLE
+            for force in round_ticks(0.0, cells.largest_N, 5)
+            if (place := bottom - HEIGHT * (force / cells.largest_N) ** GAMMA) > TOP + TITLE
         ],
     )
 

@@ -4,10 +4,10 @@ import math
 import shlex
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from drivers import paths
-from drivers.engines import engine_names, load_engine
+from drivers.engines import in_order
 from drivers.scene import Scene
 from validation.scenes import ComparedScene
 from validation.verdict import FAIL, NOT_RUN, PASS, Verdict
@@ -106,7 +106,7 @@ def with_reasons(rows: list[Row]) -> tuple[list[Row], list[str]]:
                 if cell.worst.reason not in reasons:
                     reasons.append(cell.worst.reason)
                 own[engine] = reasons.index(cell.worst.reason) + 1
-        numbered.append(Row(row.name, row.title, row.again, row.cells, own))
+        numbered.append(replace(row, reasons=own))
     return numbered, reasons
 
 
@@ -139,12 +139,6 @@ def tolerances(scenes: list[ComparedScene]) -> dict[tuple[str, str, str], list[s
         if verdict.scene not in names:
             names.append(verdict.scene)
     return dict(sorted(used.items()))
-
-
-def in_order(engines: Iterable[str]) -> list[str]:
-    """Engines by name, the in-repo yardsticks last; what is no engine of this checkout after them."""
-    known = engine_names()
-    return sorted(set(engines), key=lambda name: (name not in known or load_engine(name).IN_REPOSITORY, name))
 
 
 def source_of(scene: Scene) -> str:

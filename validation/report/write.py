@@ -4,6 +4,7 @@ from collections import Counter
 from pathlib import Path
 
 from drivers import deck, paths
+from drivers.engines import in_order
 from drivers.whole_file import whole_file
 from postproc.inline import DARK, WORDS
 from validation.claims.section import read_section as read_claims
@@ -15,7 +16,7 @@ from validation.report.machine_readable import as_json, as_junit
 from validation.report.made_with import made_with, tables_made
 from validation.report.scene import section_of
 from validation.report.spacetime import PLACES
-from validation.report.verdicts import case_rows, counted, in_order, scene_row, short, tolerances, with_reasons
+from validation.report.verdicts import case_rows, counted, scene_row, short, tolerances, with_reasons
 from validation.scenes import ComparedScene
 from validation.stability.section import read_section as read_stability
 from validation.trade.section import read_section as read_trade

@@ -14,9 +14,18 @@ from drivers.chain import Array
 from drivers.trace import Trace
 from validation.__main__ import main
 from validation.budget import yardsticks
-from validation.departure import CHAOS, LEVELS, NONE, TRUNCATION, UNKNOWN, Departure, departure, departure_rows
+from validation.departure.departure import (
+    CHAOS,
+    LEVELS,
+    NONE,
+    TRUNCATION,
+    UNKNOWN,
+    Departure,
+    departure,
+    departure_rows,
+)
+from validation.departure.first_fault import ANOTHER_STEP, MODEL, SET_UP
 from validation.errors import verlet_of
-from validation.first_fault import ANOTHER_STEP, MODEL, SET_UP
 from validation.random_scenes import random_case
 from validation.rounding import verlet_in_heights
 from validation.scenes import run_and_compare

@@ -181,6 +181,7 @@ def test_what_is_not_tried_is_said(scene_file: SceneWriter) -> None:
         (diagnose(sideways, "yade", verlet_of(case)), "no diagnosis: the variants are those of straight chains"),
         (diagnose(case, "yade", replace(broken, force_N=force)), "no diagnosis: it is its scene until 100 us, "),
         (diagnose(case, "yade", replace(broken, force_N=force[:50])), "no diagnosis: it is its scene until 50 us, "),
+        (diagnose(case, "yade", replace(broken, force_N=np.nan * force)), "no diagnosis: there are no forces to "),
     ):
         assert isinstance(said, Diagnosis)
         assert not said.matched

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from postproc.observables import observe
-from validation.comparison import deviation, model_tolerance
+from validation.comparison import model_tolerance
+from validation.deviation import deviation
 from validation.tests.conftest import WALL, SceneWriter, case_of, finished
 
 ENGINES = ("liggghts", "yade")

@@ -128,9 +128,6 @@ def test_units_stand_at_the_end_of_names() -> None:
     assert [unit_of(name) for name in names] == ["N", "s", "m", "m/s", "Hz", ""]
 
 
-# ---- theory
-
-
 @pytest.fixture
 def cheap(tmp_path: Path) -> Path:
     path = tmp_path / "cheap.toml"

@@ -96,6 +96,3 @@ def test_a_wave_that_does_not_come_is_told(measure: str, scene: str, settings: t
     case = case_of(scene, *settings)
     with pytest.raises(ValueError, match=told):
         MEASURES[measure].measure(case, exact(case).trace)
-
-
-# ---- the whole command, and sabotage

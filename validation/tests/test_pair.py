@@ -11,8 +11,8 @@ import pytest
 from drivers.errors import InputError
 from drivers.trace import FORCES, read_forces, write_forces
 from validation.__main__ import main
-from validation.departure import TRUNCATION
-from validation.first_fault import ANOTHER_STEP, FAULTS, MODEL, SET_UP
+from validation.departure.departure import TRUNCATION
+from validation.departure.first_fault import ANOTHER_STEP, FAULTS, MODEL, SET_UP
 from validation.pair.command import compare_runs
 from validation.pair.keys import different_keys
 from validation.pair.measure import Pair, compare_pair

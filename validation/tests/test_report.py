@@ -17,12 +17,8 @@ from drivers.errors import InputError
 from drivers.record import provenance
 from drivers.tolerances import tolerance
 from postproc.sensors import sensor_signals
-from validation.comparison import (
-    compare_case,
-    deviation,
-    model_tolerance,
-    shipped_name,
-)
+from validation.comparison import compare_case, model_tolerance, shipped_name
+from validation.deviation import deviation
 from validation.report import write_report
 from validation.report.charts import MOST_SAMPLES, chart_of
 from validation.report.verdicts import scene_row, short

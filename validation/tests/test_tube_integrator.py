@@ -13,6 +13,7 @@ from drivers.engines import INCREMENTAL, TOTAL, load_engine
 from drivers.errors import InputError
 from drivers.limits import refuse
 from drivers.stability import certainly_stable
+from drivers.trace import until
 from postproc.residual import residual
 from validation.arrays import arrays_of, tube_arrays_of
 from validation.budget import error_budget
@@ -20,7 +21,7 @@ from validation.prediction import warnings_of
 from validation.reference.tube import integrate_tube
 from validation.reference.tube_chain import TubeMotion
 from validation.reference.verlet import integrate_verlet
-from validation.sideways import sideways_rods, tube_verlet_of, until
+from validation.sideways import sideways_rods, tube_verlet_of
 from validation.sideways_limit import linear_sideways_limit
 from validation.stable_step import linear_limit, predicted_limit
 from validation.tests.conftest import case_of, finished

@@ -5,12 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.case import Case
-from drivers.chain import Array
 from drivers.engines import EXACT, load_engine
 from drivers.trace import Trace
-from postproc.residual import share_of_largest
-from validation.departure_rods import Rods, forces_of_scheme
-from validation.motion import motion_scales
+from validation.departure.expected import Expected, forces_of_scheme
+from validation.deviation import first_beyond, motion_scales, shares_apart
 from validation.rounding import ROUNDING_MARGIN
 
 SET_UP, MODEL, ANOTHER_STEP = "set-up", "model", "another step"
@@ -41,34 +39,37 @@ class Fault:
     words: str
 
 
-def first_fault(case: Case, engine: str, run: Trace, rods: Rods) -> Fault | None:
+def first_fault(case: Case, engine: str, run: Trace, expected: Expected) -> Fault | None:
     """The first fault of a run; None where rounding explains all that it differs by from its scheme.
 
     Faults are only looked for as long as they can be told from chaos.
     """
-    wrong_start = _wrong_start(case, run, rods.scheme)
-    shares = _shares(run.force_N, rods)
-    apart = shares.max(axis=1)
-    if not (apart[: rods.samples] > rods.allowed.limit).any():
-        return wrong_start or _wrong_speeds(run, rods)
-    sample = int(np.argmax(apart > np.maximum(rods.stated.limit, rods.explained)))
-    column = int(np.argmax(shares[sample]))
-    kind, words = MODEL, ""
+    shares = shares_apart(run.force_N, expected.scheme.force_N)
+    beyond = first_beyond(shares[: expected.samples], expected.allowed.limit)
+    wrong_start = _wrong_start(case, run, expected.scheme)
+    if beyond is None:
+        return wrong_start or _wrong_speeds(run, expected)
+    # what rounding allows in the end shows sooner that it is no rounding
+    sample, column = first_beyond(shares, np.maximum(expected.stated.limit, expected.explained)) or beyond
     if sample == 0:
-        has, should = (float(each.force_N[0, column]) for each in (run, rods.scheme))
-        starts = f"starts wrong: at time 0 contact {column + 1} bears {has:.4g} N, where the scene has {should:.4g} N"
-        kind, words = SET_UP, f"{starts}: set-up, its heights or the law of that contact"
+        kind, words = SET_UP, _wrong_force_at_start(run, expected.scheme, column)
     elif wrong_start:
         return wrong_start
     else:
+        kind, why = _kind_and_why(case, engine, run, expected, sample, column)
         yardstick = "the exact motion" if load_engine(engine).SCHEME == EXACT else "velocity Verlet at the same step"
-        time_us = run.time_s[sample] * 1e6
-        leaves = f"leaves {yardstick} by {shares[sample, column]:.1e} of the largest force at {time_us:.6g} µs"
-        leaves = f"{leaves} in contact {column + 1}"
-        kind, why = _kind_and_why(case, engine, run, rods, sample, column)
-        most = float(apart[: rods.samples].max())
-        words = f"{leaves}{why}; it is off by up to {most:.1e}"
-    return Fault(sample, column + 1, float(shares[sample, column]), rods.allowed.limit, kind, words)
+        words = (
+            f"leaves {yardstick} by {shares[sample, column]:.1e} of the largest force at"
+            f" {run.time_s[sample] * 1e6:.6g} µs in contact {column + 1}{why};"
+            f" it is off by up to {shares[: expected.samples].max():.1e}"
+        )
+    return Fault(sample, column + 1, float(shares[sample, column]), expected.allowed.limit, kind, words)
+
+
+def _wrong_force_at_start(run: Trace, scheme: Trace, column: int) -> str:
+    has, should = (float(each.force_N[0, column]) for each in (run, scheme))
+    starts = f"starts wrong: at time 0 contact {column + 1} bears {has:.4g} N, where the scene has {should:.4g} N"
+    return f"{starts}: set-up, its heights or the law of that contact"
 
 
 def _wrong_start(case: Case, run: Trace, scheme: Trace) -> Fault | None:
@@ -88,12 +89,12 @@ def _wrong_start(case: Case, run: Trace, scheme: Trace) -> Fault | None:
     return None
 
 
-def _wrong_speeds(run: Trace, rods: Rods) -> Fault | None:
+def _wrong_speeds(run: Trace, expected: Expected) -> Fault | None:
     """Kinetic energy that is off where no force is: velocities of another time, or the masses of something else."""
-    expected = rods.scheme.kinetic_energy_J
-    scale = float(np.abs(expected).max()) or 1.0
-    share = np.abs(run.kinetic_energy_J - expected)[: rods.samples] / scale
-    allowed = max(SPEEDS * rods.allowed.limit, ROUNDING_MARGIN * rods.rounding_J / scale)
+    right_J = expected.scheme.kinetic_energy_J
+    scale = float(np.abs(right_J).max()) or 1.0
+    share = np.abs(run.kinetic_energy_J - right_J)[: expected.samples] / scale
+    allowed = max(SPEEDS * expected.allowed.limit, ROUNDING_MARGIN * expected.rounding_J / scale)
     beyond = share > allowed
     if not beyond.any():
         return None
@@ -103,22 +104,22 @@ def _wrong_speeds(run: Trace, rods: Rods) -> Fault | None:
     return Fault(sample, 0, float(share[sample]), allowed, MODEL, words)
 
 
-def _kind_and_why(case: Case, engine: str, run: Trace, rods: Rods, sample: int, column: int) -> tuple[str, str]:
+def _kind_and_why(case: Case, engine: str, run: Trace, expected: Expected, sample: int, column: int) -> tuple[str, str]:
     """The kind of a fault that does not show at time 0, and the end of its sentence."""
-    other = _other_step(case, engine, run, rods)
+    other = _other_step(case, engine, run, expected)
     if other:
         return ANOTHER_STEP, f": another step, {other}"
-    change = np.abs(rods.scheme.force_N[: sample + 1] - rods.scheme.force_N[0]) / rods.largest_N
-    if change[:, column].max() <= rods.still(sample):
+    change = np.abs(expected.scheme.force_N[: sample + 1] - expected.scheme.force_N[0]) / expected.largest_N
+    if change[:, column].max() <= expected.still(sample):
         return SET_UP, ", before any wave is there: set-up, it does not start in equilibrium (gravity, loads, masses)"
-    if change[:sample].max() <= rods.still(sample):
+    if change[:sample].max() <= expected.still(sample):
         why = "what strikes there, the law of that contact, or samples of another time"
         return SET_UP, f", with the first force that changes: set-up, {why}"
-    most = max(float(rods.explained[sample]), rods.stated.limit)
+    most = max(float(expected.explained[sample]), expected.stated.limit)
     return MODEL, f" while a wave passes: model, another law or mass; rounding explains up to {most:.0e}"
 
 
-def _other_step(case: Case, engine: str, run: Trace, rods: Rods) -> str:
+def _other_step(case: Case, engine: str, run: Trace, expected: Expected) -> str:
     """Which other step explains a run, in words; empty where none does.
 
     Until the wave turns, errors go with the step's power p: if the run's are c times those of a step h, its own is
@@ -126,34 +127,28 @@ def _other_step(case: Case, engine: str, run: Trace, rods: Rods) -> str:
     """
     if load_engine(engine).SCHEME == EXACT:
         return ""
-    n, end = case.scene.steps_per_sample, min(rods.turned + 1, rods.samples)
-    error = run.force_N[:end] - rods.exact_N[:end]
-    off = float(np.abs(run.force_N[:end] - rods.scheme.force_N[:end]).max())
-    if off <= rods.allowed.limit * rods.largest_N:
+    n, end = case.scene.steps_per_sample, min(expected.turned + 1, expected.samples)
+    error = run.force_N[:end] - expected.exact_N[:end]
+    off = float(np.abs(run.force_N[:end] - expected.scheme.force_N[:end]).max())
+    if off <= expected.allowed.limit * expected.largest_N:
         return ""  # a step shows from the start
     left, steps = {n: off}, n
-    own = rods.scheme.force_N[:end] - rods.exact_N[:end]
+    own = expected.scheme.force_N[:end] - expected.exact_N[:end]
     for _ in range(TRIALS):
         factor = float((error * own).sum() / (own * own).sum()) if own.any() else 0.0
         if not (np.isfinite(factor) and factor > 0):
             break
-        guess = min(steps / factor ** (1 / rods.order), MOST_WORK)
+        guess = min(steps / factor ** (1 / expected.order), MOST_WORK)
         steps = max(1, round(guess))
         if steps in left or steps * case.scene.samples * case.chain.bodies > MOST_WORK:
             break
         force = forces_of_scheme(case.at(steps), engine)[:end]
-        own = force - rods.exact_N[:end]
+        own = force - expected.exact_N[:end]
         left[steps] = float(np.abs(run.force_N[:end] - force).max())
     best = min(left, key=lambda each: left[each])
     if left[best] <= FITTED * off:
-        same = f"to {left[best] / rods.largest_N:.0e}" if left[best] else "bit for bit"
+        same = f"to {left[best] / expected.largest_N:.0e}" if left[best] else "bit for bit"
         return f"velocity Verlet at {case.scene.run.sample_interval / best * 1e6:.4g} µs does the same {same}"
     furthest = float(np.abs(error).max())
-    exact = f"a far smaller one: it follows the exact motion to {furthest / rods.largest_N:.0e}"
+    exact = f"a far smaller one: it follows the exact motion to {furthest / expected.largest_N:.0e}"
     return exact if furthest <= FITTED * off else ""
-
-
-def _shares(force_N: Array, rods: Rods) -> Array:
-    """Differences of forces from the scheme's, over the largest; inf where there is no number."""
-    with np.errstate(invalid="ignore"):
-        return np.nan_to_num(share_of_largest(np.abs(force_N - rods.scheme.force_N), rods.scheme), nan=np.inf)

@@ -13,12 +13,11 @@ import numpy as np
 
 from drivers.case import Case
 from drivers.engines import EXACT, load_engine
-from drivers.trace import Trace
-from postproc.residual import share_of_largest
-from validation.departure_rods import Rods, rods_for, why_no_rods
-from validation.first_fault import MODEL, first_fault
+from drivers.trace import Trace, until
+from validation.departure.expected import Expected, expected_of, why_not_known
+from validation.departure.first_fault import MODEL, first_fault
+from validation.deviation import first_beyond, shares_apart
 from validation.rounding import HORIZON
-from validation.sideways import until
 
 # of the largest force: where rounding ends comparisons, what good steps keep, what experiments could resolve
 LEVELS = (HORIZON, 1e-4, 1e-2)
@@ -67,7 +66,7 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
         engine: on which engine: its scheme tells truncation from faults.
         trace: what came out, at the case's samples.
     """
-    why = why_no_rods(case)
+    why = why_not_known(case)
     if why:
         return _nowhere(UNKNOWN, f"when it leaves the exact motion is {why}")
     try:
@@ -78,14 +77,15 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
 
 
 def _departure(case: Case, engine: str, trace: Trace) -> Departure:
-    rods = rods_for(case, engine)
-    run = until(trace, len(rods.exact_N))
-    fault = first_fault(case, engine, run, rods)
+    expected = expected_of(case, engine)
+    run = until(trace, len(expected.exact_N))
+    fault = first_fault(case, engine, run, expected)
     if fault:
         time_s = float(run.time_s[fault.sample])
         return Departure(time_s, fault.contact, fault.share, fault.kind, fault.limit, fault.words)
-    found = [*_departures(case, engine, run, rods)]
-    share = np.abs(run.force_N - rods.exact_N) / rods.largest_N
+    found = [*_from_exact(engine, run, expected), *_from_scheme(case, engine, run, expected)]
+    found.sort(key=lambda each: each.time_s)
+    share = np.abs(run.force_N - expected.exact_N) / expected.largest_N
     sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
     furthest = f"it is furthest from it, {share.max():.1e}, {_place(float(run.time_s[sample]), int(column) + 1)}"
     if not found:
@@ -107,49 +107,38 @@ def _nowhere(kind: str, words: str) -> Departure:
     return Departure(float("nan"), 0, float("nan"), kind, float("nan"), words)
 
 
-def _departures(case: Case, engine: str, run: Trace, rods: Rods) -> Iterator[Departure]:
-    """When a run that is not at fault passes each level, and when it parts from its own scheme, by time."""
-    found = [*_from_exact(engine, run, rods), *_from_scheme(case, engine, run, rods)]
-    yield from sorted(found, key=lambda each: each.time_s)
-
-
-def _from_exact(engine: str, run: Trace, rods: Rods) -> Iterator[Departure]:
+def _from_exact(engine: str, run: Trace, expected: Expected) -> Iterator[Departure]:
     """When a run passes each level; of several at one sample the largest."""
-    share = np.nan_to_num(np.abs(run.force_N - rods.exact_N) / rods.largest_N, nan=np.inf)
-    own = share_of_largest(np.abs(run.force_N - rods.scheme.force_N), rods.scheme).max(axis=1)
-    beyond = {level: share.max(axis=1) > level for level in LEVELS}
-    passed = {int(np.argmax(beyond[level])): level for level in LEVELS if beyond[level].any()}
-    for sample, level in passed.items():
-        column = int(np.argmax(share[sample]))
-        kind, why = _why(engine, rods, sample, float(own[sample]), level)
+    share = shares_apart(run.force_N, expected.exact_N)
+    own = shares_apart(run.force_N, expected.scheme.force_N).max(axis=1)
+    passed = {place: level for level in LEVELS if (place := first_beyond(share, level))}
+    for (sample, column), level in passed.items():
+        kind, why = _why(engine, expected, sample, float(own[sample]), level)
         time_s = float(run.time_s[sample])
         words = f"leaves the exact motion by {level:g} of the largest force {_place(time_s, column + 1)}: {kind}, {why}"
         yield Departure(time_s, column + 1, float(share[sample, column]), kind, level, words)
 
 
-def _why(engine: str, rods: Rods, sample: int, own: float, level: float) -> tuple[str, str]:
+def _why(engine: str, expected: Expected, sample: int, own: float, level: float) -> tuple[str, str]:
     """The kind of a departure from the exact motion and why, by how far the run is from its own scheme then."""
-    if rods.chaotic(sample):
-        return (
-            CHAOS,
-            f"after reflections, which have multiplied what rounding alone does {rods.multiplied(sample):.0e} times",
-        )
+    if expected.chaotic(sample):
+        times = f"{expected.multiplied(sample):.0e} times"
+        return CHAOS, f"after reflections, which have multiplied what rounding alone does {times}"
     if own <= level / 2:
         return TRUNCATION, "velocity Verlet at this step does the same"
-    if own <= rods.explained[sample]:
+    if own <= expected.explained[sample]:
         return ROUNDING, "of heights so far from 0"
-    return MODEL, f"within what is allowed ({rods.allowed.limit:g}: {rods.allowed.reason})"
+    return MODEL, f"within what is allowed ({expected.allowed.limit:g}: {expected.allowed.reason})"
 
 
-def _from_scheme(case: Case, engine: str, run: Trace, rods: Rods) -> Iterator[Departure]:
+def _from_scheme(case: Case, engine: str, run: Trace, expected: Expected) -> Iterator[Departure]:
     """When rounding alone has parted a run from its scheme: from then on two runs cannot be compared."""
     if load_engine(engine).SCHEME == EXACT:
         return
-    share = np.nan_to_num(share_of_largest(np.abs(run.force_N - rods.plain_N), rods.scheme), nan=np.inf)
-    beyond = share.max(axis=1) > HORIZON
-    if rods.samples < case.scene.samples and beyond.any() and rods.chaotic(int(np.argmax(beyond))):
-        sample = int(np.argmax(beyond))
-        column = int(np.argmax(share[sample]))
+    share = shares_apart(run.force_N, expected.plain_N)
+    beyond = first_beyond(share, HORIZON)
+    if expected.samples < case.scene.samples and beyond and expected.chaotic(beyond[0]):
+        sample, column = beyond
         time_s = float(run.time_s[sample])
         place = _place(time_s, column + 1)
         words = f"leaves velocity Verlet at the same step by {HORIZON:g} of the largest force {place}: {CHAOS},"
@@ -157,7 +146,7 @@ def _from_scheme(case: Case, engine: str, run: Trace, rods: Rods) -> Iterator[De
         yield Departure(time_s, column + 1, float(share[sample, column]), CHAOS, HORIZON, words)
     elif len(run.time_s) < case.scene.samples:  # of three dimensions nothing beyond is known
         time_s = float(case.sample_times_s[len(run.time_s)])
-        kind = CHAOS if rods.chaotic(len(run.time_s) - 1) else ROUNDING
+        kind = CHAOS if expected.chaotic(len(run.time_s) - 1) else ROUNDING
         words = (
             f"cannot be followed from {time_s * 1e6:.6g} µs on: {kind}, rounding alone parts two runs by {HORIZON:g}"
         )

@@ -1,4 +1,4 @@
-"""What a run is held against to say when it leaves the exact motion: that, its own scheme, and what rounding does."""
+"""What is expected of a run: the exact motion, what its own scheme makes of it, and what rounding may add."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from drivers.engines import EXACT, IN_HEIGHTS, load_engine
 from drivers.tolerances import Tolerance, tolerance
 from drivers.trace import Trace
 from postproc.residual import residual
-from validation.budget import LARGEST, yardsticks
+from validation.budget import LARGEST, TOO_LARGE, yardsticks
 from validation.comparison import shipped_name
 from validation.errors import verlet_of
 from validation.rounding import ROUNDING_MARGIN, comparable, verlet_in_heights
@@ -22,8 +22,8 @@ STILL = 1e-3  # of what is allowed: a contact whose force has changed by less ha
 
 
 @dataclass(frozen=True)
-class Rods:
-    """What a run is held against; shares are of the largest force.
+class Expected:
+    """What a run on an engine is held against; shares are of the largest force.
 
     Attributes:
         exact_N: shape (samples, contacts).
@@ -82,17 +82,15 @@ class Rods:
         return max(STILL * self.stated.limit, float(self.explained[sample]))
 
 
-def why_no_rods(case: Case) -> str:
-    """Why a case has none; empty where it has."""
+def why_not_known(case: Case) -> str:
+    """Why that is not known of a case; empty where it is."""
     if case.chain.lateral is not None:
         return why_unmeasured(case)
-    if case.chain.bodies > LARGEST:
-        return f"not measured: the exact motion of more than {LARGEST} bodies costs more than most runs of them"
-    return ""
+    return TOO_LARGE if case.chain.bodies > LARGEST else ""
 
 
-def rods_for(case: Case, engine: str) -> Rods:
-    """The yardsticks of a run on that engine; of a three-dimensional case cut where rounding alone parts two runs.
+def expected_of(case: Case, engine: str) -> Expected:
+    """What is expected of a run on that engine; of a three-dimensional case cut where rounding alone parts two runs.
 
     Raises:
         ArithmeticError: the exact motion cannot be followed, or the scheme blows up.
@@ -117,7 +115,7 @@ def rods_for(case: Case, engine: str) -> Rods:
     reason = f"{ROUNDING_MARGIN:g} times what rounding does to this very scene"
     allowed = stated if rounding <= stated.limit else Tolerance(rounding, reason)
     grown = np.maximum.accumulate(shares)
-    return Rods(exact, scheme, plain.force_N, grown, rounding_J, samples, stated, allowed, order)
+    return Expected(exact, scheme, plain.force_N, grown, rounding_J, samples, stated, allowed, order)
 
 
 def forces_of_scheme(case: Case, engine: str) -> Array:
