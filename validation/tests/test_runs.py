@@ -107,7 +107,7 @@ def test_damaged_records_and_forces(scene_file: SceneWriter, tmp_path: Path) -> 
     with pytest.raises(InputError, match="damaged"):
         open_run(folder)
     (folder / "run.json").write_text("[" * 100_000)
-    with pytest.raises(InputError, match="no record"):
+    with pytest.raises(InputError, match="damaged"):
         open_run(folder)
 
 
