@@ -226,8 +226,12 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
 
 
 def moving_at_start(chain: Chain) -> float:
-    """Momenta of the bodies at time 0 without their directions, in N s: what meets head on has some, too."""
-    return float(chain.mass_kg @ np.abs(chain.velocity_m_s))
+    """Momenta of the bodies at time 0 without their directions, in N s: what meets head on has some, too.
+
+    At least that of moving by the rounding of their heights in a second, below which there is no motion.
+    """
+    moving = float(chain.mass_kg @ np.abs(chain.velocity_m_s))
+    return max(moving, float(chain.mass_kg.sum() * np.spacing(np.abs(chain.height_m).max(initial=0.0))))
 
 
 def free_fall(chain: Chain) -> float:

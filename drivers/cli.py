@@ -44,14 +44,14 @@ def must_be_folder(option: str, path: Path | None) -> None:
 
 
 def must_be_file(option: str, path: Path | None) -> None:
-    """Refuses a folder where a file is to be written.
+    """Refuses a folder or a device where a file is to be written.
 
     Raises:
         InputError: it is one, or no folder can hold it.
     """
     if path is not None:
-        if path.is_dir():
-            raise InputError(f"{option} {path}", "", "a folder", "a file")
+        if path.exists() and not path.is_file():
+            raise InputError(f"{option} {path}", "", "a folder" if path.is_dir() else "a device", "a file")
         must_be_folder(option, path.parent)
 
 

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from drivers import paths
 from drivers.errors import InputError
 from drivers.layout import Layout, read_layout
@@ -28,7 +30,10 @@ class FinishedRun:
         """
         path = self.folder / FORCES
         try:
-            return read_forces(path)
+            trace = read_forces(path)
+            if trace.time_s[0] != 0 or not (np.diff(trace.time_s) > 0).all() or not trace.force_N.size:
+                raise ValueError("sample times that do not rise from 0")
+            return trace
         except Exception as error:  # a damaged file can make pyarrow raise almost anything
             found = "no such file" if isinstance(error, FileNotFoundError) else "a damaged file"
             raise InputError(paths.shown(path), "", found, "the forces of a run (run it again with --rerun)") from error

@@ -70,9 +70,14 @@ class RunRecord:
 def read_record(folder: Path) -> RunRecord | None:
     """The record of a run folder; None where there is none that can be read."""
     try:
-        return RunRecord(**json.loads((folder / FILE).read_text()))
-    except (OSError, ValueError, TypeError, RecursionError):
+        record = RunRecord(**json.loads((folder / FILE).read_text()))
+        for part in record.error_budget:
+            shares = [share for key, share in part.items() if key not in ("quantity", "where")]
+            if not (isinstance(part["quantity"], str) and all(isinstance(share, float | int) for share in shares)):
+                raise ValueError("an error budget of something else")
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None
+    return record
 
 
 @cache

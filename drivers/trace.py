@@ -182,9 +182,9 @@ def read_forces(path: Path) -> Trace:
     table = pd.read_parquet(path)
     contacts = [name for name in table.columns if name.startswith("contact_")]
     energies = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
-    friction = table["bore_friction_N"].to_numpy() if "bore_friction_N" in table else None
-    kinetic, total, momentum = (table[name].to_numpy() for name in energies)
-    time, force = table["time_s"].to_numpy(), table[contacts].to_numpy()
+    friction = table["bore_friction_N"].to_numpy(dtype=float) if "bore_friction_N" in table else None
+    kinetic, total, momentum = (table[name].to_numpy(dtype=float) for name in energies)
+    time, force = table["time_s"].to_numpy(dtype=float), table[contacts].to_numpy(dtype=float)
     return Trace(time, force, kinetic, total, momentum, bore_friction_N=friction)
 
 

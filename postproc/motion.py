@@ -43,7 +43,9 @@ def chain_of(run: FinishedRun) -> tuple[Scene, Chain]:
     try:
         scene = stored_scene(run.record.scene)
         chain = with_lateral(scene, build_chain(scene))
-    except (TypeError, KeyError, AttributeError, ValueError) as error:
+        if not np.isfinite([*chain.mass_kg, *chain.stiffness, *chain.velocity_m_s, *chain.load_N]).all():
+            raise ValueError("masses, stiffnesses, velocities or loads that are no numbers")
+    except (TypeError, LookupError, AttributeError, ValueError, ArithmeticError) as error:
         raise InputError(paths.shown(run.folder), "run.json", "a damaged scene", "the record of a run") from error
     contacts = run.trace.force_N.shape[1]
     if contacts != chain.bodies:

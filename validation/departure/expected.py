@@ -69,8 +69,8 @@ class Expected:
         return float(self.rounding[sample] / max(self.rounding[self.turned], np.finfo(float).eps))
 
     def chaotic(self, sample: int) -> bool:
-        """Whether the chain multiplies by then whatever there is."""
-        return self.multiplied(sample) > AMPLIFIED
+        """Whether the chain multiplies by then whatever there is; one body alone is never chaotic, it only adds up."""
+        return self.exact_N.shape[1] > 1 and self.multiplied(sample) > AMPLIFIED
 
     @property
     def explained(self) -> Array:

@@ -54,6 +54,19 @@ def times(factor: float, body: int) -> Change:
     return change
 
 
+def test_one_bouncing_body_is_not_chaotic() -> None:
+    long = (
+        "run.duration=45 ms",
+        "run.sample_interval=5 us",
+        "run.time_step=0.5 us",
+        "chain.count=0",
+        "chain.sensors=[]",
+    )
+    case = case_of("fig4", "striker.speed=0.1 m/s", *long)
+    found = departure(case, "yade", verlet_in_heights(case))
+    assert {each.kind for each in (found, *found.later)} == {TRUNCATION}
+
+
 @pytest.mark.parametrize(("step", "first_us"), [("1 us", 1), ("0.1 us", 12)])
 def test_a_good_run_leaves_by_truncation(step: str, first_us: float) -> None:
     case = case_of("fig4", f"run.time_step={step}")

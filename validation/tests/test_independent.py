@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -274,6 +275,14 @@ def test_a_damaged_table_is_told(tmp_path: Path, text: str) -> None:
     (tmp_path / "independent.csv").write_text(text)
     with pytest.raises(InputError, match=r"independent\.csv.*make independent"):
         read_section(tmp_path)
+
+
+@pytest.mark.parametrize("change", [{"error": 5.0}, {"error": math.nan}, {"found": math.nan}, {"verdict": FAIL}])
+def test_a_verdict_that_its_numbers_do_not_make_is_told(change: dict[str, Any], tmp_path: Path) -> None:
+    lines = whole_table()
+    write_lines([replace(lines[0], **change), *lines[1:]], tmp_path / "independent.csv")
+    with pytest.raises(InputError, match=r"verdict: found (pass|fail) of"):
+        read_verdicts(tmp_path)
 
 
 def test_a_table_of_other_cases_is_told(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from drivers.errors import InputError
@@ -244,6 +245,36 @@ def test_folders_that_are_no_runs(run_of: FolderOf, copied: Callable[[Path], Pat
     (spoilt / FORCES).unlink()
     with pytest.raises(InputError, match="no such file"):
         compare_runs(good, spoilt)
+
+
+ODD_FORCES: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
+    "backwards": lambda table: table.iloc[::-1],
+    "no rows": lambda table: table.iloc[:0],
+    "words": lambda table: table.assign(contact_3_N="a"),
+    "no time": lambda table: table * 0.0,
+    "a later start": lambda table: table.iloc[1:],
+}
+
+
+@pytest.mark.parametrize("name", ODD_FORCES)
+def test_forces_that_are_none(name: str, run_of: FolderOf, copied: Callable[[Path], Path]) -> None:
+    good = run_of("verlet", "fig4")
+    spoilt = copied(good)
+    ODD_FORCES[name](pd.read_parquet(spoilt / FORCES)).reset_index(drop=True).to_parquet(spoilt / FORCES)
+    with pytest.raises(InputError, match="a damaged file"):
+        compare_runs(good, spoilt)
+
+
+def test_records_that_are_none(run_of: FolderOf, copied: Callable[[Path], Path]) -> None:
+    good = run_of("verlet", "fig4")
+    spoilt = copied(good)
+    record = json.loads((spoilt / "run.json").read_text())
+    for budget in (7, [{"a": 1}], [record["error_budget"][0] | {"whole": None}]):
+        _spoil(spoilt, good, record | {"error_budget": budget}, "a record that is damaged")
+    striker = record["scene"]["striker"] | {"speed": float("nan")}
+    _spoil(spoilt, good, record | {"scene": record["scene"] | {"striker": striker}}, "a damaged scene")
+    chain = record["scene"]["chain"] | {"count": 3}
+    _spoil(spoilt, good, record | {"scene": record["scene"] | {"chain": chain}}, "the 4 of the run's scene")
 
 
 def _spoil(folder: Path, good: Path, record: dict[str, object], words: str) -> None:

@@ -18,6 +18,7 @@ from drivers.record import provenance
 from drivers.tolerances import tolerance
 from postproc.sensors import sensor_signals
 from validation.comparison import compare_case, model_tolerance, shipped_name
+from validation.departure.departure import NONE, departure
 from validation.deviation import deviation
 from validation.report import write_report
 from validation.report.charts import MOST_SAMPLES, chart_of
@@ -213,6 +214,22 @@ def late(compared: ComparedScene) -> ComparedScene:
     absent = {"liggghts": "not installed"}
     verdicts = compare_case(compared.case, runs, absent)
     return ComparedScene(compared.case, runs, absent, verdicts, {}, {"yade": "matches forces a sample <late>"})
+
+
+def test_what_does_not_move_has_no_momentum_to_be_off_by(scene_file: SceneWriter, shared_runs: Path) -> None:
+    case = case_of(scene_file("rest", striker=""))
+    run = finished(case, "verlet", shared_runs)
+    odd = replace(run)
+    object.__setattr__(odd, "trace", replace(run.trace, momentum_N_s=run.trace.momentum_N_s - 1e-41))
+    runs = {"verlet": run, "yade": odd}
+    assert {verdict.verdict for verdict in compare_case(case, runs, {})} == {PASS}
+    assert departure(case, "yade", odd.trace).kind == NONE
+
+
+def test_a_device_is_no_place_for_a_page() -> None:
+    done = command_line("validation", "report", "--out", "/dev/null")
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "a device" in done.stderr
 
 
 def test_the_wave_on_the_command_line() -> None:
