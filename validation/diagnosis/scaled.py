@@ -15,9 +15,11 @@ from drivers.scene import Material
 from validation.diagnosis.materials import own, stiffness_of
 from validation.diagnosis.model import Model
 from validation.diagnosis.variants import (
+    BEHIND_BY_THE_SCENES,
     BOTH_SIGNS,
     FEW_FACTORS,
     Family,
+    behind_by,
     by_factor,
     number,
     of_one,
@@ -191,7 +193,10 @@ def _numerics(case: Case, model: Model) -> Iterator[Family]:
         if case.chain.wall and not case.chain.damping_ratio:
             words = partial(_damping_words, f" at the wall alone{remark}", has)
             yield by_factor("damping", words, partial(_damped, model, 0, pulls), damping)
-    yield by_factor("time step", partial(_step_words, model.time_step_s), partial(_slower, model))
+    yield by_factor("time step", partial(_step_words, model.time_step_s, ""), partial(_slower, model))
+    if model.assumed_m_s2.any():
+        words = partial(_step_words, model.time_step_s, BEHIND_BY_THE_SCENES)
+        yield by_factor("time step", words, partial(_slower_from_behind, model))
 
 
 def _stiffer(model: Model, places: slice | int | list[int], factor: float) -> Model:
@@ -267,6 +272,10 @@ def _slower(model: Model, factor: float) -> Model:
     return replace(model, time_step_s=factor * model.time_step_s)
 
 
+def _slower_from_behind(model: Model, factor: float) -> Model:
+    return behind_by(_slower(model, factor), model.time_step_s)
+
+
 def _locally(model: Model, share: float) -> Model:
     return replace(model, local_damping=min(share, 1.0))
 
@@ -325,9 +334,9 @@ def _placing_words(factor: float) -> str:
     return f"beads that start with {of_one(factor)} times their overlaps, not in equilibrium"
 
 
-def _step_words(step_s: float, factor: float) -> str:
+def _step_words(step_s: float, remark: str, factor: float) -> str:
     has = f"the scene has {number(step_s * 1e6)}"
-    return f"a time step of {number(factor * step_s * 1e6)} us ({has}) at stamps of the scene's"
+    return f"a time step of {number(factor * step_s * 1e6)} us ({has}) at stamps of the scene's{remark}"
 
 
 def _radius_words(who: str, radius_mm: float, remark: str, factor: float) -> str:
