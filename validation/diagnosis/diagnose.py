@@ -219,7 +219,7 @@ def _of_forces(case: Case, model: Model, target: Target, off: Array, allowed: fl
     if not any(each.matches for each in found):
         near = _near(off[first], model.bodies)
         found += _fitted(task, list(single_families(case, model, near)), windows)
-    return _said(found, deviation, f"of the largest force{part}")
+    return _said(found, float(task.off.max()), f"of the largest force{part}")
 
 
 def _near(off: Array, bodies: int) -> list[int]:
@@ -239,7 +239,11 @@ def _said(found: list[Found], deviation: float, of_what: str) -> Diagnosis:
     if not best.comes_near:
         return Diagnosis("", f"{sentence}and none comes near", False, best.left, deviation)
     return Diagnosis(
-        best.kind, f"{sentence}nearest is {best.words}, which leaves {best.left:.1e}", False, best.left, deviation
+        best.kind,
+        f"{sentence}nearest is {best.words.rstrip(',')}, which leaves {best.left:.1e}",
+        False,
+        best.left,
+        deviation,
     )
 
 

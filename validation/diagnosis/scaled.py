@@ -187,7 +187,8 @@ def _numerics(case: Case, model: Model) -> Iterator[Family]:
     damping = np.log(np.logspace(-6, 0.5, 30))
     own_ratio = case.chain.damping_ratio
     has = f"the scene has {number(own_ratio)}" if own_ratio else "the scene's are elastic"
-    for pulls, remark in ((True, ", which may pull"), (False, ", without attraction")):
+    laws = [(True, ", which may pull"), (False, ", without attraction")]
+    for pulls, remark in laws[::-1] if own_ratio else laws:  # the plainest first: the law of the scene, if it has one
         words = partial(_damping_words, remark, has)
         yield by_factor("damping", words, partial(_damped, model, slice(0, model.bodies), pulls), damping)
         if case.chain.wall and not case.chain.damping_ratio:
