@@ -32,7 +32,9 @@ MOST_EARLY = 12  # families that are followed from the first window to the secon
 EARLY = 1e-6  # precision of a fit in the early window
 MOST_FULL = 5  # families that are followed to the end
 NEAREST = 7  # beads and contacts that are tried one by one
-LEAST_WINDOW = 20  # samples after the first that is off
+LEAST_WINDOW = 20  # samples after the first that is off, without which nothing matches: a few match too much
+EXPLAINED = 0.01  # of a deviation: what leaves more does not explain it
+NEARBY = 0.5  # of a deviation: what leaves more comes nowhere near it
 NEAR = 0.1  # of the largest force: what leaves more is not asked where rounding parts it
 BEYOND = 100.0  # times the largest force of the scene: what follows is a blow-up
 EXACT_COSTS = 8  # runs of fixed steps that one of the adaptive integrator costs
@@ -43,7 +45,8 @@ class Diagnosis:
     """What a run matches.
 
     Attributes:
-        kind: what is at fault, short; of the nearest variant where none matches, empty where nothing was tried.
+        kind: what is at fault, short; of the nearest variant where none matches, empty where none comes near or nothing
+            was tried.
         sentence: what the run matches and how closely, or what comes nearest and what it leaves.
         matched: whether a variant explains it to rounding.
         left, deviation: of the largest force, with the variant and with the scene as it should be.
@@ -58,17 +61,44 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Found:
-    """A variant with what it leaves of the deviation."""
+    """A variant with what it leaves of the deviation, which is that of the samples that it is compared at."""
 
     kind: str
     words: str
     left: float
     allowed: float
+    deviation: float
 
     @property
     def matches(self) -> bool:
-        """Whether only rounding is left."""
-        return self.left <= self.allowed
+        """Whether only rounding is left, and little of the deviation: where that is small, rounding is much of it."""
+        return self.left <= min(self.allowed, EXPLAINED * self.deviation)
+
+    @property
+    def comes_near(self) -> bool:
+        """Whether it is worth naming."""
+        return self.left <= NEARBY * self.deviation
+
+
+@dataclass(frozen=True)
+class Task:
+    """A deviation that is to be explained.
+
+    Attributes:
+        off: by how much the scene as it should be misses the run, of the largest force. Shape (samples,).
+        allowed: what rounding explains of it.
+        least: how many samples a match takes.
+    """
+
+    case: Case
+    target: Target
+    off: Array
+    allowed: float
+    least: int
+
+    def found(self, kind: str, words: str, left: float) -> Found:
+        """A variant that is compared at all samples."""
+        return Found(kind, words, left, self.allowed, float(self.off.max()))
 
 
 def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
@@ -81,14 +111,15 @@ def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
     own = moved(model, case.scene.samples)
     own_largest = float(np.abs(own.force_N).max())
     allowed, comparable_samples = _allowed(case, model, own_largest)
-    samples = min(comparable_samples, _usable(trace, own_largest))
+    usable = _usable(trace, own_largest)
+    samples = min(comparable_samples, usable)
     largest = max(own_largest, float(np.abs(trace.force_N[:samples]).max(initial=0.0)))
     if not samples or not largest:
         return _untried("there are no forces to compare")
     target = Target(trace.force_N[:samples], largest)
     off = np.abs(own.force_N[:samples] - target.force_N) / largest
     if off.max() > allowed:
-        return _of_forces(case, model, target, off, allowed)
+        return _of_forces(case, model, target, off, allowed, usable)
     if samples < comparable_samples:
         return _untried(f"it is its scene until {case.sample_times_s[samples] * 1e6:g} us, where it ends or blows up")
     return _of_motion(case, model, own, trace, samples, max(allowed, tolerance("model", "motion").limit))
@@ -126,7 +157,7 @@ def _of_motion(case: Case, model: Model, own: Motion, trace: Trace, samples: int
     if deviation <= allowed:
         return _of_heights(case, model, own, trace, samples)
     found = [
-        Found("velocities recorded", words, left((kinetic, momentum)), allowed)
+        Found("velocities recorded", words, left((kinetic, momentum)), allowed, deviation)
         for words, kinetic, momentum in moving(model, own)
     ]
     return _said(found, deviation, "of the energy and the momentum; the forces are right")
@@ -142,25 +173,33 @@ def _of_heights(case: Case, model: Model, own: Motion, trace: Trace, samples: in
     def left(rise: Array) -> float:
         return float(np.abs(rise[:samples] - seen).max())
 
+    deviation = left(own.rise_m)
+    if deviation > allowed and model.scheme != EXACT:  # a chaotic chain multiplies what steps gather
+        allowed = max(allowed, ROUNDING_MARGIN * float(rounding_of_heights(case)[:samples].max()))
+    if deviation <= allowed:
+        return None
     size = f"({dt * 1e6:g} us)"
     before = own.rise_m - dt * (2 * own.velocity_m_s - own.later_m_s)
     found = [
-        Found("heights recorded", words, left(rise), allowed)
+        Found("heights recorded", words, left(rise), allowed, deviation)
         for words, rise in (
             (f"heights one time step {size} early", own.rise_m + dt * own.later_m_s),
             (f"heights one time step {size} late", before),
             ("heights that do not change", np.zeros_like(own.rise_m)),
         )
     ]
-    deviation = left(own.rise_m)
-    if deviation > allowed and model.scheme != EXACT:  # a chaotic chain multiplies what steps gather
-        allowed = max(allowed, ROUNDING_MARGIN * float(rounding_of_heights(case)[:samples].max()))
-    return None if deviation <= allowed else _said(found, deviation, "m; forces and velocities are right")
+    return _said(found, deviation, "m; forces and velocities are right")
 
 
-def _of_forces(case: Case, model: Model, target: Target, off: Array, allowed: float) -> Diagnosis:
+def _of_forces(case: Case, model: Model, target: Target, off: Array, allowed: float, usable: int) -> Diagnosis:
+    """What forces match; off of shape (samples, bodies), until rounding parts the scene from itself or the run ends."""
     deviation, samples = float(off.max()), len(off)
     first = int(np.argmax(off.max(axis=1) > allowed))
+    least = min(first + 1 + LEAST_WINDOW, usable)
+    if samples < least:
+        when, until = (f"{case.sample_times_s[sample] * 1e6:g} us" for sample in (first, samples))
+        why = f"it leaves its scene at {when}, and from {until} on rounding alone may do that"
+        return _untried(why, deviation)
     cost = model.bodies * model.steps_per_sample * (EXACT_COSTS if model.scheme == EXACT else 1)
     samples = max(min(samples, BUDGET // (cost * FULL_RUNS)), 2)
     part = f" in the first {samples} samples" if samples < len(off) else ""
@@ -172,15 +211,15 @@ def _of_forces(case: Case, model: Model, target: Target, off: Array, allowed: fl
         return _untried(
             f"it leaves its scene at {when}, until when {model.bodies} bodies are too much to try", deviation
         )
-    target = target.until(samples)
-    found = [_plain(case, variant, target, allowed) for variant in faults(case, model)]
-    found += [_recorded(each, target, allowed) for each in recorded(model, target.force_N)]
+    task = Task(case, target.until(samples), off[:samples].max(axis=1), allowed, min(least, samples))
+    found = [_plain(task, variant) for variant in faults(case, model)]
+    found += [_recorded(task, each) for each in recorded(model, task.target.force_N)]
     if not any(each.matches for each in found):
-        found += _fitted(case, list(whole_families(case, model)), target, windows, deviation, allowed)
+        found += _fitted(task, list(whole_families(case, model)), windows)
     if not any(each.matches for each in found):
         near = _near(off[first], model.bodies)
-        found += _fitted(case, list(single_families(case, model, near)), target, windows, deviation, allowed)
-    return _said(found, deviation, f"of the largest force{part}")
+        found += _fitted(task, list(single_families(case, model, near)), windows)
+    return _said(found, float(task.off.max()), f"of the largest force{part}")
 
 
 def _near(off: Array, bodies: int) -> list[int]:
@@ -190,39 +229,54 @@ def _near(off: Array, bodies: int) -> list[int]:
 
 
 def _said(found: list[Found], deviation: float, of_what: str) -> Diagnosis:
-    """The first that matches, else the nearest."""
+    """The first that matches, else the nearest, if any comes near."""
     best = next((each for each in found if each.matches), None)
     if best is not None:
         sentence = f"matches {best.words} {_to(best.left)} {of_what}"
         return Diagnosis(best.kind, sentence, True, best.left, deviation)
-    best = min(found, key=lambda each: each.left)
-    sentence = (
-        f"no variant explains it: it is off by {deviation:.1e} {of_what}, "
-        f"nearest is {best.words}, which leaves {best.left:.1e}"
+    best = min(found, key=lambda each: each.left / each.deviation)
+    sentence = f"no variant explains it: it is off by {deviation:.1e} {of_what}, "
+    if not best.comes_near:
+        return Diagnosis("", f"{sentence}and none comes near", False, best.left, deviation)
+    return Diagnosis(
+        best.kind,
+        f"{sentence}nearest is {best.words.rstrip(',')}, which leaves {best.left:.1e}",
+        False,
+        best.left,
+        deviation,
     )
-    return Diagnosis(best.kind, sentence, False, best.left, deviation)
 
 
 def _to(left: float) -> str:
     return f"to {left:.0e}" if left else "to the last bit"
 
 
-def _recorded(each: tuple[str, str, Array, slice], target: Target, allowed: float) -> Found:
+def _recorded(task: Task, each: tuple[str, str, Array, slice]) -> Found:
     kind, words, forces, samples = each
-    left = worst((forces[samples] - target.force_N[samples]) / target.largest_N)
-    return Found(kind, words, left, allowed)
+    left = worst((forces[samples] - task.target.force_N[samples]) / task.target.largest_N)
+    return Found(kind, words, left, task.allowed, float(task.off[samples].max()))
 
 
-def _plain(case: Case, variant: Variant, target: Target, allowed: float) -> Found:
+def _plain(task: Task, variant: Variant) -> Found:
     """The best of what conventions make of a variant."""
     models = conventions(variant.model)
-    left = [worst(target.off(model)) for model in models]
+    left = [worst(task.target.off(model)) for model in models]
     best = int(np.argmin(left))
-    if not allowed < left[best] < NEAR:
-        return Found(variant.kind, variant.words, left[best], allowed)
-    apart, samples = _horizon(models[best], target, allowed)
-    short = target.until(samples)
-    return Found(variant.kind, variant.words + _until(samples, target, case), worst(short.off(models[best])), apart)
+    whole = task.found(variant.kind, variant.words, left[best])
+    if not task.allowed < left[best] < NEAR:
+        return whole
+    apart, samples = _horizon(models[best], task.target, task.allowed)
+    if samples < task.least:
+        return whole
+    left_until = worst(task.target.until(samples).off(models[best]))
+    return _cut(task, variant.kind, variant.words, left_until, apart, samples)
+
+
+def _cut(task: Task, kind: str, words: str, left: float, apart: float, samples: int) -> Found:
+    """A variant that is compared until rounding parts it from itself."""
+    if samples < len(task.target.force_N):
+        words += f" until {task.case.sample_times_s[samples] * 1e6:g} us, where rounding parts them,"
+    return Found(kind, words, left, apart, float(task.off[:samples].max()))
 
 
 def _horizon(model: Model, target: Target, allowed: float) -> tuple[float, int]:
@@ -235,19 +289,12 @@ def _horizon(model: Model, target: Target, allowed: float) -> tuple[float, int]:
     return max(allowed, apart), samples
 
 
-def _until(samples: int, target: Target, case: Case) -> str:
-    if samples >= len(target.force_N):
-        return ""
-    return f" until {case.sample_times_s[samples] * 1e6:g} us, where rounding parts them,"
-
-
-def _fitted(
-    case: Case, families: list[Family], target: Target, windows: list[int], deviation: float, allowed: float
-) -> list[Found]:
+def _fitted(task: Task, families: list[Family], windows: list[int]) -> list[Found]:
     """The families that come nearest in an early window, followed to the end until one matches.
 
     Of those that come about as near the plainest is followed first.
     """
+    target, deviation = task.target, float(task.off.max())
     candidates = []
     for place, family in enumerate(families):
         for start in start_values(family, target.until(windows[0]), deviation):
@@ -257,43 +304,45 @@ def _fitted(
         nearest = sorted(candidates)[:MOST_EARLY]
         again = [(place, *refined(families[place], target.until(window), value, EARLY)) for _, place, value in nearest]
         candidates = [(left, place, value) for place, value, left in again]
-    alike = ALIKE * max(min(candidates)[0], allowed / 10)
+    alike = ALIKE * max(min(candidates)[0], task.allowed / 10)
     plainest_first = sorted((each for each in candidates if each[0] <= alike), key=lambda each: each[1])
     candidates = plainest_first + sorted((each for each in candidates if each[0] > alike), key=lambda each: each[0])
     found: list[Found] = []
     for rank, (_, place, value) in enumerate(candidates[:MOST_FULL]):
-        found.append(_followed(case, families[place], value, target, allowed, again=rank < MOST_SCANNED))
+        found.append(_followed(task, families[place], value, again=rank < MOST_SCANNED))
         if found[-1].matches:
             break
     return found
 
 
-def _followed(case: Case, family: Family, value: float, target: Target, allowed: float, *, again: bool) -> Found:
+def _followed(task: Task, family: Family, value: float, *, again: bool) -> Found:
     """A family fitted to all of a run, in the convention that comes nearest.
 
     An early window may not have told the value: a wall that is too low is felt later. Then all of the run is scanned
     ``again``.
     """
-    found = _from(case, family, value, target, allowed)
+    found = _from(task, family, value)
     if found.matches or not again:
         return found
-    starts = start_values(family, target, found.left)
-    return min([found, *(_from(case, family, start, target, allowed) for start in starts)], key=lambda each: each.left)
+    starts = start_values(family, task.target, found.left)
+    return min([found, *(_from(task, family, start) for start in starts)], key=lambda each: each.left / each.deviation)
 
 
-def _from(case: Case, family: Family, value: float, target: Target, allowed: float) -> Found:
+def _from(task: Task, family: Family, value: float) -> Found:
     members = _conventional(family)
-    values = [refined(replace(family, at=at), target, value)[0] for at in members]
+    values = [refined(replace(family, at=at), task.target, value)[0] for at in members]
     models = [at(t) for at, t in zip(members, values, strict=True)]
-    left = [worst(target.off(model)) for model in models]
+    left = [worst(task.target.off(model)) for model in models]
     best = int(np.argmin(left))
-    if not allowed < left[best] < NEAR:
-        return Found(family.kind, family.words(values[best]), left[best], allowed)
-    apart, samples = _horizon(models[best], target, allowed)
-    short, at = target.until(samples), members[best]
+    whole = task.found(family.kind, family.words(values[best]), left[best])
+    if not task.allowed < left[best] < NEAR:
+        return whole
+    apart, samples = _horizon(models[best], task.target, task.allowed)
+    if samples < task.least:
+        return whole
+    short, at = task.target.until(samples), members[best]
     t, _ = refined(replace(family, at=at), short, values[best])
-    words = family.words(t) + _until(samples, target, case)
-    return Found(family.kind, words, worst(short.off(at(t))), apart)
+    return _cut(task, family.kind, family.words(t), worst(short.off(at(t))), apart, samples)
 
 
 def _conventional(family: Family) -> list[Callable[[float], Model]]:

@@ -8,9 +8,16 @@ import numpy as np
 from drivers.case import Case
 from drivers.chain import Array
 from drivers.engines import EXACT
-from validation.diagnosis.materials import known, own, stiffness_of
+from validation.diagnosis.materials import (
+    YADE_POISSON_RATIO,
+    YADE_YOUNGS_MODULUS,
+    forgotten,
+    known,
+    own,
+    stiffness_of,
+)
 from validation.diagnosis.model import Model
-from validation.diagnosis.variants import MOST_PLACES, Variant, number, weighing
+from validation.diagnosis.variants import BEHIND_BY_THE_SCENES, MOST_PLACES, Variant, behind_by, number, weighing
 
 YADE_DAMPING = 0.2  # what NewtonIntegrator takes by itself
 OTHER_STEPS = (2, 4, 5, 8, 10)
@@ -23,6 +30,7 @@ def faults(case: Case, model: Model) -> Iterator[Variant]:
     yield from _numerics(case, model)
     yield from _masses(case, model)
     yield from _materials(case, model)
+    yield from _forgotten(case, model)
     yield from _placing(case, model)
 
 
@@ -73,7 +81,10 @@ def _numerics(case: Case, model: Model) -> Iterator[Variant]:
     for other in sorted({every * n for n in OTHER_STEPS} | {every // n for n in OTHER_STEPS if every % n == 0}):
         now = dt * every / other
         words = f"a time step of {number(now * 1e6)} us (the scene has {step_us})"
-        yield Variant("time step", words, replace(model, time_step_s=now, steps_per_sample=other))
+        slower = replace(model, time_step_s=now, steps_per_sample=other)
+        yield Variant("time step", words, slower)
+        if model.assumed_m_s2.any():
+            yield Variant("time step", words + BEHIND_BY_THE_SCENES, behind_by(slower, dt))
     for other in (every + n for n in (-2, -1, 1, 2) if every + n > 0):
         words = f"samples that are {other} steps apart (the scene has {every})"
         yield Variant("samples", words, replace(model, steps_per_sample=other))
@@ -129,6 +140,30 @@ def _materials(case: Case, model: Model) -> Iterator[Variant]:
             if other != chain.wall:
                 stiffness = stiffness_of(case, bodies, material)
                 yield Variant("material of wall", f"a wall of {other}", replace(model, stiffness=stiffness))
+
+
+def _forgotten(case: Case, model: Model) -> Iterator[Variant]:
+    """All materials or one without elastic constants, which YADE completes."""
+    bodies, wall = own(case)
+    chain = case.chain
+    names = list(dict.fromkeys([*chain.materials, *([chain.wall] if chain.wall else [])]))
+    young = f"Young's modulus of {number(YADE_YOUNGS_MODULUS / 1e9)} GPa"
+    poisson = f"Poisson's ratio of {number(YADE_POISSON_RATIO)}"
+    for modulus, ratio, has in (
+        (False, True, f"the {poisson}"), (True, False, f"the {young}"), (True, True, f"the {young} and {poisson}"),
+    ):  # fmt: skip
+        for group in [names, *([name] for name in names if len(names) > 1)]:
+            changed = [
+                forgotten(material, modulus=modulus, ratio=ratio) if name in group else material
+                for name, material in zip(chain.materials, bodies, strict=True)
+            ]
+            under = forgotten(wall, modulus=modulus, ratio=ratio) if chain.wall in group else wall
+            stiffness = stiffness_of(case, changed, under)
+            if np.array_equal(stiffness, model.stiffness):
+                continue
+            who = "all materials" if len(group) > 1 else group[0]
+            words = f"{who} with {has} that YADE has unless told"
+            yield Variant(f"elastic constants of {who}", words, replace(model, stiffness=stiffness))
 
 
 def _by_density(case: Case, places: list[int], other: str) -> Array | None:

@@ -13,6 +13,10 @@ from drivers.complaints import validate
 from drivers.read_scene import read_toml
 from drivers.scene import RIGID, Material
 
+# What FrictMat takes unless told (YADE 2023.02a; ``FrictMat()`` prints them), for forgotten elastic constants
+YADE_YOUNGS_MODULUS = 1e9  # Pa
+YADE_POISSON_RATIO = 0.25
+
 
 @cache
 def library() -> dict[str, Material]:
@@ -47,3 +51,16 @@ def own(case: Case) -> tuple[list[Material | None], Material | None]:
     """The materials of the bodies, and the wall's."""
     names, chain = known(case), case.chain
     return [names[name] for name in chain.materials], names[chain.wall] if chain.wall else None
+
+
+def forgotten(material: Material | None, *, modulus: bool, ratio: bool) -> Material | None:
+    """A material without its Young's modulus, its Poisson's ratio or both, as YADE completes it.
+
+    One that does not yield has a modulus that is past all others, and a ratio of 0: without the latter it is the same.
+    """
+    if material is None and not modulus:
+        return None
+    youngs_modulus = YADE_YOUNGS_MODULUS if modulus or material is None else material.youngs_modulus
+    own_ratio = material.poisson_ratio if material else 0.0
+    poisson_ratio = YADE_POISSON_RATIO if ratio else own_ratio
+    return Material.model_construct(youngs_modulus=youngs_modulus, poisson_ratio=poisson_ratio)

@@ -15,9 +15,11 @@ from drivers.scene import Material
 from validation.diagnosis.materials import own, stiffness_of
 from validation.diagnosis.model import Model
 from validation.diagnosis.variants import (
+    BEHIND_BY_THE_SCENES,
     BOTH_SIGNS,
     FEW_FACTORS,
     Family,
+    behind_by,
     by_factor,
     number,
     of_one,
@@ -185,13 +187,17 @@ def _numerics(case: Case, model: Model) -> Iterator[Family]:
     damping = np.log(np.logspace(-6, 0.5, 30))
     own_ratio = case.chain.damping_ratio
     has = f"the scene has {number(own_ratio)}" if own_ratio else "the scene's are elastic"
-    for pulls, remark in ((True, ", which may pull"), (False, ", without attraction")):
+    laws = [(True, ", which may pull"), (False, ", without attraction")]
+    for pulls, remark in laws[::-1] if own_ratio else laws:  # the plainest first: the law of the scene, if it has one
         words = partial(_damping_words, remark, has)
         yield by_factor("damping", words, partial(_damped, model, slice(0, model.bodies), pulls), damping)
         if case.chain.wall and not case.chain.damping_ratio:
             words = partial(_damping_words, f" at the wall alone{remark}", has)
             yield by_factor("damping", words, partial(_damped, model, 0, pulls), damping)
-    yield by_factor("time step", partial(_step_words, model.time_step_s), partial(_slower, model))
+    yield by_factor("time step", partial(_step_words, model.time_step_s, ""), partial(_slower, model))
+    if model.assumed_m_s2.any():
+        words = partial(_step_words, model.time_step_s, BEHIND_BY_THE_SCENES)
+        yield by_factor("time step", words, partial(_slower_from_behind, model))
 
 
 def _stiffer(model: Model, places: slice | int | list[int], factor: float) -> Model:
@@ -267,6 +273,10 @@ def _slower(model: Model, factor: float) -> Model:
     return replace(model, time_step_s=factor * model.time_step_s)
 
 
+def _slower_from_behind(model: Model, factor: float) -> Model:
+    return behind_by(_slower(model, factor), model.time_step_s)
+
+
 def _locally(model: Model, share: float) -> Model:
     return replace(model, local_damping=min(share, 1.0))
 
@@ -325,9 +335,9 @@ def _placing_words(factor: float) -> str:
     return f"beads that start with {of_one(factor)} times their overlaps, not in equilibrium"
 
 
-def _step_words(step_s: float, factor: float) -> str:
+def _step_words(step_s: float, remark: str, factor: float) -> str:
     has = f"the scene has {number(step_s * 1e6)}"
-    return f"a time step of {number(factor * step_s * 1e6)} us ({has}) at stamps of the scene's"
+    return f"a time step of {number(factor * step_s * 1e6)} us ({has}) at stamps of the scene's{remark}"
 
 
 def _radius_words(who: str, radius_mm: float, remark: str, factor: float) -> str:

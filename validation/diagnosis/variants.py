@@ -12,6 +12,7 @@ FACTORS = np.log(50) * np.linspace(-1, 1, 53)  # logarithms of factors, 1.16 apa
 MOST_PLACES = 60  # contacts of a chain that are left out, or swapped, one by one
 FURTHEST = 30.0  # logarithm that a fit may try
 FEW_FACTORS = FACTORS[::2]
+BEHIND_BY_THE_SCENES = ", with velocities that are set back by half the scene's step"
 BOTH_SIGNS = np.concatenate([-np.logspace(1, -5, 25), [0.0], np.logspace(-5, 1, 25)])
 
 
@@ -75,6 +76,11 @@ def of_one(factor: float) -> str:
 def weighing(model: Model, mass_kg: Array, gravity_m_s2: float) -> Model:
     """The model with other masses, and the weights that go with them."""
     return replace(model, mass_kg=mass_kg, load_N=model.load_N - gravity_m_s2 * (mass_kg - model.mass_kg))
+
+
+def behind_by(model: Model, time_step_s: float) -> Model:
+    """The model with start velocities that are set back by half of another step than its own."""
+    return replace(model, ahead=0.5 * (1 - time_step_s / model.time_step_s))
 
 
 def scaled_at(array: Array, places: slice | int | list[int], factor: float) -> Array:

@@ -11,14 +11,14 @@ from drivers.finished import FinishedRun
 from drivers.trace import Trace, make_trace
 from validation.arrays import arrays_of
 from validation.comparison import compare_case
-from validation.diagnosis.diagnose import Diagnosis, diagnose
+from validation.diagnosis.diagnose import LEAST_WINDOW, Diagnosis, Found, diagnose
 from validation.diagnosis.failed import ITS_OWN, diagnoses_of
 from validation.diagnosis.model import Motion, model_of, moved
 from validation.errors import trace_of, verlet_of
 from validation.random_scenes import random_case
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
-from validation.rounding import verlet_in_heights
+from validation.rounding import comparable, rounding_error, verlet_in_heights
 from validation.tests.conftest import SceneWriter, case_of, finished
 from validation.tests.sabotage_in_memory import SABOTAGES, softer_wall, trace_with
 from validation.verdict import FAIL, NOT_RUN, PASS
@@ -26,6 +26,14 @@ from validation.verdict import FAIL, NOT_RUN, PASS
 QUICK, ALL = 6, 36
 SHIPPED = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude")
 GRAVITY = 'gravity = "9.81 m/s^2"'
+FLAT_AND_LOSSY = """title = "one bead under a flat face, lossy"
+gravity = "9.81 m/s^2"
+chain = { count = 1, material = "ptfe", diameter = "4.76 mm" }
+striker = { shape = "flat", material = "alumina", mass = "2 g", speed = "0.44 m/s" }
+wall = { material = "rigid" }
+contact = { restitution = 0.6 }
+run = { duration = "0.2 ms", sample_interval = "1 us", time_step = "20 ns" }
+"""
 CLOSELY = 1e-8  # of the largest force, where rounding does not take more: measured up to 1e-9
 
 
@@ -186,3 +194,83 @@ def test_what_is_not_tried_is_said(scene_file: SceneWriter) -> None:
         assert isinstance(said, Diagnosis)
         assert not said.matched
         assert said.sentence.startswith(words)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_one_sample_that_fits_is_no_match(factor: float, tmp_path: Path) -> None:
+    """Where beads that just touch are damped rounding is large at once: such a variant fits the sample at time 0."""
+    (tmp_path / "flat.toml").write_text(FLAT_AND_LOSSY)
+    case = case_of(tmp_path / "flat.toml")
+    chain = arrays_of(case.chain)
+    assert chain.damping is not None
+    said = diagnose(case, "yade", trace_with(case, replace(chain, damping=factor * chain.damping)))
+    assert said is not None
+    ratio = f"{factor * case.chain.damping_ratio:.6g}"
+    assert said.sentence.startswith(f"matches contacts of damping ratio {ratio}, without attraction "), said.sentence
+    assert said.left <= CLOSELY
+
+
+@pytest.mark.parametrize("who", ["all materials", "ptfe", "brass"])
+@pytest.mark.parametrize(
+    ("forgotten", "words"),
+    [
+        ("poisson_ratio=0.25", "the Poisson's ratio of 0.25 that"),
+        ("youngs_modulus=1 GPa", "the Young's modulus of 1 GPa that"),
+        ("poisson_ratio=0.25 youngs_modulus=1 GPa", "the Young's modulus of 1 GPa and Poisson's ratio of 0.25 that"),
+    ],
+)
+def test_elastic_constants_that_yade_completes_are_named(
+    who: str, forgotten: str, words: str, scene_file: SceneWriter
+) -> None:
+    scene = scene_file(top=GRAVITY)
+    names = ["ptfe", "brass"] if who == "all materials" else [who]
+    constants = [f"{key}={value}" for key, value in (("poisson_ratio", "0.25"), ("youngs_modulus", "1 GPa"))
+                 if key in forgotten]  # fmt: skip
+    other = case_of(scene, *(f"materials.{name}.{constant}" for name in names for constant in constants))
+    case = case_of(scene)
+    chain = replace(arrays_of(case.chain), stiffness=other.chain.stiffness)
+    said = diagnose(case, "yade", trace_with(case, chain))
+    assert said is not None
+    assert said.sentence.startswith(f"matches {who} with {words} YADE has unless told to "), said.sentence
+    assert said.left <= CLOSELY
+
+
+def test_a_wall_that_does_not_yield_may_lose_its_modulus(scene_file: SceneWriter) -> None:
+    """Its ratio is 0, so that YADE then has it yield by 1/E."""
+    case = case_of(scene_file(top=GRAVITY), "wall.material=rigid")
+    soft = 'materials.soft={ youngs_modulus = "1 GPa", poisson_ratio = 0.0 }'
+    other = case_of(scene_file(top=GRAVITY), soft, "wall.material=soft")
+    chain = replace(arrays_of(case.chain), stiffness=other.chain.stiffness)
+    said = diagnose(case, "yade", trace_with(case, chain))
+    assert said is not None
+    assert said.sentence.startswith("matches rigid with the Young's modulus of 1 GPa that YADE has "), said.sentence
+
+
+def test_what_nothing_comes_near_names_nothing(scene_file: SceneWriter) -> None:
+    case = case_of(scene_file(top=GRAVITY))
+    good = verlet_of(case)
+    noise = np.random.default_rng(1).uniform(-0.1, 0.1, good.force_N.shape) * good.force_N.max()
+    said = diagnose(case, "yade", replace(good, force_N=good.force_N + noise))
+    assert said is not None
+    assert (said.kind, said.matched) == ("", False)
+    assert said.sentence.startswith("no variant explains it: it is off by ")
+    assert said.sentence.endswith(" of the largest force, and none comes near")
+    assert said.left > 0.5 * said.deviation
+
+
+def test_what_leaves_the_scene_when_rounding_does_is_not_diagnosed() -> None:
+    case = case_of("fig4", "run.duration=20 ms", "run.time_step=0.5 us")
+    rounded = verlet_in_heights(case)
+    _, samples = comparable(rounding_error(case) / rounded.force_N.max())
+    first = samples - LEAST_WINDOW // 2
+    force = rounded.force_N.copy()
+    force[first:] += 0.01 * force.max()
+    said = diagnose(case, "yade", replace(rounded, force_N=force))
+    assert said is not None
+    assert said.sentence.startswith(f"no diagnosis: it leaves its scene at {case.sample_times_s[first] * 1e6:g} us, ")
+    assert "rounding alone may do that" in said.sentence
+
+
+@pytest.mark.parametrize(("left", "matches"), [(9e-10, True), (1.1e-9, False)])
+def test_a_match_explains_nearly_all_of_a_deviation(left: float, matches: bool) -> None:
+    assert Found("", "", left, allowed=1e-8, deviation=1e-7).matches is matches

@@ -67,8 +67,38 @@ SABOTAGE = {
     ("yade", "a wall of the beads' material"): (
         YADE, r'sense=1, material="brass"', 'sense=1, material="ptfe"', "matches a wall of ptfe",
     ),
+    ("yade", "all Poisson's ratios forgotten"): (
+        YADE, " poisson=[^,]+,", "", r"matches all materials with the Poisson's ratio of 0\.25 that YADE has unless",
+    ),
+    ("yade", "a Poisson's ratio forgotten"): (
+        YADE, r'(label="ptfe", young=[^,]+,) poisson=[^,]+,', r"\1",
+        r"matches ptfe with the Poisson's ratio of 0\.25 that YADE has unless told",
+    ),
+    ("yade", "all Young's moduli forgotten"): (
+        YADE, " young=[^,]+,", "", "matches all materials with the Young's modulus of 1 GPa that YADE has unless told",
+    ),
+    ("yade", "a material without elastic constants"): (
+        YADE, r'(label="ptfe",) young=[^,]+, poisson=[^,]+,', r"\1",
+        r"matches ptfe with the Young's modulus of 1 GPa and Poisson's ratio of 0\.25 that YADE has unless told",
+    ),
+    ("yade", "half the time step"): (
+        YADE, "O.dt = time_step", "O.dt = time_step / 2",
+        r"matches a time step of 0\.05 us \(the scene has 0\.1\) at stamps of the scene's, "
+        "with velocities that are set back by half the scene's step to ",
+    ),
+    ("yade", "half the time step, twice the steps"): (
+        YADE, "O.dt = time_step", "O.dt = time_step / 2; every *= 2",
+        r"matches a time step of 0\.05 us \(the scene has 0\.1\), "
+        "with velocities that are set back by half the scene's step to ",
+    ),
+    ("liggghts", "half the time step"): (
+        LIGGGHTS, r"timestep +\S+", "timestep 0.05e-6",
+        r"matches a time step of 0\.05 us \(the scene has 0\.1\) at stamps of the scene's to ",
+    ),
 }  # fmt: skip
 QUICK = [
+    ("yade", "all Poisson's ratios forgotten"),
+    ("yade", "half the time step"),
     ("yade", "the default wall law"),
     ("yade", "forces stamped one step late"),
     ("yade", "velocities half a step off"),
