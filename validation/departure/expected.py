@@ -1,6 +1,6 @@
 """What is expected of a run: the exact motion, what its own scheme makes of it, and what rounding may add."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from drivers.case import Case
 from drivers.chain import Array
 from drivers.engines import EXACT, IN_HEIGHTS, IN_OVERLAPS, Engine, load_engine
 from drivers.tolerances import Tolerance, tolerance
-from drivers.trace import Trace
+from drivers.trace import Trace, until
 from postproc.residual import residual
 from validation.budget import LARGEST, TOO_LARGE, yardsticks
 from validation.comparison import shipped_name
@@ -61,6 +61,19 @@ class Expected:
         lowest = self.exact_N[:, felt[0]]
         arrived = np.abs(lowest - lowest[0]) > ARRIVED * self.largest_N
         return int(np.argmax(arrived)) if arrived.any() else len(self.exact_N)
+
+    def until(self, samples: int) -> "Expected":
+        """The same of the first samples, which are all that a run that ended badly may have."""
+        if samples >= len(self.exact_N):
+            return self
+        return replace(
+            self,
+            exact_N=self.exact_N[:samples],
+            scheme=until(self.scheme, samples),
+            plain_N=self.plain_N[:samples],
+            rounding=self.rounding[:samples],
+            samples=min(samples, self.samples),
+        )
 
     def multiplied(self, sample: int) -> float:
         """How often larger rounding is by then than when the wave came to the wall; 1 before."""
