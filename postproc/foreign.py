@@ -8,27 +8,10 @@ import re
 from html.parser import HTMLParser
 
 # nothing among them has contents that HTML reads in another way
-DRAWN = frozenset(
-    (
-        "svg",
-        "g",
-        "a",
-        "defs",
-        "path",
-        "rect",
-        "circle",
-        "ellipse",
-        "line",
-        "polyline",
-        "polygon",
-        "text",
-        "tspan",
-        "use",
-        "clippath",
-        "pattern",
-        "image",
-    )
-)
+DRAWN = frozenset({
+    "svg", "g", "a", "defs", "path", "rect", "circle", "ellipse", "line", "polyline", "polygon", "text", "tspan", "use",
+    "clippath", "pattern", "image",
+})  # fmt: skip
 OUTSIDE = re.compile(r"url\(\s*[\"']?\s*(?!#|data:)|//|\\|image-set|@import", re.IGNORECASE)
 INSIDE = re.compile(r"\s*(#|data:image/)", re.IGNORECASE)
 UNREAD = re.compile(r"<!ENTITY|<!\[|<\?(?!xml )", re.IGNORECASE)  # XML and HTML see different things in them
