@@ -26,6 +26,7 @@ PANEL, GAP, BELOW = 116.0, 30.0, 40.0  # heights
 MOST_SAMPLES = 1600  # that a curve keeps for its values; of longer records every n-th
 MOST_GAUGES = 4  # drawn; the table of observables has them all
 NOTE = 22.0  # height of a note's words on a phone
+LETTER, KEY = 11.0, 4.5  # width of a letter of the legend on a phone, and of a line with its gaps in letters
 FINE = 10  # coordinates are whole tenths
 VERLET = "verlet"
 NOTHING: Mapping[str, Failed] = {}
@@ -83,6 +84,14 @@ class Chart:
     engines: list[Curve]
     panels: list[Panel]
     left_out: int
+
+    @property
+    def legend(self) -> list[tuple[float, Curve]]:
+        """Where the key of each engine is, and how its curves are drawn; longer names have more room."""
+        letters = np.array([KEY + len(each.label) for each in self.engines])
+        letter = min(LETTER, (RIGHT - LEFT) / letters.sum())
+        places = LEFT + letter * (np.cumsum(letters) - letters)
+        return list(zip(places.tolist(), self.engines, strict=True))
 
     @property
     def data(self) -> dict[str, Any]:
