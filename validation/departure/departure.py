@@ -110,8 +110,8 @@ def _nowhere(kind: str, words: str) -> Departure:
 
 def _from_exact(engine: str, run: Trace, expected: Expected) -> Iterator[Departure]:
     """When a run passes each level; of several at one sample the largest."""
-    share = shares_apart(run.force_N, expected.exact_N)
-    own = shares_apart(run.force_N, expected.scheme.force_N).max(axis=1)
+    share = shares_apart(run.force_N, expected.exact_N, expected.of_N)
+    own = shares_apart(run.force_N, expected.scheme.force_N, expected.of_N).max(axis=1)
     passed = {place: level for level in LEVELS if (place := first_beyond(share, level))}
     for (sample, column), level in passed.items():
         kind, why = _why(engine, expected, sample, float(own[sample]), level)
@@ -136,7 +136,7 @@ def _from_scheme(case: Case, engine: str, run: Trace, expected: Expected) -> Ite
     """When rounding alone has parted a run from its scheme: from then on two runs cannot be compared."""
     if load_engine(engine).SCHEME == EXACT:
         return
-    share = shares_apart(run.force_N, expected.plain_N[: len(run.time_s)])
+    share = shares_apart(run.force_N, expected.plain_N[: len(run.time_s)], float(np.abs(expected.plain_N).max()))
     beyond = first_beyond(share, HORIZON)
     if expected.samples < case.scene.samples and beyond and expected.chaotic(beyond[0]):
         sample, column = beyond

@@ -35,6 +35,7 @@ class Expected:
         stated: by which a run may differ from its scheme.
         allowed: the same, and more where rounding by itself makes more.
         order: by which the scheme converges.
+        of_N: the largest force of all samples, where these are but the first of them.
     """
 
     exact_N: Array
@@ -46,11 +47,12 @@ class Expected:
     stated: Tolerance
     allowed: Tolerance
     order: float
+    of_N: float | None = None
 
     @property
     def largest_N(self) -> float:
         """The largest force."""
-        return float(np.abs(self.exact_N).max()) or 1.0
+        return self.of_N or float(np.abs(self.exact_N).max()) or 1.0
 
     @property
     def turned(self) -> int:
@@ -73,6 +75,7 @@ class Expected:
             plain_N=self.plain_N[:samples],
             rounding=self.rounding[:samples],
             samples=min(samples, self.samples),
+            of_N=self.largest_N,
         )
 
     def multiplied(self, sample: int) -> float:
