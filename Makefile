@@ -8,7 +8,7 @@ FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*
 SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*' \
   -not -path 'inputs/studies/*' -not -path 'drivers/batch/*' -not -name study.py -not -name film.py -not -name vtk.py)
 # what only the page and the comparison of runs need
-PAGE := templates/report/% postproc/inline.py validation/report/% validation/pair/% validation/departure/% validation/diagnosis/% validation/scenes.py
+PAGE := templates/report/% postproc/inline.py postproc/foreign.py validation/report/% validation/pair/% validation/departure/% validation/diagnosis/% validation/scenes.py
 # what every figure depends on, beside its own module and scenes
 COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% $(PAGE) validation/claims/% validation/trade/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml \
   $(addprefix validation/,bench.py bench_batch.py comparison.py criteria.py deviation.py random_scenes.py rounding.py verdict.py __main__.py),$(SOURCES))

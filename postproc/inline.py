@@ -11,6 +11,7 @@ import numpy as np
 from drivers import paths
 from drivers.chain import Array
 from drivers.errors import InputError
+from postproc.foreign import foreign
 from postproc.style import svg_of
 
 # what is too dark for a dark screen (or too light), and what stands there instead
@@ -73,12 +74,13 @@ def fit_for_page(text: str, salt: str) -> str:
         salt: keeps its ids apart from those of other figures.
 
     Raises:
-        ValueError: it is no SVG.
+        ValueError: it is no SVG, or holds what does not belong in the page (``postproc.foreign``).
     """
     try:
         ElementTree.fromstring(text.encode())
     except ElementTree.ParseError as error:
         raise ValueError(str(error)) from error
+    _refuse(text, drawn=False)
     text = JUNK.sub("", text)
     text = text[text.index("<svg") :]
     used = set(USED.findall(text))
@@ -95,21 +97,31 @@ def fit_for_page(text: str, salt: str) -> str:
         text,
         count=1,
     )
-    return re.sub(r">\s+<", "><", text).strip()
+    text = re.sub(r">\s+<", "><", text).strip()
+    _refuse(text, drawn=True)
+    return text
+
+
+def _refuse(text: str, *, drawn: bool) -> None:
+    found = foreign(text, drawn=drawn)
+    if found:
+        raise ValueError(f"it holds {found}")
 
 
 def read_svg(path: Path, salt: str) -> str:
     """A figure's file, fit for the page; empty where there is none.
 
     Raises:
-        InputError: it is no figure.
+        InputError: it is no figure, or holds what does not belong in the page.
     """
     try:
         return fit_for_page(path.read_text(), salt)
     except FileNotFoundError:
         return ""
     except (ValueError, OSError) as error:
-        raise InputError(paths.shown(path), "", "a damaged figure", "an SVG that this project made") from error
+        raise InputError(
+            paths.shown(path), "", f"a damaged figure ({error})", "an SVG that this project made"
+        ) from error
 
 
 def stored_or_drawn(path: Path, table: Path, draw: Callable[[], Any], salt: str) -> str:

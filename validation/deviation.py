@@ -58,9 +58,15 @@ def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Dev
     return Deviation(float(share[sample, column]), float(trace.time_s[sample]), int(column) + 1)
 
 
-def shares_apart(force_N: Array, reference_N: Array) -> Array:
-    """|F - F_ref| over the largest |F_ref|; inf where there is no number. All of shape (samples, contacts)."""
-    largest_N = float(np.abs(reference_N).max()) or 1.0
+def shares_apart(force_N: Array, reference_N: Array, largest_N: float | None = None) -> Array:
+    """|F - F_ref| over the largest |F_ref|; inf where there is no number. All of shape (samples, contacts).
+
+    Args:
+        force_N: the forces in question.
+        reference_N: what they should be.
+        largest_N: the largest force, where these are but the first samples.
+    """
+    largest_N = largest_N or float(np.abs(reference_N).max()) or 1.0
     with np.errstate(invalid="ignore"):
         return np.nan_to_num(np.abs(force_N - reference_N) / largest_N, nan=np.inf)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drivers import paths
 from drivers.case import Case, build_case
-from drivers.engines import engine_names, load_engine
+from drivers.engines import engine_names, in_order, load_engine
 from drivers.finished import FinishedRun, open_run
 from drivers.limits import inability
 from drivers.read_scene import read_scene
@@ -23,8 +23,9 @@ class ComparedScene:
     Attributes:
         runs: finished runs by engine.
         absent: why an engine has none.
-        departures: when each run first leaves the exact motion, and why.
+        departures: when each run first leaves the exact motion, and why; also those that failed.
         diagnoses: by engine, what a run with a failed verdict matches, in a sentence.
+        refused: by engine, what there is of the trace of a run that failed; no verdict and no observable is of it.
     """
 
     case: Case
@@ -33,6 +34,7 @@ class ComparedScene:
     verdicts: list[Verdict]
     departures: dict[str, Departure] = field(default_factory=dict)
     diagnoses: dict[str, str] = field(default_factory=dict)
+    refused: dict[str, Trace] = field(default_factory=dict)
 
 
 def run_and_compare(
@@ -63,17 +65,16 @@ def run_and_compare(
             if result.refused is not None:
                 refused[engine] = result.refused
     verdicts = compare_case(case, finished, absent)
-    departures = {engine: departure(case, engine, run.trace) for engine, run in finished.items()}
-    diagnoses = _diagnoses(case, verdicts, finished, refused)
-    return ComparedScene(case, finished, absent, verdicts, departures, diagnoses)
+    traces = {engine: run.trace for engine, run in finished.items()} | refused
+    departures = {engine: departure(case, engine, traces[engine]) for engine in in_order(traces)}
+    diagnoses = _diagnoses(case, verdicts, traces)
+    return ComparedScene(case, finished, absent, verdicts, departures, diagnoses, refused)
 
 
-def _diagnoses(
-    case: Case, verdicts: list[Verdict], finished: dict[str, FinishedRun], refused: dict[str, Trace]
-) -> dict[str, str]:
+def _diagnoses(case: Case, verdicts: list[Verdict], traces: dict[str, Trace]) -> dict[str, str]:
     """Of red runs, which are few: only then are the variants loaded."""
     if not any(verdict.verdict == FAIL for verdict in verdicts):
         return {}
     from validation.diagnosis.failed import diagnoses_of
 
-    return diagnoses_of(case, verdicts, refused | {name: run.trace for name, run in finished.items()})
+    return diagnoses_of(case, verdicts, traces)

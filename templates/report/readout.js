@@ -3,7 +3,7 @@
 (() => {
   const SVG = "http://www.w3.org/2000/svg";
   const decode = (text) => new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
-  const digits = (value) => (Math.abs(value) < 1e-3 && value !== 0 ? value.toExponential(4) : String(Number(value.toPrecision(6))));
+  const digits = (value) => Number.isNaN(value) ? "–" : (Math.abs(value) < 1e-3 && value !== 0 ? value.toExponential(4) : String(Number(value.toPrecision(6))));
   const clamp = (value, most) => Math.max(0, Math.min(most, value));
 
   const enliven = (figure) => {

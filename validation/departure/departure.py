@@ -64,7 +64,7 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
     Args:
         case: what was to be run.
         engine: on which engine: its scheme tells truncation from faults.
-        trace: what came out, at the case's samples.
+        trace: what came out, at the case's samples; of a run that ended badly maybe only the first of them.
     """
     why = why_not_known(case)
     if why:
@@ -77,13 +77,14 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
 
 
 def _departure(case: Case, engine: str, trace: Trace) -> Departure:
-    expected = expected_of(case, engine)
-    run = until(trace, len(expected.exact_N))
+    followed = expected_of(case, engine)
+    run = until(trace, len(followed.exact_N))
+    expected = followed.until(len(run.time_s))
     fault = first_fault(case, engine, run, expected)
     if fault:
         time_s = float(run.time_s[fault.sample])
         return Departure(time_s, fault.contact, fault.share, fault.kind, fault.limit, fault.words)
-    found = [*_from_exact(engine, run, expected), *_from_scheme(case, engine, run, expected)]
+    found = [*_from_exact(engine, run, expected), *_from_scheme(case, engine, run, followed)]
     found.sort(key=lambda each: each.time_s)
     share = np.abs(run.force_N - expected.exact_N) / expected.largest_N
     sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
@@ -109,8 +110,8 @@ def _nowhere(kind: str, words: str) -> Departure:
 
 def _from_exact(engine: str, run: Trace, expected: Expected) -> Iterator[Departure]:
     """When a run passes each level; of several at one sample the largest."""
-    share = shares_apart(run.force_N, expected.exact_N)
-    own = shares_apart(run.force_N, expected.scheme.force_N).max(axis=1)
+    share = shares_apart(run.force_N, expected.exact_N, expected.of_N)
+    own = shares_apart(run.force_N, expected.scheme.force_N, expected.of_N).max(axis=1)
     passed = {place: level for level in LEVELS if (place := first_beyond(share, level))}
     for (sample, column), level in passed.items():
         kind, why = _why(engine, expected, sample, float(own[sample]), level)
@@ -135,7 +136,7 @@ def _from_scheme(case: Case, engine: str, run: Trace, expected: Expected) -> Ite
     """When rounding alone has parted a run from its scheme: from then on two runs cannot be compared."""
     if load_engine(engine).SCHEME == EXACT:
         return
-    share = shares_apart(run.force_N, expected.plain_N)
+    share = shares_apart(run.force_N, expected.plain_N[: len(run.time_s)], float(np.abs(expected.plain_N).max()))
     beyond = first_beyond(share, HORIZON)
     if expected.samples < case.scene.samples and beyond and expected.chaotic(beyond[0]):
         sample, column = beyond
@@ -144,7 +145,7 @@ def _from_scheme(case: Case, engine: str, run: Trace, expected: Expected) -> Ite
         words = f"leaves velocity Verlet at the same step by {HORIZON:g} of the largest force {place}: {CHAOS},"
         words = f"{words} as a Verlet does that only rounds otherwise"
         yield Departure(time_s, column + 1, float(share[sample, column]), CHAOS, HORIZON, words)
-    elif len(run.time_s) < case.scene.samples:  # of three dimensions nothing beyond is known
+    elif len(run.time_s) == len(expected.exact_N) < case.scene.samples:  # of three dimensions nothing beyond is known
         time_s = float(case.sample_times_s[len(run.time_s)])
         kind = CHAOS if expected.chaotic(len(run.time_s) - 1) else ROUNDING
         words = (

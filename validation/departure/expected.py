@@ -1,6 +1,6 @@
 """What is expected of a run: the exact motion, what its own scheme makes of it, and what rounding may add."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from drivers.case import Case
 from drivers.chain import Array
 from drivers.engines import EXACT, IN_HEIGHTS, IN_OVERLAPS, Engine, load_engine
 from drivers.tolerances import Tolerance, tolerance
-from drivers.trace import Trace
+from drivers.trace import Trace, until
 from postproc.residual import residual
 from validation.budget import LARGEST, TOO_LARGE, yardsticks
 from validation.comparison import shipped_name
@@ -35,6 +35,7 @@ class Expected:
         stated: by which a run may differ from its scheme.
         allowed: the same, and more where rounding by itself makes more.
         order: by which the scheme converges.
+        of_N: the largest force of all samples, where these are but the first of them.
     """
 
     exact_N: Array
@@ -46,11 +47,12 @@ class Expected:
     stated: Tolerance
     allowed: Tolerance
     order: float
+    of_N: float | None = None
 
     @property
     def largest_N(self) -> float:
         """The largest force."""
-        return float(np.abs(self.exact_N).max()) or 1.0
+        return self.of_N or float(np.abs(self.exact_N).max()) or 1.0
 
     @property
     def turned(self) -> int:
@@ -61,6 +63,20 @@ class Expected:
         lowest = self.exact_N[:, felt[0]]
         arrived = np.abs(lowest - lowest[0]) > ARRIVED * self.largest_N
         return int(np.argmax(arrived)) if arrived.any() else len(self.exact_N)
+
+    def until(self, samples: int) -> "Expected":
+        """The same of the first samples, which are all that a run that ended badly may have."""
+        if samples >= len(self.exact_N):
+            return self
+        return replace(
+            self,
+            exact_N=self.exact_N[:samples],
+            scheme=until(self.scheme, samples),
+            plain_N=self.plain_N[:samples],
+            rounding=self.rounding[:samples],
+            samples=min(samples, self.samples),
+            of_N=self.largest_N,
+        )
 
     def multiplied(self, sample: int) -> float:
         """How often larger rounding is by then than when the wave came to the wall; 1 before."""

@@ -44,7 +44,7 @@ def first_fault(case: Case, engine: str, run: Trace, expected: Expected) -> Faul
 
     Faults are only looked for as long as they can be told from chaos.
     """
-    shares = shares_apart(run.force_N, expected.scheme.force_N)
+    shares = shares_apart(run.force_N, expected.scheme.force_N, expected.of_N)
     beyond = first_beyond(shares[: expected.samples], expected.allowed.limit)
     wrong_start = _wrong_start(case, run, expected.scheme)
     if beyond is None:

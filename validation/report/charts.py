@@ -19,14 +19,17 @@ from postproc.residual import REFERENCE, residuals
 from postproc.sensors import sensor_signals
 from postproc.stack import gauge_title
 from postproc.style import drawing_order, line_of
+from validation.report.failed import Failed, failed_label
 
 WIDTH, LEFT, RIGHT, TOP = 720.0, 62.0, 712.0, 24.0
 PANEL, GAP, BELOW = 116.0, 30.0, 40.0  # heights
 MOST_SAMPLES = 1600  # that a curve keeps for its values; of longer records every n-th
 MOST_GAUGES = 4  # drawn; the table of observables has them all
 NOTE = 22.0  # height of a note's words on a phone
+LETTER, KEY = 11.0, 4.5  # width of a letter of the legend on a phone, and of a line with its gaps in letters
 FINE = 10  # coordinates are whole tenths
 VERLET = "verlet"
+NOTHING: Mapping[str, Failed] = {}
 TIMES = ((1e6, "µs"), (1e3, "ms"), (1.0, "s"))
 
 
@@ -35,7 +38,7 @@ class Curve:
     """One line of a panel.
 
     Attributes:
-        label: the engine, and in the panel of differences what it is subtracted from.
+        label: the engine, whether its run failed, and in the panel of differences what is subtracted from it.
         path: its ``d``, in tenths.
         values: base64 of little-endian float32, one a kept sample.
     """
@@ -83,6 +86,14 @@ class Chart:
     left_out: int
 
     @property
+    def legend(self) -> list[tuple[float, Curve]]:
+        """Where the key of each engine is, and how its curves are drawn; longer names have more room."""
+        letters = np.array([KEY + len(each.label) for each in self.engines])
+        letter = min(LETTER, (RIGHT - LEFT) / letters.sum())
+        places = LEFT + letter * (np.cumsum(letters) - letters)
+        return list(zip(places.tolist(), self.engines, strict=True))
+
+    @property
     def data(self) -> dict[str, Any]:
         """What the script of the page reads."""
         return {
@@ -125,24 +136,29 @@ class TimeAxis:
     ticks: list[tuple[float, str]]
 
 
-def chart_of(layout: Layout, traces: Mapping[str, Trace]) -> Chart:
+def chart_of(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, Failed] = NOTHING) -> Chart:
     """Gauge forces of all engines over each other, a panel each, and below the largest differences of any contact.
 
     Args:
         layout: of the chain.
-        traces: by engine, of equal sample times; at least one.
+        traces: by engine, of equal sample times; at least one, here or in ``failed``.
+        failed: by engine, what can be shown of runs that failed, at the same times; they are no yardstick.
     """
-    time_s = next(iter(traces.values())).time_s
+    everything = {**traces, **{engine: each.trace for engine, each in failed.items()}}
+    time_s = next(iter(everything.values())).time_s
     axis = time_axis(time_s, RIGHT)
     every = -(-len(time_s) // MOST_SAMPLES)
     x = LEFT + (RIGHT - LEFT) * (time_s - time_s[0]) / (float(np.ptp(time_s)) or 1.0)
     signals = {engine: sensor_signals(layout, trace) for engine, trace in traces.items()}
+    signals |= {engine: each.signals for engine, each in failed.items()}
+    labels = {engine: failed_label(engine) if engine in failed else engine for engine in everything}
     gauges = list(next(iter(signals.values())))
     panels: list[Panel] = []
     for gauge in gauges[-MOST_GAUGES:]:
-        own = {engine: (engine, found[gauge]) for engine, found in signals.items()}
+        own = {engine: (labels[engine], found[gauge]) for engine, found in signals.items()}
         panels.append(_panel(gauge_title(layout, gauge), own, x, every, _top(len(panels))))
-    panels += [_differences(traces, x, every, _top(len(panels)))] if len(traces) > 1 else []
+    found = _apart(traces, everything, labels)
+    panels += [_differences(found, x, every, _top(len(panels)))] if found else []
     return Chart(
         height=_top(len(panels)) - GAP + BELOW,
         unit=axis.unit,
@@ -151,7 +167,7 @@ def chart_of(layout: Layout, traces: Mapping[str, Trace]) -> Chart:
         count=len(time_s[::every]),
         last=(len(time_s) - 1) / every,
         ticks=axis.ticks,
-        engines=[_line(engine, engine, "", np.empty(0)) for engine in drawing_order(list(traces))],
+        engines=[_line(engine, labels[engine], "", np.empty(0)) for engine in drawing_order(list(everything))],
         panels=panels,
         left_out=max(0, len(gauges) - MOST_GAUGES),
     )
@@ -186,12 +202,29 @@ def _panel(title: str, forces: Mapping[str, tuple[str, Array]], x: Array, every:
     return Panel(title, "N", top, top + PANEL, ticks, curves, [])
 
 
-def _differences(traces: Mapping[str, Trace], x: Array, every: int, top: float) -> Panel:
+@dataclass(frozen=True)
+class _Apart:
+    """How far an engine is from a yardstick at each sample."""
+
+    engine: str
+    label: str
+    yardstick: str
+    values: Array
+
+
+def _apart(traces: Mapping[str, Trace], everything: Mapping[str, Trace], labels: Mapping[str, str]) -> list[_Apart]:
+    """Of every engine from each yardstick that finished."""
+    yardsticks = [name for name in (REFERENCE, VERLET) if name in traces] or list(traces)[:1]
+    return [
+        _Apart(engine, f"{labels[engine]} − {yardstick}", yardstick, values)
+        for yardstick in yardsticks
+        for engine, values in residuals(everything, yardstick).items()
+    ]
+
+
+def _differences(found: list[_Apart], x: Array, every: int, top: float) -> Panel:
     """Largest force difference of any contact to each yardstick, over the largest force, on a logarithmic axis."""
-    found: list[tuple[str, str, Array]] = []
-    for yardstick in [name for name in (REFERENCE, VERLET) if name in traces] or list(traces)[:1]:
-        found += [(engine, yardstick, values) for engine, values in residuals(traces, yardstick).items()]
-    seen = np.concatenate([values[np.isfinite(values) & (values > 0)] for _, _, values in found])
+    seen = np.concatenate([each.values[np.isfinite(each.values) & (each.values > 0)] for each in found])
     low = np.floor(np.log10(seen.min())) if len(seen) else -17.0
     high = max(low + 1.0, np.ceil(np.log10(seen.max()))) if len(seen) else -16.0
 
@@ -202,11 +235,11 @@ def _differences(traces: Mapping[str, Trace], x: Array, every: int, top: float) 
 
     curves: list[Curve] = []
     notes: dict[str, float] = {}
-    for engine, yardstick, values in found:
-        y = place(values)
-        curves.append(_line(engine, f"{engine} − {yardstick}", _path(x, y), values[::every]))
+    for each in found:
+        y = place(each.values)
+        curves.append(_line(each.engine, each.label, _path(x, y), each.values[::every]))
         if np.isfinite(y).any():
-            words, last = f"from {yardstick}", float(y[np.isfinite(y)][-1])
+            words, last = f"from {each.yardstick}", float(y[np.isfinite(y)][-1])
             last = last - 4.0 if last > top + NOTE else last + NOTE  # clear of the title
             notes[words] = max(notes.get(words, -np.inf), last)  # at the lowest curve: a run that is off has left it
     stride = max(1, int(np.ceil((high - low) / 5)))

@@ -30,7 +30,7 @@ def report(sources: list[str], out: Path | None, runs: Path | None) -> int:
     for name in names:
         if names.count(name) > 1:
             raise InputError("report", "", f"two scenes named {name}", "scenes of different names")
-    counts = write_report(compared, page, _command(sources, out, runs))
+    counts = write_report(compared, page, _command(sources, out, runs), runs)
     print(f"{paths.shown(page)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run")
     return 1 if counts[FAIL] else 0
 

@@ -11,9 +11,11 @@ from postproc.residual import REFERENCE
 from validation.departure.departure import DepartureRow, departure_rows
 from validation.parts import PARTS
 from validation.report.charts import Chart, chart_of
+from validation.report.failed import failed_label, failed_runs
 from validation.report.spacetime import Raster, raster_of
 from validation.report.verdicts import QUANTITIES, Row, number
 from validation.scenes import ComparedScene
+from validation.verdict import FAIL
 
 
 @dataclass(frozen=True)
@@ -21,11 +23,13 @@ class SceneSection:
     """One scene; every list is in the order in which it is shown.
 
     Attributes:
-        chart: None where no engine finished, or there is neither a gauge nor a second engine; ``raster``: the former.
+        engines: that finished.
+        curves: whose curves the chart has, in words.
+        chart: None where there is no trace, or neither a gauge nor a second engine; ``raster``: where none finished.
         judged: quantity in words, then by engine the verdict or None.
         budget: quantity, engine and its parts.
         observables: name and its value by each of ``engines``.
-        decks: engine, file, text.
+        decks: engine, file, text; also of engines that failed.
     """
 
     name: str
@@ -33,6 +37,7 @@ class SceneSection:
     summary: str
     timing: str
     engines: list[str]
+    curves: list[str]
     row: Row
     judged: list[tuple[str, list[Any]]]
     warnings: list[tuple[str, str]]
@@ -54,7 +59,8 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
     observed = {engine: observe(scene.runs[engine].layout, scene.runs[engine].trace) for engine in engines}
     names = list(next(iter(observed.values()), {}))
     traces = {engine: scene.runs[engine].trace for engine in engines}
-    chart = chart_of(case.layout, traces) if traces else None
+    refused = failed_runs(case, {name: scene.refused[name] for name in in_order(scene.refused)}, traces)
+    chart = chart_of(case.layout, traces, refused) if traces or refused else None
     shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
     return SceneSection(
         name=row.name,
@@ -62,22 +68,18 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
         summary=case.summary,
         timing=_timing(scene),
         engines=engines,
+        curves=[each.label for each in chart.engines] if chart else [],
         row=row,
         judged=_judged(scene, engines),
         warnings=[(engine, words) for engine in engines for words in scene.runs[engine].record.warnings],
         chart=chart if chart and chart.panels else None,
         raster=raster_of(traces[shown], shown) if traces else None,
-        departures=_departures(scene, engines),
+        departures=_departures(scene),
         budget=_budget(scene, engines),
         budget_notes=[(e, scene.runs[e].record.error_note) for e in engines if scene.runs[e].record.error_note],
         observables=[(name, [number(observed[engine][name], 6) for engine in engines]) for name in names],
         elements=case.elements,
-        decks=[
-            (engine, file, text)
-            for engine in engines
-            if not load_engine(engine).IN_REPOSITORY
-            for file, text in load_engine(engine).render(case).files.items()
-        ],
+        decks=_decks(scene, row),
         folders=[(engine, paths.shown(scene.runs[engine].folder)) for engine in engines],
     )
 
@@ -92,9 +94,20 @@ def _timing(scene: ComparedScene) -> str:
     return words
 
 
-def _departures(scene: ComparedScene, engines: list[str]) -> list[DepartureRow]:
+def _decks(scene: ComparedScene, row: Row) -> list[tuple[str, str, str]]:
+    """Engine, file and text of the decks of codes that finished, and of every engine that failed."""
+    return [
+        (engine, file, text)
+        for engine, cell in row.cells.items()
+        if (cell.verdict == FAIL if engine in scene.absent else not load_engine(engine).IN_REPOSITORY)
+        for file, text in load_engine(engine).render(scene.case).files.items()
+    ]
+
+
+def _departures(scene: ComparedScene) -> list[DepartureRow]:
     """Of engines that part from the exact motion alike, one line."""
-    rows = departure_rows({name: found for name in engines if (found := scene.departures.get(name))})
+    labels = {name: failed_label(name) if name in scene.refused else name for name in in_order(scene.departures)}
+    rows = departure_rows({label: scene.departures[name] for name, label in labels.items()})
     alike: dict[str, list[DepartureRow]] = {}
     for row in rows:
         alike.setdefault(row.words, []).append(row)

@@ -5,6 +5,7 @@ import shlex
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from drivers import paths
 from drivers.engines import in_order
@@ -69,8 +70,8 @@ class Row:
         return any(cell.verdict == FAIL for cell in self.cells.values())
 
 
-def scene_row(scene: ComparedScene) -> Row:
-    """The row of a compared scene."""
+def scene_row(scene: ComparedScene, runs: Path | None = None) -> Row:
+    """The row of a compared scene, whose run folders are in ``runs`` where that is not the usual place."""
     cells = {}
     for engine in in_order([*scene.runs, *scene.absent]):
         own = [verdict for verdict in scene.verdicts if verdict.engine == engine]
@@ -78,6 +79,7 @@ def scene_row(scene: ComparedScene) -> Row:
         cells[engine] = _cell(engine, own, note, cost, scene.diagnoses.get(engine, ""))
     told = scene.case.scene
     again = f"python -m validation compare {source_of(told)}"
+    again += f" --runs {shlex.quote(str(runs))}" if runs else ""
     return Row(told.name, told.title or told.name, again, cells)
 
 

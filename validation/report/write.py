@@ -25,13 +25,16 @@ from validation.trade.section import read_section as read_trade
 AGAIN = "make report"
 
 
-def write_report(scenes: list[ComparedScene], path: Path, command: str = AGAIN) -> Counter[str]:
+def write_report(
+    scenes: list[ComparedScene], path: Path, command: str = AGAIN, runs: Path | None = None
+) -> Counter[str]:
     """Writes the page, and JSON and JUnit XML of its name beside it.
 
     Args:
         scenes: those that get a section each.
         path: of the page; studies are read from the tables in its folder.
         command: how it is made again.
+        runs: where run folders are, if it was told.
 
     Returns:
         How many pairs of a scene or independent case and an engine passed, failed and were not run.
@@ -43,7 +46,7 @@ def write_report(scenes: list[ComparedScene], path: Path, command: str = AGAIN) 
     made = made_with(scenes, command)
     independent = read_independent(results)
     titles = {case["id"]: case["title"] for case in independent.get("cases", [])}
-    rows, reasons = with_reasons([scene_row(scene) for scene in scenes])
+    rows, reasons = with_reasons([scene_row(scene, runs) for scene in scenes])
     cases = case_rows(read_verdicts(results), titles)
     figures, missing = read_figures(results)
     page = deck.render(

@@ -4,8 +4,10 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drivers.case import Case, build_case
@@ -14,6 +16,7 @@ from drivers.finished import FinishedRun, open_run
 from drivers.read_scene import read_scene
 from drivers.record import read_record
 from drivers.run import run_case
+from drivers.trace import Trace
 
 BASE = """
 [chain]
@@ -101,6 +104,14 @@ def finished(case: Case, engine: str, runs: Path) -> FinishedRun:
     result = run_case(case, engine, runs)
     assert result.done, result.record.reason
     return open_run(result.folder)
+
+
+def blown_up(trace: Trace, sample: int) -> Trace:
+    """The same that blows up from that sample on: too large where the wave is, then no numbers."""
+    force = trace.force_N.copy()
+    force[sample:, np.argmax(force[sample])] = 1e200
+    force[sample + 2 :] = np.nan
+    return replace(trace, force_N=force)
 
 
 def case_of(scene: str | Path, *settings: str) -> Case:

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.case import Case
 from drivers.chain import Array
-from drivers.trace import Trace
+from drivers.trace import Trace, until
 from validation.__main__ import main
 from validation.budget import yardsticks
 from validation.departure.departure import (
@@ -30,7 +30,7 @@ from validation.random_scenes import random_case
 from validation.rounding import verlet_in_heights
 from validation.scenes import run_and_compare
 from validation.sideways import tube_verlet_of
-from validation.tests.conftest import case_of, finished
+from validation.tests.conftest import blown_up, case_of, finished
 
 WEIGHTLESS = "gravity=0 m/s^2"
 LONG = ("run.duration=20 ms", "run.sample_interval=5 us")
@@ -201,6 +201,25 @@ def test_the_exact_motion_is_of_a_far_smaller_step() -> None:
     found = departure(case, "yade", yardsticks(case).truth.trace)
     assert found.kind == ANOTHER_STEP
     assert "a far smaller one" in found.words
+
+
+@pytest.mark.parametrize("samples", [None, 300, 2])
+def test_runs_that_ended_badly_leave_as_long_as_they_lasted(samples: int | None) -> None:
+    case = case_of("fig4")
+    whole = departure(case, "yade", as_code(case, stiffness=times(0.7, 0)))
+    found = departure(case, "yade", until(as_code(case, stiffness=times(0.7, 0)), samples or 801))
+    assert (found.time_s, found.contact, found.kind) == (whole.time_s, whole.contact, SET_UP)
+    good = as_code(case)
+    torn = departure(case, "yade", until(good, samples or 801))
+    assert torn.kind == (NONE if samples == 2 else TRUNCATION)
+    assert not torn.later
+
+
+def test_a_blow_up_is_found_where_it_begins() -> None:
+    case = case_of("fig4")
+    found = departure(case, "yade", blown_up(as_code(case), 200))
+    assert found.time_s == pytest.approx(200e-6)
+    assert found.kind == MODEL
 
 
 def test_where_it_cannot_be_said() -> None:

@@ -14,7 +14,9 @@ from selenium.webdriver import Chrome, Keys
 from drivers import paths
 from drivers.engines import engine_names
 from drivers.finished import FinishedRun
+from drivers.trace import until
 from validation.comparison import compare_case
+from validation.departure.departure import departure
 from validation.independent.cases import read_independent
 from validation.independent.judge import Line
 from validation.independent.table import write_lines
@@ -35,7 +37,7 @@ from validation.tests.browser import (
     said,
     view,
 )
-from validation.tests.conftest import BASE, STRIKER, WALL, case_of, command_line, finished
+from validation.tests.conftest import BASE, STRIKER, WALL, blown_up, case_of, command_line, finished
 from validation.verdict import FAIL, PASS
 
 pytestmark = pytest.mark.page
@@ -81,7 +83,9 @@ def scenes(tmp_path_factory: pytest.TempPathFactory, shared_runs: Path) -> list[
     case = case_of(file)
     runs = {engine: finished(case, engine, shared_runs) for engine in ("verlet", "reference")}
     absent = {"liggghts": "not installed", "yade": f"failed: exit code 1: {HOSTILE}"}
-    small = ComparedScene(case, runs, absent, compare_case(case, runs, absent))
+    half = until(blown_up(runs["verlet"].trace, 200), 290)
+    departures = {"yade": departure(case, "yade", half)}
+    small = ComparedScene(case, runs, absent, compare_case(case, runs, absent), departures, {}, {"yade": half})
     return [run_and_compare("fig4", runs=shared_runs), small]
 
 
@@ -307,6 +311,22 @@ def test_every_chart_tells_something(page: Shown) -> None:
         assert all(math.isfinite(value) for value in told["values"].values())
         point(page.driver, 2, 2)
         assert ask(page.driver, "readout", chart) is None
+
+
+def test_what_a_failed_run_left_is_shown_and_told(page: Shown) -> None:
+    fig4(page)  # of the page made here
+    driver, trace = page.driver, page.scenes[1].refused["yade"]
+    edges = ask(driver, "panel", "small", 0, [])
+    for sample in (40, 250):  # before it blows up, and after
+        x = edges["left"] + sample / 300 * (edges["right"] - edges["left"])
+        point(driver, x, (edges["top"] + edges["bottom"]) / 2)
+        told = ask(driver, "readout", "small")
+        own = told["values"]["yade (failed)"]
+        near = round(told["time"])
+        shown = float(trace.force_N[near, 3] + trace.force_N[near, 4]) / 2
+        assert own == pytest.approx(shown, rel=SINGLE) if sample == 40 else own is None
+    assert "yade (failed): –" in told["words"]
+    point(driver, 2, 2)
 
 
 def test_scripts_can_be_forbidden(driver: Chrome, tmp_path: Path) -> None:

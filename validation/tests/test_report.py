@@ -16,16 +16,18 @@ import pytest
 from drivers.errors import InputError
 from drivers.record import provenance
 from drivers.tolerances import tolerance
+from drivers.trace import until
 from postproc.sensors import sensor_signals
 from validation.comparison import compare_case, model_tolerance, shipped_name
 from validation.departure.departure import NONE, departure
 from validation.deviation import deviation
 from validation.report import write_report
-from validation.report.charts import MOST_SAMPLES, chart_of
+from validation.report.charts import MOST_SAMPLES, Panel, chart_of
+from validation.report.scene import section_of
 from validation.report.verdicts import scene_row, short
 from validation.rounding import HORIZON
 from validation.scenes import ComparedScene
-from validation.tests.conftest import SceneWriter, case_of, command_line, finished
+from validation.tests.conftest import SceneWriter, blown_up, case_of, command_line, finished
 from validation.verdict import FAIL, NOT_RUN, PASS
 
 
@@ -141,6 +143,75 @@ def test_a_red_row_says_its_diagnosis_and_how_to_look_closer(compared: ComparedS
     assert "matches forces a sample &lt;late&gt;" in first
     assert f"python -m validation compare {compared.case.scene.file}" in first
     assert '<tr class="miss">' not in page_of(replace(sick, verdicts=[], diagnoses={}), tmp_path)
+
+
+def test_what_there_is_of_a_failed_run_is_shown(compared: ComparedScene, tmp_path: Path) -> None:
+    """One that blew up and one that ended early stand beside the others, whose scale stays theirs."""
+    good = compared.runs["verlet"].trace
+    refused = {"yade": blown_up(good, 100), "liggghts": until(good, 60)}
+    absent = dict.fromkeys(refused, "failed: unstable <b>")
+    departures = {engine: departure(compared.case, engine, trace) for engine, trace in refused.items()}
+    verdicts = compare_case(compared.case, compared.runs, absent)
+    sick = replace(compared, absent=absent, verdicts=verdicts, departures=departures, refused=refused)
+    section = section_of(sick, scene_row(sick))
+    assert {"yade (failed)", "liggghts (failed)", "verlet", "reference"} == set(section.curves)
+    assert section.chart
+    quiet = chart_of(compared.case.layout, {name: run.trace for name, run in compared.runs.items()})
+    assert [panel.ticks for panel in section.chart.panels] == [panel.ticks for panel in quiet.panels]
+    signals = sensor_signals(compared.case.layout, good)
+    for engine, last in (("yade", 100), ("liggghts", 60)):
+        for panel, name in zip(section.chart.panels, signals, strict=False):
+            values = values_of(panel, f"{engine} (failed)")
+            assert values[:last] == pytest.approx(signals[name][:last], rel=1e-7)
+            assert np.isnan(values[last + 2 :]).all()
+            assert len(values) == len(good.time_s)
+        for yardstick in compared.runs:
+            differences = values_of(section.chart.panels[-1], f"{engine} (failed) − {yardstick}")
+            assert np.isfinite(differences[:last]).all()
+            assert np.isnan(differences[last:]).all()
+    words = {row.engine: row.kind for row in section.departures}
+    assert words == {"yade (failed)": departures["yade"].kind, "liggghts (failed)": departures["liggghts"].kind}
+    assert {engine for engine, _, _ in section.decks} == {"yade", "liggghts"}
+    assert section.engines == ["reference", "verlet"]  # observables are of finished runs alone
+    counts = write_report([sick], tmp_path / "report.html")
+    assert counts == {PASS: 2, FAIL: 2}
+    told = json.loads((tmp_path / "report.json").read_text())["scenes"][0]["engines"]["yade"]
+    assert told["departure"]["time_s"] == pytest.approx(100e-6)
+    assert told["verdicts"][0]["where"] == "failed: unstable <b>"
+
+
+def test_a_failed_run_without_a_trace_has_its_deck_all_the_same(compared: ComparedScene) -> None:
+    section = section_of(compared, scene_row(compared))
+    assert [(engine, file) for engine, file, _ in section.decks] == [("yade", "chain.py")]
+    assert "hertzian=True" in section.decks[0][2]
+
+
+@pytest.mark.parametrize("numbers", [True, False])
+def test_a_scene_that_no_engine_finished_shows_what_there_is(
+    numbers: bool, compared: ComparedScene, tmp_path: Path
+) -> None:
+    good = compared.runs["verlet"].trace
+    refused = {"yade": blown_up(good, 100) if numbers else replace(good, force_N=np.nan * good.force_N)}
+    absent = {"yade": "failed: unstable"}
+    alone = ComparedScene(compared.case, {}, absent, compare_case(compared.case, {}, absent), {}, {}, refused)
+    text = page_of(alone, tmp_path)
+    assert "No engine finished this scene" in text
+    assert text.count('data-label="yade (failed)"') == 3  # a panel for each gauge
+
+
+def values_of(panel: Panel, label: str) -> np.ndarray:
+    """The values of the panel's curve of that label."""
+    (curve,) = [curve for curve in panel.curves if curve.label == label]
+    return np.frombuffer(b64decode(curve.values), "<f4")
+
+
+def test_looking_closer_finds_the_same_runs(compared: ComparedScene, tmp_path: Path) -> None:
+    write_report([late(compared)], tmp_path / "report.html", "again", Path("my runs"))
+    again = f"python -m validation compare {compared.case.scene.file} --runs 'my runs'"
+    assert f"Look closer: <code>{html.escape(again, quote=False)}</code>" in (
+        (tmp_path / "report.html").read_text().replace("&#39;", "'")
+    )
+    assert json.loads((tmp_path / "report.json").read_text())["scenes"][0]["command"] == again
 
 
 def test_what_was_not_made_is_left_out_with_a_word(tmp_path: Path) -> None:

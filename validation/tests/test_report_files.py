@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import pytest
 
 from drivers import deck, paths
+from drivers.errors import InputError
 from postproc.inline import DARK, fit_for_page
 from postproc.style import pyplot, svg_of
 from validation.comparison import compare_case
@@ -191,6 +192,53 @@ def test_a_figure_for_the_page_keeps_its_shape_and_follows_the_screen() -> None:
     assert not {colour for colour in DARK if re.search(rf": {colour}\b", fit)}
     with pytest.raises(ValueError, match="mismatched"):
         fit_for_page(text.replace("</g>", "", 1), "salt")
+
+
+HEAD = '<?xml version="1.0"?><svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">'
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        "<script>throw 1</script>",
+        "<SCRIPT/>",
+        "<metadata><script/></metadata>",
+        '<g onload="throw 1"/>',
+        '<rect ONCLICK = "throw 1"/>',
+        '<image xlink:href="https://example.org/a.png"/>',
+        '<image href="a.png"/>',
+        '<image href="&#x68;ttp://example.org/a.png"/>',
+        '<a xlink:href="javascript:throw 1"><path d="M0 0"/></a>',
+        '<image src="//example.org/a.png"/>',
+        '<path fill="url(paint.svg#a)" d="M0 0"/>',
+        """<path style="fill: url( 'http://example.org/a')" d="M0 0"/>""",
+        '<style>@import "a.css";</style>',
+        "<style>* { fill: url(a.svg) }</style>",
+        "<foreignObject><b>x</b></foreignObject>",
+        "<?x ><script>throw 1</script>?>",
+        "<text><![CDATA[<metadata>]]></text>",
+    ],
+)
+def test_a_figure_brings_nothing_foreign_into_the_page(foreign: str, tmp_path: Path) -> None:
+    (tmp_path / "fig4.svg").write_text(f"{HEAD}{foreign}</svg>")
+    with pytest.raises(InputError, match=r"fig4\.svg") as refused:
+        write_report([], tmp_path / "report.html")
+    assert len(str(refused.value).splitlines()) == 1
+    assert "a damaged figure (it holds" in str(refused.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["fig4.svg"]
+
+
+def test_what_figures_are_made_of_stays() -> None:
+    """Pictures in the file, clipping, hatches, symbols, and words that look like something else."""
+    figure, axis = pyplot().subplots()
+    axis.imshow([[0, 1], [1, 0]])
+    axis.bar([0, 1], [1, 2], hatch="//")
+    axis.plot([0, 1], "o", label="once = 3 // url(http://example.org) <script> onload=x")
+    axis.legend()
+    axis.set_title(r"$\beta_2^{x}$")
+    fit = fit_for_page(svg_of(figure), "salt")
+    assert "data:image/png" in fit
+    assert "&lt;script&gt; onload=x" in fit
 
 
 def test_the_command_writes_all_three_and_says_how_it_was_called(scene_file: SceneWriter, tmp_path: Path) -> None:
