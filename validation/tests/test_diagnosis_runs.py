@@ -128,6 +128,8 @@ def test_the_comparison_prints_the_diagnosis(stand_in: StandIn, scene_file: Scen
     assert done.returncode == 1, done.stderr
     (line,) = [line for line in done.stdout.splitlines() if "diagnosis:" in line]
     assert re.match(r"scene +yade +diagnosis: matches non-viscous damping of 0\.2, ", line)
+    (line,) = [line for line in done.stdout.splitlines() if re.match(r"scene +yade +(leaves|starts)", line)]
+    assert re.search(r": (model|set-up)", line)  # of a trace that a guard refused
     kept = {path.name for path in (tmp_path / "runs" / "yade").glob("scene-*/*")}
     assert kept == {"chain.py", "run.json", "stdout.txt", "stderr.txt"}  # and nothing of the trace that was refused
 

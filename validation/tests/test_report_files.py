@@ -248,6 +248,7 @@ def test_the_command_writes_all_three_and_says_how_it_was_called(scene_file: Sce
     data = json.loads(page.with_suffix(".json").read_text())
     assert data["made_with"]["command"].startswith("python -m validation report ")
     assert str(scene) in data["made_with"]["command"]
+    assert data["scenes"][0]["command"].endswith(f" --runs {tmp_path / 'runs'}")
     assert ElementTree.parse(page.with_suffix(".xml")).getroot().attrib["failures"] == "0"
     for wrong in (("--out", tmp_path / "page.json"), (scene,)):
         refused = command_line("validation", "report", scene, *wrong, "--runs", tmp_path / "runs")
