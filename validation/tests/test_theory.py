@@ -72,7 +72,7 @@ def test_its_limits_are_the_linear_chain_and_the_wave_without_a_static_force() -
     assert strong.speed == pytest.approx(free.speed_by_force * 1e7 ** (1 / 3) * 1e-4**-0.5 * 1e9 ** (1 / 6), rel=1e-5)
 
 
-@pytest.mark.parametrize("amplitude", [1e-2, 1e20])
+@pytest.mark.parametrize("amplitude", [pytest.param(1e-2, marks=pytest.mark.long), 1e20])
 def test_amplitudes_at_both_ends_of_what_is_offered(amplitude: float) -> None:
     assert solve_at_amplitude(1e7, 1e-4, 1.0, amplitude).amplitude == pytest.approx(amplitude, rel=1e-9)
 
