@@ -73,7 +73,7 @@ test-accuracy: .venv/.ready-dev .venv/.engines ## accuracies on 200 random scene
 test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests
 	$(PY) -m pytest -n 2 --dist loadfile
 
-test-long: .venv/.ready-dev .venv/.engines ## chains in tubes, killed batches, Dask, films, claims: what takes long
+test-long: .venv/.ready-dev .venv/.engines ## figures, claims, chains in tubes, killed batches, Dask, films: what takes long
 	$(PY) -m pytest -n 2 --dist loadfile -m long
 
 test-slurm: .venv/.ready-dev ## studies on a real Slurm of this machine, installed where it is missing

@@ -41,6 +41,7 @@ def test_make_knows_every_figure_and_the_scenes_it_takes() -> None:
         assert {scene for scene in scenes if f'"{scene}"' in module} <= said
 
 
+@pytest.mark.long
 @pytest.mark.timeout(400)
 def test_all_are_made_and_written_whole(made: dict[str, Product], tmp_path: Path) -> None:
     makefile = (paths.ROOT / "Makefile").read_text()
@@ -55,6 +56,7 @@ def test_all_are_made_and_written_whole(made: dict[str, Product], tmp_path: Path
     assert not list(tmp_path.glob(".*"))
 
 
+@pytest.mark.long
 def test_table_1_is_reproduced_by_every_engine(made: dict[str, Product]) -> None:
     table = made["table1"].table
     wide_foot = np.where(table["force_N"] <= 0.1, 0.2, 0.1)
@@ -67,6 +69,7 @@ def test_table_1_is_reproduced_by_every_engine(made: dict[str, Product]) -> None
             assert (table[f"{code}_{column}"] / table[f"reference_{column}"] - 1).abs().max() < 1e-5
 
 
+@pytest.mark.long
 def test_table_1_has_the_printed_numbers(made: dict[str, Product]) -> None:
     expected = {5: (190.1, 5.41, 3.98), 2: (164.4, 5.67, 4.09), 0.6: (137.1, 6.24, 4.35), 0.1: (109.0, 7.92, 5.29),
                 0.06: (103.65, 8.62, 5.74)}  # fmt: skip
@@ -75,6 +78,7 @@ def test_table_1_has_the_printed_numbers(made: dict[str, Product]) -> None:
         assert found == pytest.approx(expected[row["force_N"]], rel=1e-3)
 
 
+@pytest.mark.long
 def test_beta_does_not_depend_on_the_modulus_and_runs_lie_on_the_curve(made: dict[str, Product]) -> None:
     table = made["fig2"].table
     spread = table[table["panel"] == "c, all moduli"]["beta_spread_over_moduli_share"]
@@ -94,6 +98,7 @@ def test_beta_does_not_depend_on_the_modulus_and_runs_lie_on_the_curve(made: dic
     assert np.abs(solitary["beta"] / on_curve - 1).max() < 2e-3  # linear between points of the curve
 
 
+@pytest.mark.long
 def test_speeds_follow_the_theory_without_gravity_and_exceed_it_with(made: dict[str, Product]) -> None:
     table = made["fig3"].table
     assert set(table["source"]) == {"simulated", "Eq. (3)", "Eq. (4)", "experiment", "score"}
@@ -113,6 +118,7 @@ def test_speeds_follow_the_theory_without_gravity_and_exceed_it_with(made: dict[
     assert (heavy["speed_m_s_x"] > heavy["speed_m_s_y"]).all()
 
 
+@pytest.mark.long
 def test_the_score_prefers_the_moduli_that_the_paper_does(made: dict[str, Product]) -> None:
     table = made["fig3"].table
     score = table[(table["source"] == "score") & (table["force_read_as"] == "contact force")]
@@ -122,6 +128,7 @@ def test_the_score_prefers_the_moduli_that_the_paper_does(made: dict[str, Produc
         assert rms.idxmin() == best
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["fig4", "fig5", "fig6"])
 def test_traces_hold_every_engine_and_stay_near_the_reference(made: dict[str, Product], name: str) -> None:
     table = made[name].table
@@ -133,6 +140,7 @@ def test_traces_hold_every_engine_and_stay_near_the_reference(made: dict[str, Pr
     assert table["wall_N"].max() > 1
 
 
+@pytest.mark.long
 def test_fig_4_lasts_until_the_reflected_wave_has_passed_the_upper_sensor(made: dict[str, Product]) -> None:
     exact = made["fig4"].table.query("engine == 'reference'")
     signal = exact["bead_9_N"].to_numpy()
@@ -141,6 +149,7 @@ def test_fig_4_lasts_until_the_reflected_wave_has_passed_the_upper_sensor(made: 
     assert signal[-1] < 0.1 * signal[peaks[1]]
 
 
+@pytest.mark.long
 def test_fig_5_says_by_how_much_the_incident_pulse_differs(made: dict[str, Product]) -> None:
     shapes = made["fig5"].table.query("part == 'shape'")
     for place, rise, decay, duration in (("top bead", 30.78, -0.01247, 403.6), ("second bead", 53.0, -0.01738, 438.0)):

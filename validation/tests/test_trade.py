@@ -77,6 +77,7 @@ def test_extrapolation_pays() -> None:
     assert all(lever.gain > 1 for lever in extrapolation())
 
 
+@pytest.mark.long
 def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     need("liggghts")
     need("yade")
