@@ -62,11 +62,12 @@ def worker_pool(workers: int, study: Study, store: Store) -> Iterator[ProcessPoo
         yield pool
     except BaseException:
         processes = multiprocessing.active_children()
-        pool.shutdown(wait=False, cancel_futures=True)
         for process in processes:
             process.terminate()
         for process in processes:
             process.join(PATIENCE_S)
+        # only now: a worker that is stopped while it reads the pool's farewell leaves half of it to the next
+        pool.shutdown(wait=False, cancel_futures=True)
         raise
     pool.shutdown()
 

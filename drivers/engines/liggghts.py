@@ -341,8 +341,9 @@ def _frames(case: Case, folder: Path) -> NDArray[np.void]:
 
 
 def complaint(stdout: str, stderr: str) -> str:
-    """The line that begins with ERROR; else the last one."""
-    lines = [line for line in (stderr + "\n" + stdout).splitlines() if line.strip()]
+    """The line that begins with ERROR; else the last one that is not of the library which looks for processors."""
+    said = (stderr + "\n" + stdout).splitlines()
+    lines = [line for line in said if line.strip() and not line.startswith("[hwloc/")]
     errors = [line for line in lines if line.startswith("ERROR")]
     return (errors or lines or ["no output"])[-1].strip()
 
