@@ -157,6 +157,7 @@ CRASHES = {
     "bytes that are no text": ("printf 'ERROR: \\377\\376 broken'; exit 3", "exit code 3: ERROR: \ufffd\ufffd broken"),
     "no output": ("exit 0", "no output"),
     "no word": ("exit 7", "exit code 7: no output"),
+    "words of a library": ('echo broken; echo "[hwloc/linux] no topology" >&2; exit 7', "exit code 7: broken"),
     "half a dump": ("head -c 200 /dev/zero > chain.bin", "output ends in sample 1 of 301"),
 }
 
