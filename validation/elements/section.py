@@ -9,11 +9,12 @@ from drivers import paths
 from drivers.errors import InputError
 from postproc.inline import read_svg, stored_or_drawn
 from validation.elements.diagrams import draw_effects
+from validation.elements.switches import read_elements
 from validation.elements.words import TABLES, read_tables, sentences
 
 
 def read_section(results: Path) -> dict[str, Any]:
-    """Sentences, tables and figures; empty without the tables.
+    """Sentences, tables and figures, and whether it is the short study; empty without the tables.
 
     Raises:
         InputError: a table is damaged.
@@ -26,6 +27,7 @@ def read_section(results: Path) -> dict[str, Any]:
         names = list(effects["observable"].unique())
         return {
             "sentences": sentences(tables),
+            "short": not {subject.name for subject in read_elements().scene} <= set(effects["scene"]),
             "observables": names,
             "effects": {scene: _rows(own, names) for scene, own in effects.groupby("scene", sort=False)},
             "figures": [

@@ -23,7 +23,7 @@ FIGURES = {
 
 
 def read_section(results: Path) -> dict[str, Any]:
-    """Sentences, tables and maps; empty without the tables.
+    """Sentences, tables and maps, and whether it is the short study; empty without the tables.
 
     Raises:
         InputError: a table is damaged.
@@ -34,6 +34,7 @@ def read_section(results: Path) -> dict[str, Any]:
         tables = read_tables(results)
         return {
             "sentences": sentences(tables),
+            "short": not set(FIGURES) <= tables.keys(),
             "criteria": list(CRITERIA),
             "methods": list(tables["limits"]["method"].unique()),
             "limits": _limits(tables["limits"]),
