@@ -216,6 +216,7 @@ def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) ->
     page = (tmp_path / "report.html").read_text()
     assert "beads &lt;b&gt;" in page
     assert "Where it breaks" in page
+    assert "the short study; <code>make stability</code> makes the whole" in page
     table = tables["limits"]
     table["ratio"] = 0.99
     assert len(missed(tables)) == (table["group"] == SHIPPED).sum()
