@@ -5,22 +5,11 @@ ENGINES := liggghts yade
 FOUND := $(strip $(foreach engine,$(ENGINES),$(if $(shell command -v $(engine)),$(engine))))
 STUDIES := $(basename $(notdir $(wildcard inputs/studies/*.toml)))
 FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*.py))
-SOURCES := $(shell find inputs templates drivers postproc validation -type f -not -path '*/tests/*' -not -path '*/__pycache__/*' \
-  -not -path 'inputs/studies/*' -not -path 'drivers/batch/*' -not -name study.py -not -name film.py -not -name vtk.py)
-# what only the page and the comparison of runs need
-PAGE := templates/report/% postproc/inline.py postproc/foreign.py validation/report/% validation/pair/% validation/departure/% validation/diagnosis/% validation/scenes.py
-# what every figure depends on, beside its own module and scenes
-COMMON := $(filter-out inputs/scenes/% inputs/paper/claims.toml postproc/figures/% $(PAGE) validation/claims/% validation/trade/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml \
-  $(addprefix validation/,bench.py bench_batch.py comparison.py criteria.py deviation.py random_scenes.py rounding.py verdict.py __main__.py),$(SOURCES))
-SCENES_fig1 := fig4
-SCENES_fig2 := fig4 table1
-SCENES_fig3 := table1
-SCENES_fig4 := fig4
-SCENES_fig5 := fig5
-SCENES_fig6 := fig6b fig6d
-SCENES_table1 := table1
-# of whose chains the contact forces are shown as well
-CHAINS := fig3 fig4 fig5 fig6 table1
+# figures and studies depend on every source: finished runs are found by content, so making them anew costs little
+SOURCES := $(shell find inputs templates drivers postproc validation -type f \
+  -not -path '*/tests/*' -not -path '*/__pycache__/*')
+MADE_FROM := $(SOURCES) .venv/.ready .venv/.engines
+MEASURED := claims trade stability elements independent
 BUDGET := 300
 # of the report, where nobody has made the whole study
 SHORT_BUDGET := 30
@@ -29,7 +18,8 @@ APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo)
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cluster engines $(FIGURES) figures claims trade stability elements independent study report test test-long test-slurm test-accuracy test-page bench lint clean FORCE
+.PHONY: help setup cluster engines $(FIGURES) figures $(MEASURED) study report bench lint clean FORCE
+.PHONY: test test-long test-slurm test-accuracy test-page
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -50,15 +40,15 @@ fig6: ## small beads under a steel and a PTFE ball
 table1: ## speeds and widths, solved for by every engine
 figures: $(FIGURES) ## all figures and the table
 
-claims: results/.claims ## every quantitative statement of the paper, computed
+claims: ## every quantitative statement of the paper, computed
 
-trade: results/.trade ## what accuracy costs on every engine: make trade [BUDGET=300], seconds of engine time
+trade: ## what accuracy costs on every engine: make trade [BUDGET=300], seconds of engine time
 
-stability: results/.stability ## where engines break: limits, extremes, long runs, rounding
+stability: ## where engines break: limits, extremes, long runs, rounding
 
-elements: results/.elements ## what each modelling element adds and costs, and what the experiment would have shown
+elements: ## what each modelling element adds and costs, and what the experiment would have shown
 
-independent: results/.independent ## cases beyond the paper: impacts, exact waves, trains, walls, by published numbers and theory
+independent: ## cases beyond the paper: impacts, exact waves, trains, walls, by published numbers and theory
 
 study: .venv/.ready .venv/.engines ## run a study and draw its figure: make study STUDY=sensitivity
 	@test -n "$(STUDY)" || { echo "which? make study STUDY=$(firstword $(STUDIES)); there are $(STUDIES)"; exit 2; }
@@ -68,7 +58,7 @@ study: .venv/.ready .venv/.engines ## run a study and draw its figure: make stud
 report: results/.report ## run the paper's scenes on all engines and write results/report.html
 
 test-accuracy: .venv/.ready-dev .venv/.engines ## accuracies on 200 random scenes, limits of the time step on 100
-	$(PY) -m pytest -n 2 -m accuracy validation/tests/test_accuracy.py
+	$(PY) -m pytest -n 2 -m accuracy
 
 test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests
 	$(PY) -m pytest -n 2 --dist loadfile
@@ -78,14 +68,14 @@ test-long: .venv/.ready-dev .venv/.engines ## figures, claims, chains in tubes, 
 
 test-slurm: .venv/.ready-dev ## studies on a real Slurm of this machine, installed where it is missing
 	@command -v slurmctld >/dev/null && command -v munged >/dev/null || $(MAKE) --no-print-directory .slurm
-	$(PY) -m pytest -m slurm validation/tests/test_slurm.py
+	$(PY) -m pytest -m slurm
 
 test-page: .venv/.ready-dev .venv/.engines ## the report page in headless Chromium, installed where it is missing
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || $(MAKE) --no-print-directory .chromium
-	$(PY) -m pytest -m page validation/tests/test_page.py
+	$(PY) -m pytest -m page
 
 bench: .venv/.ready .venv/.engines ## what the integrators and engines cost, as ratios
-	$(PY) -m validation bench
+	$(PY) -m validation.tests.bench
 
 lint: .venv/.ready-dev ## ruff and mypy
 	$(PY) -m ruff check .
@@ -95,48 +85,28 @@ lint: .venv/.ready-dev ## ruff and mypy
 clean: ## remove runs and results (not .venv)
 	rm -rf runs results
 
-# figures are made by one command each; a figure that failed leaves nothing
-$(FIGURES): %: results/%.svg results/%.png results/%.csv
-$(CHAINS): %: results/%-spacetime.svg results/%-spacetime.png results/%-spacetime.csv
-
+# a stamp stands only if its command ended well, and counts only while what it made is there
 .SECONDEXPANSION:
-results/%.svg results/%.png results/%.csv: postproc/figures/%.py $$(addsuffix .toml,$$(addprefix inputs/scenes/,$$(SCENES_$$*))) $(COMMON) .venv/.ready .venv/.engines
+$(FIGURES) $(MEASURED): %: results/.%
+
+$(FIGURES:%=results/.%): results/.%: $(MADE_FROM) \
+    $$(if $$(filter 3,$$(words $$(wildcard $$(addprefix results/$$*.,csv png svg)))),,FORCE)
 	$(PY) -m postproc $*
-
-# made with their figure: here only where somebody removed one
-results/%-spacetime.svg results/%-spacetime.png results/%-spacetime.csv: results/%.svg results/%.png results/%.csv
-	@for kind in svg png csv; do test -f results/$*-spacetime.$$kind || exec $(PY) -m postproc $*; done
-
-results/.claims: $(filter-out postproc/figures/% $(PAGE) validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/claims.csv),,FORCE)
-	$(PY) -m validation claims
 	@touch $@
 
-results/.trade: $(filter-out postproc/figures/% $(PAGE) validation/claims/% validation/stability/% validation/elements/% validation/independent/% inputs/extremes.toml inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/trade.csv),,FORCE)
-	$(PY) -m validation trade --budget $(BUDGET)
-	@touch $@
-
-results/.stability: $(filter-out postproc/figures/% $(PAGE) validation/claims/% validation/trade/% validation/elements/% validation/independent/% inputs/elements.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/stability.csv),,FORCE)
-	$(PY) -m validation stability
-	@touch $@
-
-results/.elements: $(filter-out postproc/figures/% $(PAGE) validation/claims/% validation/trade/% validation/stability/% validation/independent/% inputs/extremes.toml inputs/independent.toml,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/elements.csv),,FORCE)
-	$(PY) -m validation elements
-	@touch $@
-
-results/.independent: $(filter-out postproc/figures/% $(PAGE) validation/claims/% validation/trade/% validation/stability/% validation/elements/% inputs/extremes.toml inputs/elements.toml inputs/paper/claims.toml,$(SOURCES)) $(wildcard inputs/studies/*.toml drivers/batch/*.py) .venv/.ready .venv/.engines $(if $(wildcard results/independent.csv),,FORCE)
-	$(PY) -m validation independent
+$(MEASURED:%=results/.%): results/.%: $(MADE_FROM) $$(if $$(wildcard results/$$*.csv),,FORCE)
+	$(PY) -m validation $* $(if $(filter trade,$*),--budget $(BUDGET))
 	@touch $@
 
 # the stamp stands only if every verdict is good; finished runs are not run again
 # the page is written even if a claim or an independent case is at fault, but then the target fails
 # what other targets have made since is put in as well
 NEWS = $(shell find results -maxdepth 1 \( -name '*.csv' -o -name '*.svg' \) -newer results/.report 2>/dev/null)
-results/.report: $(filter-out postproc/figures/%,$(SOURCES)) .venv/.ready .venv/.engines $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
+results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
 	@test -f results/trade.csv || $(PY) -m validation trade --budget $(SHORT_BUDGET)
 	@test -f results/stability.csv || $(PY) -m validation stability --quick
 	@test -f results/elements.csv || $(PY) -m validation elements --quick
-	@$(MAKE) --no-print-directory results/.claims; claims=$$?; $(MAKE) --no-print-directory results/.independent; independent=$$?; \
-	  $(PY) -m validation report && test $$claims = 0 && test $$independent = 0
+	@$(MAKE) --no-print-directory -k claims independent; made=$$?; $(PY) -m validation report && test $$made = 0
 	@touch $@
 
 .venv/.ready: requirements.lock

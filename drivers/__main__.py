@@ -4,8 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from drivers.cli import Parser, must_be_folder, run_main, seconds
-from drivers.errors import InputError, RunError
+from drivers.base.command_line import Parser, must_be_folder, run_main, seconds
+from drivers.base.errors import InputError, RunError
 
 AUTO = "auto"  # in place of an engine: the cheapest that models what the scene requires
 
@@ -141,10 +141,10 @@ def _engines(asked: list[str] | None, *, automatic: bool = False) -> tuple[list[
 
 
 def _render(arguments: argparse.Namespace) -> int:
-    from drivers.case import build_case
+    from drivers.chain.case import build_case
     from drivers.engines import load_engine
-    from drivers.limits import refuse
-    from drivers.read_scene import read_scene
+    from drivers.limits.refusal import refuse
+    from drivers.scene.read_scene import read_scene
 
     (name,), _ = _engines([arguments.engine])
     case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
@@ -160,12 +160,12 @@ def _render(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from drivers.case import build_case
-    from drivers.costs import cheapest
-    from drivers.limits import inability, refuse
-    from drivers.read_scene import read_scene
-    from drivers.run import run_case
+    from drivers.base import paths
+    from drivers.chain.case import build_case
+    from drivers.limits.refusal import inability, refuse
+    from drivers.run.run import run_case
+    from drivers.scene.read_scene import read_scene
+    from validation.accuracy.costs import cheapest
 
     asked = arguments.engine or []
     named = [name for name in asked if name != AUTO]
@@ -204,7 +204,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _plan(arguments: argparse.Namespace) -> int:
-    from drivers.outlook import outlook
+    from validation.accuracy.plan_report import outlook
 
     for line in outlook(arguments.scene, tuple(arguments.settings)):
         print(line)
@@ -212,9 +212,9 @@ def _plan(arguments: argparse.Namespace) -> int:
 
 
 def _batch(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from drivers.batch.command import Where, batch, run_part
-    from drivers.process import cores
+    from drivers.base import paths
+    from drivers.base.processes import cores
+    from drivers.batch.commands import Where, batch, run_part
 
     runs, results = arguments.runs or paths.RUNS, arguments.results or paths.RESULTS
     must_be_folder("--runs", runs)
@@ -245,8 +245,8 @@ def _batch(arguments: argparse.Namespace) -> int:
 
 
 def _status(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from drivers.batch.command import status
+    from drivers.base import paths
+    from drivers.batch.commands import status
 
     runs = arguments.runs or paths.RUNS
     must_be_folder("--runs", runs)
@@ -254,8 +254,8 @@ def _status(arguments: argparse.Namespace) -> int:
 
 
 def _show(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from drivers.batch.command import show
+    from drivers.base import paths
+    from drivers.batch.commands import show
 
     runs = arguments.runs or paths.RUNS
     must_be_folder("--runs", runs)

@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.cli import Parser, must_be_folder, run_main
-from drivers.errors import InputError, RunError
+from drivers.base.command_line import Parser, must_be_folder, run_main
+from drivers.base.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from drivers.finished import FinishedRun
+    from drivers.run.finished import FinishedRun
 
 FIGURES = tuple(sorted(file.stem for file in (Path(__file__).parent / "figures").glob("[a-z]*.py")))
 
@@ -79,11 +79,11 @@ def _add_out(parser: argparse.ArgumentParser) -> None:
 
 
 def _draw(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from drivers.case import build_case
-    from drivers.read_scene import read_scene
-    from postproc.product import Product, write_product
-    from postproc.scene_drawing import draw_scene
+    from drivers.base import paths
+    from drivers.chain.case import build_case
+    from drivers.scene.read_scene import read_scene
+    from postproc.draw.product import Product, write_product
+    from postproc.draw.scene_drawing import draw_scene
 
     must_be_folder("--out", arguments.out)
     case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
@@ -96,10 +96,10 @@ def _draw(arguments: argparse.Namespace) -> int:
 def _study(arguments: argparse.Namespace) -> int:
     import pandas as pd
 
-    from drivers import paths
+    from drivers.base import paths
     from drivers.batch.study import read_study
-    from postproc.product import write_product
-    from postproc.study import draw_study, draw_tornado
+    from postproc.draw.product import write_product
+    from postproc.draw.study_figure import draw_study, draw_tornado
 
     must_be_folder("--out", arguments.out)
     study = read_study(arguments.study)
@@ -117,9 +117,9 @@ def _study(arguments: argparse.Namespace) -> int:
 def _figures(arguments: argparse.Namespace) -> int:
     from importlib import import_module
 
-    from drivers import paths
+    from drivers.base import paths
     from drivers.engines import missing_codes
-    from postproc.product import write_product
+    from postproc.draw.product import write_product
 
     must_be_folder("--out", arguments.out)
     must_be_folder("--runs", arguments.runs)
@@ -139,9 +139,9 @@ def _figures(arguments: argparse.Namespace) -> int:
 
 
 def _vtk(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from drivers.finished import open_run
-    from postproc.vtk import FRAMES, write_series
+    from drivers.base import paths
+    from drivers.run.finished import open_run
+    from postproc.draw.vtk import FRAMES, write_series
 
     must_be_folder("--out", arguments.out)
     run = open_run(arguments.run)
@@ -153,10 +153,10 @@ def _vtk(arguments: argparse.Namespace) -> int:
 
 
 def _film(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from drivers.finished import open_run
-    from postproc.film import ANIMATED, FRAMES, film_of, sheet, write_animation
-    from postproc.product import write_product
+    from drivers.base import paths
+    from drivers.run.finished import open_run
+    from postproc.draw.film import ANIMATED, FRAMES, film_of, sheet, write_animation
+    from postproc.draw.product import write_product
 
     must_be_folder("--out", arguments.out)
     run, out = open_run(arguments.run), arguments.out or paths.RESULTS
@@ -169,10 +169,10 @@ def _film(arguments: argparse.Namespace) -> int:
 
 
 def _spacetime(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from drivers.finished import open_run
-    from postproc.product import write_product
-    from postproc.spacetime import Panel, spacetime_product
+    from drivers.base import paths
+    from drivers.run.finished import open_run
+    from postproc.draw.product import write_product
+    from postproc.draw.spacetime import Panel, spacetime_product
 
     must_be_folder("--out", arguments.out)
     run = open_run(arguments.run)
@@ -215,8 +215,8 @@ def _share(text: str) -> float:
 
 
 def _observables(arguments: argparse.Namespace) -> int:
-    from drivers.finished import open_run
-    from postproc.observables import LEVELS, observe
+    from drivers.run.finished import open_run
+    from postproc.read.observables import LEVELS, observe
 
     run = open_run(arguments.run)
     values = observe(run.layout, run.trace, tuple(arguments.level or LEVELS))

@@ -5,12 +5,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.cli import Parser, must_be_file, must_be_folder, run_main, seconds
-from drivers.errors import InputError
+from drivers.base.command_line import Parser, must_be_file, must_be_folder, run_main, seconds
+from drivers.base.errors import InputError
 
 if TYPE_CHECKING:
-    from validation.scenes import ComparedScene
-    from validation.verdict import Verdict
+    from validation.compare.compared_scenes import ComparedScene
+    from validation.compare.verdict import Verdict
 
 
 def main() -> int:
@@ -75,9 +75,9 @@ def _parser() -> Parser:
 
 
 def _trade(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from validation.trade.command import trade
+    from drivers.base import paths
     from validation.trade.ladder import BUDGET_S
+    from validation.trade.trade_study import trade
 
     must_be_folder("--results", arguments.results)
     trade(arguments.budget or BUDGET_S, arguments.results or paths.RESULTS)
@@ -85,8 +85,8 @@ def _trade(arguments: argparse.Namespace) -> int:
 
 
 def _stability(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from validation.stability.command import stability
+    from drivers.base import paths
+    from validation.stability.stability_study import stability
 
     must_be_folder("--results", arguments.results)
     must_be_folder("--runs", arguments.runs)
@@ -94,8 +94,8 @@ def _stability(arguments: argparse.Namespace) -> int:
 
 
 def _elements(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from validation.elements.command import elements
+    from drivers.base import paths
+    from validation.elements.elements_study import elements
 
     must_be_folder("--results", arguments.results)
     must_be_folder("--runs", arguments.runs)
@@ -103,8 +103,8 @@ def _elements(arguments: argparse.Namespace) -> int:
 
 
 def _independent(arguments: argparse.Namespace) -> int:
-    from drivers import paths
-    from validation.independent.command import independent
+    from drivers.base import paths
+    from validation.independent.independent_study import independent
 
     must_be_folder("--results", arguments.results)
     must_be_folder("--runs", arguments.runs)
@@ -130,9 +130,9 @@ def _wave(_: argparse.Namespace) -> int:
 
 
 def _claims(arguments: argparse.Namespace) -> int:
-    from drivers import paths
+    from drivers.base import paths
     from drivers.engines import missing_codes
-    from validation.claims.judge import counted, judge_all, write_claims
+    from validation.claims.judged_claims import counted, judge_all, write_claims
 
     must_be_file("--out", arguments.out)
     must_be_folder("--runs", arguments.runs)
@@ -153,8 +153,8 @@ def _claims(arguments: argparse.Namespace) -> int:
 
 
 def _bench(_: argparse.Namespace) -> int:
-    from validation.bench import bench
-    from validation.bench_batch import bench_batch
+    from validation.tests.bench.bench import bench
+    from validation.tests.bench.bench_batch import bench_batch
 
     bench()
     bench_batch()
@@ -168,12 +168,12 @@ def _compare(arguments: argparse.Namespace) -> int:
             raise InputError("compare", "", " ".join(arguments.what), "scenes, or exactly two run folders")
         if arguments.settings:
             raise InputError("--set", "", "a setting for runs that are done", "settings of scenes")
-        from validation.pair.command import compare_runs
+        from validation.compare.compare_runs import compare_runs
 
         return compare_runs(*folders)
-    from drivers import paths
-    from validation.scenes import run_and_compare
-    from validation.verdict import FAIL
+    from drivers.base import paths
+    from validation.compare.compared_scenes import run_and_compare
+    from validation.compare.verdict import FAIL
 
     failed = False
     for source in arguments.what:
@@ -198,7 +198,7 @@ def _print_table(verdicts: "list[Verdict]") -> None:
 
 def _print_departures(compared: "ComparedScene") -> None:
     """When each run first leaves the exact motion, and why."""
-    from validation.departure.departure import departure_rows
+    from validation.compare.departure import departure_rows
 
     print()
     for row in departure_rows(compared.departures):
@@ -207,7 +207,7 @@ def _print_departures(compared: "ComparedScene") -> None:
 
 def _print_budgets(compared: "ComparedScene") -> None:
     """The parts of each run's errors, as signed shares; they add up to the whole."""
-    from validation.parts import PARTS, for_terminal
+    from validation.accuracy.parts import PARTS, for_terminal
 
     print(f"\n{'error budget':<23} {'quantity':<24} " + " ".join(f"{part:>10}" for part in PARTS))
     for engine, run in compared.runs.items():
@@ -220,7 +220,7 @@ def _print_budgets(compared: "ComparedScene") -> None:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from validation.report.command import report
+    from validation.report.report_command import report
 
     must_be_file("--out", arguments.out)
     must_be_folder("--runs", arguments.runs)

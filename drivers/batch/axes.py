@@ -8,12 +8,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from drivers import paths, units
-from drivers.complaints import shorten
-from drivers.errors import InputError
-from drivers.read_scene import read_toml
-from drivers.scene import Part
-from drivers.settings import read_value
+from drivers.base import paths, units
+from drivers.base.errors import InputError
+from drivers.base.messages import shorten
+from drivers.scene.model import Part
+from drivers.scene.overrides import read_value
+from drivers.scene.read_scene import read_toml
 
 MAX_VALUES = 1_000_000
 FORMS = ("values", "from", "factors", "zip", "seeds", "table")

@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from drivers.scene import Scene, SceneFile
-from drivers.units import InUnit
+from drivers.base.units import InUnit
+from drivers.scene.model import Scene, SceneFile
 
 
 def column_name(name: str, key: str) -> str:

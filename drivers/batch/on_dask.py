@@ -8,11 +8,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from drivers.base.errors import InputError, RunError
 from drivers.batch.selection import Selection
 from drivers.batch.slices import run_slice
 from drivers.batch.study import Study
 from drivers.batch.worker import CHUNK
-from drivers.errors import InputError, RunError
 
 LOCAL = "local"
 CONNECT_S = 5

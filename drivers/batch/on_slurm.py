@@ -9,13 +9,13 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from drivers import paths
+from drivers.base import paths
+from drivers.base.errors import InputError, RunError
 from drivers.batch.on_dask import slices_with_work
 from drivers.batch.selection import Selection
 from drivers.batch.store import Store
 from drivers.batch.study import Study
 from drivers.batch.worker import CHUNK
-from drivers.errors import InputError, RunError
 
 MOST_TASKS = 1000  # Slurm's own limit of an array, unless its administrator raised it
 SECONDS_PER_TASK = 60.0  # a shorter one is not worth the scheduler's trouble

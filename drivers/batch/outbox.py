@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from drivers.batch.claims import ALIVE
+from drivers.batch.leases import ALIVE
 from drivers.batch.store import Row, commit
 
 COMMIT_S = 1.0

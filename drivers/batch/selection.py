@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
+from drivers.base.errors import InputError
 from drivers.batch.study import Study
-from drivers.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,11 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from drivers.batch.plan import plan_part
-from drivers.batch.planned import versions_of
 from drivers.batch.selection import select
 from drivers.batch.store import Row, Store
 from drivers.batch.study import read_study
+from drivers.batch.study_cases import versions_of
+from drivers.batch.study_plan import plan_part
 from drivers.batch.worker import CHUNK, run_cases
 
 POLL_S = 0.5

@@ -9,15 +9,15 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from drivers import paths, units
+from drivers.base import paths, units
+from drivers.base.errors import InputError
+from drivers.base.messages import shorten, validate
 from drivers.batch.axes import Axis, Choice, expand
-from drivers.case import Case, build_case
-from drivers.complaints import shorten, validate
+from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed
-from drivers.errors import InputError
-from drivers.read_scene import find_input, find_scene, make_scene, read_toml
-from drivers.scene import Part
-from drivers.settings import set_value
+from drivers.scene.model import Part
+from drivers.scene.overrides import set_value
+from drivers.scene.read_scene import find_input, find_scene, make_scene, read_toml
 
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns that every table has
 

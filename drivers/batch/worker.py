@@ -8,17 +8,17 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from drivers.batch.claims import WORK, workplace
+from drivers.base.errors import RunError
+from drivers.batch.leases import WORK, workplace
 from drivers.batch.outbox import outbox
-from drivers.batch.planned import REFERENCE, Planned, plan_case
 from drivers.batch.store import Row, Store, plain
 from drivers.batch.study import Study
+from drivers.batch.study_cases import REFERENCE, Planned, plan_case
+from drivers.chain.trace import Trace, digest_of
 from drivers.engines import load_engine
-from drivers.errors import RunError
-from drivers.guard import checked_trace
-from drivers.run import default_limit_s
-from drivers.session import Session
-from drivers.trace import Trace, digest_of
+from drivers.run.guard import checked_trace
+from drivers.run.run import default_limit_s
+from drivers.run.session import Session
 
 CHUNK = 64  # cases in a chunk, at most
 PROBE_BYTES = 1 << 20
@@ -132,14 +132,14 @@ def _run_row(study: Study, planned: Planned, name: str, session_of: Callable[[st
     if truth.trace is None:
         result.status, result.reason = truth.status, f"no exact forces to count its error by: {truth.reason}"
     else:
-        from postproc.residual import residual
+        from postproc.read.residual import residual
 
         force_error = float(residual(result.trace, truth.trace).max())
     return _row(study, planned, name, result, force_error, began)
 
 
 def _row(study: Study, planned: Planned, engine: str, result: _Result, force_error: float | None, began: float) -> Row:
-    from postproc.observables import observe
+    from postproc.read.observables import observe
 
     trace = result.trace
     values = plain(observe(planned.case.layout, trace)) if trace is not None else {}

@@ -7,7 +7,7 @@ An engine module has
 * ``IN_REPOSITORY``: whether it is part of this repository, and so a yardstick for the others;
 * ``SCHEME``: how it integrates, one of those named below: what its runs are measured against;
 * ``SHEAR``: what its friction keeps in three dimensions, ``TOTAL`` or ``INCREMENTAL``;
-* ``MODELS``: the modelling elements (``drivers.elements``) that it can;
+* ``MODELS``: the modelling elements (``drivers.chain.elements``) that it can;
 * ``LOST``: what it says when a body has left the space it watches, which is a blow-up; empty if it watches none;
 * ``VARIABLES``: environment variables it needs;
 * ``version(executable)``: its version, part of a run's identity;
@@ -27,10 +27,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol, cast
 
-from drivers.case import Case
-from drivers.complaints import Complaint
-from drivers.deck import Deck
-from drivers.trace import Trace
+from drivers.base.decks import Deck
+from drivers.base.messages import Complaint
+from drivers.chain.case import Case
+from drivers.chain.trace import Trace
 
 IN_HEIGHTS = "velocity Verlet in absolute heights"
 IN_OVERLAPS = "velocity Verlet in overlaps"

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from drivers.chain import Array
-from drivers.errors import RunError
+from drivers.base.errors import RunError
+from drivers.chain.chain import Array
 
 
 def load_array(path: Path, shape: tuple[int, ...]) -> Array:

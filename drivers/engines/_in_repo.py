@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers import paths
-from drivers.case import Case
-from drivers.complaints import Complaint
-from drivers.deck import Deck
+from drivers.base import paths
+from drivers.base.decks import Deck
+from drivers.base.messages import Complaint
+from drivers.chain.case import Case
+from drivers.chain.trace import Trace, make_trace
 from drivers.engines import _in_repo_tube
 from drivers.engines._arrays import load_array
-from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "nothing: it is part of this repository"
 IN_REPOSITORY = True

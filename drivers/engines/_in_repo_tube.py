@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.complaints import Complaint
+from drivers.base.messages import Complaint
+from drivers.chain.case import Case
+from drivers.chain.lateral import Lateral
+from drivers.chain.trace import Sideways, Trace, make_sideways_trace
 from drivers.engines._arrays import load_array
 from drivers.engines._sums import towards_axis
-from drivers.lateral import Lateral
-from drivers.trace import Sideways, Trace, make_sideways_trace
 
 COLUMNS = 13  # force along the axis; the bore's, place, velocity, spin: three each
 

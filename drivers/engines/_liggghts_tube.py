@@ -5,11 +5,11 @@ from math import sqrt
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.chain import Array
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.lateral import Bore, Lateral
+from drivers.chain.trace import Sideways, Trace, make_sideways_trace
 from drivers.engines._sums import contact_forces, towards_axis
-from drivers.lateral import Bore, Lateral
-from drivers.trace import Sideways, Trace, make_sideways_trace
 
 TUBE = "tube"  # the label of its type
 PLACES, SPINS = ("x", "y", "z", "vx", "vy", "vz"), ("omegax", "omegay", "omegaz")

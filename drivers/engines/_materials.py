@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drivers.scene import RIGID, Scene
+from drivers.scene.model import RIGID, Scene
 
 RIGID_PA = 1e40  # a wall that does not yield: its share of 1/E* is below rounding
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drivers.chain import Array
+from drivers.chain.chain import Array
 
 
 def contact_forces(lowest_N: Array, contacts_N: Array) -> Array:

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.deck import render as render_template
+from drivers.base.decks import render as render_template
+from drivers.chain.case import Case
+from drivers.chain.trace import Sideways, Trace, make_sideways_trace
 from drivers.engines._arrays import load_arrays
 from drivers.engines._sums import contact_forces, towards_axis
 from drivers.engines._yade_values import common_values, staggered_velocities
-from drivers.trace import Sideways, Trace, make_sideways_trace
 
 # by default friction's arm is not the same for slip and for torque
 SPHERES = "Ig2_Sphere_Sphere_ScGeom(avoidGranularRatcheting=False)"

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.chain import Array
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
 from drivers.engines._materials import named_material
 
 

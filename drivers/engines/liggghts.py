@@ -9,21 +9,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.case import Case
-from drivers.chain import Array, Chain, energy_put_in, free_fall
-from drivers.complaints import Complaint
-from drivers.deck import Deck
-from drivers.deck import render as render_template
-from drivers.elements import SIDEWAYS, STRAIGHT
+from drivers.base.decks import Deck
+from drivers.base.decks import render as render_template
+from drivers.base.errors import RunError
+from drivers.base.messages import Complaint
+from drivers.base.processes import UNKNOWN_VERSION, first_line_of
+from drivers.chain.case import Case
+from drivers.chain.chain import Array, Chain, energy_put_in, free_fall
+from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, with_attraction
+from drivers.chain.elements import SIDEWAYS, STRAIGHT
+from drivers.chain.flat_face import sphere_for_face
+from drivers.chain.trace import Trace, make_trace
 from drivers.engines import IN_HEIGHTS, TOTAL
 from drivers.engines import _liggghts_tube as sideways
 from drivers.engines._materials import named_material
 from drivers.engines._sums import contact_forces
-from drivers.errors import RunError
-from drivers.face import sphere_for_face
-from drivers.process import UNKNOWN_VERSION, first_line_of
-from drivers.restitution import damping_ratio_with_attraction, restitution, with_attraction
-from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's package liggghts"
 IN_REPOSITORY = False

@@ -1,8 +1,8 @@
 """``reference``: adaptive and exact to its tolerance: what a run pays for its time step is measured against it."""
 
-from drivers.case import Case
-from drivers.deck import Deck
-from drivers.elements import STRAIGHT
+from drivers.base.decks import Deck
+from drivers.chain.case import Case
+from drivers.chain.elements import STRAIGHT
 from drivers.engines import EXACT, TOTAL, _in_repo
 from drivers.engines._in_repo import (
     HOW_TO_GET,

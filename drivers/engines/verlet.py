@@ -4,9 +4,9 @@ In three dimensions its friction keeps the shear displacement, as LIGGGHTS does:
 whose force is Mindlin's without slip at the present radius of the contact.
 """
 
-from drivers.case import Case
-from drivers.deck import Deck
-from drivers.elements import SIDEWAYS, STRAIGHT
+from drivers.base.decks import Deck
+from drivers.chain.case import Case
+from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.engines import IN_OVERLAPS, TOTAL, _in_repo
 from drivers.engines._in_repo import (
     HOW_TO_GET,

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.complaints import Complaint
-from drivers.deck import Deck
-from drivers.deck import render as render_template
-from drivers.elements import SIDEWAYS, STRAIGHT
+from drivers.base.decks import Deck
+from drivers.base.decks import render as render_template
+from drivers.base.errors import RunError
+from drivers.base.messages import Complaint
+from drivers.base.processes import UNKNOWN_VERSION, first_line_of
+from drivers.chain.case import Case
+from drivers.chain.elements import SIDEWAYS, STRAIGHT
+from drivers.chain.trace import Trace, make_trace
 from drivers.engines import IN_HEIGHTS, INCREMENTAL, _yade_tube
 from drivers.engines._arrays import load_arrays
 from drivers.engines._yade_values import common_values, staggered_velocities
-from drivers.errors import RunError
-from drivers.process import UNKNOWN_VERSION, first_line_of
-from drivers.trace import Trace, make_trace
 
 HOW_TO_GET = "Debian's packages yade and python3-yade"
 IN_REPOSITORY = False

@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from postproc.product import Product
-from postproc.scene_drawing import draw_scene
+from postproc.draw.product import Product
+from postproc.draw.scene_drawing import draw_scene
 
 
 def make(runs: Path) -> Product:
     """Draws it; nothing is run."""
-    from drivers.case import build_case
-    from drivers.read_scene import read_scene
+    from drivers.chain.case import build_case
+    from drivers.scene.read_scene import read_scene
 
     case = build_case(read_scene("fig4"))
     return Product(*draw_scene(case.scene, case.chain))

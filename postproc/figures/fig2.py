@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from drivers.chain import Array
-from postproc.product import Product
-from postproc.quoted import quoted
-from postproc.sensors import sensor_average
-from postproc.stack import MICRO, draw_lines
-from postproc.style import COLUMN_IN, FAINT, drawing_order, marker_of, pyplot
+from drivers.chain.chain import Array
+from postproc.draw.product import Product
+from postproc.draw.stack import MICRO, draw_lines
+from postproc.draw.style import COLUMN_IN, FAINT, drawing_order, marker_of, pyplot
+from postproc.paper.quoted import quoted
+from postproc.read.sensors import sensor_average
 
 if TYPE_CHECKING:
-    from validation.simulate import Simulation
+    from postproc.paper.simulate import Simulation
 
 CURVE = np.geomspace(0.1, 1e4, 31)
 STRIKES = (1.0, 10.0, 100.0, 1e3, 1e4)  # amplitudes (F_m - F_0)/F_0 of the simulations
@@ -43,8 +43,8 @@ def make(runs: Path) -> Product:
 
 def _chains() -> dict[float, tuple[str, ...]]:
     """Settings of the precompressed chain by modulus in MPa; the static force is Table 1's between its sensors."""
-    from validation.simulate import case_of
-    from validation.strikes import static_force
+    from postproc.paper.simulate import case_of
+    from postproc.paper.strikes import static_force
 
     pressed = (*CHAIN, f"chain.precompression={static_force(case_of('table1'))!r} N")
     return {modulus: (*pressed, f"materials.ptfe.youngs_modulus={modulus} MPa") for modulus in quoted().ptfe.moduli_MPa}
@@ -77,7 +77,7 @@ def _draw_free_body(axis: Any) -> None:
 
 
 def _draw_forces(axis: Any, runs: Path) -> pd.DataFrame:
-    from validation.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
+    from postproc.paper.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
 
     found = {engine: one for engine, (one,) in simulate([case_of("fig4", UNTIL_REFLECTED)], runs).items()}
     time = found[REFERENCE].trace.time_s
@@ -110,8 +110,8 @@ def _sensor_forces(force_N: Array) -> Array:
 
 def _waves() -> pd.DataFrame:
     """Beta of the travelling wave for each modulus, in SI units throughout: that it is the same is a result."""
+    from postproc.paper.simulate import case_of
     from validation.reference.precompressed_wave import solve_at_amplitude
-    from validation.simulate import case_of
 
     tables = []
     for modulus, settings in _chains().items():
@@ -125,8 +125,8 @@ def _waves() -> pd.DataFrame:
 
 def _points(runs: Path) -> pd.DataFrame:
     """Beta from full simulations by every engine."""
-    from validation.simulate import case_of, simulate
-    from validation.strikes import contact_peak, sensor_pair, static_force, strike_for
+    from postproc.paper.simulate import case_of, simulate
+    from postproc.paper.strikes import contact_peak, sensor_pair, static_force, strike_for
 
     def dynamic_peak(simulation: "Simulation") -> float:
         return contact_peak(simulation) - static_force(simulation.case)

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from postproc.product import Product
-from postproc.quoted import quoted
-from postproc.spacetime import SPACETIME, Panel, spacetime_product
-from postproc.style import COLUMN_IN, FAINT, drawing_order, line_of, marker_of, pyplot
+from postproc.draw.product import Product
+from postproc.draw.spacetime import SPACETIME, Panel, spacetime_product
+from postproc.draw.style import COLUMN_IN, FAINT, drawing_order, line_of, marker_of, pyplot
+from postproc.paper.quoted import quoted
 
 FORCES_N = np.geomspace(0.03, 20, 13)
 BY_CODES = slice(0, 13, 4)  # the amplitudes that the codes run as well
@@ -45,7 +45,7 @@ def curves() -> list[Curve]:
 
 def make(runs: Path) -> Product:
     """Runs the strikes and draws them over the theory, with the codes' differences and the scores below."""
-    from validation.measured import measured_points, scores
+    from postproc.paper.modulus_scores import measured_points, scores
 
     points = _points(runs)
     theory = _theory(points)
@@ -61,8 +61,8 @@ def make(runs: Path) -> Product:
 
 def _chains() -> Product:
     """The chain under the weakest and the strongest strike, by the reference: the stiffest beads, with gravity."""
-    from validation.simulate import REFERENCE
-    from validation.strikes import contact_peak, strike_for
+    from postproc.paper.simulate import REFERENCE
+    from postproc.paper.strikes import contact_peak, strike_for
 
     curve = max(curves(), key=lambda curve: (curve.modulus_MPa, curve.gravity))
     panels = [
@@ -75,8 +75,8 @@ def _chains() -> Product:
 
 def _points(runs: Path) -> pd.DataFrame:
     """A row per strike and engine."""
-    from validation.simulate import REFERENCE, run_codes_on
-    from validation.strikes import contact_peak, sensor_amplitude, speed_between_sensors, static_force, strike_for
+    from postproc.paper.simulate import REFERENCE, run_codes_on
+    from postproc.paper.strikes import contact_peak, sensor_amplitude, speed_between_sensors, static_force, strike_for
 
     exact_ones = {curve: [strike_for(force, contact_peak, *curve.settings) for force in FORCES_N] for curve in curves()}
     chosen = [(curve, simulation.case) for curve, some in exact_ones.items() for simulation in some[BY_CODES]]
@@ -105,8 +105,8 @@ def _number(curve: Curve, *, theory: bool) -> int | None:
 
 def _theory(points: pd.DataFrame) -> pd.DataFrame:
     """Eqs. (3) and (4) at the same amplitudes; the static force of Eq. (4) is that between the sensors."""
-    from validation.simulate import case_of
-    from validation.theory import particles_of, precompressed_speed, speed_from_force
+    from postproc.paper.simulate import case_of
+    from postproc.paper.theory import particles_of, precompressed_speed, speed_from_force
 
     static = float(points.loc[points["gravity"], "static_N"].iloc[0])
     rows = []

@@ -2,17 +2,17 @@
 
 from pathlib import Path
 
-from postproc.product import Product
-from postproc.quoted import quoted
-from postproc.spacetime import SPACETIME, Panel, spacetime_product
-from postproc.stack import draw_stack, stack_table
-from postproc.style import COLUMN_IN, FAINT
+from postproc.draw.product import Product
+from postproc.draw.spacetime import SPACETIME, Panel, spacetime_product
+from postproc.draw.stack import draw_stack, stack_table
+from postproc.draw.style import COLUMN_IN, FAINT
+from postproc.paper.quoted import quoted
 
 
 def make(runs: Path) -> Product:
     """Runs Fig. 4's scene and draws it as in the paper's (b), what is quoted of (a) as notes."""
-    from validation.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
-    from validation.strikes import sensor_pair, speed_between_sensors
+    from postproc.paper.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
+    from postproc.paper.strikes import sensor_pair, speed_between_sensors
 
     case = case_of("fig4", UNTIL_REFLECTED)
     found = {engine: one for engine, (one,) in simulate([case], runs).items()}

@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from drivers.errors import InputError
-from drivers.trace import Trace
-from postproc.product import Product
-from postproc.pulse import ENVELOPE_MAXIMA, Envelope, PulseShape, incident_pulse, train_envelope
-from postproc.quoted import quoted
-from postproc.sensors import sensor_signals
-from postproc.signals import peaks
-from postproc.spacetime import SPACETIME, Panel, spacetime_product
-from postproc.stack import MICRO, draw_stack, stack_table
-from postproc.style import COLUMN_IN, FAINT
+from drivers.base.errors import InputError
+from drivers.chain.trace import Trace
+from postproc.draw.product import Product
+from postproc.draw.spacetime import SPACETIME, Panel, spacetime_product
+from postproc.draw.stack import MICRO, draw_stack, stack_table
+from postproc.draw.style import COLUMN_IN, FAINT
+from postproc.paper.quoted import quoted
+from postproc.read.pulse import ENVELOPE_MAXIMA, Envelope, PulseShape, incident_pulse, train_envelope
+from postproc.read.sensors import sensor_signals
+from postproc.read.signals import peaks
 
 if TYPE_CHECKING:
-    from drivers.case import Case
+    from drivers.chain.case import Case
 
 PLACES = ("top bead", "second bead")  # where the pulse enters
 
@@ -39,7 +39,7 @@ class Shapes:
 
 def make(runs: Path) -> Product:
     """Runs Fig. 5's scene and draws the entrance, the wall with its envelope, and what is quoted of both."""
-    from validation.simulate import REFERENCE, case_of, simulate
+    from postproc.paper.simulate import REFERENCE, case_of, simulate
 
     top = case_of("fig5").chain.beads
     # gauges without a mass of their own only change what is read, not what is run

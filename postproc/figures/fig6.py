@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from drivers.scene import Scene
-from postproc.product import Product
-from postproc.spacetime import SPACETIME, Panel, spacetime_product
-from postproc.stack import draw_lines, draw_residuals, stack_table
-from postproc.style import COLUMN_IN, pyplot
+from drivers.scene.model import Scene
+from postproc.draw.product import Product
+from postproc.draw.spacetime import SPACETIME, Panel, spacetime_product
+from postproc.draw.stack import draw_lines, draw_residuals, stack_table
+from postproc.draw.style import COLUMN_IN, pyplot
 
 PANELS = {"fig6b": "(b)", "fig6d": "(d)"}
 
@@ -15,7 +15,7 @@ def make(runs: Path) -> Product:
     """Runs both scenes and draws the wall's force over its residual for each."""
     import pandas as pd
 
-    from validation.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
+    from postproc.paper.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
 
     cases = [case_of(scene, UNTIL_REFLECTED) for scene in PANELS]
     found = simulate(cases, runs)

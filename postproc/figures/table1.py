@@ -5,25 +5,25 @@ from typing import Any
 
 import pandas as pd
 
-from postproc.product import Product
-from postproc.quoted import quoted
-from postproc.spacetime import SPACETIME, Panel, spacetime_product
-from postproc.style import COLUMN_IN, pyplot
+from postproc.draw.product import Product
+from postproc.draw.spacetime import SPACETIME, Panel, spacetime_product
+from postproc.draw.style import COLUMN_IN, pyplot
+from postproc.paper.quoted import quoted
 
 HEADINGS = (r"$V_s$ (m/s)", r"$L/2R$, 0.2 %", r"$L/2R$, 4 %")
 
 
 def make(runs: Path) -> Product:
     """Solves for the striker speeds by the reference and by each code."""
-    from validation.table1 import solve_table1
+    from postproc.paper.solved_table1 import solve_table1
 
     return Product(*_drawn(solve_table1(runs)), {SPACETIME: _chains()})
 
 
 def _chains() -> Product:
     """The chain at every amplitude of the table, by the reference."""
-    from validation.simulate import REFERENCE
-    from validation.strikes import sensor_amplitude, strike_for
+    from postproc.paper.simulate import REFERENCE
+    from postproc.paper.strikes import sensor_amplitude, strike_for
 
     panels = [
         Panel(f"{force:g} N ({REFERENCE})", strike_for(force, sensor_amplitude).trace)
@@ -34,7 +34,7 @@ def _chains() -> Product:
 
 def _drawn(values: pd.DataFrame) -> tuple[Any, pd.DataFrame]:
     """The table as a figure: measured, then printed, reference and codes for each of the three numbers."""
-    from validation.table1 import COLUMNS, engines_of
+    from postproc.paper.solved_table1 import COLUMNS, engines_of
 
     engines = engines_of(values)
     rows, colours = [], []

@@ -1,6 +1,6 @@
 """How well the reference conserves energy and momentum; the codes' balances stand in the report."""
 
-from validation.simulate import Simulation, case_of, exact
+from postproc.paper.simulate import Simulation, case_of, exact
 
 
 def _fig4() -> Simulation:

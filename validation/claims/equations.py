@@ -4,12 +4,12 @@ from math import sqrt
 
 import numpy as np
 
-from drivers.case import Case
-from postproc.quoted import quoted
-from validation import theory
+from drivers.chain.case import Case
+from postproc.paper import theory
+from postproc.paper.quoted import quoted
+from postproc.paper.simulate import case_of
 from validation.reference import precompressed_wave
 from validation.reference.travelling_wave import solve_travelling_wave
-from validation.simulate import case_of
 
 STATIC_N = 0.02  # any static force: the statements do not depend on it
 

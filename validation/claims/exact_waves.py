@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from postproc.quoted import quoted
+from postproc.paper.quoted import quoted
+from postproc.paper.simulate import case_of
 from validation.reference.precompressed_wave import PrecompressedWave, solve_at_amplitude
 from validation.reference.travelling_wave import fixed_point, solve_travelling_wave
-from validation.simulate import case_of
 
 STATIC_N = 0.02  # any static force: only the amplitude over it matters
 AMPLITUDES = (1.0, 10.0, 100.0)

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from postproc.quoted import quoted
-from validation.measured import deviations
-from validation.strikes import Amplitude, contact_peak, sensor_amplitude
+from postproc.paper.modulus_scores import deviations
+from postproc.paper.quoted import quoted
+from postproc.paper.strikes import Amplitude, contact_peak, sensor_amplitude
 
 LARGE, SMALL = slice(0, 2), slice(2, None)  # rows of Table 1
 

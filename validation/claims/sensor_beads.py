@@ -3,14 +3,14 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from drivers.chain import Array
-from postproc.quoted import quoted
-from postproc.sensors import sensor_average
-from postproc.signals import peaks
-from validation import theory
+from drivers.chain.chain import Array
+from postproc.paper import theory
+from postproc.paper.quoted import quoted
+from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of
+from postproc.paper.strikes import speed_between_sensors
+from postproc.read.sensors import sensor_average
+from postproc.read.signals import peaks
 from validation.claims.simulated import BARE, Run, waves
-from validation.simulate import UNTIL_REFLECTED, Simulation, case_of
-from validation.strikes import speed_between_sensors
 
 
 def _fig4(run: Run) -> Simulation:

@@ -3,13 +3,13 @@
 from collections.abc import Callable
 from functools import cache
 
-from drivers.case import Case
-from drivers.chain import Array
-from drivers.errors import InputError
-from postproc.quoted import quoted
-from postproc.signals import Peak, peaks
-from validation.simulate import Simulation, case_of
-from validation.strikes import sensor_amplitude, strike_for
+from drivers.base.errors import InputError
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from postproc.paper.quoted import quoted
+from postproc.paper.simulate import Simulation, case_of
+from postproc.paper.strikes import sensor_amplitude, strike_for
+from postproc.read.signals import Peak, peaks
 
 Run = Callable[[Case], Simulation]
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from postproc.quoted import quoted
-from validation import theory
+from postproc.paper import theory
+from postproc.paper.quoted import quoted
+from postproc.paper.simulate import case_of
+from postproc.paper.strikes import contact_peak, sensor_amplitude, speed_between_sensors, static_force
 from validation.claims.simulated import BARE, LONG, Run, largest_N, smallest_N, struck
 from validation.reference.precompressed_wave import solve_at_amplitude
-from validation.simulate import case_of
-from validation.strikes import contact_peak, sensor_amplitude, speed_between_sensors, static_force
 
 WIDTH = "bead_5_width_4pct_diameters"
 

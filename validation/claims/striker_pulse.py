@@ -1,10 +1,10 @@
 """Claims on Fig. 5: the pulse that enters the chain, and the envelope of what reaches the wall."""
 
-from drivers.errors import InputError
-from postproc.pulse import ENVELOPE_MAXIMA, PulseShape, envelope, incident_pulse
-from postproc.sensors import sensor_average
+from drivers.base.errors import InputError
+from postproc.paper.simulate import case_of
+from postproc.read.pulse import ENVELOPE_MAXIMA, PulseShape, envelope, incident_pulse
+from postproc.read.sensors import sensor_average
 from validation.claims.simulated import Run, waves
-from validation.simulate import case_of
 
 MICRO = 1e6
 

@@ -1,11 +1,11 @@
 """Claims on trains of waves, on waves that meet, and on strikes under a static force."""
 
-from postproc.observables import observe
-from postproc.sensors import sensor_average
-from postproc.signals import peaks
+from postproc.paper.simulate import Simulation, case_of
+from postproc.paper.strikes import speed_between_sensors
+from postproc.read.observables import observe
+from postproc.read.sensors import sensor_average
+from postproc.read.signals import peaks
 from validation.claims.simulated import BARE, Run, signal, significant, waves
-from validation.simulate import Simulation, case_of
-from validation.strikes import speed_between_sensors
 
 
 def single_wave(run: Run) -> float:

@@ -5,21 +5,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.chain import Array
+from drivers.base.tolerances import tolerance
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.flat_face import furthest_m
+from drivers.chain.trace import Trace
 from drivers.engines import EXACT, IN_HEIGHTS, IN_OVERLAPS
-from drivers.face import furthest_m
-from drivers.guard import ROUNDINGS
-from drivers.tolerances import tolerance
-from drivers.trace import Trace
-from validation.deviation import motion_scales
+from drivers.run.guard import ROUNDINGS
+from validation.accuracy.deviation import motion_scales
+from validation.accuracy.rounding import ROUNDING_MARGIN, comparable, rounding_error, rounding_of_heights
 from validation.diagnosis.faults import faults
+from validation.diagnosis.faulty_model import Model, Motion, model_of, moved
 from validation.diagnosis.fit import Target, refined, start_values, worst
-from validation.diagnosis.model import Model, Motion, model_of, moved
-from validation.diagnosis.records import moving, recorded, sums_of
-from validation.diagnosis.scaled import single_families, whole_families
+from validation.diagnosis.record_faults import moving, recorded, sums_of
+from validation.diagnosis.scaled_variants import single_families, whole_families
 from validation.diagnosis.variants import Family, Variant, conventions
-from validation.rounding import ROUNDING_MARGIN, comparable, rounding_error, rounding_of_heights
 
 BUDGET = 800_000_000  # bodies times steps of all variants together, some 3 s
 LEAST_RUNS = 400  # of an early window, without which nothing is tried

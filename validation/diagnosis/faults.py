@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.chain import Array
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
 from drivers.engines import EXACT
-from validation.diagnosis.materials import (
+from validation.diagnosis.faulty_model import Model
+from validation.diagnosis.other_materials import (
     YADE_POISSON_RATIO,
     YADE_YOUNGS_MODULUS,
     forgotten,
@@ -16,7 +17,6 @@ from validation.diagnosis.materials import (
     own,
     stiffness_of,
 )
-from validation.diagnosis.model import Model
 from validation.diagnosis.variants import BEHIND_BY_THE_SCENES, MOST_PLACES, Variant, behind_by, number, weighing
 
 YADE_DAMPING = 0.2  # what NewtonIntegrator takes by itself

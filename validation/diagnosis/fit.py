@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from drivers.chain import Array
-from validation.diagnosis.model import Model, moved, readings
+from drivers.chain.chain import Array
+from validation.diagnosis.faulty_model import Model, moved, readings
 from validation.diagnosis.variants import Family
 
 FAR = 1e3  # what a motion that blows up counts, of the largest force

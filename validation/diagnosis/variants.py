@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivers.chain import Array
-from validation.diagnosis.model import Model
+from drivers.chain.chain import Array
+from validation.diagnosis.faulty_model import Model
 
 FACTORS = np.log(50) * np.linspace(-1, 1, 53)  # logarithms of factors, 1.16 apart
 MOST_PLACES = 60  # contacts of a chain that are left out, or swapped, one by one

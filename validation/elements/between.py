@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import ks_2samp
 
-from drivers.errors import RunError
-from drivers.finished import FinishedRun, open_run
-from drivers.run_many import run_many
-from postproc.observables import observe
-from postproc.residual import residual
-from validation.elements.measure import observables_of
+from drivers.base.errors import RunError
+from drivers.run.finished import FinishedRun, open_run
+from drivers.run.many import run_many
+from postproc.read.observables import observe
+from postproc.read.residual import residual
+from validation.elements.switch_effects import observables_of
 from validation.elements.switches import Side, Subject, case_on
 
 PARTED = 1e-2  # of the largest force

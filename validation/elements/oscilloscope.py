@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.chain import Array
-from drivers.errors import RunError
-from drivers.finished import open_run
-from drivers.run_many import run_many
-from postproc.observables import observe
-from postproc.sensors import sensor_signals
+from drivers.base.errors import RunError
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.run.finished import open_run
+from drivers.run.many import run_many
+from postproc.read.observables import observe
+from postproc.read.sensors import sensor_signals
 from validation.elements.switches import Side, Subject, case_on
 
 FRICTIONLESS = ("contact.friction=0", "tube.friction=0")

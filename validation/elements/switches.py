@@ -5,12 +5,12 @@ from functools import cache
 
 from pydantic import Field
 
-from drivers import paths
-from drivers.case import Case
-from drivers.complaints import validate
-from drivers.read_scene import read_toml
-from drivers.scene import Part
-from validation.simulate import case_of
+from drivers.base import paths
+from drivers.base.messages import validate
+from drivers.chain.case import Case
+from drivers.scene.model import Part
+from drivers.scene.read_scene import read_toml
+from postproc.paper.simulate import case_of
 
 SCATTER = "scatter"  # in a setting: the scene's own
 

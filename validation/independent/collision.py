@@ -13,12 +13,12 @@ from math import sqrt
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.chain import Array
-from drivers.trace import Trace
-from postproc.signals import first_peak, peaks
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace
+from postproc.read.signals import first_peak, peaks
+from validation.independent.case_measure import Measure
 from validation.independent.exact_wave import led_to_wall
-from validation.independent.measure import Measure
 
 READ = 40  # contacts above the middle: the secondary wave has settled to 1e-4 of itself from 30 on
 STANDS_OUT = 1e-3  # of the wave: the weakest secondary wave is 8.5e-3 of it

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from drivers.chain import Array
+from drivers.chain.chain import Array
 from validation.independent.scipy_chain import forces
 from validation.reference.travelling_wave import solve_travelling_wave
 

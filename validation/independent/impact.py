@@ -12,12 +12,12 @@ from math import gamma, pi, sqrt
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.chain import Array
-from drivers.restitution import restitution
-from drivers.trace import Trace, overlaps
-from postproc.signals import first_peak
-from validation.independent.measure import Measure
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.contact_law import restitution
+from drivers.chain.trace import Trace, overlaps
+from postproc.read.signals import first_peak
+from validation.independent.case_measure import Measure
 
 DURATION = 2 * sqrt(pi) * gamma(7 / 5) / gamma(9 / 10)  # in d_max / v: 2.94328
 

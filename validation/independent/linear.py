@@ -17,11 +17,11 @@ import numpy as np
 from scipy.optimize import brentq, curve_fit
 from scipy.special import jn_zeros, jv
 
-from drivers.case import Case
-from drivers.chain import Array
-from drivers.trace import Trace
-from postproc.signals import first_peak
-from validation.independent.measure import Measure
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace
+from postproc.read.signals import first_peak
+from validation.independent.case_measure import Measure
 
 NEAR, FAR = 5, 30  # contacts below the top, between which the front is timed
 LAST_TAU = 70.0  # of the top contact's record: some twenty periods

@@ -1,7 +1,7 @@
 """All measures by name: a further one is a module of its own and a line here."""
 
 from validation.independent import collision, impact, linear, solitary, train, wall, weak
-from validation.independent.measure import Measure
+from validation.independent.case_measure import Measure
 
 MEASURES: dict[str, Measure] = {
     "collision": collision.COLLISION,

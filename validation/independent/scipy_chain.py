@@ -8,7 +8,7 @@ In units of the first bead's mass, a stiffness and a time, bodies from the wall 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from drivers.chain import Array, Chain
+from drivers.chain.chain import Array, Chain
 
 TOLERANCE = 1e-10  # of a step, relative: forces come out to 1e-8 of the largest
 SAMPLES_PER_UNIT = 16  # a solitary wave takes four units to pass: peaks of quintics through them are good to 1e-8

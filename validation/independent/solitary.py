@@ -10,12 +10,12 @@ and 3) has C = (4/5)^(1/2), and B = (16/25)^(1/5).
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.chain import Array
-from drivers.trace import Trace
-from postproc.sensors import sensor_average
-from postproc.signals import Peak, first_peak, rising_crossing
-from validation.independent.measure import Measure
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace
+from postproc.read.sensors import sensor_average
+from postproc.read.signals import Peak, first_peak, rising_crossing
+from validation.independent.case_measure import Measure
 from validation.independent.scipy_chain import forces_of
 from validation.reference.travelling_wave import solve_travelling_wave
 

@@ -4,11 +4,11 @@ It is read thirty contacts below the striker's own: that contact lies under the 
 waves of a striker of up to four bead masses have parted to 1e-3 of their ratios; of eight, the fourth still gains 5 %.
 """
 
-from drivers.case import Case
-from drivers.chain import Array
-from drivers.trace import Trace
-from postproc.signals import peaks
-from validation.independent.measure import Measure
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace
+from postproc.read.signals import peaks
+from validation.independent.case_measure import Measure
 from validation.independent.scipy_chain import forces_of
 
 BELOW = 30  # contacts below the striker's

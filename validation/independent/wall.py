@@ -6,12 +6,12 @@ wave instead of a strike.
 
 from functools import cache
 
-from drivers.case import Case
-from drivers.chain import Array
-from drivers.trace import Trace
-from postproc.signals import first_peak, peaks
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace
+from postproc.read.signals import first_peak, peaks
+from validation.independent.case_measure import Measure
 from validation.independent.exact_wave import led_to_wall
-from validation.independent.measure import Measure
 
 ABOVE = 10  # contacts above the sensor's at which the exact wave starts, and beads above that
 SMALL = 0.02  # of the range: by so much a wave stands out

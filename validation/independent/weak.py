@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh_tridiagonal
 
-from drivers.case import Case
-from drivers.chain import Array, Chain, contact_stiffness
-from drivers.trace import Trace
-from postproc.signals import Peak, first_peak
-from validation.independent.measure import Measure
+from drivers.chain.case import Case
+from drivers.chain.chain import Array, Chain, contact_stiffness
+from drivers.chain.trace import Trace
+from postproc.read.signals import Peak, first_peak
+from validation.independent.case_measure import Measure
 
 SHOWN = (20, 100, 450)  # depths whose amplitudes are judged
 LAW = np.arange(200, 451, 10)  # depths that the power law is fitted to: there the published exponents hold

@@ -80,7 +80,7 @@ def _run_tube(deck: Path, values: dict[str, Any]) -> None:
 def serve(requests: Iterable[str]) -> None:
     """Runs deck after deck; one that cannot be run ends it, as it would end a process of its own."""
     import validation.reference.adaptive
-    import validation.reference.verlet  # noqa: F401  before the first request, not in it
+    import validation.reference.velocity_verlet  # noqa: F401  before the first request, not in it
 
     for line in requests:
         folder, word = line.rstrip("\n").split(" ")
@@ -92,7 +92,7 @@ def serve(requests: Iterable[str]) -> None:
 def _integrate(chain: HertzChain, values: dict[str, Any]) -> Motion:
     samples = values["samples"]
     if values["method"] == "verlet":
-        from validation.reference.verlet import integrate_verlet
+        from validation.reference.velocity_verlet import integrate_verlet
 
         return integrate_verlet(chain, values["time_step_s"], values["steps_per_sample"], samples)
     from validation.reference.adaptive import integrate_adaptive

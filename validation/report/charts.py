@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from drivers.chain import Array
-from drivers.layout import Layout
-from drivers.trace import Trace
-from postproc.inline import colour_of, relative, thinned
-from postproc.residual import REFERENCE, residuals
-from postproc.sensors import sensor_signals
-from postproc.stack import gauge_title
-from postproc.style import drawing_order, line_of
-from validation.report.failed import Failed, failed_label
+from drivers.chain.chain import Array
+from drivers.chain.layout import Layout
+from drivers.chain.trace import Trace
+from postproc.draw.stack import gauge_title
+from postproc.draw.style import drawing_order, line_of
+from postproc.read.residual import REFERENCE, residuals
+from postproc.read.sensors import sensor_signals
+from validation.report.failed_runs import Failed, failed_label
+from validation.report.inline_figures import colour_of, relative, thinned
 
 WIDTH, LEFT, RIGHT, TOP = 720.0, 62.0, 712.0, 24.0
 PANEL, GAP, BELOW = 116.0, 30.0, 40.0  # heights

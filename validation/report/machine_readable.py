@@ -8,12 +8,12 @@ from dataclasses import asdict
 from typing import Any
 from xml.etree import ElementTree
 
-from drivers import paths
-from drivers.case import Case
-from drivers.finished import FinishedRun
-from validation.report.verdicts import Cell, Row, counted, source_of
-from validation.scenes import ComparedScene
-from validation.verdict import FAIL, NOT_RUN, PASS, Verdict
+from drivers.base import paths
+from drivers.chain.case import Case
+from drivers.run.finished import FinishedRun
+from validation.compare.compared_scenes import ComparedScene
+from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
+from validation.report.verdict_table import Cell, Row, counted, source_of
 
 SCHEMA = 1
 SCENES, CASES = "scenes", "independent"  # what the suites' names begin with

@@ -8,10 +8,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from drivers import paths
+from drivers.base import paths
 from drivers.engines import in_order
-from drivers.record import provenance
-from validation.scenes import ComparedScene
+from drivers.run.record import provenance
+from validation.compare.compared_scenes import ComparedScene
 
 LIBRARIES = ("numpy", "scipy", "numba")
 CPUS = Path("/proc/cpuinfo")

@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from drivers import paths
-from drivers.complaints import validate
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.messages import validate
+from drivers.chain.trace import Trace
 from drivers.engines import codes, installed
-from drivers.errors import InputError
-from drivers.finished import open_run
-from drivers.limits import refuse
-from drivers.read_scene import read_toml
-from drivers.run_many import run_many
-from drivers.scene import Part
-from drivers.trace import Trace
-from postproc.residual import residual
-from validation.rounding import HORIZON
-from validation.simulate import REFERENCE, case_of
-from validation.stable_step import predicted_limit
+from drivers.limits.refusal import refuse
+from drivers.limits.stable_step import predicted_limit
+from drivers.run.finished import open_run
+from drivers.run.many import run_many
+from drivers.scene.model import Part
+from drivers.scene.read_scene import read_toml
+from postproc.paper.simulate import REFERENCE, case_of
+from postproc.read.residual import residual
+from validation.accuracy.rounding import HORIZON
 
 VERLET = "verlet"
 LEFT = 1e-2  # of the largest force: a run that is further from the reference has left it

@@ -10,18 +10,18 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.case import Case
-from drivers.chain import Array, energy_put_in
+from drivers.chain.case import Case
+from drivers.chain.chain import Array, energy_put_in
+from drivers.chain.integrator_arrays import arrays_of
+from drivers.chain.trace import Trace
 from drivers.engines import installed_codes, load_engine
-from drivers.guard import checked_trace, energy_error
-from drivers.run import default_limit_s
-from drivers.session import served_by
-from drivers.trace import Trace
-from postproc.residual import residual
-from validation.arrays import arrays_of
-from validation.errors import trace_of, truth_of, verlet_of
+from drivers.run.guard import checked_trace, energy_error
+from drivers.run.run import default_limit_s
+from drivers.run.session import served_by
+from postproc.paper.simulate import case_of
+from postproc.read.residual import residual
+from validation.accuracy.error_measures import trace_of, truth_of, verlet_of
 from validation.reference.symplectic import integrate_symplectic
-from validation.simulate import case_of
 
 # five beads whose contacts open and close under gravity, and five pressed together so that none ever opens
 SMALL = ("chain.count=5", "chain.sensors=[]", "run.sample_interval=1 ms", "run.time_step=1 us", "run.duration=10 s")

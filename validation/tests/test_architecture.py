@@ -1,74 +1,131 @@
-"""Imports run one way, so that each part can be read and changed by itself."""
+"""Imports run one way, and a room holds few things, each with a name of its own."""
 
 import ast
+import graphlib
+import shutil
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from drivers import paths
+from drivers.base import paths
 from drivers.engines import codes, engine_names
 
-PACKAGES = ("drivers", "postproc", "validation")
+FLOORS = ("validation.reference", "drivers", "postproc", "validation")  # each imports those before it
+MAX_MODULES = 12
+MAX_LINES = 400
+ENTRY_POINTS = ("__init__", "__main__", "conftest")
 
 
-def imports_of(folder: Path) -> set[tuple[str, str]]:
-    """Pairs of a file and a project module it imports, wherever in the file."""
-    found = set()
-    for file in folder.rglob("*.py"):
-        if "tests" in file.parts:
+def sources(root: Path = paths.ROOT, *, tests: bool = False) -> list[Path]:
+    """Python files of the three packages, relative to the checkout."""
+    found = [file.relative_to(root) for package in FLOORS[1:] for file in (root / package).rglob("*.py")]
+    return sorted(file for file in found if tests or "tests" not in file.parts)
+
+
+def module_of(file: Path) -> str:
+    """Dotted name of a file; a package's is that of its folder."""
+    parts = file.with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imports_of(file: Path, modules: set[str], root: Path = paths.ROOT) -> Iterator[str]:
+    """Project modules that a file imports, wherever in the file, for types alone too."""
+    for node in ast.walk(ast.parse((root / file).read_text())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}: a relative import"
+            whole = [f"{node.module}.{alias.name}" for alias in node.names]
+            names = [name if name in modules else str(node.module) for name in whole]
+        else:
             continue
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.ImportFrom):
-                modules = [node.module or ""]
-            elif isinstance(node, ast.Import):
-                modules = [alias.name for alias in node.names]
-            else:
-                continue
-            found |= {(str(file.relative_to(paths.ROOT)), m) for m in modules if m.split(".")[0] in PACKAGES}
-    return found
+        yield from (name for name in names if name in modules)
 
 
-def test_the_reference_stands_on_nothing() -> None:
-    modules = {module for _, module in imports_of(paths.ROOT / "validation" / "reference")}
-    assert all(module.startswith("validation.reference") for module in modules)
+def arrows(root: Path = paths.ROOT) -> dict[str, set[str]]:
+    """Imports of every module below its front doors."""
+    modules = {module_of(file) for file in sources(root)}
+    return {module_of(file): set(imports_of(file, modules, root)) for file in sources(root)}
 
 
-def test_post_processing_knows_no_engine() -> None:
-    composing = ("postproc/figures/", "postproc/__main__.py")  # they run what they draw
-    modules = {module for file, module in imports_of(paths.ROOT / "postproc") if not file.startswith(composing)}
-    assert not {m for m in modules if m.startswith(("validation", "drivers.engines", "drivers.case", "drivers.run"))}
+def floor_of(module: str) -> int:
+    """Number of the floor a module stands on; ``validation.reference`` is the ground."""
+    return min(i for i, floor in enumerate(FLOORS) if f"{module}.".startswith(f"{floor}."))
 
 
-def test_nobody_below_imports_a_figure() -> None:
-    users = {file for package in PACKAGES for file, module in imports_of(paths.ROOT / package)
-             if module.startswith("postproc.figures")}  # fmt: skip
-    assert not users
+def upward_imports(root: Path = paths.ROOT) -> list[str]:
+    """Imports from a higher floor, outside the front doors."""
+    return [
+        f"{module} -> {taken}"
+        for module, imported in arrows(root).items()
+        if not module.endswith("__main__")
+        for taken in imported
+        if floor_of(taken) > floor_of(module)
+    ]
 
 
-def test_engines_know_no_post_processing() -> None:
-    modules = {module for _, module in imports_of(paths.ROOT / "drivers" / "engines")}
-    assert not {module for module in modules if module.startswith(("postproc", "validation"))}
+def test_imports_run_one_way() -> None:
+    assert upward_imports() == []
 
 
-@pytest.mark.parametrize("engine", engine_names())
-def test_nobody_else_imports_an_engine_by_name(engine: str) -> None:
-    users = {file for package in PACKAGES for file, module in imports_of(paths.ROOT / package)
-             if module == f"drivers.engines.{engine}"}  # fmt: skip
-    assert not users
+@pytest.mark.parametrize(
+    ("file", "line"),
+    [
+        ("drivers/base/errors.py", "from postproc.read import signals"),
+        ("drivers/run/run.py", "def late():\n    from validation.accuracy.budget import error_budget"),
+        ("postproc/read/signals.py", "import validation.compare.verdict"),
+        ("validation/reference/adaptive.py", "from drivers.base.errors import InputError"),
+    ],
+)
+def test_a_single_upward_import_is_found(tmp_path: Path, file: str, line: str) -> None:
+    for package in FLOORS[1:]:
+        shutil.copytree(paths.ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("tests"))
+    with (tmp_path / file).open("a") as source:
+        source.write(f"\n\n{line}\n")
+    assert [each for each in upward_imports(tmp_path) if each.startswith(module_of(Path(file)))]
 
 
-@pytest.mark.parametrize("code", codes())
-def test_what_judges_runs_chooses_nothing_by_a_codes_name(code: str) -> None:
-    """A further engine touches none of it; words for people may name what a code does."""
-    folders = [paths.ROOT / "validation" / each for each in ("departure", "diagnosis", "independent", "pair", "report")]
-    files = [file for folder in folders for file in folder.rglob("*.py")]
-    named = {str(file) for file in files for node in ast.walk(ast.parse(file.read_text()))
-             if isinstance(node, ast.Constant) and node.value == code}  # fmt: skip
-    assert all(folder.is_dir() for folder in folders)
-    assert not named
+def test_imports_run_in_no_circle() -> None:
+    graphlib.TopologicalSorter(arrows()).prepare()  # raises CycleError, which names the circle
+
+
+def test_a_folder_has_few_modules() -> None:
+    rooms = Counter(file.parent for file in sources(tests=True) if file.stem not in ENTRY_POINTS)
+    assert {str(room): count for room, count in rooms.items() if count > MAX_MODULES} == {}
+
+
+def test_a_name_is_used_once() -> None:
+    names = Counter(file.stem for file in sources(tests=True) if file.stem not in ENTRY_POINTS)
+    assert {name: count for name, count in names.items() if count > 1} == {}
+
+
+def test_each_folder_says_what_is_in_it() -> None:
+    for folder in {file.parent for file in sources(tests=True)}:
+        assert ast.get_docstring(ast.parse((paths.ROOT / folder / "__init__.py").read_text())), folder
 
 
 def test_modules_are_small() -> None:
-    long = {str(file): n for package in PACKAGES for file in (paths.ROOT / package).rglob("*.py")
-            if (n := len(file.read_text().splitlines())) > 400}  # fmt: skip
-    assert not long
+    lengths = {str(file): len((paths.ROOT / file).read_text().splitlines()) for file in sources(tests=True)}
+    assert {file: lines for file, lines in lengths.items() if lines > MAX_LINES} == {}
+
+
+@pytest.mark.parametrize("engine", engine_names())
+def test_nobody_imports_an_engine_by_name(engine: str) -> None:
+    assert not [module for module, imported in arrows().items() if f"drivers.engines.{engine}" in imported]
+
+
+@pytest.mark.parametrize("code", codes())
+def test_nothing_chooses_by_the_name_of_a_code(code: str) -> None:
+    """A further engine touches nothing else: its name stands in its own module and in data files."""
+    own = {file for file in sources() if file.parts[:2] == ("drivers", "engines") and code in file.stem}
+    named = {
+        str(file)
+        for file in sources()
+        if file not in own
+        for node in ast.walk(ast.parse((paths.ROOT / file).read_text()))
+        if isinstance(node, ast.Constant) and node.value == code
+    }
+    assert own
+    assert not named

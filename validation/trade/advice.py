@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from drivers.chain import Array
+from drivers.chain.chain import Array
 
 TARGETS = tuple(10.0**-k for k in range(2, 9))
 STRAIGHT = 0.15  # by how much the order between neighbouring steps may stray from the range's

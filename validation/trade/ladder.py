@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import ceil
 
-from drivers.case import Case
+from drivers.chain.case import Case
 from validation.reference.adaptive import LEAST_TOLERANCE
 
 SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")

@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from drivers.case import Case
-from drivers.deck import Deck
+from drivers.base.decks import Deck
+from drivers.base.errors import RunError
+from drivers.base.files import whole_file
+from drivers.base.processes import run_command
+from drivers.chain.case import Case
 from drivers.engines import load_engine
-from drivers.errors import RunError
-from drivers.process import run_command
-from drivers.run import default_limit_s
-from drivers.session import served_by
-from drivers.whole_file import whole_file
-from postproc.residual import residual
-from validation.criteria import rayleigh_time
-from validation.errors import errors_of, quantities, truth_of, verlet_of
-from validation.simulate import case_of, exact
-from validation.trade.measure import start_up, timed_in_session
+from drivers.limits.criteria import rayleigh_time
+from drivers.run.run import default_limit_s
+from drivers.run.session import served_by
+from postproc.paper.simulate import case_of, exact
+from postproc.read.residual import residual
+from validation.accuracy.error_measures import errors_of, quantities, truth_of, verlet_of
+from validation.trade.climb import start_up, timed_in_session
 
 PAIR_STEPS_US = (1.0, 0.5, 0.2, 0.1, 0.05)
 SOFTER = (10, 100, 1000)
@@ -35,7 +35,7 @@ class Lever:
     """One measurement of a lever.
 
     Attributes:
-        error: of the quantity, as ``validation.errors`` counts it; NaN where the lever changes only the cost.
+        error: of the quantity, as in ``accuracy.error_measures``; NaN where the lever changes only the cost.
         gain: how many times cheaper (below 1: dearer) than without the lever; NaN where it is not about cost.
     """
 

@@ -1,0 +1,1 @@
+"""Errors, messages, paths, files, processes, units: what every room above stands on."""

@@ -1,0 +1,65 @@
+"""Decks: the input files of an engine, rendered from templates that read like decks written by hand."""
+
+import hashlib
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import jinja2
+
+from drivers.base import paths
+
+
+@dataclass(frozen=True)
+class Deck:
+    """What an engine needs to run a case.
+
+    Attributes:
+        files: text by file name; the first line of the main file is the command.
+        command: the argument vector, to be run inside the folder that holds the files.
+        raw: the raw output files the engine writes there.
+    """
+
+    files: Mapping[str, str]
+    command: tuple[str, ...]
+    raw: tuple[str, ...]
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the command and of all files with their names."""
+        digest = hashlib.sha256("\0".join(self.command).encode())
+        for name, text in sorted(self.files.items()):
+            digest.update(f"\0{name}\0{text}".encode())
+        return digest.hexdigest()
+
+    def command_with(self, executable: Path) -> tuple[str, ...]:
+        """The command with the program that was found, so that what runs is what its version was asked of."""
+        names = (executable.name, "python") if executable == Path(sys.executable) else (executable.name,)
+        return tuple(str(executable.absolute()) if word in names else word for word in self.command)
+
+
+def render(template: str, **values: object) -> str:
+    """A template of ``templates/`` with its values; a missing one is an error."""
+    return _environment().get_template(template).render(values)
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(paths.TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False),
+    )
+    environment.filters["num"] = exact
+    return environment
+
+
+def exact(value: float) -> str:
+    """The shortest decimal number that reads back as the same double."""
+    text = repr(float(value))
+    return text.removesuffix(".0")

@@ -1,0 +1,88 @@
+"""Validation errors in words: what was found, what is allowed."""
+
+from collections.abc import Callable
+from difflib import get_close_matches
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from drivers.base.errors import InputError
+from drivers.base.units import NotAllowedError
+
+Model = TypeVar("Model", bound=BaseModel)
+Complaint = tuple[str, str, str]  # key, found, allowed
+
+
+def validate(model: type[Model], data: object, where: str, prefix: str = "") -> Model:
+    """``data`` as a ``model``; the first complaint becomes an InputError."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as failure:
+        first = failure.errors(include_url=False)[0]
+        more = failure.error_count() - 1
+        path = list(first["loc"])
+        if path[:2] == ["run", "accuracy"]:
+            path = path[:2]  # what follows names a branch of its type
+        elif path[-1] == "[key]":
+            path.pop()
+        key = prefix + ".".join(str(part) for part in path)
+        found, allowed = _told(first, model, path)
+        raise InputError(where, key, found, allowed + (f" (and {more} more to mend)" if more else "")) from None
+
+
+def _told(error: Any, model: type[BaseModel], path: list[int | str]) -> tuple[str, str]:
+    """What was found and what is allowed, in words, from one of pydantic's errors."""
+    if error["type"] == "extra_forbidden":
+        keys = _keys_at(model, path[:-1])
+        close = get_close_matches(str(path[-1]), keys, 1)
+        return "an unknown key", f"did you mean {close[0]}?" if close else ", ".join(keys)
+    if error["type"] == "missing":
+        return "nothing", "this key is needed"
+    found = shorten(error["input"])
+    cause = error.get("ctx", {}).get("error")
+    if isinstance(cause, NotAllowedError):
+        return found, str(cause)
+    expected: dict[str, Callable[[dict[str, Any]], str]] = {
+        "int_type": lambda _: "a whole number",
+        "float_type": lambda _: "a plain number",
+        "bool_type": lambda _: "true or false",
+        "string_type": lambda _: "text in quotes",
+        "finite_number": lambda _: "a finite number",
+        "model_type": lambda _: "a table",
+        "dict_type": lambda _: "a table",
+        "tuple_type": lambda _: "a list",
+        "greater_than": lambda c: f"above {c['gt']:g}",
+        "greater_than_equal": lambda c: f"{c['ge']:g} or more",
+        "less_than": lambda c: f"below {c['lt']:g}",
+        "less_than_equal": lambda c: f"at most {c['le']:g}",
+        "literal_error": lambda c: str(c["expected"]),
+        "string_pattern_mismatch": lambda _: "letters, digits, '-' and '_', beginning with a letter",
+        "string_too_long": lambda c: f"at most {c['max_length']} characters",
+    }
+    describe = expected.get(error["type"])
+    return found, describe(error.get("ctx", {})) if describe else str(error["msg"])
+
+
+def shorten(value: object) -> str:
+    """A value as a message quotes it."""
+    try:
+        text = f'"{value}"' if isinstance(value, str) else repr(value)
+    except ValueError:  # a whole number of more digits than Python writes
+        return "a number of thousands of digits"
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _keys_at(model: type[BaseModel], path: list[int | str]) -> list[str]:
+    """The keys that a table may have, following ``path`` down the models."""
+    for part in path:
+        if isinstance(part, int) or part not in model.model_fields:
+            continue  # an entry of a list, or the free name of a material: the same model goes on
+        found = _models_in(model.model_fields[part].annotation)
+        model = found[0] if found else model
+    return sorted(model.model_fields)
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [found for part in getattr(annotation, "__args__", ()) for found in _models_in(part)]

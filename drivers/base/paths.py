@@ -1,0 +1,30 @@
+"""Where things lie: the one place that knows the layout of the checkout."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+INPUTS = ROOT / "inputs"
+SCENES = INPUTS / "scenes"
+STUDIES = INPUTS / "studies"
+MATERIALS = INPUTS / "materials.toml"
+COSTS = INPUTS / "costs.toml"
+TOLERANCES = INPUTS / "tolerances.toml"
+EXTREMES = INPUTS / "extremes.toml"
+ELEMENTS = INPUTS / "elements.toml"
+INDEPENDENT = INPUTS / "independent.toml"
+QUOTED = INPUTS / "paper" / "quoted.toml"
+CLAIMS = INPUTS / "paper" / "claims.toml"
+TEMPLATES = ROOT / "templates"
+RUNS = ROOT / "runs"
+RESULTS = ROOT / "results"
+CLAIMS_TABLE = "claims.csv"
+INDEPENDENT_TABLE = "independent.csv"
+LOCK = ROOT / "requirements.lock"
+
+
+def shown(path: Path) -> str:
+    """The path as a person would type it: relative to here where it lies below."""
+    try:
+        return str(path.resolve().relative_to(Path.cwd()))
+    except (ValueError, OSError, RuntimeError):  # not below, or a loop of links
+        return str(path)

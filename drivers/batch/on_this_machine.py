@@ -1,0 +1,185 @@
+"""Workers on this machine: processes that live as long as the batch."""
+
+import ctypes
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import connection, forkserver
+from pathlib import Path
+from typing import Any
+
+from drivers.base.errors import RunError
+from drivers.batch.store import Store
+from drivers.batch.study import Study
+from drivers.batch.study_plan import Plan, plan_part
+from drivers.batch.worker import CHUNK, run_cases
+
+POLL_S = 0.2
+OTHERS_S = 2.0  # between looks at what another batch is at work on
+PATIENCE_S = 10.0  # with workers that are asked to end
+LIVES = 3  # how often in a row workers may die without having done anything
+PLAN_CHUNK = 250
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What a worker process is for."""
+
+    study: Study
+    store: Store
+    taken: Any  # shared: how many of the numbers have been taken up
+
+
+_work: _Work | None = None  # of a worker process
+
+
+def get_ready() -> None:
+    """Starts what workers are forked from, without waiting for it."""
+    _context()
+    forkserver.ensure_running()
+
+
+def _context() -> multiprocessing.context.ForkServerContext:
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["drivers.batch.worker", "postproc.read.observables", "postproc.read.residual"])
+    return context
+
+
+@contextmanager
+def worker_pool(workers: int, study: Study, store: Store) -> Iterator[ProcessPoolExecutor]:
+    """Worker processes for a study; whatever happens here, they end with it."""
+    context = _context()
+    pool = ProcessPoolExecutor(workers, context, _begin, (study, store.runs, context.Value("q", 0)))
+    try:
+        yield pool
+    except BaseException:
+        processes = multiprocessing.active_children()
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.join(PATIENCE_S)
+        # only now: a worker that is stopped while it reads the pool's farewell leaves half of it to the next
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+def plan_on(pool: ProcessPoolExecutor, study: Study, versions: dict[str, str]) -> Iterator[Plan]:
+    """Plans of consecutive cases, which validates them all.
+
+    Raises:
+        InputError: one of the cases makes no scene.
+    """
+    starts = range(1, study.count + 1, PLAN_CHUNK)
+    chunks = [range(start, min(start + PLAN_CHUNK, study.count + 1)) for start in starts]
+    yield from pool.map(_plan, chunks, [versions] * len(chunks))
+
+
+def plan_here(study: Study, versions: dict[str, str]) -> Plan:
+    """The whole plan, worked out in this process."""
+    return plan_part(study, range(1, study.count + 1), versions)
+
+
+def run_locally(
+    study: Study,
+    numbers: Sequence[int],
+    engines: tuple[str, ...],
+    versions: dict[str, str],
+    store: Store,
+    workers: int,
+    retry_before: float,
+) -> Iterator[None]:
+    """Runs cases side by side, and yields now and then until all are through.
+
+    Raises:
+        RunError: workers die again and again.
+        OSError: the disk is full, or something else is wrong with the runs folder.
+    """
+    lives = LIVES
+    while numbers:
+        known = len(store.rows)
+        try:
+            with worker_pool(workers, study, store) as pool:
+                words = (numbers, workers, engines, versions, retry_before)
+                futures = [pool.submit(_run, *words) for _ in range(workers)]
+                yield from _waiting(futures)
+            numbers = [number for future in futures for number in future.result()]
+            if numbers:  # another batch is at work on them
+                time.sleep(OTHERS_S)
+        except BrokenProcessPool as error:
+            store.refresh()
+            lives = LIVES if len(store.rows) > known else lives - 1
+            if not lives:
+                raise RunError(f"workers were killed {LIVES} times; what is done is kept") from error
+
+
+def _waiting(futures: list[Future[Any]]) -> Iterator[None]:
+    """Yields until all are through; the first error ends it."""
+    waiting = set(futures)
+    while waiting:
+        ended, waiting = wait(waiting, POLL_S)
+        for future in ended:
+            future.result()
+        yield
+
+
+def _begin(study: Study, runs: Path, taken: Any) -> None:
+    """A worker's first act: it leaves Ctrl-C to the batch, ends in order when asked to, and never outlives it."""
+    global _work
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _end)
+    if sys.platform == "linux":
+        death_signal = 1
+        ctypes.CDLL(None).prctl(death_signal, signal.SIGKILL)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    _work = _Work(study, Store(runs), taken)
+
+
+def _end_with(sentinel: int) -> None:
+    """Ends this worker, and so its engines, when the batch has died without a word."""
+    connection.wait([sentinel])
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _end(*_: object) -> None:
+    """Leaves what is under way, so that its engines are ended and its rows kept."""
+    raise SystemExit
+
+
+def _run(
+    numbers: Sequence[int], workers: int, engines: tuple[str, ...], versions: dict[str, str], retry_before: float
+) -> list[int]:
+    """Takes up chunk after chunk of the numbers that all workers share; those left to another batch."""
+    assert _work is not None
+    try:
+        chunks = _chunks(numbers, workers, _work.taken)
+        return run_cases(_work.study, chunks, engines, versions, _work.store, retry_before)
+    except SystemExit:
+        os._exit(1)  # everything is closed: the pool must not hand out more, nor say a word
+
+
+def _chunks(numbers: Sequence[int], workers: int, taken: Any) -> Iterator[Sequence[int]]:
+    """Chunks that get smaller towards the end, so that all workers end at about the same time."""
+    while True:
+        with taken.get_lock():
+            start = taken.value
+            size = max(1, min(CHUNK, (len(numbers) - start) // (4 * workers)))
+            taken.value = start + size
+        if start >= len(numbers):
+            return
+        yield numbers[start : start + size]
+
+
+def _plan(numbers: Sequence[int], versions: dict[str, str]) -> Plan:
+    assert _work is not None
+    return plan_part(_work.study, numbers, versions)

@@ -1,0 +1,332 @@
+"""The chain: a scene as arrays of masses, radii, contact stiffnesses, overlaps and start values.
+
+Bodies are the beads 1 to n from the wall upwards, then the striker; contact j lies under body j, so that
+all arrays have one entry a body. A contact that does not exist (under bead 1 of a free chain) has stiffness 0.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf, pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.chain.contact_law import damping_ratio
+from drivers.chain.lateral import Lateral
+from drivers.scene.model import RIGID, Contact, Material, Scene
+
+Array = NDArray[np.float64]
+AT_REST = 1e-9  # of the whole load: forces that a packing may leave on a bead
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Everything that determines the motion, in SI units; arrays of shape (bodies,), read only.
+
+    In a three-dimensional chain overlaps are along the lines of centres; heights, velocities and forces along the axis.
+
+    Attributes:
+        materials: the material's name of each body.
+        radius_m: inf for a flat striker.
+        stiffness: k of each contact in F = k overlap^(3/2), N m^-3/2.
+        overlap_m: at time 0; a gap is negative.
+        velocity_m_s: at time 0, upwards positive.
+        load_N: constant force on each body, upwards positive: weight and precompression.
+        beads: how many of the bodies are beads.
+        wall: the wall's material, None for a free chain.
+        wall_height_m: height of the wall (of a free chain: of bead 1's underside).
+        damping_ratio: B of ``drivers.chain.contact_law``; 0 for elastic contacts.
+        lateral: what a three-dimensional chain has beside; None for a straight one.
+    """
+
+    materials: tuple[str, ...]
+    mass_kg: Array
+    radius_m: Array
+    stiffness: Array
+    overlap_m: Array
+    velocity_m_s: Array
+    load_N: Array
+    beads: int
+    wall: str | None
+    wall_height_m: float
+    gravity_m_s2: float
+    precompression_N: float
+    damping_ratio: float = 0.0
+    lateral: Lateral | None = None
+
+    @property
+    def bodies(self) -> int:
+        """Beads, and the striker where there is one."""
+        return len(self.mass_kg)
+
+    @property
+    def slips(self) -> bool:
+        """Whether contacts have friction."""
+        return self.lateral is not None and self.lateral.slips
+
+    @cached_property
+    def height_m(self) -> Array:
+        """Heights of the centres at time 0; of a flat striker: of its face. Shape (bodies,)."""
+        radius = np.where(np.isinf(self.radius_m), 0.0, self.radius_m)
+        below = np.concatenate([[0.0], radius[:-1]])
+        height = np.asarray(self.wall_height_m + np.cumsum((below + radius - self.overlap_m) * self.axial_share))
+        if self.damping_ratio:  # its force goes with overlap^(1/4): rounding must not make one of just touching
+            touching = np.cumsum((self.overlap_m == 0) & (self.stiffness > 0))
+            height = height + 4 * touching * np.spacing(np.abs(height).max())
+        return height
+
+    @cached_property
+    def axial_share(self) -> Array:
+        """Cosine between the axis and each contact's line of centres: 1 in a straight chain. Shape (bodies,)."""
+        if self.lateral is None:
+            return np.ones(self.bodies)
+        across = np.zeros(self.bodies)
+        across[1:] = np.hypot(*np.diff(self.lateral.offset_m, axis=0).T)
+        across[np.isinf(self.radius_m)] = 0.0  # a flat face is level
+        apart = self.radius_m + np.append(0.0, self.radius_m[:-1]) - self.overlap_m
+        return np.asarray(np.sqrt(1 - (across / apart) ** 2))
+
+    @cached_property
+    def smaller_radius_m(self) -> Array:
+        """The smaller radius of the two bodies at each contact. Shape (bodies,)."""
+        return np.asarray(np.minimum(self.radius_m, np.append(np.inf, self.radius_m[:-1])))
+
+    @cached_property
+    def force_N(self) -> Array:
+        """Contact forces along the axis at time 0. Shape (bodies,)."""
+        closed = np.maximum(self.overlap_m, 0.0)
+        elastic = np.asarray(self.stiffness * closed**1.5 * self.axial_share)
+        if not self.damping_ratio:
+            return elastic
+        closing = np.append(0.0, self.velocity_m_s[:-1]) - self.velocity_m_s
+        return np.asarray(np.maximum(elastic + self.damping * closed**0.25 * closing * self.axial_share, 0.0))
+
+    @cached_property
+    def reduced_mass_kg(self) -> Array:
+        """``1 / (1/m1 + 1/m2)`` of the two bodies at each contact, the bead's own at the wall. Shape (bodies,)."""
+        inverse = 1 / self.mass_kg
+        return np.asarray(1 / (inverse + np.append(0.0, inverse[:-1])))
+
+    @cached_property
+    def damping(self) -> Array:
+        """C of each contact in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, N s m^-5/4; 0 if elastic. Shape (bodies,)."""
+        return np.asarray(2 * self.damping_ratio * np.sqrt(1.5 * self.stiffness * self.reduced_mass_kg))
+
+    @cached_property
+    def acceleration_m_s2(self) -> Array:
+        """At time 0, exactly zero where a bead rests in equilibrium. Shape (bodies,)."""
+        above = np.append(self.force_N[1:], 0.0)
+        net = self.force_N - above + self.load_N
+        rounding = 1e-12 * (self.force_N + above + np.abs(self.load_N))
+        if self.lateral is not None:
+            rounding = rounding + AT_REST * np.abs(self.load_N).sum()
+        return np.asarray(np.where(np.abs(net) <= rounding, 0.0, net) / self.mass_kg)
+
+
+def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
+    """Hertz stiffness k of F = k overlap^(3/2), in N m^-3/2.
+
+    ``k = (4/3) E* sqrt(R*)`` with ``1/E* = (1-nu1^2)/E1 + (1-nu2^2)/E2`` and ``1/R* = 1/R1 + 1/R2``: the general
+    form of the paper's Eq. (7). A radius of inf is a flat face, a material of None is rigid.
+    """
+    yielding = sum(m.compliance for m in (first, second) if m is not None)
+    curvature = 1 / radius_1_m + 1 / radius_2_m
+    return 4 / 3 / yielding / sqrt(curvature)
+
+
+def mindlin_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
+    """Shear stiffness k_t of ``dF_t = k_t sqrt(overlap) ds``, in N m^-3/2.
+
+    ``k_t = 8 G* sqrt(R*)`` with ``1/G* = 2(2-nu1)(1+nu1)/E1 + 2(2-nu2)(1+nu2)/E2``: Mindlin's contact without slip.
+    """
+    yielding = sum(
+        2 * (2 - m.poisson_ratio) * (1 + m.poisson_ratio) / m.youngs_modulus for m in (first, second) if m is not None
+    )
+    return 8 / yielding / sqrt(1 / radius_1_m + 1 / radius_2_m)
+
+
+def build_chain(scene: Scene) -> Chain:
+    """The straight chain of a scene.
+
+    Beads that rest on the wall start in static equilibrium: contact j carries the precompression and the weight
+    of beads j to n. Beads above a gap, and those of a free chain, start touching without force. The striker just
+    touches; it is no part of the equilibrium.
+    """
+    table = scene.chain
+    count, striker = table.count, scene.striker
+    special = {bead.from_wall: bead for bead in table.bead}
+    materials = [table.material] * count
+    diameters = np.full(count, table.diameter)
+    velocity = np.zeros(scene.bodies)
+    gaps: dict[int, float] = {}
+    for place, bead in special.items():
+        materials[place - 1] = bead.material or table.material
+        diameters[place - 1] = bead.diameter or table.diameter
+        velocity[place - 1] = bead.velocity or 0.0
+        if bead.gap_below is not None:
+            gaps[place] = bead.gap_below
+    radii = [*(diameters / 2)]
+    masses = [*_bead_masses(scene, materials, diameters)]
+    if striker is not None:
+        materials.append(striker.material)
+        radii.append(inf if striker.diameter is None else striker.diameter / 2)
+        masses.append(striker.mass or _sphere_mass(scene, striker.material, 2 * radii[-1]))
+        velocity[-1] = -striker.speed
+    mass, radius = np.array(masses), np.array(radii)
+
+    stiffness = _stiffnesses(scene, materials, radius)
+    load = -scene.gravity * mass
+    if count:
+        load[count - 1] -= table.precompression
+    return Chain(
+        materials=tuple(materials),
+        mass_kg=_frozen(mass),
+        radius_m=_frozen(radius),
+        stiffness=_frozen(stiffness),
+        overlap_m=_frozen(_overlaps(stiffness, load[:count], gaps, resting=scene.wall is not None)),
+        velocity_m_s=_frozen(velocity),
+        load_N=_frozen(load),
+        beads=count,
+        wall=scene.wall.material if scene.wall else None,
+        wall_height_m=table.origin,
+        gravity_m_s2=scene.gravity,
+        precompression_N=table.precompression,
+        damping_ratio=_damping_ratio(scene.contact),
+    )
+
+
+def _damping_ratio(contact: Contact) -> float:
+    """The damping ratio of a scene's contacts, given or by their restitution."""
+    if contact.damping_ratio is not None:
+        return contact.damping_ratio
+    return 0.0 if contact.restitution is None else damping_ratio(contact.restitution)
+
+
+def contact_stiffness(stiffness: Array, overlap_m: Array) -> Array:
+    """The slope of Hertz's law, ``dF/d overlap = (3/2) k overlap^(1/2)``, in N/m."""
+    return np.asarray(1.5 * stiffness * np.sqrt(overlap_m))
+
+
+def energy_put_in(chain: Chain, duration_s: float) -> float:
+    """Energy that can turn into motion, in J; of a chain in which nothing moves, what its contacts hold at rest.
+
+    Kinetic energy at time 0, what loads do by closing gaps, and by pressing in what is not in equilibrium. The Hertz
+    energy of an equilibrium is none of it: loads and contacts hold each other. Nor is that of a free chain as a whole:
+    it falls, and what presses its beads together is how unlike they are loaded.
+    """
+    kinetic = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
+    if chain.lateral is not None:
+        kinetic += 0.5 * float(chain.mass_kg @ (chain.lateral.velocity_m_s**2).sum(axis=1))
+    if chain.wall is None:
+        falling = float((_unbalanced(chain) ** 2 / chain.mass_kg).sum()) * duration_s**2 / 2
+    else:
+        falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
+    hertz = 0.4 * float(chain.force_N @ np.maximum(chain.overlap_m, 0.0))
+    return kinetic + falling + _settling(chain) or hertz
+
+
+def moving_at_start(chain: Chain) -> float:
+    """Momenta of the bodies at time 0 without their directions, in N s: what meets head on has some, too.
+
+    At least that of moving by the rounding of their heights in a second, below which there is no motion.
+    """
+    moving = float(chain.mass_kg @ np.abs(chain.velocity_m_s))
+    return max(moving, float(chain.mass_kg.sum() * np.spacing(np.abs(chain.height_m).max(initial=0.0))))
+
+
+def free_fall(chain: Chain) -> float:
+    """Acceleration of a free chain as a whole, in m/s^2, upwards positive."""
+    return float(chain.load_N.sum() / chain.mass_kg.sum())
+
+
+def _unbalanced(chain: Chain) -> Array:
+    """What no contact balances of each body's load, and in a free chain does not make all fall together, in N."""
+    net = chain.acceleration_m_s2 * chain.mass_kg
+    if chain.wall is None:
+        net = net - chain.mass_kg * free_fall(chain)
+        net[np.abs(net) < 1e-12 * np.abs(chain.load_N)] = 0.0  # rounding
+    return np.abs(net)
+
+
+def _settling(chain: Chain) -> float:
+    """What loads that nothing balances do while the contacts below give way to them, at most, in J."""
+    unbalanced = _unbalanced(chain)
+    load = float(unbalanced.sum())
+    if not load:
+        return 0.0
+    below = slice(0, int(np.flatnonzero(unbalanced)[-1]) + 1)
+    stiffness = chain.stiffness[below]
+    with np.errstate(divide="ignore"):
+        by_hertz = (load / stiffness) ** (2 / 3)
+        by_spring = load / contact_stiffness(stiffness, np.maximum(chain.overlap_m[below], 0.0))
+    return load * float(np.where(stiffness > 0, np.fmin(by_hertz, by_spring), 0.0).sum())
+
+
+def _bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:
+    """Masses of the beads: given one by one, or the chain's with its scatter, or the material's."""
+    table = scene.chain
+    own = {bead.from_wall: bead for bead in table.bead}
+    if table.mass_scatter:
+        # drawn for every place, so that one bead's own mass does not change its neighbours'
+        scatter = np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
+    else:
+        scatter = np.zeros(table.count)
+    given = {sensor.from_wall: sensor.mass for sensor in table.sensors if sensor.mass is not None}
+    given |= {place: bead.mass for place, bead in own.items() if bead.mass is not None}
+    masses = np.empty(table.count)
+    for place in range(1, table.count + 1):
+        bead = own.get(place)
+        unlike = bead is not None and (bead.material is not None or bead.diameter is not None)
+        if place in given:
+            masses[place - 1] = given[place]
+        elif table.mass is None or unlike:
+            masses[place - 1] = _sphere_mass(scene, materials[place - 1], diameters[place - 1])
+            masses[place - 1] += scatter[place - 1]
+        else:
+            masses[place - 1] = table.mass + scatter[place - 1]
+    return masses
+
+
+def bead_mass(scene: Scene) -> float:
+    """Mass of an ordinary bead, in kg: the chain's, or that of its material."""
+    return scene.chain.mass or _sphere_mass(scene, scene.chain.material, scene.chain.diameter)
+
+
+def _sphere_mass(scene: Scene, material: str, diameter_m: float) -> float:
+    density = scene.materials[material].density
+    assert density is not None  # read_scene admits no scene without
+    return density * pi / 6 * diameter_m**3
+
+
+def _stiffnesses(scene: Scene, materials: list[str], radius_m: Array) -> Array:
+    """Hertz stiffness of the contact under each body; 0 where there is none."""
+    if not materials:
+        return np.zeros(0)
+    cache: dict[tuple[str, float, str, float], float] = {}
+    stiffness = np.zeros(len(materials))
+    if scene.wall is not None:
+        wall = None if scene.wall.material == RIGID else scene.materials.get(scene.wall.material)
+        stiffness[0] = hertz_stiffness(scene.materials[materials[0]], float(radius_m[0]), wall, inf)
+    for j in range(1, len(materials)):
+        pair = (materials[j - 1], float(radius_m[j - 1]), materials[j], float(radius_m[j]))
+        if pair not in cache:
+            cache[pair] = hertz_stiffness(scene.materials[pair[0]], pair[1], scene.materials[pair[2]], pair[3])
+        stiffness[j] = cache[pair]
+    return stiffness
+
+
+def _overlaps(stiffness: Array, bead_load_N: Array, gaps: dict[int, float], *, resting: bool) -> Array:
+    """Overlaps at time 0: of static equilibrium up to the first gap, zero above it."""
+    overlap = np.zeros(len(stiffness))
+    first_loose = min(gaps, default=len(bead_load_N) + 1) if resting else 1
+    held = slice(0, first_loose - 1)
+    carried = -np.cumsum(bead_load_N[held][::-1])[::-1]  # what lies on each contact
+    overlap[held] = (np.maximum(carried, 0.0) / stiffness[held]) ** (2 / 3)
+    for place, gap in gaps.items():
+        overlap[place - 1] = -gap
+    return overlap
+
+
+def _frozen(array: Array) -> Array:
+    array.setflags(write=False)
+    return array

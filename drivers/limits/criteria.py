@@ -1,0 +1,51 @@
+"""Criteria by which users choose time steps, none of which looks at the motion: Rayleigh, Hertz, P-wave."""
+
+from collections.abc import Iterator
+from math import inf, pi, sqrt
+
+import numpy as np
+
+from drivers.chain.case import Case
+from drivers.scene.model import RIGID, Material
+
+
+def rayleigh_time(case: Case) -> float:
+    """``pi R sqrt(rho / G) / (0.1631 nu + 0.8766)``, the shortest of all beads, in s."""
+    shortest = inf
+    for radius, density, material in _balls(case):
+        shear = material.youngs_modulus / (2 * (1 + material.poisson_ratio))
+        time = pi * radius * sqrt(density / shear) / (0.1631 * material.poisson_ratio + 0.8766)
+        shortest = min(shortest, time)
+    return shortest
+
+
+def p_wave_time(case: Case) -> float:
+    """``R sqrt(rho / E)``, the shortest of all beads, in s: what YADE's ``PWaveTimeStep`` gives."""
+    return min((radius * sqrt(density / material.youngs_modulus) for radius, density, material in _balls(case)))
+
+
+def hertz_time(case: Case) -> float:
+    """Duration of the collision of two bodies alone, ``2.87 (m*^2 / (R* E*^2 v))^(1/5)``, the shortest pair's, in s.
+
+    The speed v is the largest at time 0: what LIGGGHTS' ``check/timestep/gran`` takes. inf where nothing moves.
+    """
+    chain = case.chain
+    speed = float(np.abs(chain.velocity_m_s).max())
+    inverse = 1 / chain.mass_kg + np.append(0.0, 1 / chain.mass_kg[:-1])
+    stiffest = chain.stiffness * inverse  # k = (4/3) E* sqrt(R*), so R* E*^2 = (3 k / 4)^2
+    if not speed or not stiffest.any():
+        return inf
+    worst = int(np.argmax(stiffest))
+    return float(2.87 * (1 / inverse[worst] ** 2 / ((0.75 * chain.stiffness[worst]) ** 2 * speed)) ** 0.2)
+
+
+# fractions that users take
+CRITERIA = {"0.2 Rayleigh": (0.2, rayleigh_time), "0.1 Hertz": (0.1, hertz_time), "P-wave": (1.0, p_wave_time)}
+
+
+def _balls(case: Case) -> Iterator[tuple[float, float, Material]]:
+    """Radius, density and material of each different round body."""
+    chain = case.chain
+    for name, radius, mass in sorted(set(zip(chain.materials, chain.radius_m, chain.mass_kg, strict=True))):
+        if np.isfinite(radius) and name != RIGID:
+            yield float(radius), float(mass / (4 / 3 * pi * radius**3)), case.scene.materials[name]

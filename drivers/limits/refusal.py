@@ -1,0 +1,100 @@
+"""What is refused before it runs: steps that blow up, beads pressed through each other, what an engine cannot take."""
+
+from math import floor, log10
+
+import numpy as np
+
+from drivers.base.errors import InputError
+from drivers.chain.case import Case
+from drivers.chain.chain import energy_put_in
+from drivers.engines import EXACT, engine_names, load_engine
+from drivers.limits.energy_bounds import at_most, certainly_stable
+from validation.accuracy.plan import refuse_beyond_rounding
+
+ON_COMMAND = "--unsafe"
+
+
+def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
+    """Refuses what cannot end well on an engine; ``override`` is what runs it all the same.
+
+    Raises:
+        InputError: the time step is beyond the stability limit; contacts would be pressed deeper than Hertz's law can
+            mean; the engine's coordinates cannot give the accuracy asked for; the engine cannot take the case.
+    """
+    refuse_beyond_rounding(case, engine)
+    cannot = inability(case, engine)
+    if cannot is not None:
+        raise cannot
+    _refuse_depth(case, override)
+    _refuse_depth_in_bore(case, override)
+    if load_engine(engine).SCHEME != EXACT:
+        _refuse_step(case, override)
+
+
+def inability(case: Case, engine: str) -> InputError | None:
+    """What an engine cannot take, by name; None where it takes the case."""
+    missing = [each.name for each in case.elements if each.modelled and each.name not in load_engine(engine).MODELS]
+    if missing:
+        able = ", ".join(name for name in engine_names() if _models_all(case, name))
+        where = f'"{engine}" for a scene with {", ".join(missing)}'
+        return InputError(
+            case.scene.file, "", where, f"an engine that models it: {able}" if able else "nothing: none models it"
+        )
+    complaint = load_engine(engine).refusal(case)
+    if complaint is None:
+        return None
+    key, found, allowed = complaint
+    return InputError(case.scene.file, key, found, f"on {engine} {allowed}")
+
+
+def _models_all(case: Case, engine: str) -> bool:
+    return {each.name for each in case.elements if each.modelled} <= load_engine(engine).MODELS
+
+
+def _refuse_step(case: Case, override: str) -> None:
+    chain, duration, step = case.chain, float(case.sample_times_s[-1]), case.scene.time_step_s
+    if certainly_stable(chain, duration, step):
+        return
+    from drivers.limits.stable_step import predicted_limit
+
+    limit = predicted_limit(chain, duration)
+    if step > limit:
+        digits = 10.0 ** (floor(log10(limit)) - 2)
+        allowed = (
+            f"at most {floor(limit / digits) * digits:.3g} s, beyond which this chain blows up ({override} runs it)"
+        )
+        raise InputError(case.scene.file, "run.time_step", f"{step:g} s", allowed)
+
+
+def _refuse_depth(case: Case, override: str) -> None:
+    chain, duration = case.chain, float(case.sample_times_s[-1])
+    if (at_most(chain, duration).overlap_m < chain.smaller_radius_m).all():
+        return
+    from drivers.limits.stable_step import reached
+
+    depth = reached(chain, duration).overlap_m / chain.smaller_radius_m
+    if (depth >= 1).any():
+        place = int(np.argmax(depth))
+        key = "striker.speed" if case.scene.striker else "chain"
+        found = f"a motion that presses contact {place + 1} {depth[place]:.3g} radii deep"
+        allowed = f"overlaps below a radius: beyond, Hertz's law means nothing ({override} runs it)"
+        raise InputError(case.scene.file, key, found, allowed)
+
+
+def _refuse_depth_in_bore(case: Case, override: str) -> None:
+    """Bodies that are thrown into the bore by more than their radius."""
+    chain, duration = case.chain, float(case.sample_times_s[-1])
+    if chain.lateral is None or chain.lateral.bore is None:
+        return
+    held = chain.lateral.bore.guided
+    stiffness, radius = chain.lateral.bore.stiffness[held], chain.radius_m[held]
+    if ((2.5 * energy_put_in(chain, duration) / stiffness) ** 0.4 < radius).all():
+        return
+    from drivers.limits.stable_step_in_tube import sideways_reached
+
+    depth = sideways_reached(chain, duration).bore.overlap_m[held] / radius
+    if (depth >= 1).any():
+        place = int(np.argmax(depth))
+        found = f"a motion that presses body {held[place] + 1} {depth[place]:.3g} radii deep into the bore"
+        allowed = f"overlaps below a radius: beyond, Hertz's law means nothing ({override} runs it)"
+        raise InputError(case.scene.file, "chain", found, allowed)

@@ -1,0 +1,1 @@
+"""Deck -> run folder: run a case once, check its output, record it, find it again."""

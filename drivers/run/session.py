@@ -1,0 +1,177 @@
+"""An engine process that serves one case after another: start-up is most of a small case's cost."""
+
+import os
+import selectors
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from drivers.base.decks import Deck
+from drivers.base.processes import COULD_NOT_START, Outcome, reap, start
+from drivers.engines import Engine, load_engine
+
+DONE = "the-case-has-ended"  # the word a server says; no engine does by itself
+START_LIMIT_S, LEAST_START_S = 60.0, 10.0  # a start gets the case's limit, within these
+EXIT_LIMIT_S = 5.0
+LONGEST_WAIT_S = 3600.0  # at once: the system counts no further than some weeks
+STDERR = "stderr.txt"
+LONGEST_SAYING = 1 << 20  # bytes of what an engine says that are kept
+
+
+class Session:
+    """A server of one engine; started when first asked, and again after a case that killed it.
+
+    Attributes:
+        case: the folder in which cases run.
+        start_s: what was waited for its starts so far.
+        served: cases that its process, or its last one, was asked for.
+    """
+
+    def __init__(self, engine: Engine, executable: Path, folder: Path) -> None:
+        self.engine = engine
+        self.executable = executable
+        self.folder = folder
+        self.case = folder / "case"
+        self.start_s = 0.0
+        self.served = 0
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def run(self, deck: Deck, limit_s: float) -> Outcome:
+        """Runs a deck in ``case``; its output and what the engine said are there until the next one.
+
+        A case that the process does not survive ends as it would in a process of its own, and the next one gets a
+        new process.
+        """
+        if self._process is None or not self.served:
+            shutil.rmtree(self.case, ignore_errors=True)  # nothing of a case that ended badly stays
+            self.case.mkdir(parents=True)
+        for name in deck.raw:
+            (self.case / name).unlink(missing_ok=True)
+        for name, text in deck.files.items():
+            (self.case / name).write_text(text)
+        began = time.perf_counter()
+        try:
+            self.start()
+        except OSError as error:
+            (self.case / "stdout.txt").write_text("")
+            (self.case / STDERR).write_text(f"cannot start: {error}\n")
+            return Outcome(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+        if self.served == 0:
+            outcome = self._ask("", min(START_LIMIT_S, max(limit_s, LEAST_START_S)))
+            self.start_s += time.perf_counter() - began
+            if self.ended:
+                return outcome
+        self.served += 1
+        return self._ask(self.case.name, limit_s)
+
+    def start(self) -> None:
+        """Starts the server if there is none, without waiting for it.
+
+        Raises:
+            OSError: it cannot be started.
+        """
+        if self._process is not None:
+            return
+        server = self.engine.SERVER
+        for file, text in server.files.items():
+            (self.folder / file).write_text(text)
+        self.served = 0
+        with open(self.folder / STDERR, "wb") as stderr:
+            self._process = start(
+                server.command_with(self.executable),
+                self.folder,
+                subprocess.PIPE,
+                subprocess.PIPE,
+                stderr,
+                **self.engine.VARIABLES,
+            )
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is no process at hand: the last case, or the start, ended it."""
+        return self._process is None
+
+    def close(self) -> None:
+        """Ends the process."""
+        if self._process is not None:
+            self._end()
+
+    def _ask(self, name: str, limit_s: float) -> Outcome:
+        """Sends a request and waits for the word, the process's end, or the limit."""
+        process = self._process
+        assert process is not None
+        assert process.stdin is not None
+        began = time.perf_counter()
+        try:
+            process.stdin.write(self.engine.request(name, DONE).encode())
+            process.stdin.flush()
+        except OSError:
+            pass  # it is dead: there is an end of its output to read
+        said, state = _listen(process, began + limit_s)
+        wall_s = time.perf_counter() - began
+        (self.case / "stdout.txt").write_bytes(said)
+        if state == "done":
+            return Outcome(0, False, limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
+        if state == "ended":
+            _await_end(process)
+        (self.case / STDERR).write_bytes((self.folder / STDERR).read_bytes())
+        return Outcome(self._end(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
+
+    def _end(self) -> int:
+        process, self._process = self._process, None
+        assert process is not None
+        for stream in (process.stdin, process.stdout):
+            if stream is not None:
+                try:
+                    stream.close()
+                except OSError:
+                    pass  # what was not sent is not needed any more
+        reap(process)
+        return process.returncode
+
+
+@contextmanager
+def served_by(name: str, folder: Path) -> Iterator[Session]:
+    """A session of an installed engine that ends with the block."""
+    engine = load_engine(name)
+    executable = engine.find()
+    assert executable is not None
+    session = Session(engine, executable, folder)
+    try:
+        yield session
+    finally:
+        session.close()
+
+
+def _await_end(process: subprocess.Popen[bytes]) -> None:
+    """Lets a process that has closed its output exit by itself, so that its code is its own."""
+    until = time.perf_counter() + EXIT_LIMIT_S
+    while time.perf_counter() < until:
+        if os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None:
+            return
+        time.sleep(0.005)
+
+
+def _listen(process: subprocess.Popen[bytes], until: float) -> tuple[bytes, str]:
+    """What the process says before the word, and whether it is ``done``, has ``ended`` or is ``late``."""
+    assert process.stdout is not None
+    word = f"{DONE}\n".encode()
+    said = b""
+    with selectors.DefaultSelector() as selector:
+        selector.register(process.stdout, selectors.EVENT_READ)
+        while not said.endswith(word):
+            rest = until - time.perf_counter()
+            if not selector.select(min(max(rest, 0.0), LONGEST_WAIT_S)):
+                if rest > LONGEST_WAIT_S:
+                    continue
+                return said, "late"
+            part = os.read(process.stdout.fileno(), 1 << 16)
+            if not part:
+                return said, "ended"
+            said = (said + part)[-LONGEST_SAYING:]
+            if time.perf_counter() > until and not said.endswith(word):
+                return said, "late"
+    return said.removesuffix(word), "done"

@@ -1,0 +1,1 @@
+"""TOML -> Scene: what a physicist writes, validated, in SI units."""

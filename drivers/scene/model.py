@@ -1,0 +1,203 @@
+"""The scene: what a physicist writes, read from TOML into a frozen, validated model in SI units.
+
+``read_scene`` is the only reader of scenes and of ``inputs/materials.toml``. Beads are counted from
+the wall, as in the paper: bead 1 rests on the wall.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+
+from drivers.base import units
+
+MAX_BEADS = 1_000_000
+RIGID = "rigid"
+LEAST_RESTITUTION, MAX_DAMPING_RATIO = 1e-4, 50.0  # about the same: beyond, bodies all but stick
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
+FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
+PoissonRatio = Annotated[float, Field(ge=0, lt=0.5, allow_inf_nan=False)]
+Friction = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+def _accuracy(value: object) -> object:
+    numbers = value.values() if isinstance(value, dict) and value else [value]
+    if not all(isinstance(each, int | float) and not isinstance(each, bool) and 0 < each < 1 for each in numbers):
+        raise units.NotAllowedError(
+            "an error above 0 and below 1, such as 1e-4 for the force, or { wall_peak = 1e-3 } for what gauges show"
+        )
+    return value
+
+
+Accuracy = Annotated[float | dict[str, float], BeforeValidator(_accuracy)]
+
+
+class Part(BaseModel):
+    """A table of the scene file: frozen, strict, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Material(Part):
+    """Elastic constants; ``density`` serves only where a mass is left out."""
+
+    youngs_modulus: units.Modulus
+    poisson_ratio: PoissonRatio
+    density: units.Density | None = None
+    source: str | None = None
+
+    @property
+    def compliance(self) -> float:
+        """``(1 - nu^2) / E``, its share of ``1/E*``, in 1/Pa."""
+        return float((1 - self.poisson_ratio**2) / self.youngs_modulus)
+
+
+class Sensor(Part):
+    """A bead that carries a force gauge; ``mass`` left out: the bead's own."""
+
+    from_wall: FromWall
+    mass: units.Mass | None = None
+
+
+class Bead(Part):
+    """What is particular about one bead.
+
+    ``gap_below`` takes the bead, and those above it, off what lies beneath; ``velocity`` is positive upwards,
+    ``lateral_velocity`` points across the axis.
+    """
+
+    from_wall: FromWall
+    diameter: units.Length | None = None
+    mass: units.Mass | None = None
+    material: Name | None = None
+    gap_below: units.Gap | None = None
+    velocity: units.Velocity | None = None
+    lateral_velocity: units.Velocity | None = None
+
+
+class Chain(Part):
+    """The beads."""
+
+    count: Annotated[int, Field(ge=0, le=MAX_BEADS)]
+    material: Name
+    diameter: units.Length
+    mass: units.Mass | None = None
+    sensors: tuple[Sensor, ...] = Field(default=(), strict=False)
+    bead: tuple[Bead, ...] = Field(default=(), strict=False)
+    precompression: units.Force = 0.0
+    mass_scatter: units.MassSpread = 0.0
+    lateral_offset: units.Gap | None = None
+    origin: units.Height = 0.0
+
+
+class Striker(Part):
+    """What strikes the top bead, just touching it at time 0 and moving down with ``speed``."""
+
+    shape: Literal["sphere", "flat"] = "sphere"
+    material: Name
+    diameter: units.Length | None = None
+    mass: units.Mass | None = None
+    speed: units.Speed
+
+
+class Wall(Part):
+    """A flat half-space below bead 1; the material ``rigid`` does not yield at all."""
+
+    material: Name
+
+
+class Tube(Part):
+    """The apparatus; whether a deck models it is decided by what the scene requires.
+
+    ``top`` is where it ends; with ``sides`` it is a mesh of so many flat sides instead of a cylinder.
+    """
+
+    inner_diameter: units.Length
+    material: Name
+    friction: Friction = 0.0
+    top: units.Height | None = None
+    sides: Annotated[int, Field(ge=3, le=1000)] | None = None
+
+
+class Contact(Part):
+    """What contacts do beyond Hertz's law.
+
+    They are elastic unless one of ``restitution``, that of an impact, and ``damping_ratio``, B of
+    ``drivers.chain.contact_law``, is given. Without ``rotation`` friction turns no bead: to see what turning does.
+    """
+
+    restitution: Annotated[float, Field(ge=LEAST_RESTITUTION, le=1, allow_inf_nan=False)] | None = None
+    damping_ratio: Annotated[float, Field(ge=0, le=MAX_DAMPING_RATIO)] | None = None
+    friction: Friction = 0.0
+    rotation: bool = True
+
+
+class Gauge(Part):
+    """Electronics behind all gauges, the wall's included: a first-order high-pass, in post-processing only."""
+
+    time_constant: units.Duration
+
+
+class Run(Part):
+    """How long, how fine, and what to keep."""
+
+    duration: units.Duration
+    sample_interval: units.Duration
+    time_step: units.Duration | None = None
+    accuracy: Accuracy | None = None
+    record: tuple[Literal["forces", "state"], ...] = Field(default=("forces",), strict=False)
+
+
+class SceneFile(Part):
+    """A scene as its file holds it."""
+
+    title: str = ""
+    gravity: units.Acceleration = 0.0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    chain: Chain
+    striker: Striker | None = None
+    wall: Wall | None = None
+    tube: Tube | None = None
+    contact: Contact = Contact()
+    sensor: Gauge | None = None
+    materials: dict[Name, Material] = Field(default_factory=dict)
+    run: Run
+
+
+class Scene(SceneFile):
+    """A scene ready to be built: ``materials`` holds all that it names, ``run.time_step`` divides the interval.
+
+    A scene that asks for an accuracy gets its time step when its case is built, and has the interval until then.
+
+    Attributes:
+        name: the scene file's name without its ending.
+        file: the scene file as messages name it; no part of the physics.
+        steps_per_sample: time steps from one sample to the next.
+        samples: samples recorded, the one at time 0 included.
+    """
+
+    name: str
+    file: str = Field(exclude=True)
+    steps_per_sample: int
+    samples: int
+
+    @property
+    def time_step_s(self) -> float:
+        """The time step in seconds."""
+        assert self.run.time_step is not None  # read_scene admits no scene without
+        return self.run.time_step
+
+    @property
+    def steps(self) -> int:
+        """Time steps from time 0 to the last sample."""
+        return self.steps_per_sample * (self.samples - 1)
+
+    @property
+    def bodies(self) -> int:
+        """Beads, and the striker where there is one."""
+        return self.chain.count + (self.striker is not None)
+
+    @property
+    def three_dimensional(self) -> bool:
+        """Whether beads may move sideways and turn."""
+        return self.chain.lateral_offset is not None or any(bead.lateral_velocity for bead in self.chain.bead)

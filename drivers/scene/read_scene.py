@@ -1,0 +1,170 @@
+"""Reads scene files and says in one line what is wrong with them."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.messages import shorten, validate
+from drivers.scene.model import RIGID, Material, Scene, SceneFile
+from drivers.scene.overrides import lay_over
+from drivers.scene.sampling import steps_per_sample
+from drivers.scene.scene_rules import choices, contradictions
+
+NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
+MAX_STEPS = 2**31 - 1  # LIGGGHTS counts no further
+MAX_VALUES = 200_000_000  # samples x contacts: 1.6 GB of doubles
+
+
+def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
+    """The scene of a file, with ``settings`` such as ``chain.count=60`` laid over it.
+
+    Args:
+        source: path of a scene file, or the name of one in ``inputs/scenes``.
+        settings: ``path=value`` pairs; the value is TOML, or plain text; an empty one leaves the key out.
+
+    Raises:
+        InputError: anything wrong with the file or the settings.
+    """
+    path = find_scene(source)
+    where = paths.shown(path)
+    data = read_toml(path)
+    for setting in settings:
+        lay_over(data, setting)
+    if settings:
+        where += f" with --set {shorten(' '.join(settings))}"
+    return make_scene(data, read_toml(paths.MATERIALS), path.stem, where)
+
+
+def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: str) -> Scene:
+    """The scene of a file's tables.
+
+    Args:
+        data: the tables; materials of the scene's own are completed in place.
+        library: the tables of ``inputs/materials.toml``.
+        name: the scene's name.
+        where: the scene as messages name it.
+
+    Raises:
+        InputError: anything wrong with it.
+    """
+    _complete_own_materials(data, library)
+    file = validate(SceneFile, data, where)
+    for complaint in choices(file):
+        raise InputError(where, *complaint)
+    materials = _materials(file, library, where)
+    every, time_step = steps_per_sample(file.run.sample_interval, file.run.time_step, where)
+    samples = _whole_samples(file, where)
+    scene = Scene.model_construct(
+        **{key: getattr(file, key) for key in SceneFile.model_fields}
+        | {
+            "materials": materials,
+            "run": file.run.model_copy(update={"time_step": time_step}),
+            "name": name,
+            "file": where,
+            "steps_per_sample": every,
+            "samples": samples,
+        }
+    )
+    if scene.steps > MAX_STEPS:
+        raise InputError(
+            where,
+            "run.time_step",
+            f"{time_step:g} s, which makes {scene.steps:.3g} steps",
+            f"at most {MAX_STEPS:.3g} steps",
+        )
+    for complaint in contradictions(scene):
+        raise InputError(where, *complaint)
+    return scene
+
+
+def find_scene(source: str | Path) -> Path:
+    """The path of a scene file, given by path or by the name of one in ``inputs/scenes``."""
+    return find_input(source, paths.SCENES, "scene")
+
+
+def find_input(source: str | Path, home: Path, what: str) -> Path:
+    """The path of a TOML file, given by path or by the name of one in its ``home``.
+
+    Raises:
+        InputError: there is no such name, or the file's name is no name.
+    """
+    path = Path(source)
+    if path.suffix != ".toml" and path.name == str(source) and not path.is_file():
+        path = home / f"{source}.toml"
+        if not path.is_file():
+            known = ", ".join(sorted(p.stem for p in home.glob("*.toml")))
+            raise InputError(str(source), "", f"no such {what}", f"a path to a .toml file, or one of {known}")
+    if path.suffix != ".toml":
+        raise InputError(str(source), "", f'a file ending in "{path.suffix}"', f"a {what} file, ending in .toml")
+    stem = path.stem
+    if not stem[:1].isalnum() or not stem.isascii() or not all(c.isalnum() or c in "-_." for c in stem):
+        raise InputError(str(source), "", f"the {what} name {stem!r}", NAME_RULE)
+    if len(stem) > 100:
+        raise InputError(str(source), "", f"a {what} name of {len(stem)} characters", "at most 100")
+    return path
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        InputError: it cannot be read, is no UTF-8 or no TOML.
+    """
+    where = paths.shown(path)
+    if path.exists() and not path.is_file():
+        raise InputError(where, "", "a directory" if path.is_dir() else "no regular file", "a readable TOML file")
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise InputError(where, "", error.strerror or str(error), "a readable TOML file") from error
+    except UnicodeDecodeError as error:
+        raise InputError(where, "", f"byte 0x{error.object[error.start]:02x} at {error.start}", "UTF-8 text") from error
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and numbers too long to read
+        raise InputError(where, "", str(error) or "tables nested too deep", "TOML") from error
+
+
+def _complete_own_materials(data: dict[str, Any], library: dict[str, Any]) -> None:
+    """Fills what the scene's own materials leave out from the library's material of that name."""
+    own = data.get("materials")
+    if not isinstance(own, dict):
+        return  # validation says so
+    for name, table in own.items():
+        if isinstance(table, dict) and name in library:
+            own[name] = {key: value for key, value in library[name].items() if key != "source"} | table
+
+
+def _materials(file: SceneFile, library: dict[str, Any], where: str) -> dict[str, Material]:
+    """The materials that the scene names, its own before the library's."""
+    named = {"chain.material": file.chain.material}
+    named |= {f"chain.bead.{i}.material": bead.material for i, bead in enumerate(file.chain.bead) if bead.material}
+    for part in ("striker", "wall", "tube"):
+        table = getattr(file, part)
+        if table is not None:
+            named[f"{part}.material"] = table.material
+    materials = {}
+    for key, name in named.items():
+        if name in file.materials:
+            materials[name] = file.materials[name]
+        elif name in library:
+            materials[name] = validate(Material, library[name], paths.shown(paths.MATERIALS), f"{name}.")
+        elif name != RIGID or key != "wall.material":
+            known = sorted({*library, *file.materials} | ({RIGID} if key == "wall.material" else set()))
+            raise InputError(where, key, f'"{name}"', f"{', '.join(known)}, or a [materials.{name}] of the scene's own")
+    return materials
+
+
+def _whole_samples(file: SceneFile, where: str) -> int:
+    run = file.run
+    ratio = run.duration / run.sample_interval
+    if ratio < 1 - 1e-9:
+        raise InputError(
+            where, "run.duration", f"{run.duration:g} s", f"at least one sample_interval ({run.sample_interval:g} s)"
+        )
+    if ratio * (file.chain.count + 1) > MAX_VALUES:
+        allowed = f"at most {MAX_VALUES:,} samples times contacts: a longer interval or a shorter run"
+        raise InputError(
+            where, "run.sample_interval", f"{ratio:.3g} samples of {file.chain.count + 1} contacts", allowed
+        )
+    return int(ratio * (1 + 1e-12) + 1e-9) + 1

@@ -1,0 +1,1 @@
+"""Pictures: plot style, stacks, space-time maps, scenes, films, ParaView series, studies."""

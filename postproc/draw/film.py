@@ -1,0 +1,253 @@
+"""A wave going down a chain: a contact sheet of the chain at some times, and the same as an animation."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from drivers.base.files import whole_file
+from drivers.chain.chain import Array
+from drivers.run.finished import FinishedRun
+from postproc.draw.product import Product
+from postproc.draw.scene_drawing import WALL, flat_size
+from postproc.draw.spacetime import GAMMA, LEAST, MICRO
+from postproc.draw.style import FAINT, force_colours, pyplot
+from postproc.read.motion import chain_of, keeps_motion, mean_forces, read_motion, spread
+
+FRAMES, ANIMATED = 12, 80
+WIDTH_IN, TALLEST_IN, LEAST_IN = 6.4, 5.2, 1.2
+BEAD_IN = 0.025  # diameter from which on a bead is drawn as a circle; below it the chain is a band
+BAND_ROWS = 400
+BAND_IN = 0.15  # its width at least
+BORE = "#9aa4af"
+EDGE: dict[str, Any] = {"edgecolor": "#777777", "lw": 0.4}
+FILM_DPI, FILM_PER_S = 80, 12
+
+
+@dataclass(frozen=True)
+class Film:
+    """A chain at some times.
+
+    Attributes:
+        time_s: shape (frames,).
+        place_m: x, exaggerated, and height of each body: the chain seen along y. Shape (frames, bodies, 2).
+        force_N: mean of the contact forces below and above each body. Shape (frames, bodies).
+        radius_m: 0 for a flat striker. Shape (bodies,).
+        flat_m: width and length of a flat striker; 0, 0 without one.
+        bore_m: half the width of the tube as drawn; None without one.
+        tube_top_m: where it ends.
+        wall_m: height of the wall; None for a free chain.
+        low_m, high_m: ends of the picture.
+        largest_N: of the whole run.
+        sideways: factor of what is exaggerated.
+        still: why no body moves.
+    """
+
+    time_s: Array
+    place_m: Array
+    force_N: Array
+    radius_m: Array
+    flat_m: tuple[float, float]
+    bore_m: float | None
+    tube_top_m: float
+    wall_m: float | None
+    low_m: float
+    high_m: float
+    largest_N: float
+    sideways: float
+    still: str
+
+    @property
+    def half_m(self) -> float:
+        """Half the width that all bodies need."""
+        reach = float((np.abs(self.place_m[..., 0]) + self.radius_m).max(initial=self.flat_m[0] / 2))
+        return max(reach, 1.1 * (self.bore_m or 0.0))
+
+
+def film_of(run: FinishedRun, frames: int, sideways: float = 1.0) -> Film:
+    """So many times of a run, evenly spread; its bodies where they were at time 0 if it kept no positions.
+
+    Args:
+        run: the run.
+        frames: how many.
+        sideways: factor by which displacements from the axis are exaggerated.
+    """
+    scene, chain = chain_of(run)
+    chosen = spread(len(run.trace.time_s), frames)
+    if keeps_motion(run):
+        where = read_motion(run).place_m[chosen]
+        place, still = np.stack([sideways * where[..., 0], where[..., 2]], axis=-1), ""
+    else:
+        height = np.broadcast_to(chain.height_m, (len(chosen), chain.bodies))
+        place, still = np.stack([np.zeros_like(height), height], axis=-1), "bodies as at time 0: the run kept no others"
+    force = mean_forces(run.trace.force_N)
+    radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
+    flat = flat_size(scene)
+    low = float((place[..., 1] - radius).min())
+    high = float((place[..., 1] + radius).max()) + flat[1]
+    size, tube = scene.chain.diameter, scene.tube
+    bore = None
+    if tube is not None and tube.inner_diameter < 5 * size:
+        bore = (size + sideways * (tube.inner_diameter - size)) / 2  # a bead leans on it in the picture as in the tube
+    inside = 2 * radius <= (tube.inner_diameter if tube is not None else 0.0)
+    tops = (place[..., 1] + radius)[:, inside]
+    top = tube.top if tube is not None and tube.top is not None else float(tops.max(initial=low))
+    wall = chain.wall_height_m if chain.wall else None
+    return Film(
+        run.trace.time_s[chosen], place, force[chosen], radius, flat, bore, min(top, high), wall,
+        min(low, chain.wall_height_m), high, float(force.max(initial=0.0)) or 1.0, sideways, still,
+    )  # fmt: skip
+
+
+def sheet(film: Film, title: str) -> Product:
+    """The contact sheet: the chain at each time side by side, to scale, coloured by force."""
+    plt, count, tall = pyplot(), len(film.time_s), film.high_m - film.low_m
+    pitch_in = WIDTH_IN / count
+    scale_in = min(TALLEST_IN / tall, pitch_in / (2.5 * film.half_m))
+    height_in = max(scale_in * tall, LEAST_IN) + 0.1
+    words = _words(film, title)
+    page_in = height_in + 0.45 + 0.15 * len(words)
+    figure = plt.figure(figsize=(WIDTH_IN + 0.9, page_in))
+    axis = _axis(figure, (0.1, 0.35, WIDTH_IN, height_in))
+    pitch = pitch_in / scale_in
+    axis.set(xlim=(-pitch / 2, (count - 0.5) * pitch), ylim=_around(film, height_in / scale_in))
+    for i, time_s in enumerate(film.time_s):
+        _draw_chain(axis, film, i, i * pitch, scale_in)
+        axis.text(i * pitch, axis.get_ylim()[0], f"{time_s * MICRO:.0f} µs", ha="center", va="top", fontsize=7)
+    bar_in = min(2.0, height_in)
+    bar = figure.colorbar(_colours(film), cax=_axis(figure, (WIDTH_IN + 0.2, 0.35, 0.1, bar_in), framed=True))
+    bar.set_label("mean of the contact forces (N);\ngrey: none")
+    bar.outline.set_linewidth(0.5)
+    bar.solids.set_rasterized(True)
+    bar.ax.grid(visible=False)
+    figure.text(0.1 / (WIDTH_IN + 0.9), 1 - 0.05 / page_in, "\n".join(words), va="top")
+    return Product(figure, _table(film))
+
+
+def write_animation(film: Film, title: str, path: Path) -> Path:
+    """Writes the film as an animated GIF, whole or not at all: the chain beside the forces in it."""
+    from matplotlib.animation import PillowWriter
+
+    plt, tall = pyplot(), film.high_m - film.low_m
+    chain_in, force_in, height_in = 1.3, 2.3, 3.8
+    scale_in = min((height_in - 0.1) / tall, chain_in / (2.2 * film.half_m))
+    figure = plt.figure(figsize=(chain_in + force_in + 0.3, height_in + 1.0))
+    axis = _axis(figure, (0.05, 0.5, chain_in, height_in))
+    beside = _axis(figure, (0.15 + chain_in, 0.5, force_in, height_in), framed=True)
+    limits = _around(film, height_in / scale_in)
+    beside.set(xlim=(0, 1.05 * film.largest_N), ylim=limits, xlabel="mean of the contact forces (N)", yticks=[])
+    line = beside.plot([], [], color=FAINT, lw=0.8, marker="o" if _circles(film, scale_in) else "", ms=2.5)[0]
+    figure.text(0.03, 0.98, fill("; ".join(_words(film, title)), 62), va="top")
+    writer = PillowWriter(fps=FILM_PER_S)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory() as folder:
+        whole = Path(folder) / "film.gif"
+        writer.setup(figure, str(whole), FILM_DPI)
+        for i, time_s in enumerate(film.time_s):
+            axis.clear()
+            axis.axis("off")
+            axis.set(xlim=(-chain_in / scale_in / 2, chain_in / scale_in / 2), ylim=limits)
+            _draw_chain(axis, film, i, 0.0, scale_in)
+            line.set_data(film.force_N[i], film.place_m[i, :, 1])
+            beside.set_title(f"{time_s * MICRO:.0f} µs", loc="left")
+            writer.grab_frame()
+        writer.finish()
+        plt.close(figure)
+        with whole_file(path) as draft:
+            shutil.copyfile(whole, draft)
+    return path
+
+
+def _axis(figure: Any, box_in: tuple[float, float, float, float], *, framed: bool = False) -> Any:
+    """Axes at a place in inches: left, bottom, width, height."""
+    width, height = figure.get_size_inches()
+    left, bottom, wide, tall = box_in
+    axis = figure.add_axes((left / width, bottom / height, wide / width, tall / height))
+    axis.axis("on" if framed else "off")
+    return axis
+
+
+def _around(film: Film, range_m: float) -> tuple[float, float]:
+    """Ends of a range of heights with the chain in its middle."""
+    middle = (film.low_m + film.high_m) / 2
+    return middle - range_m / 2, middle + range_m / 2
+
+
+def _circles(film: Film, scale_in: float) -> bool:
+    """Whether beads are large enough on paper to be drawn one by one."""
+    return bool(2 * np.median(film.radius_m) * scale_in >= BEAD_IN)
+
+
+def _colours(film: Film) -> Any:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import PowerNorm
+
+    return ScalarMappable(PowerNorm(GAMMA, 0, film.largest_N), force_colours())
+
+
+def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: float) -> None:
+    """One chain at one time about a middle line."""
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.patches import Rectangle
+
+    colours, width = _colours(film), 2 * film.half_m
+    force = np.ma.masked_less_equal(film.force_N[frame], LEAST * film.largest_N)
+    if film.wall_m is not None:
+        thick = 0.05 / scale_in
+        axis.add_patch(Rectangle((middle - width / 2, film.wall_m - thick), width, thick, color=WALL, lw=0))
+    if film.bore_m is not None and film.wall_m is not None and _circles(film, scale_in):
+        for side in (-film.bore_m, film.bore_m):
+            axis.plot([middle + side] * 2, [film.wall_m, film.tube_top_m], color=BORE, lw=0.6, zorder=0)
+    if film.flat_m[0]:
+        corner = (middle - film.flat_m[0] / 2, film.place_m[frame, -1, 1])
+        axis.add_patch(Rectangle(corner, *film.flat_m, facecolor=colours.to_rgba(force[-1:])[0], **EDGE))
+    place = film.place_m[frame] + (middle, 0.0)
+    if _circles(film, scale_in):
+        rgba = colours.to_rgba(force)
+        for radius in np.unique(film.radius_m[film.radius_m > 0]):  # of a size together: a small file
+            own, size = film.radius_m == radius, (2 * radius,)
+            beads = EllipseCollection(size, size, (0,), units="xy", offsets=place[own], facecolors=rgba[own],
+                                      offset_transform=axis.transData, **EDGE)  # fmt: skip
+            axis.add_collection(beads, autolim=False)
+        return
+    half = max(film.half_m, BAND_IN / 2 / scale_in)
+    extent = (middle - half, middle + half, film.low_m, film.high_m)
+    axis.set_autoscale_on(False)
+    axis.imshow(colours.to_rgba(_band(film, frame)), extent=extent, origin="lower", aspect="auto", interpolation="none")
+
+
+def _band(film: Film, frame: int) -> Any:
+    """The largest force in each of many slices of the height; where no body is, masked. Shape (rows, 1)."""
+    height, step = film.place_m[frame, :, 1] - film.low_m, (film.high_m - film.low_m) / BAND_ROWS
+    first, last = (
+        np.clip(((height + side * film.radius_m) / step).astype(int), 0, BAND_ROWS - 1) for side in (-0.999, 0.999)
+    )
+    counts = last - first + 1
+    rows = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+    found = np.full(BAND_ROWS, -1.0)
+    np.maximum.at(found, rows, np.repeat(film.force_N[frame], counts))
+    return np.ma.masked_less_equal(found, LEAST * film.largest_N)[:, np.newaxis]
+
+
+def _words(film: Film, title: str) -> list[str]:
+    """The title, and what is not as it was."""
+    larger = f"sideways displacements {film.sideways:g} times as large" if film.sideways != 1 else ""
+    return [title, *filter(None, [film.still, larger])]
+
+
+def _table(film: Film) -> pd.DataFrame:
+    """A row per time and body: its height and force."""
+    bodies = film.force_N.shape[1]
+    return pd.DataFrame(
+        {
+            "time_s": np.repeat(film.time_s, bodies),
+            "body": np.tile(np.arange(1, bodies + 1), len(film.time_s)),
+            "height_m": film.place_m[..., 1].ravel(),
+            "force_N": film.force_N.ravel(),
+        }
+    )

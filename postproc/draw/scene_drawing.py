@@ -1,0 +1,273 @@
+"""A scene drawn to scale: wall, tube, beads, sensors, striker.
+
+What would not fit (long rows of equal beads, wide gaps, very long strikers and tubes) is cut, and the cut says what
+is missing; what is drawn is to scale.
+"""
+
+from dataclasses import dataclass
+from math import inf, pi
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from drivers.chain.chain import Array, Chain, bead_mass
+from drivers.scene.model import RIGID, Scene
+from postproc.draw.style import COLUMN_IN, FAINT, pyplot
+
+WHOLE = 60  # beads up to which a chain is drawn without a break
+ENDS, AROUND, SPECIAL = 8, 2, 8  # of a longer one: beads kept at its ends, around special ones, and how many of those
+WIDE_GAP, LONGEST_STRIKER, WIDEST_TUBE = 6.0, 4.0, 5.0  # in diameters of the beads nearby
+TALLEST_IN = 7.0
+WRAP = 26  # characters a label
+BEAD, SENSOR, PLATE, OTHER, STRIKER = "#f2f2f2", "#e69f00", "#7f4f00", "#bfe3d5", "#cfe3f2"
+WALL, TUBE = "#c9b27c", "#dddddd"
+
+
+@dataclass(frozen=True)
+class Cut:
+    """What is left out of the drawing at a drawn height."""
+
+    words: str
+    height_m: float
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """What is drawn where, in metres about the chain's axis.
+
+    Attributes:
+        bodies: indices of the drawn bodies.
+        height_m: drawn heights of all bodies; of those in ``bodies`` only they mean something. Shape (bodies,).
+        radius_m: 0 for a flat striker. Shape (bodies,).
+        special: labels of beads unlike the others, and of sensors, by index.
+        widest_m: the largest diameter drawn.
+        flat_m: width and length of a flat striker as drawn; 0, 0 without one.
+        low_m, high_m: ends of the picture.
+    """
+
+    bodies: list[int]
+    height_m: Array
+    radius_m: Array
+    cuts: list[Cut]
+    special: dict[int, str]
+    widest_m: float
+    flat_m: tuple[float, float]
+    low_m: float
+    high_m: float
+
+
+def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
+    """The apparatus at time 0.
+
+    Returns:
+        The figure, and a row per drawn body with its place and size.
+    """
+    sketch = _sketch(scene, chain)
+    height = sketch.high_m - sketch.low_m
+    scale_in = min(TALLEST_IN / height, 0.3 * COLUMN_IN / sketch.widest_m)
+    figure, axis = pyplot().subplots(figsize=(COLUMN_IN, max(scale_in * height, 1.0)))
+    figure.subplots_adjust(left=0, right=1, bottom=0, top=1)
+    half = COLUMN_IN / scale_in / 2
+    axis.set(xlim=(-0.8 * half, 1.2 * half), ylim=(sketch.low_m, sketch.high_m), aspect="equal")
+    axis.axis("off")
+    beads = [i for i in sketch.bodies if i < chain.beads]
+    top = max((sketch.height_m[i] + sketch.radius_m[i] for i in beads), default=chain.wall_height_m)
+    words = [_tube(axis, scene, chain, float(top), sketch)] if scene.tube else []
+    if chain.wall:
+        _draw_wall(axis, chain, sketch)
+    _draw_beads(axis, scene, beads, sketch)
+    for cut in sketch.cuts:
+        axis.text(0, cut.height_m, "⋮", ha="center", va="center")
+        axis.text(0.75 * sketch.widest_m, cut.height_m, cut.words, va="center", color=FAINT)
+    if scene.striker is not None:
+        _draw_striker(axis, scene, chain, sketch)
+    if chain.beads:
+        plural = "beads" if chain.beads > 1 else "bead"
+        words.insert(0, f"{chain.beads} {plural} of {scene.chain.material}")
+        words.insert(1, f"⌀ {_mm(scene.chain.diameter)}")
+        words.insert(2, f"{1e3 * bead_mass(scene):.4g} g each")
+    if words:
+        middle = (sketch.high_m + chain.wall_height_m) / 2
+        text = "\n".join(fill(line, 20) for line in "\n".join(words).split("\n"))
+        axis.text(-0.75 * sketch.widest_m, middle, text, ha="right", va="center")
+    _draw_scale(axis, half, chain.wall_height_m if chain.wall else sketch.low_m, height)
+    return figure, _table(scene, chain, sketch)
+
+
+def _sketch(scene: Scene, chain: Chain) -> Sketch:
+    special = _special(scene, chain)
+    bodies = _drawn(chain, special)
+    radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
+    height, cuts = _closed_up(chain, bodies, radius, special)
+    flat = flat_size(scene)
+    bead = max((2 * float(radius[i]) for i in bodies), default=0.0)
+    widest = max(bead, flat[0])
+    if scene.tube is not None and scene.tube.inner_diameter <= WIDEST_TUBE * widest:
+        widest = max(widest, 1.4 * scene.tube.inner_diameter)
+    tops = [height[i] + radius[i] for i in bodies]
+    top = max(tops, default=chain.wall_height_m) + flat[1]
+    foot = 1.5 * min(widest, 0.2 * (top - chain.wall_height_m) + 0.3 * widest) if chain.wall else 0.3 * widest
+    margin = 1.2 * min(widest, scene.chain.diameter) if scene.striker is not None else 0.3 * widest
+    return Sketch(
+        bodies, height, radius, cuts, special, widest, flat, float(chain.wall_height_m - foot), float(top + margin)
+    )
+
+
+def _special(scene: Scene, chain: Chain) -> dict[int, str]:
+    """Labels of sensors and of beads unlike the others, by index."""
+    words: dict[int, list[str]] = {}
+    for sensor in scene.chain.sensors:
+        words[sensor.from_wall - 1] = ["sensor"]
+    for bead in scene.chain.bead:
+        own = words.setdefault(bead.from_wall - 1, [])
+        own += [bead.material] if bead.material else []
+        own += [f"⌀ {_mm(bead.diameter)}"] if bead.diameter else []
+        own += [f"{bead.velocity:+.3g} m/s"] if bead.velocity else []
+        own += [f"gap of {_mm(bead.gap_below)} below"] if bead.gap_below else []
+    return {i: f"bead {i + 1}: {', '.join([*own, f'{1e3 * chain.mass_kg[i]:.4g} g'])}" for i, own in words.items()}
+
+
+def _drawn(chain: Chain, special: dict[int, str]) -> list[int]:
+    """Indices of the bodies to draw."""
+    if chain.beads <= WHOLE:
+        return list(range(chain.bodies))
+    wanted = set(range(ENDS)) | set(range(chain.beads - ENDS, chain.bodies))
+    for i in sorted(special)[:SPECIAL]:
+        wanted |= {j for j in range(i - AROUND, i + AROUND + 1) if 0 <= j < chain.bodies}
+    return sorted(wanted)
+
+
+def _closed_up(chain: Chain, bodies: list[int], radius: Array, special: dict[int, str]) -> tuple[Array, list[Cut]]:
+    """Heights with left-out beads and wide gaps shortened, and where that is."""
+    height, cuts, shift = chain.height_m.copy(), [], 0.0
+    for before, body in zip([-1, *bodies], bodies, strict=False):
+        floor = height[before] + radius[before] if before >= 0 else chain.wall_height_m
+        gap = chain.height_m[body] - shift - radius[body] - floor
+        near = 2 * max(radius[before] if before >= 0 else 0.0, radius[body])
+        left_out = body - before - 1
+        if left_out or gap > WIDE_GAP * near:
+            room = 2 * near
+            shift += gap - room
+            hidden = sum(before < i < body for i in special)
+            words = f"{left_out} beads" if left_out else f"{_mm(gap)} apart"
+            words += f", {hidden} of them special" if hidden else ""
+            cuts.append(Cut(words, float(floor + room / 2)))
+        height[body] = chain.height_m[body] - shift
+    return height, cuts
+
+
+def flat_size(scene: Scene) -> tuple[float, float]:
+    """Width and length of a flat striker as drawn: as wide as a bead, as long as its mass asks for, up to a limit."""
+    if scene.striker is None or scene.striker.diameter is not None:
+        return 0.0, 0.0
+    width = scene.chain.diameter
+    density, mass = scene.materials[scene.striker.material].density, scene.striker.mass
+    length = mass / (density * pi / 4 * width**2) if density and mass else width
+    return width, min(max(length, 0.2 * width), LONGEST_STRIKER * width)
+
+
+def _draw_beads(axis: Any, scene: Scene, beads: list[int], sketch: Sketch) -> None:
+    from matplotlib.patches import Circle, Rectangle
+
+    sensors = {sensor.from_wall - 1 for sensor in scene.chain.sensors}
+    below = -inf
+    for i in beads:
+        radius, height = sketch.radius_m[i], sketch.height_m[i]
+        colour = SENSOR if i in sensors else OTHER if i in sketch.special else BEAD
+        axis.add_patch(Circle((0, height), radius, facecolor=colour, edgecolor="black", lw=0.6))
+        if i in sensors:
+            axis.add_patch(Rectangle((-0.95 * radius, height - 0.1 * radius), 1.9 * radius, 0.2 * radius, color=PLATE))
+        if i in sketch.special:
+            words = fill(sketch.special[i], WRAP)
+            room = 0.022 * (sketch.high_m - sketch.low_m) * (words.count("\n") + 1)
+            below = max(height, below + room)  # labels of neighbours do not lie on each other
+            axis.annotate(words, (radius, height), (0.75 * sketch.widest_m, below), va="center",
+                          arrowprops={"arrowstyle": "-", "lw": 0.5, "color": FAINT})  # fmt: skip
+
+
+def _draw_wall(axis: Any, chain: Chain, sketch: Sketch) -> None:
+    from matplotlib.patches import Rectangle
+
+    foot = chain.wall_height_m - sketch.low_m
+    corner = (-1.2 * sketch.widest_m, sketch.low_m)
+    axis.add_patch(
+        Rectangle(corner, 2.4 * sketch.widest_m, foot, facecolor=WALL, edgecolor="black", lw=0.6, hatch="////")
+    )
+    words = "rigid wall" if chain.wall == RIGID else f"wall of {chain.wall}"
+    axis.text(1.4 * sketch.widest_m, chain.wall_height_m - foot / 2, fill(words, WRAP), va="center")
+
+
+def _tube(axis: Any, scene: Scene, chain: Chain, beads_top: float, sketch: Sketch) -> str:
+    """Draws the tube as far as the picture goes, and says what it is."""
+    from matplotlib.patches import Rectangle
+
+    tube = scene.tube
+    assert tube is not None
+    inner, words = tube.inner_diameter, f"{tube.material} tube,\ninner ⌀ {_mm(tube.inner_diameter)}"
+    if inner > WIDEST_TUBE * max(2 * float(sketch.radius_m[i]) for i in sketch.bodies):
+        return f"{words}\n(outside the picture)"
+    striker = scene.striker
+    top = beads_top + (inner if striker is not None and (striker.diameter or 0) < inner else 0)
+    if tube.top is not None:
+        top = tube.top
+        words += f"\nup to {_mm(tube.top)}"
+    top = min(top, sketch.high_m)
+    for side in (-1.2 * inner / 2, inner / 2):
+        size = (0.1 * inner, max(top - chain.wall_height_m, 0.0))
+        axis.add_patch(Rectangle((side, chain.wall_height_m), *size, facecolor=TUBE, edgecolor=FAINT, lw=0.4))
+    return words
+
+
+def _draw_striker(axis: Any, scene: Scene, chain: Chain, sketch: Sketch) -> None:
+    from matplotlib.patches import Circle, Rectangle
+
+    striker, height = scene.striker, float(sketch.height_m[-1])
+    assert striker is not None
+    look: dict[str, Any] = {"facecolor": STRIKER, "edgecolor": "black", "lw": 0.6}
+    if striker.diameter is None:
+        width, length = sketch.flat_m
+        axis.add_patch(Rectangle((-width / 2, height), width, length, **look))
+        shape, centre, top = f"flat striker of {striker.material}", height + length / 2, height + length
+    else:
+        axis.add_patch(Circle((0, height), striker.diameter / 2, **look))
+        shape = f"striker of {striker.material}, ⌀ {_mm(striker.diameter)}"
+        centre, top = height, height + striker.diameter / 2
+    words = f"{fill(shape, WRAP)}\n{1e3 * chain.mass_kg[-1]:.4g} g at {striker.speed:.4g} m/s"
+    axis.text(0.75 * sketch.widest_m, centre, words, va="center")
+    arrow = {"arrowstyle": "-|>", "color": "black"}
+    axis.annotate("", (0, top + 0.1 * (sketch.high_m - top)), (0, sketch.high_m), arrowprops=arrow)
+
+
+def _draw_scale(axis: Any, half: float, floor: float, height: float) -> None:
+    """A scale bar of a round length, on the left above the wall."""
+    raw = min(0.3 * half, 0.5 * height)
+    length = 10 ** np.floor(np.log10(raw))
+    length *= max(step for step in (1, 2, 5) if step * length <= raw)
+    left, base = -0.78 * half, floor + 0.02 * height
+    axis.plot([left, left + length], [base, base], color="black", lw=1.5, solid_capstyle="butt")
+    axis.text(left, base + 0.008 * height, _mm(length), ha="left", va="bottom")
+
+
+def _mm(length_m: float) -> str:
+    """A length in the unit that suits it."""
+    if length_m and abs(length_m) < 1e-4:
+        return f"{1e6 * length_m:.4g} µm"
+    return f"{1e3 * length_m:.4g} mm" if abs(length_m) < 1 else f"{length_m:.4g} m"
+
+
+def _table(scene: Scene, chain: Chain, sketch: Sketch) -> pd.DataFrame:
+    sensors, drawn = {sensor.from_wall - 1 for sensor in scene.chain.sensors}, sketch.bodies
+    return pd.DataFrame(
+        {
+            "body": [i + 1 for i in drawn],
+            "role": ["striker" if i >= chain.beads else "sensor" if i in sensors else "bead" for i in drawn],
+            "material": [chain.materials[i] for i in drawn],
+            "height_m": chain.height_m[drawn],
+            "drawn_height_m": sketch.height_m[drawn],
+            "diameter_m": np.where(np.isinf(chain.radius_m[drawn]), np.nan, 2 * chain.radius_m[drawn]),
+            "mass_kg": chain.mass_kg[drawn],
+            "velocity_m_s": chain.velocity_m_s[drawn],
+        }
+    )

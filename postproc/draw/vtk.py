@@ -1,0 +1,136 @@
+"""A finished run as a ParaView series: a file a frame, an index with their times, and the tube as its own mesh."""
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import getpid
+from pathlib import Path
+from threading import get_ident
+from xml.etree import ElementTree
+
+import numpy as np
+
+from drivers.chain.chain import Array, Chain
+from drivers.chain.mesh_files import write_mesh
+from drivers.chain.tube_mesh import tube_mesh
+from drivers.run.finished import FinishedRun
+from drivers.scene.model import Scene
+from postproc.read.motion import chain_of, mean_forces, read_bore, read_motion, spread
+
+FRAMES = 100
+INDEX, TUBE, FRAME = "chain.pvd", "tube.vtu", "chain-{:05}.vtu"
+SIDES, MOST_RINGS = 48, 400  # of the tube as drawn; a long one gets longer cells
+Field = Array | np.ndarray[tuple[int, ...], np.dtype[np.int32]]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The bodies at one time.
+
+    Attributes:
+        point_m: shape (bodies, 3).
+        fields: by name, each of shape (bodies,) or (bodies, 3).
+    """
+
+    time_s: float
+    point_m: Array
+    fields: dict[str, Field]
+
+
+def frames_of(run: FinishedRun, scene: Scene, chain: Chain, frames: int) -> list[Frame]:
+    """Frames spread evenly over a run, each value as the run's files hold it.
+
+    A flat striker has no radius and its position is that of its face. It is shown as a sphere of a bead's size that
+    touches where the face does: its point lies that radius above the face.
+
+    Raises:
+        InputError: the run kept no positions.
+    """
+    motion, bore = read_motion(run), read_bore(run)
+    force = mean_forces(run.trace.force_N)
+    flat = np.isinf(chain.radius_m)
+    radius = np.where(flat, scene.chain.diameter / 2, chain.radius_m)
+    number = np.arange(1, chain.bodies + 1, dtype=np.int32)
+    found = []
+    for i in spread(len(motion.time_s), frames):
+        point = motion.place_m[i].copy()
+        point[flat, 2] += radius[flat]
+        fields: dict[str, Field] = {
+            "body": number, "radius_m": radius, "velocity_m_s": motion.velocity_m_s[i], "force_N": force[i]
+        }  # fmt: skip
+        if bore is not None:
+            fields["bore_N"] = bore[i]
+        found.append(Frame(float(motion.time_s[i]), point, fields))
+    return found
+
+
+def write_series(run: FinishedRun, folder: Path, frames: int = FRAMES) -> list[Path]:
+    """Writes ``chain.pvd`` with its frames, and ``tube.vtu`` where the scene has a tube.
+
+    All is written beside the folder first. The index goes first and comes last, so that it never names a frame that
+    is not there; frames of a former series go with it, other files stay.
+
+    Returns:
+        The index, and the tube's file.
+
+    Raises:
+        InputError: the run kept no positions.
+        OSError: it cannot be written; what was there before stays.
+    """
+    scene, chain = chain_of(run)
+    found = frames_of(run, scene, chain, frames)
+    with _draft_beside(folder) as draft:
+        names = [FRAME.format(i) for i in range(len(found))]
+        for name, frame in zip(names, found, strict=True):
+            _write_frame(draft / name, frame)
+        (draft / INDEX).write_bytes(_index(found, names))
+        if scene.tube is not None:
+            _write_tube(draft / TUBE, scene, chain, found)
+            names.append(TUBE)
+        folder.mkdir(parents=True, exist_ok=True)
+        for former in [folder / INDEX, folder / TUBE, *folder.glob(FRAME.replace("{:05}", "[0-9]*"))]:
+            former.unlink(missing_ok=True)
+        for name in [*names, INDEX]:
+            (draft / name).replace(folder / name)
+    return [folder / INDEX] + [folder / TUBE for _ in range(scene.tube is not None)]
+
+
+@contextmanager
+def _draft_beside(folder: Path) -> Iterator[Path]:
+    """A folder to write in, gone afterwards; on the same file system as the one it is for."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    draft = folder.with_name(f".{folder.name}.{getpid()}-{get_ident()}")
+    draft.mkdir()
+    try:
+        yield draft
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def _write_frame(path: Path, frame: Frame) -> None:
+    vertices = np.arange(len(frame.point_m))[:, np.newaxis]
+    write_mesh(path, frame.point_m, "vertex", vertices, **frame.fields)
+
+
+def _write_tube(path: Path, scene: Scene, chain: Chain, frames: list[Frame]) -> None:
+    """The bore from the wall to its top; without one, over all that fits into it."""
+    assert scene.tube is not None
+    bore = scene.tube.inner_diameter / 2
+    radius = np.where(np.isinf(chain.radius_m), np.inf, chain.radius_m)
+    inside = radius <= bore
+    tops = [float((frame.point_m[inside, 2] + radius[inside]).max()) for frame in frames if inside.any()]
+    high = scene.tube.top if scene.tube.top is not None else max(tops, default=0.0)
+    high = max(high, chain.wall_height_m + bore)
+    rings = max(1, min(MOST_RINGS, round((high - chain.wall_height_m) / (2 * bore * np.pi / SIDES))))
+    points, triangles = tube_mesh(bore, chain.wall_height_m, high, SIDES, rings)
+    write_mesh(path, points, "triangle", triangles)
+
+
+def _index(frames: list[Frame], names: list[str]) -> bytes:
+    root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
+    collection = ElementTree.SubElement(root, "Collection")
+    for frame, name in zip(frames, names, strict=True):
+        ElementTree.SubElement(collection, "DataSet", timestep=repr(frame.time_s), part="0", file=name)
+    ElementTree.indent(root)
+    return bytes(ElementTree.tostring(root, xml_declaration=True, encoding="utf-8"))

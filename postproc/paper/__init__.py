@@ -1,0 +1,1 @@
+"""Theory, simulations and quoted numbers behind the paper's figures."""

@@ -1,0 +1,115 @@
+"""Numbers that the paper quotes, from ``inputs/paper/quoted.toml``."""
+
+from functools import cache
+from typing import Annotated
+
+import pandas as pd
+from pydantic import Field
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.messages import validate
+from drivers.scene.model import Part
+from drivers.scene.read_scene import read_toml
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Negative = Annotated[float, Field(lt=0, allow_inf_nan=False)]
+Column = Annotated[tuple[Positive, ...], Field(min_length=2, strict=False)]
+
+
+class Table1(Part):
+    """Table 1, a column each."""
+
+    force_N: Column
+    measured_duration_us: Column
+    measured_speed_m_s: Column
+    measured_width_diameters: Column
+    computed_speed_m_s: Column
+    computed_width_2permille_diameters: Column = Field(alias="computed_width_0.2pct_diameters")
+    computed_width_4pct_diameters: Column
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The table, its columns named as in the file."""
+        return pd.DataFrame(self.model_dump(by_alias=True))
+
+
+class Accuracy(Part):
+    """Of the measurements, as shares but for the position."""
+
+    force_large: Positive
+    force_small: Positive
+    speed: Positive
+    sensor_position_m: Positive
+
+
+class Fig4(Part):
+    """The experiment of Fig. 4."""
+
+    leading_force_N: Positive
+    speed_m_s: Positive
+    duration_us: Positive
+
+
+class Fig5(Part):
+    """Experiment and calculation of Fig. 5."""
+
+    measured_envelope_per_us: Negative
+    computed_envelope_per_us: Negative
+    incident_rise_us: Positive
+    incident_decay_per_us: Negative
+    incident_duration_us: Positive
+
+
+class SensorParts(Part):
+    """Masses of a sensor bead: both caps together, and the gauge between them."""
+
+    caps_g: Positive
+    gauge_g: Positive
+
+    @property
+    def mass_g(self) -> float:
+        """Of the whole bead."""
+        return self.caps_g + self.gauge_g
+
+    @property
+    def gauge_share(self) -> float:
+        """The gauge's mass over that of the bead: ``m / (2M + m)`` of Eq. (5)."""
+        return self.gauge_g / self.mass_g
+
+
+class Ptfe(Part):
+    """Young's moduli that the paper computes with, and the bulk sound speeds it takes two of them from."""
+
+    moduli_MPa: Column
+    hugoniot_m_s: Positive
+    ultrasound_m_s: Positive
+
+
+class Quoted(Part):
+    """The file."""
+
+    table1: Table1
+    accuracy: Accuracy
+    fig4: Fig4
+    fig5: Fig5
+    sensor: SensorParts
+    ptfe: Ptfe
+
+
+@cache
+def quoted() -> Quoted:
+    """What the file holds.
+
+    Raises:
+        InputError: anything wrong with it.
+    """
+    where = paths.shown(paths.QUOTED)
+    found = validate(Quoted, read_toml(paths.QUOTED), where)
+    rows = len(found.table1.force_N)
+    for name, column in found.table1.model_dump(by_alias=True).items():
+        if len(column) != rows:
+            raise InputError(where, f"table1.{name}", f"{len(column)} numbers", f"{rows}, as in table1.force_N")
+    if len(set(found.table1.force_N)) != rows:
+        raise InputError(where, "table1.force_N", "a force twice", "different forces")
+    return found

@@ -1,0 +1,90 @@
+"""What the reference and the codes say of a case: the reference computed here, the codes run side by side."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from drivers.base import paths
+from drivers.base.errors import InputError, RunError
+from drivers.chain.case import Case, build_case
+from drivers.chain.integrator_arrays import arrays_of
+from drivers.chain.trace import Trace, make_trace
+from drivers.engines import installed_codes
+from drivers.run.finished import open_run
+from drivers.run.many import run_many
+from drivers.scene.read_scene import read_scene
+from postproc.read.observables import observe
+from validation.reference.adaptive import integrate_adaptive
+
+REFERENCE = "reference"
+UNTIL_REFLECTED = "run.duration=0.9 ms"  # until the reflected wave has come by, in Figs. 4 and 6
+TOLERANCE = 1e-11  # of the largest force: far below the truncation error of any code's run
+
+
+class _Observables(dict[str, float]):
+    """Observables by name; one that the scene does not have is the scene's fault."""
+
+    def __init__(self, values: dict[str, float], scene: str) -> None:
+        super().__init__(values)
+        self.scene = scene
+
+    def __missing__(self, name: str) -> float:
+        raise InputError(self.scene, "chain.sensors", f"none that gives {name}", "the sensors of the paper's scene")
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A case with the forces that one engine finds."""
+
+    case: Case
+    engine: str
+    trace: Trace
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """Its observables; asking for one that it has not raises an InputError that names the scene."""
+        return _Observables(observe(self.case.layout, self.trace), self.case.scene.file)
+
+
+def case_of(source: str | Path, *settings: str) -> Case:
+    """The case of a scene with settings laid over it."""
+    return build_case(read_scene(source, settings))
+
+
+def exact(case: Case, tolerance: float = TOLERANCE) -> Simulation:
+    """The exact forces, with the state; some milliseconds and no run folder."""
+    motion = integrate_adaptive(arrays_of(case.chain), case.sample_times_s, tolerance)
+    height = case.chain.height_m + motion.displacement_m
+    trace = make_trace(case.chain, case.sample_times_s, motion.force_N, height, motion.velocity_m_s)
+    return Simulation(case, REFERENCE, trace)
+
+
+def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
+    """Cases by code, run side by side, each code's in their order; what is done is not run again.
+
+    Raises:
+        RunError: one of them failed; the others are done all the same.
+    """
+    jobs = [(case, code) for code in cases for case in cases[code]]
+    found: dict[str, list[Simulation]] = {code: [] for code in cases}
+    failures = []
+    for (case, code), ended in zip(jobs, run_many(jobs, runs), strict=True):
+        if ended.done:
+            found[code].append(Simulation(case, code, open_run(ended.folder).trace))
+        else:
+            failures.append(f"{case.scene.file}: {code} {ended.record.status}: {ended.record.reason}")
+    if failures:
+        more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
+        raise RunError(failures[0] + more)
+    return found
+
+
+def run_codes_on(cases: Sequence[Case], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
+    """The same cases on every installed code."""
+    return run_codes(dict.fromkeys(installed_codes(), cases), runs)
+
+
+def simulate(cases: Sequence[Case], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
+    """The cases on every installed code and on the reference."""
+    return run_codes_on(cases, runs) | {REFERENCE: [exact(case) for case in cases]}

@@ -1,0 +1,186 @@
+"""Solitary waves of a wanted amplitude, from full simulations: the striker speed is solved for."""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from math import exp, log
+from pathlib import Path
+
+import numpy as np
+
+from drivers.base import paths
+from drivers.base.errors import InputError, RunError
+from drivers.chain.case import Case, build_case
+from postproc.paper.simulate import Simulation, case_of, exact, run_codes, run_codes_on
+from postproc.read.signals import first_peak
+from validation.reference.travelling_wave import solve_travelling_wave
+
+SCENE = "table1"
+MARGIN, BEYOND = 1.3, 10  # a search sees this many times the travel time, to beads beyond the lower sensor
+AFTER = 1.15  # times the arrival at the lower sensor: the run ends when the peak has passed
+FOUND = 1e-12  # relative: where the search for a striker speed ends; the integration is good to 1e-11
+CODE_AMPLITUDE = 1e-7  # relative: a code's amplitude counts as the one wanted
+MAX_CORRECTIONS = 8
+SEARCHED = 6.0  # about the logarithm of the estimated striker speed
+HANDED_ON = 0.682  # of an equal striker's speed, to the leading wave's v_m: measured with the reference
+
+Amplitude = Callable[[Simulation], float]
+
+
+def sensor_pair(case: Case) -> tuple[int, int]:
+    """The beads of the upper and the lower sensor.
+
+    Raises:
+        InputError: the scene has not two of them.
+    """
+    beads = [sensor.from_wall for sensor in case.layout.sensors]
+    if len(beads) != 2:
+        raise InputError(case.scene.file, "chain.sensors", f"{len(beads)} sensors", "two, between which a wave travels")
+    return beads[0], beads[1]
+
+
+def sensor_amplitude(simulation: Simulation) -> float:
+    """Mean over the sensors of the peak of their averages above the static value, N: F_m of Table 1."""
+    return float(np.mean([simulation.values[f"bead_{bead}_amplitude_N"] for bead in sensor_pair(simulation.case)]))
+
+
+def contact_peak(simulation: Simulation) -> float:
+    """Mean of the first peaks of the contact forces between the upper and the lower sensor, static part included."""
+    upper, lower = sensor_pair(simulation.case)
+    force, time = simulation.trace.force_N[:, lower:upper], simulation.trace.time_s
+    static = force[0]
+    firsts = [first_peak(time, column - column[0]) for column in force.T]
+    return float(
+        np.mean([start + (peak.value if peak else np.nan) for start, peak in zip(static, firsts, strict=True)])
+    )
+
+
+def static_force(case: Case) -> float:
+    """Mean static force of the contacts between the upper and the lower sensor, N."""
+    upper, lower = sensor_pair(case)
+    return float(case.chain.force_N[lower:upper].mean())
+
+
+def speed_between_sensors(simulation: Simulation) -> float:
+    """Peak to peak, m/s."""
+    upper, lower = sensor_pair(simulation.case)
+    return simulation.values[f"speed_{upper}_to_{lower}_m_s"]
+
+
+def arrival(simulation: Simulation) -> float:
+    """When the peak reaches the lower sensor, s."""
+    return simulation.values[f"bead_{sensor_pair(simulation.case)[1]}_arrival_s"]
+
+
+def strike(speed_m_s: float, duration_s: float, *settings: str) -> Case:
+    """The chain of Table 1 under a striker of some speed, for whole microseconds."""
+    duration = f"run.duration={np.ceil(duration_s * 1e6):.0f} us"
+    return case_of(SCENE, *settings, f"striker.speed={speed_m_s!r} m/s", duration)
+
+
+def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulation:
+    """The exact simulation of the strike that gives a wanted amplitude, just long enough to see it pass.
+
+    Args:
+        force_N: the amplitude wanted.
+        amplitude: how it is read from a simulation.
+        settings: laid over the scene.
+
+    Raises:
+        RunError: no striker speed gives this amplitude.
+    """
+    speed, travel_s = _estimates(strike(1.0, 1e-6, *settings), force_N)
+    long = strike(speed, MARGIN * travel_s, *settings)
+
+    @cache
+    def excess(log_speed: float) -> float:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return float(np.log(amplitude(exact(_struck_at(long, exp(log_speed)))) / force_N))
+
+    root = _root(excess, log(speed))
+    if root is None:
+        raise RunError(f"{SCENE}: no striker speed gives a wave of {force_N:g} N")
+    found = exp(root)
+    passed = AFTER * arrival(exact(_struck_at(long, found)))
+    return exact(strike(found, passed, *settings))
+
+
+def struck_faster(simulation: Simulation, ratio: float) -> Simulation:
+    """The exact simulation of the same strike at ``ratio`` times its speed."""
+    return exact(_struck_at(simulation.case, -ratio * float(simulation.case.chain.velocity_m_s[-1])))
+
+
+def _struck_at(case: Case, speed_m_s: float) -> Case:
+    """The case with another striker speed in its chain alone: quick, for a search."""
+    velocity = case.chain.velocity_m_s.copy()
+    velocity[-1] = -speed_m_s
+    return replace(case, chain=replace(case.chain, velocity_m_s=velocity))
+
+
+def _root(excess: Callable[[float], float], start: float) -> float | None:
+    """Where the logarithm of an amplitude over the one wanted is zero, by that of the striker speed.
+
+    Without a static force it is a straight line of slope 6/5, which secants find at once; under one it bends.
+    None where there is no such place within ``SEARCHED`` of the start.
+    """
+    from scipy.optimize import brentq, root_scalar
+
+    first = excess(start)
+    with warnings.catch_warnings(action="ignore"):  # where secants lose their way, the bracket below takes over
+        found = root_scalar(excess, method="secant", x0=start, x1=start - first / 1.2, xtol=FOUND, maxiter=8)
+    if found.converged and abs(found.root - start) < SEARCHED and abs(excess(float(found.root))) < 1e3 * FOUND:
+        return float(found.root)
+    low, high = start - 0.5, start + 0.5
+    while excess(low) > 0 and low > start - SEARCHED:
+        low -= 1.0
+    while excess(high) < 0 and high < start + SEARCHED:
+        high += 0.5
+    if not excess(low) < 0 < excess(high):
+        return None
+    return float(brentq(excess, low, high, xtol=FOUND))
+
+
+def _estimates(case: Case, force_N: float) -> tuple[float, float]:
+    """Striker speed and travel time to beyond the lower sensor for a wave of some force without a static one.
+
+    Under a static force the wave is faster.
+    """
+    wave, chain, j = solve_travelling_wave(), case.chain, case.chain.beads // 2
+    stiffness, mass = float(chain.stiffness[j]), float(chain.mass_kg[j])
+    speed = (force_N / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6) / HANDED_ON
+    beads = chain.beads - sensor_pair(case)[1] + BEYOND
+    return float(speed), beads / (wave.speed_by_force * stiffness ** (1 / 3) * mass**-0.5 * force_N ** (1 / 6))
+
+
+def strikes_by_codes(
+    exact_ones: list[Simulation], forces_N: list[float], amplitude: Amplitude, runs: Path = paths.RUNS
+) -> dict[str, list[Simulation]]:
+    """The same amplitudes solved for by each code: from the reference's speeds on, corrected by its own amplitudes.
+
+    Raises:
+        RunError: a run failed, or a code's corrections do not settle.
+    """
+    solved = run_codes_on([simulation.case for simulation in exact_ones], runs)
+    for _ in range(MAX_CORRECTIONS):
+        off: dict[str, dict[int, float]] = {}
+        for code, simulations in solved.items():
+            ratios = {i: amplitude(one) / forces_N[i] for i, one in enumerate(simulations)}
+            off[code] = {i: ratio for i, ratio in ratios.items() if not abs(ratio - 1) <= CODE_AMPLITUDE}
+        if not any(off.values()):
+            return solved
+        again = {
+            code: [_corrected(solved[code][i].case, ratio) for i, ratio in own.items()] for code, own in off.items()
+        }
+        for code, simulations in run_codes(again, runs).items():
+            for i, simulation in zip(off[code], simulations, strict=True):
+                solved[code][i] = simulation
+    unsettled = ", ".join(code for code, own in off.items() if own)
+    raise RunError(f"{SCENE}: the striker speed of {unsettled} does not settle on the amplitude wanted")
+
+
+def _corrected(case: Case, ratio: float) -> Case:
+    """The case with a striker speed that brings its amplitude, ``ratio`` times the one wanted, to 1: F ~ v^(6/5)."""
+    assert case.scene.striker is not None
+    striker = case.scene.striker.model_copy(update={"speed": case.scene.striker.speed * ratio ** (-5 / 6)})
+    return build_case(case.scene.model_copy(update={"striker": striker}))

@@ -1,0 +1,206 @@
+"""The paper's equations (1) to (7): the long-wave theory of a chain of equal spheres, and its sensor bead.
+
+x is a place along the chain, xi = -u_x the compressive strain, a the particle's diameter; SI units throughout.
+The numbers of the equations are those of Daraio, Nesterenko, Herbold and Jin.
+"""
+
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+
+from drivers.chain.case import Case
+from drivers.chain.chain import Array, bead_mass
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Equal spheres of one material."""
+
+    youngs_modulus_Pa: float
+    poisson_ratio: float
+    density_kg_m3: float
+    diameter_m: float
+
+    @property
+    def speed_constant_m_s(self) -> float:
+        """The constant c of Eq. (1): ``c^2 = 2 E / (pi rho (1 - nu^2))``; of the order of the bulk sound speed."""
+        return sqrt(2 * self.youngs_modulus_Pa / (pi * self.density_kg_m3 * (1 - self.poisson_ratio**2)))
+
+    @property
+    def mass_kg(self) -> float:
+        """Of one particle."""
+        return self.density_kg_m3 * pi / 6 * self.diameter_m**3
+
+    @property
+    def stiffness(self) -> float:
+        """Hertz stiffness k of Eq. (7) for two equal spheres, ``F = k overlap^(3/2)``."""
+        return 2 * self.youngs_modulus_Pa / (3 * (1 - self.poisson_ratio**2)) * sqrt(self.diameter_m / 4)
+
+    def force_N(self, strain: float) -> float:
+        """Eq. (7) at the overlap ``a xi``."""
+        return float(self.stiffness * (self.diameter_m * strain) ** 1.5)
+
+    def strain(self, force_N: float) -> float:
+        """The inverse of ``force_N``."""
+        return float((force_N / self.stiffness) ** (2 / 3) / self.diameter_m)
+
+
+def particles_of(case: Case) -> Particles:
+    """The beads of a case, which are taken to be equal; the density is that which gives their mass."""
+    scene = case.scene
+    material, diameter = scene.materials[scene.chain.material], scene.chain.diameter
+    density = bead_mass(scene) / (pi / 6 * diameter**3)
+    return Particles(material.youngs_modulus, material.poisson_ratio, density, diameter)
+
+
+def long_wave_acceleration(particles: Particles, strain: Array, length_m: float) -> Array:
+    """u_tt by Eq. (1) for a strain that is periodic over ``length_m``, differentiated on its Fourier grid.
+
+    ``u_tt = -c^2 { xi^(3/2) + (a^2/10) xi^(1/4) (xi^(5/4))_xx }_x``
+
+    Args:
+        particles: give c and a.
+        strain: xi > 0 at equally spaced places. Shape (points,).
+        length_m: the period.
+
+    Returns:
+        Shape (points,), m/s^2.
+    """
+    a, c = particles.diameter_m, particles.speed_constant_m_s
+    dispersive = strain**0.25 * _derivative(strain**1.25, length_m, 2)
+    return -(c**2) * _derivative(strain**1.5 + a**2 / 10 * dispersive, length_m, 1)
+
+
+def _derivative(values: Array, length_m: float, order: int) -> Array:
+    wave_number = 2j * pi * np.fft.rfftfreq(len(values), length_m / len(values))
+    return np.asarray(np.fft.irfft(np.fft.rfft(values) * wave_number**order, len(values)))
+
+
+def lattice_acceleration(particles: Particles, displacement_m: Array) -> Array:
+    """Accelerations of the beads of a closed chain: ``m u_tt = F_j - F_{j+1}`` with Hertz forces between neighbours.
+
+    Args:
+        particles: give k and m.
+        displacement_m: of each bead from a uniformly compressed, closed chain, so that ``u_0 - u_1`` is the overlap
+            of beads 0 and 1. Shape (beads + 1,): the last entry is bead 0 again, one period on.
+
+    Returns:
+        Shape (beads,), m/s^2.
+    """
+    overlap = displacement_m[:-1] - displacement_m[1:]
+    force = particles.stiffness * np.maximum(overlap, 0.0) ** 1.5
+    return np.asarray((np.roll(force, 1) - force) / particles.mass_kg)
+
+
+HUMP_WAVE_NUMBER = sqrt(10) / 5  # times 1/a
+HUMP_LENGTH = pi / HUMP_WAVE_NUMBER  # from zero to zero, in diameters: 4.967, "five" in the paper
+
+
+def solitary_strain(particles: Particles, speed_m_s: float, place_m: Array) -> Array:
+    """Eq. (2): one hump of the periodic solution, ``xi = (5 V^2 / 4 c^2)^2 cos^4(sqrt(10) x / 5a)``, zero beyond it."""
+    amplitude = (5 * speed_m_s**2 / (4 * particles.speed_constant_m_s**2)) ** 2
+    angle = HUMP_WAVE_NUMBER * place_m / particles.diameter_m
+    return np.asarray(np.where(np.abs(angle) < pi / 2, amplitude * np.cos(angle) ** 4, 0.0))
+
+
+def stationary_residual(particles: Particles, speed_m_s: float, points: int = 64) -> float:
+    """Largest violation of Eq. (1) by the hump of Eq. (2), over the largest value of its terms.
+
+    A wave of speed V satisfies, once integrated, ``V^2 xi = c^2 { xi^(3/2) + (a^2/10) xi^(1/4) (xi^(5/4))_xx }``.
+    With ``xi^(1/4)`` a plain cosine, ``xi^(5/4)`` is band-limited and its Fourier derivative exact.
+    """
+    a, c = particles.diameter_m, particles.speed_constant_m_s
+    period = 2 * HUMP_LENGTH * a
+    place = (np.arange(points) / points - 0.5) * period
+    root = (5 * speed_m_s**2 / (4 * c**2)) ** 0.5 * np.cos(HUMP_WAVE_NUMBER * place / a)  # xi^(1/4), with its sign
+    right = c**2 * (root**6 + a**2 / 10 * root * _derivative(root**5, period, 2))
+    left = speed_m_s**2 * root**4
+    return float(np.abs(left - right).max() / left.max())
+
+
+def speed_from_strain(particles: Particles, strain: float) -> float:
+    """Eq. (3), first form: ``V_s = (2/sqrt 5) c xi_m^(1/4)``."""
+    return float(2 / sqrt(5) * particles.speed_constant_m_s * strain**0.25)
+
+
+def speed_from_velocity(particles: Particles, velocity_m_s: float) -> float:
+    """Eq. (3), second form: ``V_s = (16/25)^(1/5) c^(4/5) v_m^(1/5)``."""
+    return float((16 / 25) ** 0.2 * particles.speed_constant_m_s**0.8 * velocity_m_s**0.2)
+
+
+def speed_from_force(particles: Particles, force_N: float) -> float:
+    """Eq. (3), last form as printed: ``V_s = 0.68 (2 E / (a rho^(3/2) (1-nu^2)))^(1/3) F_m^(1/6)``."""
+    return float(0.68 * _force_scale(particles) * force_N ** (1 / 6))
+
+
+def _force_scale(particles: Particles) -> float:
+    p = particles
+    inside = 2 * p.youngs_modulus_Pa / (p.diameter_m * p.density_kg_m3**1.5 * (1 - p.poisson_ratio**2))
+    return float(inside ** (1 / 3))
+
+
+def force_coefficient(particles: Particles, speed_m_s: float, force_N: float) -> float:
+    """What stands for 0.68 in Eq. (3) if a wave of this speed has this peak force."""
+    return float(speed_m_s / (_force_scale(particles) * force_N ** (1 / 6)))
+
+
+def sound_speed(particles: Particles, force_N: float) -> float:
+    """c_0 of Eq. (1): ``c_0 = (3/2)^(1/2) c xi_0^(1/4)`` with the strain under a static force."""
+    return float(sqrt(1.5) * particles.speed_constant_m_s * particles.strain(force_N) ** 0.25)
+
+
+def sound_coefficient(particles: Particles, force_N: float) -> float:
+    """What stands for 0.9314 in Eq. (4)."""
+    return float(sound_speed(particles, force_N) / (_force_scale(particles) * force_N ** (1 / 6)))
+
+
+def precompressed_speed(particles: Particles, force_N: float, static_N: float) -> float:
+    """Eq. (4): speed of a solitary wave of total peak force ``force_N`` on a chain under ``static_N``.
+
+    ``V_s = 0.9314 (4 E^2 F_0 / (a^2 rho^3 (1-nu^2)^2))^(1/6) S / (f^(2/3) - 1)`` with ``f = F_m / F_0`` and
+    ``S^2 = (4/15) [3 + 2 f^(5/3) - 5 f^(2/3)]``.
+    """
+    f = force_N / static_N
+    bracket = 4 / 15 * (3 + 2 * f ** (5 / 3) - 5 * f ** (2 / 3))
+    return float(0.9314 * _force_scale(particles) * static_N ** (1 / 6) * sqrt(bracket) / (f ** (2 / 3) - 1))
+
+
+def sensor_forces(first_N: Array, second_N: Array, gauge_share: float) -> tuple[Array, Array]:
+    """Eq. (5): forces F_3, F_4 on the faces of a gauge of mass m between two caps, 2M together.
+
+    ``F_3,4 = (F_1 + F_2)/2 +- (F_1 - F_2)/2 m / (2M + m)``
+
+    Args:
+        first_N: contact force on the side that the wave comes from.
+        second_N: contact force on the other side.
+        gauge_share: m / (2M + m).
+    """
+    mean, half = (first_N + second_N) / 2, (first_N - second_N) / 2
+    return mean + half * gauge_share, mean - half * gauge_share
+
+
+def contact_force(beta: float, average_N: float, static_N: float) -> float:
+    """Eq. (6): the peak contact force ``F_m = beta F_{m,e} + F_0`` behind a sensor's dynamic average."""
+    return beta * average_N + static_N
+
+
+def bulk_modulus_to_youngs(bulk_speed_m_s: float, poisson_ratio: float, density_kg_m3: float) -> float:
+    """``E = 3 rho c_b^2 (1 - 2 nu)``: Young's modulus behind a bulk sound speed, Pa."""
+    return 3 * density_kg_m3 * bulk_speed_m_s**2 * (1 - 2 * poisson_ratio)
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """Hertz's contact of two equal spheres under a force."""
+
+    radius_m: float
+    peak_pressure_Pa: float
+
+
+def hertz_contact(particles: Particles, force_N: float) -> ContactState:
+    """Radius ``(3 F R* / 4 E*)^(1/3)`` and peak pressure ``3 F / (2 pi radius^2)`` of the contact (Hertz 1882)."""
+    reduced_radius = particles.diameter_m / 4
+    reduced_modulus = particles.youngs_modulus_Pa / (2 * (1 - particles.poisson_ratio**2))
+    radius = (3 * force_N * reduced_radius / (4 * reduced_modulus)) ** (1 / 3)
+    return ContactState(radius, 3 * force_N / (2 * pi * radius**2))

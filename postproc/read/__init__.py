@@ -1,0 +1,1 @@
+"""Trace -> numbers: gauges, peaks, speeds, widths, residuals."""

@@ -1,0 +1,151 @@
+"""Numbers of a run: peaks, arrival times, speeds, widths, reflections, energies and momentum.
+
+All is read from what the gauges show. A ``peak`` is the force itself, an ``amplitude`` is counted above the signal at
+time 0, which is the static load; behind electronics with a time constant a gauge shows none, and the two are the same.
+The first peak at a gauge is the incident wave, the first one after the wall's peak the reflected wave.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.chain.chain import Array
+from drivers.chain.layout import Layout
+from drivers.chain.trace import Trace, energy_error_J
+from postproc.read.pulse import ENVELOPE_MAXIMA, train_envelope
+from postproc.read.sensors import sensor_signals
+from postproc.read.signals import Peak, integral, peaks, rising_crossing
+
+LEVELS = (0.002, 0.04)  # of the peak, at which the paper's Table 1 cuts the width
+QUIET = 1e-14  # of the largest force: the wall has not felt anything yet
+LATER = 0.01  # of its range: by which later maxima at the wall stand out, where damping has made them small
+ROUNDING = 1e-9  # of the largest force: a signal that moves less is at rest
+
+
+def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) -> dict[str, float]:
+    """All observables of a run by name, each with its unit at the end; NaN where the trace does not show it.
+
+    Widths are ``2 (t_peak - t_level) V_s / 2R`` from the leading edge, in bead diameters, with the speed from
+    the gauge before; speeds are peak to peak.
+    """
+    time = trace.time_s
+    readings = sensor_signals(layout, trace)
+    signals = {name: reading - reading[0] for name, reading in readings.items()}
+    noise = ROUNDING * float(np.abs(trace.force_N).max())
+    found = {name: peaks(time, signal) if np.ptp(signal) > noise else [] for name, signal in signals.items()}
+    values: dict[str, float] = {}
+    for name, signal in signals.items():
+        first = found[name][0] if found[name] else None
+        static = values[f"{name}_static_N"] = float(readings[name][0])
+        values[f"{name}_amplitude_N"] = first.value if first else np.nan
+        values[f"{name}_peak_N"] = first.value + static if first else np.nan
+        values[f"{name}_arrival_s"] = first.time_s if first else np.nan
+        for level in levels:
+            values[f"{name}_duration_{_percent(level)}_s"] = _duration(time, signal, first, level)
+    values |= _trains(layout, found)
+    values |= _reflected(layout, found)
+    if layout.wall:
+        moves = bool(found["wall"])
+        values |= _wall_train(peaks(time, signals["wall"], LATER) if moves else [], values["wall_static_N"])
+    values |= _speeds_and_widths(layout, values, levels)
+    values |= _balances(layout, trace)
+    return values
+
+
+def _percent(level: float) -> str:
+    return f"{100 * level:g}pct"
+
+
+def _duration(time_s: Array, signal: Array, peak: Peak | None, level: float) -> float:
+    """Twice the time from the leading edge's crossing of ``level`` times the peak to the peak."""
+    if peak is None:
+        return float("nan")
+    return 2 * (peak.time_s - rising_crossing(time_s, signal, level * peak.value, peak))
+
+
+def _trains(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]:
+    """How many pulses come by each sensor before the wall's force peaks: those of the incident train."""
+    turned = found["wall"][0].time_s if layout.wall and found["wall"] else np.inf
+    names = [f"bead_{sensor.from_wall}" for sensor in layout.sensors]
+    return {f"{name}_pulses": float(sum(peak.time_s < turned for peak in found[name])) for name in names}
+
+
+def _reflected(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]:
+    """Peaks of the wave that comes back from the wall."""
+    values: dict[str, float] = {}
+    if not layout.wall or not found["wall"]:
+        return values
+    turned = found["wall"][0].time_s
+    for sensor in layout.sensors:
+        name = f"bead_{sensor.from_wall}"
+        later = [peak for peak in found[name] if peak.time_s > turned]
+        values[f"{name}_reflected_amplitude_N"] = later[0].value if later else np.nan
+        values[f"{name}_reflected_arrival_s"] = later[0].time_s if later else np.nan
+    return values
+
+
+def _wall_train(found: list[Peak], static_N: float) -> dict[str, float]:
+    """The wall's second and third peak, and the rate of the exponential through its first three."""
+    shown = [replace(peak, value=peak.value + static_N) for peak in found[:ENVELOPE_MAXIMA]]
+    values = {
+        f"wall_peak_{number}_N": shown[number - 1].value if len(shown) >= number else np.nan
+        for number in range(2, ENVELOPE_MAXIMA + 1)
+    }
+    curve = train_envelope(shown)
+    return values | {"wall_envelope_per_s": curve.rate_per_s if curve else np.nan}
+
+
+def _speeds_and_widths(layout: Layout, values: dict[str, float], levels: tuple[float, ...]) -> dict[str, float]:
+    """Peak-to-peak speed and amplitude's ratio a bead between neighbouring sensors, width at the one nearer the wall.
+
+    ``transmission_9_to_5`` is ``(A_5 / A_9)^(1/4)``: what share of its amplitude a wave passes on from bead to bead.
+    """
+    result: dict[str, float] = {}
+    for upper, lower in zip(layout.sensors[:-1], layout.sensors[1:], strict=True):
+        first, second = f"bead_{upper.from_wall}", f"bead_{lower.from_wall}"
+        travel = values[f"{second}_arrival_s"] - values[f"{first}_arrival_s"]
+        speed = (upper.height_m - lower.height_m) / travel if travel > 0 else np.nan
+        result[f"speed_{upper.from_wall}_to_{lower.from_wall}_m_s"] = speed
+        share = values[f"{second}_amplitude_N"] / values[f"{first}_amplitude_N"]
+        steps = upper.from_wall - lower.from_wall
+        result[f"transmission_{upper.from_wall}_to_{lower.from_wall}"] = share ** (1 / steps) if share > 0 else np.nan
+        for level in levels:
+            duration = values[f"{second}_duration_{_percent(level)}_s"]
+            result[f"{second}_width_{_percent(level)}_diameters"] = duration * speed / lower.diameter_m
+    return result
+
+
+def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
+    """Energy and momentum, and by how much they are not conserved; of contacts that lose energy, what it gains.
+
+    Before the wave reaches the wall, its force is that of the resting beads, and momentum is known without an
+    integral. The imbalance of all times is |p - p(0) - impulse of wall and loads|; its sampling share is what the
+    impulse changes when only every other sample is integrated.
+    """
+    time, energy, momentum = trace.time_s, trace.total_energy_J, trace.momentum_N_s
+    net = layout.load_N + (trace.force_N[:, 0] if layout.wall else np.zeros_like(time))
+    if trace.bore_friction_N is not None:
+        net = net + trace.bore_friction_N
+    impulse = integral(time, net)
+    coarse = integral(time[::2], net[::2])
+    quiet = slice(0, _first_change(trace.force_N[:, 0], float(np.abs(trace.force_N).max())))
+    steady = np.abs(momentum - momentum[0] - net[0] * time)[quiet]
+    scale = max(float(np.abs(momentum).max()), layout.moving_N_s, abs(layout.load_N) * float(time[-1])) or 1.0
+    drift = energy_error_J(energy, damped=layout.damped, slips=layout.slips)
+    return {
+        "kinetic_energy_start_J": float(trace.kinetic_energy_J[0]),
+        "energy_drift_J": float(drift.max()),
+        **({"energy_lost_J": float(energy[0] - energy[-1])} if layout.damped or layout.slips else {}),
+        "momentum_start_N_s": float(momentum[0]),
+        "momentum_end_N_s": float(momentum[-1]),
+        "impulse_imbalance_share": float(np.abs(momentum - momentum[0] - impulse).max()) / scale,
+        "momentum_error_before_wall_share": float(steady.max()) / scale,
+        "energy_error_before_wall_J": float(drift[quiet].max()),
+        "impulse_sampling_share": float(np.abs(impulse[::2] - coarse).max()) / scale,
+    }
+
+
+def _first_change(wall_N: Array, largest_N: float) -> int:
+    """How many samples pass until the force on the wall is no longer that at time 0."""
+    changed = np.abs(wall_N - wall_N[0]) > QUIET * largest_N
+    return int(np.argmax(changed)) if changed.any() else len(wall_N)

@@ -1,0 +1,124 @@
+"""Peaks and level crossings of a sampled signal, finer than its samples.
+
+Between samples a signal is read off an interpolating quintic spline through the samples around the place:
+for a pulse of width w sampled every h the error goes with (h/w)^6.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import factorial
+
+import numpy as np
+from scipy.interpolate import PPoly, make_interp_spline
+from scipy.signal import find_peaks
+
+from drivers.chain.chain import Array
+
+PROMINENCE = 0.05  # of the signal's range: smaller bumps are no peaks
+# integrals of Lagrange's polynomials through six samples, over their first two intervals and their middle one
+FIRST_INTERVALS = np.array([[475, 1427, -798, 482, -173, 27], [-27, 637, 1022, -258, 77, -11]]) / 1440
+MIDDLE_INTERVAL = np.array([11, -93, 802, 802, -93, 11]) / 1440
+REACH = 8  # samples to either side that a local spline goes through
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A maximum of a signal; ``sample`` is the nearest sample below it."""
+
+    time_s: float
+    value: float
+    sample: int
+
+
+def peaks(time_s: Array, values: Array, prominence: float = PROMINENCE) -> list[Peak]:
+    """Maxima that rise by ``prominence`` of the signal's range, in the order of time.
+
+    Args:
+        time_s: shape (samples,), equally spaced.
+        values: shape (samples,).
+        prominence: share of the signal's range by which a peak stands out of its surroundings.
+    """
+    return [_refined(time_s, values, place) for place in _places(values, prominence)]
+
+
+def first_peak(time_s: Array, values: Array, prominence: float = PROMINENCE) -> Peak | None:
+    """The first of ``peaks``; None where there is none."""
+    places = _places(values, prominence)
+    return _refined(time_s, values, places[0]) if places else None
+
+
+def _places(values: Array, prominence: float) -> list[int]:
+    span = float(np.ptp(values))
+    if span <= 0 or len(values) < 3:
+        return []
+    return [int(place) for place in find_peaks(values, prominence=prominence * span)[0]]
+
+
+def _refined(time_s: Array, values: Array, place: int) -> Peak:
+    first, last = max(place - 1, 0), min(place + 1, len(time_s) - 1)
+    curve = _local_curve(time_s, values, place, first, last)
+    roots = np.asarray(curve.derivative().roots(extrapolate=False))
+    inside = roots[(roots >= time_s[first]) & (roots <= time_s[last])]  # a flat stretch gives NaN, which is not inside
+    candidates = [(float(curve(root)), float(root)) for root in inside]
+    value, time = max([*candidates, (float(values[place]), float(time_s[place]))])
+    return Peak(time, value, place)
+
+
+def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) -> float:
+    """The last time before a peak at which the signal rises through ``level``; NaN where it never does."""
+    below = np.flatnonzero(values[: before.sample + 1] < level)
+    if not below.size or below[-1] >= before.sample:
+        return float("nan")
+    place = int(below[-1])
+    curve = _local_curve(time_s, values, place, place, place + 1)
+    roots = np.asarray(curve.solve(level, extrapolate=False))
+    inside = roots[(roots >= time_s[place]) & (roots <= time_s[place + 1])]
+    if inside.size:
+        return float(inside[-1])
+    rise = (level - values[place]) / (values[place + 1] - values[place])
+    return float(time_s[place] + rise * (time_s[place + 1] - time_s[place]))
+
+
+def _local_curve(time_s: Array, values: Array, place: int, first: int, last: int) -> PPoly:
+    """The spline around a place, from the ``first`` sample to the ``last``.
+
+    Samples are equally spaced, so its coefficients are linear in the values.
+    """
+    start = max(place - REACH, 0)
+    samples = values[start : place + REACH + 1]
+    per_value = _spline_of_units(len(samples))[:, first - start : last - start]
+    spacing = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    powers = spacing ** np.arange(len(per_value) - 1, -1, -1.0)
+    return PPoly.construct_fast((per_value @ samples) / powers[:, np.newaxis], time_s[first : last + 1])
+
+
+@lru_cache(maxsize=64)
+def _spline_of_units(count: int) -> Array:
+    """Splines through 0 ... 1 ... 0 on samples one apart: Taylor coefficients at each, the highest power first.
+
+    Shape (powers, intervals, values).
+    """
+    degree = min(5, count - 1)
+    degree -= 1 - degree % 2  # splines of odd degree
+    times = np.arange(count, dtype=float)
+    splines = make_interp_spline(times, np.eye(count), k=degree)
+    return np.stack([splines(times[:-1], nu=power) / factorial(power) for power in range(degree, -1, -1)])
+
+
+def integral(time_s: Array, values: Array) -> Array:
+    """Running integral from time 0, exact for quintics: each interval by the polynomial through six samples.
+
+    Args:
+        time_s: shape (samples,), equally spaced.
+        values: shape (samples,).
+
+    Returns:
+        Shape (samples,).
+    """
+    if len(time_s) < 6:
+        steps = np.diff(time_s) * (values[1:] + values[:-1]) / 2
+        return np.concatenate([[0.0], np.cumsum(steps)])
+    first, middle, last = FIRST_INTERVALS @ values[:6], MIDDLE_INTERVAL, FIRST_INTERVALS @ values[:-7:-1]
+    steps = np.concatenate([first, np.convolve(values, middle, mode="valid"), last[::-1]])
+    spacing = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    return np.asarray(np.concatenate([[0.0], np.cumsum(steps)]) * spacing)

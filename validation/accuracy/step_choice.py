@@ -1,0 +1,248 @@
+"""The largest time step that keeps an accuracy, found by running the codes' own scheme on the very case.
+
+Velocity Verlet in this repository costs about a fiftieth of a code's run at the same step, and errs by the same amount
+to ten digits: the error that is predicted is one that was measured. The exact motion is followed only as exactly as
+the accuracy asks.
+"""
+
+from dataclasses import dataclass
+from math import ceil, floor, inf, log10, sqrt
+
+import numpy as np
+
+from drivers.base.errors import InputError
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.integrator_arrays import arrays_of
+from drivers.limits.stable_step import predicted_limit
+from drivers.scene.read_scene import MAX_STEPS
+from postproc.read.residual import residual, share_of_largest
+from validation.accuracy.error_measures import ENERGY, FORCE, Truth, errors_of, truth_of, verlet_of
+from validation.accuracy.rounding import rounding_error
+from validation.reference.adaptive import LEAST_TOLERANCE, scales
+
+LEAST_ACCURACY = 10 * LEAST_TOLERANCE
+TRUTH_SHARE = 1e-3  # of the accuracy: how exact the exact motion has to be
+LOOSEST_TRUTH = 1e-4
+ROUGHER = 100.0  # times the tolerance: the second motion, by which the exactness of the first is measured
+LINEAR = 1e-3  # differences beyond it do not shrink with the tolerance: the motion is chaotic
+DOUBT = 5e-3  # of the accuracy: errors so close to it are measured against the exact motion at its best
+CLOSE = 1.2  # a step that is refused within this factor of the one that is taken ends the search
+MOST_TRIES = 60
+MOST_WORK = 4e9  # bodies times steps of one trial: some seconds
+LONGEST = 4e6  # bodies times duration over the time scale of a contact: some seconds of following the exact motion
+LARGE = 0.1  # errors beyond it tell nothing of the order: the step is halved
+SCALED = 4.0  # times the rounding predicted: it is scaled, and a random walk
+ROOM = 1.3  # times the rounding that is predicted, where a step has to leave room for it
+AFFORDABLE = 400_000  # bodies times steps of which rounding is measured, some milliseconds; beyond, it is scaled
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """What the rounding of absolute heights is predicted to do to a case, as shares of the largest force.
+
+    Attributes:
+        share: shape (samples,): the largest up to each sample.
+        steps_per_sample: at which it was measured; ``share`` is scaled from there as a random walk is.
+    """
+
+    share: Array
+    steps_per_sample: int
+
+    @property
+    def allowance(self) -> float:
+        """What engines may show of it by the end."""
+        return SCALED * float(self.share[-1])
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A time step with the errors to expect.
+
+    Attributes:
+        case: at that step.
+        errors: predicted truncation, and where samples limit it, by quantity.
+        refused: the largest step found too coarse, in steps a sample; 0 where none was.
+        trials: runs of the in-repo scheme.
+    """
+
+    case: Case
+    errors: dict[str, float]
+    refused: int
+    rounding: Rounding
+    trials: int
+
+
+class Chooser:
+    """Chooses steps of one case; exact motions and trials are kept for the next question."""
+
+    def __init__(self, case: Case, names: tuple[str, ...], strictest: float) -> None:
+        """Follows the exact motion.
+
+        Args:
+            case: the case, at any step; errors are against the exact motion of the full one.
+            names: of the quantities that will be asked for.
+            strictest: the smallest accuracy that will be asked for.
+
+        Raises:
+            InputError: the case does not have a quantity, or its exact motion cannot be followed.
+        """
+        self.case = case
+        self.full = case.full or case
+        self.names = names
+        self._errors: dict[int, dict[str, float]] = {}
+        self._best = strictest * TRUTH_SHARE <= LEAST_TOLERANCE
+        overlap, speed = scales(arrays_of(case.chain), float(case.sample_times_s[-1]))
+        if case.chain.bodies * case.sample_times_s[-1] * speed > LONGEST * overlap:
+            raise InputError(
+                case.scene.file,
+                "run.accuracy",
+                "a motion too long to follow exactly",
+                "run.time_step, or a shorter run",
+            )
+        try:
+            self.truth, self.known = self._follow(strictest)
+        except ArithmeticError as error:
+            raise InputError(case.scene.file, "run.accuracy", str(error), "run.time_step instead") from error
+        self._check_names()
+        self.stable_s = predicted_limit(case.chain, float(case.sample_times_s[-1]))
+
+    def _follow(self, strictest: float) -> tuple[Truth, float]:
+        """The exact motion, and to what share of the largest force it is known.
+
+        Errors grow where a motion is chaotic, so the tolerance is tightened until what it leaves is small.
+        """
+        finer = any(name not in (FORCE, ENERGY) for name in self.names)
+        tolerance = min(max(TRUTH_SHARE * strictest, LEAST_TOLERANCE), LOOSEST_TRUTH)
+        while True:
+            truth = truth_of(self.full, tolerance, finer=finer)
+            rough = truth_of(self.full, min(ROUGHER * tolerance, LARGE), finer=False)
+            apart = float(residual(rough.trace, truth.trace).max())
+            known = apart / ROUGHER if apart < LINEAR else apart
+            if known <= TRUTH_SHARE * strictest or tolerance <= LEAST_TOLERANCE:
+                return truth, known
+            tolerance = max(0.1 * tolerance * min(TRUTH_SHARE * strictest / known, 1.0), LEAST_TOLERANCE)
+
+    def _use_best(self) -> None:
+        """From here on errors are measured against the exact motion at its best."""
+        finer = any(name not in (FORCE, ENERGY) for name in self.names)
+        self.truth = truth_of(self.full, LEAST_TOLERANCE, finer=finer)
+        self._errors.clear()
+        self._best = True
+
+    def _check_names(self) -> None:
+        for name in self.names:
+            if name not in (FORCE, ENERGY) and not self.truth.true.get(name):
+                has = ", ".join([FORCE, ENERGY, *(each for each, value in self.truth.true.items() if value)])
+                raise InputError(self.case.scene.file, f"run.accuracy.{name}", "nothing that this scene shows", has)
+            if name not in (FORCE, ENERGY) and not self.truth.sampling_known:
+                found = "too many samples times contacts to measure what is lost between samples"
+                raise InputError(self.case.scene.file, f"run.accuracy.{name}", found, f"{FORCE}, {ENERGY}")
+
+    def errors_at(self, steps_per_sample: int) -> dict[str, float]:
+        """Errors of the codes' scheme, by quantity."""
+        if steps_per_sample not in self._errors:
+            case = self.case.at(steps_per_sample)
+            with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
+                self._errors[steps_per_sample] = errors_of(case, verlet_of(case), self.truth, self.names)
+        return self._errors[steps_per_sample]
+
+    def choose(self, wanted: dict[str, float]) -> Choice:
+        """The fewest steps a sample with which all errors stay below what is wanted.
+
+        Raises:
+            InputError: no step keeps it; the attainable accuracy is named.
+        """
+        for name, share in wanted.items():
+            least = max(LEAST_ACCURACY, 10 * self.known)
+            if share < least:
+                why = "what the exact motion itself is known to"
+                raise unattainable(self.case, name, share, 1.25 * least if least > LEAST_ACCURACY else least, why)
+            if name not in (FORCE, ENERGY):
+                left = abs(self.truth.sampled.get(name, inf) / self.truth.true[name] - 1)
+                if left >= share:
+                    why = "what samples so far apart show, at any time step (sample_interval smaller: more)"
+                    raise unattainable(self.case, name, share, 1.25 * left, why)
+
+        def excess(steps: int) -> float:
+            shares = {name: error / wanted[name] for name, error in self.errors_at(steps).items()}
+            if any(abs(share - 1) < DOUBT for share in shares.values()) and not self._best:
+                self._use_best()
+                return excess(steps)
+            return max(shares.values())
+
+        interval = self.case.scene.run.sample_interval
+        work = self.case.chain.bodies * (self.case.scene.samples - 1)
+        order = 1 if self.case.chain.damping_ratio else 2
+        steps = max(1, ceil(min(interval / self.stable_s, 1e15)))  # the largest step that is stable
+        refused, taken, tries = steps - 1, 0, 0
+        while not (taken and (taken <= refused + 1 or taken <= CLOSE * refused)):
+            if steps * work > MOST_WORK or steps * (self.case.scene.samples - 1) > MAX_STEPS or tries > MOST_TRIES:
+                if taken:
+                    break
+                self._give_up(wanted, refused)
+            found = excess(steps)
+            tries += 1
+            if found <= 1:
+                taken = steps
+            else:
+                refused = max(refused, steps)
+            coarse = max(self.errors_at(steps).values()) > LARGE
+            steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * found ** (1 / order)))
+        return Choice(self.case.at(taken), self.errors_at(taken), refused, self.rounding(taken), tries)
+
+    def choose_with_room(self, wanted: dict[str, float]) -> Choice:
+        """As ``choose``, with room for what rounding of heights may add, as long as it takes less than half."""
+        choice = self.choose(wanted)
+        for _ in range(3):
+            rounding = choice.rounding.allowance
+            tight = any(choice.errors[name] + rounding > share for name, share in wanted.items())
+            if not tight or 2 * ROOM * rounding > min(wanted.values()):
+                break
+            choice = self.choose({name: share - ROOM * rounding for name, share in wanted.items()})
+        return choice
+
+    def rounding(self, steps_per_sample: int) -> Rounding:
+        """What the rounding of heights does, measured where that is cheap; it grows as a random walk with the steps."""
+        first = ceil(min(0.5 * self.case.scene.run.sample_interval / self.stable_s, 1e9))
+        affordable = AFFORDABLE // (self.case.chain.bodies * self.case.scene.samples)
+        measured = min(steps_per_sample, max(first, affordable, 1))
+        error = share_of_largest(rounding_error(self.case.at(measured)), self.truth.trace)
+        return Rounding(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured), measured)
+
+    def _give_up(self, wanted: dict[str, float], steps: int) -> None:
+        worst, least = next(iter(wanted)), 1.0
+        if steps and steps in self._errors:
+            errors = self._errors[steps]
+            worst = max(wanted, key=lambda name: errors[name] / wanted[name])
+            least = 1.25 * errors[worst]
+        why = "with as many steps as a plan may try; run.time_step takes any"
+        raise unattainable(self.case, worst, wanted[worst], least, why)
+
+
+def _next(refused: int, taken: int, guess: int) -> int:
+    """Where to try next: at the guess, or where a refusal would end the search, inside what is not known yet."""
+    if not taken:
+        return max(refused + 1, guess)
+    if guess >= taken:
+        guess = min(taken - 1, ceil(taken / CLOSE))
+    if guess <= refused:
+        return refused + max(1, round((taken - refused) / 2))
+    return min(guess, taken - 1)
+
+
+def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:
+    """What to say of an accuracy that nothing gives; the least that something does is rounded up."""
+    key = "run.accuracy" if name == FORCE else f"run.accuracy.{name}"
+    if not least < 1:
+        return InputError(case.scene.file, key, f"{asked:g}", f"none here, {why}")
+    digits = 10.0 ** (floor(log10(least)) - 1)
+    return InputError(case.scene.file, key, f"{asked:g}", f"at least {ceil(least / digits) * digits:.2g} here, {why}")
+
+
+def attainable_in_heights(asked: float, rounding: float) -> float:
+    """The accuracy that leaves room for the rounding of heights, from what rounding leaves at the accuracy asked for.
+
+    Steps go with accuracy^(-1/2), and rounding with the root of the steps: ``2.6 rounding (asked / a)^(1/4) = a``.
+    """
+    return 1.5 * float((2 * ROOM * rounding * asked**0.25) ** 0.8)

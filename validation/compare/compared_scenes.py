@@ -1,0 +1,80 @@
+"""Runs a scene on all engines and gathers what the comparison and the report need."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drivers.base import paths
+from drivers.chain.case import Case, build_case
+from drivers.chain.trace import Trace
+from drivers.engines import engine_names, in_order, load_engine
+from drivers.limits.refusal import inability
+from drivers.run.finished import FinishedRun, open_run
+from drivers.run.run import run_case
+from drivers.scene.read_scene import read_scene
+from validation.compare.comparison import NOT_INSTALLED, REFUSED, compare_case
+from validation.compare.departure import Departure, departure
+from validation.compare.verdict import FAIL, Verdict
+
+
+@dataclass(frozen=True)
+class ComparedScene:
+    """A scene with its runs and verdicts.
+
+    Attributes:
+        runs: finished runs by engine.
+        absent: why an engine has none.
+        departures: when each run first leaves the exact motion, and why; also those that failed.
+        diagnoses: by engine, what a run with a failed verdict matches, in a sentence.
+        refused: by engine, what there is of the trace of a run that failed; no verdict and no observable is of it.
+    """
+
+    case: Case
+    runs: dict[str, FinishedRun]
+    absent: dict[str, str]
+    verdicts: list[Verdict]
+    departures: dict[str, Departure] = field(default_factory=dict)
+    diagnoses: dict[str, str] = field(default_factory=dict)
+    refused: dict[str, Trace] = field(default_factory=dict)
+
+
+def run_and_compare(
+    source: str | Path, settings: tuple[str, ...] = (), runs: Path = paths.RUNS, *, unsafe: bool = False
+) -> ComparedScene:
+    """Runs a scene on every installed engine, unless it is done, and compares the runs.
+
+    Raises:
+        InputError: the scene is wrong, or cannot end well and is not to be run all the same.
+    """
+    case = build_case(read_scene(source, settings))
+    finished: dict[str, FinishedRun] = {}
+    absent: dict[str, str] = {}
+    refused: dict[str, Trace] = {}
+    for engine in engine_names():
+        if load_engine(engine).find() is None:
+            absent[engine] = NOT_INSTALLED
+            continue
+        cannot = inability(case, engine)
+        if cannot is not None:
+            absent[engine] = f"{REFUSED}: {cannot}"
+            continue
+        result = run_case(case, engine, runs, unsafe=unsafe)
+        if result.done:
+            finished[engine] = open_run(result.folder)
+        else:
+            absent[engine] = f"{result.record.status}: {result.record.reason}"
+            if result.refused is not None:
+                refused[engine] = result.refused
+    verdicts = compare_case(case, finished, absent)
+    traces = {engine: run.trace for engine, run in finished.items()} | refused
+    departures = {engine: departure(case, engine, traces[engine]) for engine in in_order(traces)}
+    diagnoses = _diagnoses(case, verdicts, traces)
+    return ComparedScene(case, finished, absent, verdicts, departures, diagnoses, refused)
+
+
+def _diagnoses(case: Case, verdicts: list[Verdict], traces: dict[str, Trace]) -> dict[str, str]:
+    """Of red runs, which are few: only then are the variants loaded."""
+    if not any(verdict.verdict == FAIL for verdict in verdicts):
+        return {}
+    from validation.diagnosis.failed_verdicts import diagnoses_of
+
+    return diagnoses_of(case, verdicts, traces)

@@ -1,0 +1,168 @@
+"""Runs the independent cases on every engine and judges what they show."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import nan
+from pathlib import Path
+
+from drivers.base import paths
+from drivers.chain.case import Case
+from drivers.chain.trace import Trace
+from drivers.engines import engine_names, load_engine
+from drivers.limits.refusal import inability
+from drivers.run.finished import open_run
+from drivers.run.many import run_many
+from drivers.run.run import EndedRun
+from postproc.paper.simulate import REFERENCE, exact
+from postproc.read.motion import read_motion
+from validation.accuracy.error_measures import verlet_of
+from validation.compare.comparison import NOT_INSTALLED, REFUSED
+from validation.compare.verdict import FAIL, NOT_RUN, Verdict, pass_or_fail
+from validation.independent.case_measure import unit_of
+from validation.independent.measures import MEASURES
+from validation.independent.posed_cases import Check, Independent, Posed, pose, read_independent
+
+RUN = "run"  # the quantity that a case without numbers fails, or is not run, in
+HERE: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, "verlet": verlet_of}
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of the table: one number of one engine.
+
+    Attributes:
+        id, title: of the independent case; ``label`` is its case's of a study.
+        quantity: ``run`` where there are no numbers; then ``why`` says why.
+        against: ``quoted`` or ``theory``; ``source`` says whose.
+        error: relative, unless ``error_is`` says absolute; ``within``: what is allowed of it, and ``reason`` why.
+    """
+
+    id: str
+    title: str
+    label: str
+    engine: str
+    quantity: str
+    unit: str
+    against: str
+    expected: float
+    found: float
+    error: float
+    error_is: str
+    within: float
+    verdict: str
+    why: str
+    reason: str
+    source: str
+
+
+def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[Line]:
+    """Runs what is not done, the codes side by side, and judges every number by every engine.
+
+    Raises:
+        InputError: the file, a scene or a study is wrong, or a scene cannot end well.
+    """
+    posed = [pose(entry, path) for entry in read_independent(path)]
+    jobs: dict[tuple[str, str, str], tuple[Case, str]] = {}
+    absent: dict[tuple[str, str, str], str] = {}
+    for one, label, case in _each(posed):
+        for engine in engine_names():
+            why = _absence(case, engine)
+            if why:
+                absent[one.entry.id, label, engine] = why
+            elif engine not in HERE:
+                jobs[one.entry.id, label, engine] = (case, engine)
+    # of equal decks the last is run: one that keeps its state serves the others too
+    order = sorted(jobs, key=lambda job: "state" in jobs[job][0].scene.run.record)
+    ended = dict(zip(order, run_many([jobs[job] for job in order], runs, measured=False), strict=True))
+    lines = []
+    for one, label, case in _each(posed):
+        expected = one.theory[label]
+        for engine in engine_names():
+            key = (one.entry.id, label, engine)
+            if key in absent:
+                lines.append(_without(one.entry, label, engine, NOT_RUN, absent[key]))
+            else:
+                lines += _judged(one.entry, label, engine, case, ended.get(key), expected)
+    return lines
+
+
+def _each(posed: list[Posed]) -> list[tuple[Posed, str, Case]]:
+    return [(one, label, case) for one in posed for label, case in one.cases.items()]
+
+
+def _absence(case: Case, engine: str) -> str:
+    """Why an engine need not run a case; empty where it has to."""
+    if load_engine(engine).find() is None:
+        return NOT_INSTALLED
+    cannot = inability(case, engine)
+    return f"{REFUSED}: {cannot}" if cannot is not None else ""
+
+
+def _judged(
+    entry: Independent, label: str, engine: str, case: Case, ended: EndedRun | None, theory: dict[str, float]
+) -> list[Line]:
+    if ended is not None and not ended.done:
+        why = f"{ended.record.status}: {ended.record.reason}"
+        return [_without(entry, label, engine, FAIL, why)]
+    try:
+        trace = HERE[engine](case) if ended is None else trace_of(case, ended.folder)
+        found = MEASURES[entry.measure].measure(case, trace)
+    except (ValueError, ArithmeticError, IndexError) as error:  # what the run does not show
+        return [_without(entry, label, engine, FAIL, str(error))]
+    return [_line(entry, label, engine, check, found.get(check.quantity, nan), theory) for check in entry.check]
+
+
+def trace_of(case: Case, folder: Path) -> Trace:
+    """The trace of a finished run, with the state where the scene asks for it.
+
+    Raises:
+        InputError: a file is missing or damaged.
+    """
+    run = open_run(folder)
+    if "state" not in case.scene.run.record:
+        return run.trace
+    motion = read_motion(run)
+    return replace(run.trace, height_m=motion.place_m[:, :, 2], velocity_m_s=motion.velocity_m_s[:, :, 2])
+
+
+def _line(entry: Independent, label: str, engine: str, check: Check, found: float, theory: dict[str, float]) -> Line:
+    expected = theory[check.quantity] if check.expected is None else check.expected
+    error = check.error(found, expected)
+    return Line(
+        id=entry.id,
+        title=entry.title,
+        label=label,
+        engine=engine,
+        quantity=check.quantity,
+        unit=unit_of(check.quantity),
+        against=check.against,
+        expected=expected,
+        found=found,
+        error=error,
+        error_is="relative" if check.within is not None else "absolute",
+        within=check.limit,
+        verdict=pass_or_fail(error, check.limit),
+        why="" if found == found else "the run does not show it",
+        reason=check.reason,
+        source=MEASURES[entry.measure].source if check.expected is None else entry.source,
+    )
+
+
+def _without(entry: Independent, label: str, engine: str, verdict: str, why: str) -> Line:
+    reason = "a run has to be done and to show what is asked"
+    return Line(
+        entry.id, entry.title, label, engine, RUN, "", "", nan, nan, nan, "", nan, verdict, why, reason, entry.source
+    )
+
+
+def verdict_of(line: Line) -> Verdict:
+    """The line as a verdict: the scene is the case's id, what is found and expected stands in ``where``."""
+    if line.quantity == RUN:
+        quantity, where = RUN, line.why
+    else:
+        unit = f" {line.unit}" if line.unit else ""
+        quantity = f"{line.quantity} against {line.against}"
+        where = f"found {line.found:.8g}{unit}, expected {line.expected:.8g}{unit}: {line.source}"
+    if line.label:
+        quantity += f" ({line.label})"
+    return Verdict(line.id, line.engine, quantity, line.error, line.within, line.reason, where, line.verdict)

@@ -1,0 +1,158 @@
+"""Reads ``inputs/independent.toml``: cases, the measure that reads each, and what it is checked for."""
+
+from collections import Counter
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.messages import shorten, validate
+from drivers.batch.study import read_study
+from drivers.chain.case import Case, build_case
+from drivers.scene.model import Name, Part
+from drivers.scene.overrides import lay_over
+from drivers.scene.read_scene import read_scene, read_toml
+from validation.independent.measures import MEASURES
+
+Words = Annotated[str, Field(min_length=1)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Limit = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class Check(Part):
+    """One number; see the head of the file for the keys."""
+
+    quantity: Words
+    expected: Number | None = None
+    within: Limit | None = None
+    absolute: Limit | None = None
+    reason: Words
+
+    @property
+    def limit(self) -> float:
+        """The error allowed."""
+        limit = self.within if self.within is not None else self.absolute
+        assert limit is not None  # read_independent admits no check without
+        return limit
+
+    @property
+    def against(self) -> str:
+        """What it is compared with."""
+        return "theory" if self.expected is None else "quoted"
+
+    def error(self, found: float, expected: float) -> float:
+        """By how much a number is off, in the terms of the limit."""
+        off = abs(found - expected)
+        return off / abs(expected) if self.within is not None else off
+
+
+class Independent(Part):
+    """A case; see the head of the file for the keys."""
+
+    id: Name
+    title: Words
+    source: Words
+    scene: str | None = None
+    study: str | None = None
+    set: tuple[str, ...] = Field(default=(), strict=False)
+    measure: str
+    check: Annotated[tuple[Check, ...], Field(strict=False, min_length=1)]
+
+
+class IndependentFile(Part):
+    """The file."""
+
+    case: Annotated[tuple[Independent, ...], Field(strict=False, min_length=1)]
+
+
+@dataclass(frozen=True)
+class Posed:
+    """An independent case ready to be run.
+
+    Attributes:
+        entry: as the file has it.
+        cases: by its label, which is empty where there is one only: a case for the scene, or each of the study.
+        theory: what the measure's theory gives for each.
+    """
+
+    entry: Independent
+    cases: dict[str, Case]
+    theory: dict[str, dict[str, float]]
+
+
+def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
+    """The cases of the file.
+
+    Raises:
+        InputError: anything wrong with it, a measure or quantity that nothing computes included.
+    """
+    where = paths.shown(path)
+    entries = validate(IndependentFile, read_toml(path), where).case
+    counts = Counter(entry.id for entry in entries)
+    for entry in entries:
+        key = f"case {entry.id}"
+        if counts[entry.id] > 1:
+            raise InputError(where, key, "the same id twice", "an id of its own for each case")
+        if (entry.scene is None) == (entry.study is None):
+            found = "neither scene nor study" if entry.scene is None else "a scene and a study"
+            raise InputError(where, key, found, "one of them")
+        if entry.measure not in MEASURES:
+            raise InputError(where, f"{key}: measure", shorten(entry.measure), ", ".join(sorted(MEASURES)))
+        _check(entry, where, key)
+    return entries
+
+
+def _check(entry: Independent, where: str, key: str) -> None:
+    known = MEASURES[entry.measure].quantities
+    seen = set()
+    for check in entry.check:
+        place = f"{key}: check {check.quantity}"
+        if check.quantity not in known:
+            raise InputError(where, f"{key}: check.quantity", shorten(check.quantity), ", ".join(sorted(known)))
+        if (check.within is None) == (check.absolute is None):
+            found = "neither within nor absolute" if check.within is None else "within and absolute"
+            raise InputError(where, place, found, "one of them")
+        if check.expected == 0 and check.within is not None:
+            raise InputError(where, place, "within beside expected = 0", "absolute, since no error is relative to 0")
+        if (check.quantity, check.against) in seen:
+            allowed = "each quantity once with expected and once without"
+            raise InputError(where, place, "the same check twice", allowed)
+        seen.add((check.quantity, check.against))
+
+
+def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> Posed:
+    """The case of an entry's scene, or all of its study, with its settings laid over.
+
+    Raises:
+        InputError: a scene, study or setting is wrong, or no theory gives a number that the file leaves out.
+    """
+    where, key = paths.shown(path), f"case {entry.id}"
+    cases: dict[str, Case] = {}
+    if entry.scene is not None:
+        cases[""] = build_case(read_scene(_source(entry.scene, path), entry.set))
+    else:
+        assert entry.study is not None
+        study = read_study(_source(entry.study, path))
+        base = deepcopy(study.base)
+        for setting in entry.set:
+            lay_over(base, setting)
+        study = replace(study, base=base)
+        cases = {study.label(number): study.case(number) for number in range(1, study.count + 1)}
+    try:
+        theory = {label: MEASURES[entry.measure].theory(case) for label, case in cases.items()}
+    except (ValueError, ArithmeticError) as error:
+        raise InputError(where, key, str(error), f'a case that the measure "{entry.measure}" can read') from error
+    for given in theory.values():
+        for check in entry.check:
+            if check.expected is None and check.quantity not in given:
+                raise InputError(where, f"{key}: check {check.quantity}", "no expected", "a number: no theory gives it")
+    return Posed(entry, cases, theory)
+
+
+def _source(name: str, path: Path) -> str | Path:
+    """A name in ``inputs``, or a path as seen from the file."""
+    return name if "." not in name and "/" not in name else path.parent / name

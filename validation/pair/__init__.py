@@ -1,1 +1,0 @@
-"""Two runs against each other: what they are, what differs, by how much, since when, and whether that is allowed."""

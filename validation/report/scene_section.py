@@ -1,0 +1,133 @@
+"""What the page says of one scene."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from drivers.base import paths
+from drivers.chain.elements import Element
+from drivers.engines import in_order, load_engine
+from postproc.read.observables import observe
+from postproc.read.residual import REFERENCE
+from validation.accuracy.parts import PARTS
+from validation.compare.compared_scenes import ComparedScene
+from validation.compare.departure import DepartureRow, departure_rows
+from validation.compare.verdict import FAIL
+from validation.report.charts import Chart, chart_of
+from validation.report.failed_runs import failed_label, failed_runs
+from validation.report.spacetime_raster import Raster, raster_of
+from validation.report.verdict_table import QUANTITIES, Row, number
+
+
+@dataclass(frozen=True)
+class SceneSection:
+    """One scene; every list is in the order in which it is shown.
+
+    Attributes:
+        engines: that finished.
+        curves: whose curves the chart has, in words.
+        chart: None where there is no trace, or neither a gauge nor a second engine; ``raster``: where none finished.
+        judged: quantity in words, then by engine the verdict or None.
+        budget: quantity, engine and its parts.
+        observables: name and its value by each of ``engines``.
+        decks: engine, file, text; also of engines that failed.
+    """
+
+    name: str
+    title: str
+    summary: str
+    timing: str
+    engines: list[str]
+    curves: list[str]
+    row: Row
+    judged: list[tuple[str, list[Any]]]
+    warnings: list[tuple[str, str]]
+    chart: Chart | None
+    raster: Raster | None
+    departures: list[DepartureRow]
+    budget: list[tuple[str, str, list[str]]]
+    budget_notes: list[tuple[str, str]]
+    observables: list[tuple[str, list[str]]]
+    elements: tuple[Element, ...]
+    decks: list[tuple[str, str, str]]
+    folders: list[tuple[str, str]]
+
+
+def section_of(scene: ComparedScene, row: Row) -> SceneSection:
+    """The section of a compared scene, whose row of the verdict table is ``row``."""
+    case = scene.case
+    engines = in_order(scene.runs)
+    observed = {engine: observe(scene.runs[engine].layout, scene.runs[engine].trace) for engine in engines}
+    names = list(next(iter(observed.values()), {}))
+    traces = {engine: scene.runs[engine].trace for engine in engines}
+    refused = failed_runs(case, {name: scene.refused[name] for name in in_order(scene.refused)}, traces)
+    chart = chart_of(case.layout, traces, refused) if traces or refused else None
+    shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
+    return SceneSection(
+        name=row.name,
+        title=row.title,
+        summary=case.summary,
+        timing=_timing(scene),
+        engines=engines,
+        curves=[each.label for each in chart.engines] if chart else [],
+        row=row,
+        judged=_judged(scene, engines),
+        warnings=[(engine, words) for engine in engines for words in scene.runs[engine].record.warnings],
+        chart=chart if chart and chart.panels else None,
+        raster=raster_of(traces[shown], shown) if traces else None,
+        departures=_departures(scene),
+        budget=_budget(scene, engines),
+        budget_notes=[(e, scene.runs[e].record.error_note) for e in engines if scene.runs[e].record.error_note],
+        observables=[(name, [number(observed[engine][name], 6) for engine in engines]) for name in names],
+        elements=case.elements,
+        decks=_decks(scene, row),
+        folders=[(engine, paths.shown(scene.runs[engine].folder)) for engine in engines],
+    )
+
+
+def _timing(scene: ComparedScene) -> str:
+    case = scene.case
+    words = f"time step {case.scene.time_step_s * 1e6:g} µs, {case.scene.steps} steps, {case.scene.samples} samples"
+    limits = [run.record.step_limit_s for run in scene.runs.values() if run.record.step_limit_s]
+    if limits:
+        share = case.scene.time_step_s / limits[0]
+        words += f"; steps up to {limits[0] * 1e6:.3g} µs are stable, of which this is {share:.2g}"
+    return words
+
+
+def _decks(scene: ComparedScene, row: Row) -> list[tuple[str, str, str]]:
+    """Engine, file and text of the decks of codes that finished, and of every engine that failed."""
+    return [
+        (engine, file, text)
+        for engine, cell in row.cells.items()
+        if (cell.verdict == FAIL if engine in scene.absent else not load_engine(engine).IN_REPOSITORY)
+        for file, text in load_engine(engine).render(scene.case).files.items()
+    ]
+
+
+def _departures(scene: ComparedScene) -> list[DepartureRow]:
+    """Of engines that part from the exact motion alike, one line."""
+    labels = {name: failed_label(name) if name in scene.refused else name for name in in_order(scene.departures)}
+    rows = departure_rows({label: scene.departures[name] for name, label in labels.items()})
+    alike: dict[str, list[DepartureRow]] = {}
+    for row in rows:
+        alike.setdefault(row.words, []).append(row)
+    return [replace(same[0], engine=", ".join(row.engine for row in same)) for same in alike.values()]
+
+
+def _judged(scene: ComparedScene, engines: list[str]) -> list[tuple[str, list[Any]]]:
+    """Every verdict on a finished run, a line for each quantity."""
+    own = {(v.quantity, v.engine): v for v in scene.verdicts if v.engine in engines}
+    names = dict.fromkeys([*(name for name in QUANTITIES), *(quantity for quantity, _ in own)])
+    seen = {quantity for quantity, _ in own}
+    return [(QUANTITIES.get(name, name), [own.get((name, e)) for e in engines]) for name in names if name in seen]
+
+
+def _budget(scene: ComparedScene, engines: list[str]) -> list[tuple[str, str, list[str]]]:
+    """Lines of the error budget by quantity and engine: the whole and its parts, which add up to it."""
+    lines = [
+        (part["quantity"], engine, [f"{part[key]:.1e}" for key in PARTS])
+        for engine in engines
+        for part in scene.runs[engine].record.error_budget
+    ]
+    order = list(dict.fromkeys(quantity for quantity, _, _ in lines))
+    return sorted(lines, key=lambda line: order.index(line[0]))

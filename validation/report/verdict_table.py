@@ -1,0 +1,179 @@
+"""The verdict table: scenes and independent cases down, engines across."""
+
+import math
+import shlex
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from drivers.base import paths
+from drivers.engines import in_order
+from drivers.scene.model import Scene
+from validation.compare.compared_scenes import ComparedScene
+from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
+
+QUANTITIES = {
+    "force against verlet": "model: force against the same scheme",
+    "motion against verlet": "model: kinetic energy and momentum, likewise",
+    "force against reference": "truncation: force against the exact reference",
+    "peak of a gauge": "peak of a gauge",
+    "speed between gauges": "speed between gauges",
+    "energy drift": "energy drift",
+    "impulse balance": "impulse balance",
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What one engine makes of one scene.
+
+    Attributes:
+        worst: the figure that comes nearest to its tolerance, or passes it by most; None where nothing was measured.
+        note: why it is not run or has no numbers.
+        verdicts: all of them.
+        diagnosis: what a run that is off matches.
+    """
+
+    engine: str
+    verdict: str
+    worst: Verdict | None
+    note: str
+    verdicts: list[Verdict]
+    cost: str = ""
+    diagnosis: str = ""
+
+    @property
+    def misses(self) -> list[Verdict]:
+        """What failed."""
+        return [verdict for verdict in self.verdicts if verdict.verdict == FAIL]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A scene or an independent case on all engines.
+
+    Attributes:
+        again: the command that shows more of it.
+        reasons: by engine, the number of the reason for the worst figure's tolerance in the list below the table.
+    """
+
+    name: str
+    title: str
+    again: str
+    cells: dict[str, Cell]
+    reasons: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def fails(self) -> bool:
+        """Whether any engine failed."""
+        return any(cell.verdict == FAIL for cell in self.cells.values())
+
+
+def scene_row(scene: ComparedScene, runs: Path | None = None) -> Row:
+    """The row of a compared scene, whose run folders are in ``runs`` where that is not the usual place."""
+    cells = {}
+    for engine in in_order([*scene.runs, *scene.absent]):
+        own = [verdict for verdict in scene.verdicts if verdict.engine == engine]
+        note, cost = scene.absent.get(engine, ""), _cost(scene, engine)
+        cells[engine] = _cell(engine, own, note, cost, scene.diagnoses.get(engine, ""))
+    told = scene.case.scene
+    again = f"python -m validation compare {source_of(told)}"
+    again += f" --runs {shlex.quote(str(runs))}" if runs else ""
+    return Row(told.name, told.title or told.name, again, cells)
+
+
+def case_rows(verdicts: list[Verdict], titles: dict[str, str]) -> list[Row]:
+    """The rows of independent cases, in the order of ``titles``, by id."""
+    rows = []
+    for name, title in titles.items():
+        of_case = [verdict for verdict in verdicts if verdict.scene == name]
+        cells = {}
+        for engine in in_order({verdict.engine for verdict in of_case}):
+            own = [verdict for verdict in of_case if verdict.engine == engine]
+            note = next((verdict.where for verdict in own if math.isnan(verdict.limit)), "")
+            cells[engine] = _cell(engine, own, note)
+        rows.append(Row(name, title, "python -m validation independent", cells))
+    return rows
+
+
+def with_reasons(rows: list[Row]) -> tuple[list[Row], list[str]]:
+    """The rows with the number of each worst figure's reason, counted from 1, and these reasons."""
+    reasons: list[str] = []
+    numbered = []
+    for row in rows:
+        own = {}
+        for engine, cell in row.cells.items():
+            if cell.worst is not None:
+                if cell.worst.reason not in reasons:
+                    reasons.append(cell.worst.reason)
+                own[engine] = reasons.index(cell.worst.reason) + 1
+        numbered.append(replace(row, reasons=own))
+    return numbered, reasons
+
+
+def counted(rows: Iterable[Row]) -> Counter[str]:
+    """How many cells passed, failed and were not run."""
+    return Counter(cell.verdict for row in rows for cell in row.cells.values())
+
+
+def worst_of(verdicts: list[Verdict]) -> Verdict | None:
+    """The figure with the largest share of its tolerance; one that is no number is the worst of all."""
+    measured = [verdict for verdict in verdicts if not math.isnan(verdict.limit)]
+    return max(measured, key=lambda verdict: (verdict.verdict == FAIL, share_of(verdict)), default=None)
+
+
+def share_of(verdict: Verdict) -> float:
+    """A figure over its tolerance."""
+    if math.isnan(verdict.value):
+        return math.inf
+    if verdict.limit == 0:
+        return math.inf if verdict.value else 0.0
+    return verdict.value / verdict.limit
+
+
+def tolerances(scenes: list[ComparedScene]) -> dict[tuple[str, str, str], list[str]]:
+    """The scenes by quantity, limit and reason of every tolerance that was applied."""
+    used: dict[tuple[str, str, str], list[str]] = {}
+    for verdict in (v for scene in scenes for v in scene.verdicts if not math.isnan(v.limit)):
+        quantity = QUANTITIES.get(verdict.quantity, verdict.quantity)
+        names = used.setdefault((quantity, number(verdict.limit), verdict.reason), [])
+        if verdict.scene not in names:
+            names.append(verdict.scene)
+    return dict(sorted(used.items()))
+
+
+def source_of(scene: Scene) -> str:
+    """A scene as a command line takes it: its name where it is shipped, else its file."""
+    shipped = paths.SCENES / f"{scene.name}.toml"
+    same = shipped.is_file() and scene.file and (paths.ROOT / scene.file).resolve() == shipped.resolve()
+    return scene.name if same or scene.file == scene.name else shlex.quote(scene.file)
+
+
+def number(value: float, digits: int = 2) -> str:
+    """A number for people; a dash for what was not seen."""
+    if math.isnan(value):
+        return "–"
+    return f"{value:.{digits}g}"
+
+
+def short(value: float) -> str:
+    """Two digits and a power of ten, without the zeros that nobody reads; a dash for what is no number."""
+    if not math.isfinite(value):
+        return "–" if math.isnan(value) else "∞"
+    digits, _, power = f"{value:.1e}".partition("e")
+    return f"{digits}e{int(power)}" if int(power) else digits
+
+
+def _cell(engine: str, own: list[Verdict], note: str, cost: str = "", diagnosis: str = "") -> Cell:
+    found = {verdict.verdict for verdict in own}
+    verdict = FAIL if FAIL in found else NOT_RUN if NOT_RUN in found else PASS
+    return Cell(engine, verdict, worst_of(own), note, own, cost, diagnosis)
+
+
+def _cost(scene: ComparedScene, engine: str) -> str:
+    if engine not in scene.runs:
+        return ""
+    record = scene.runs[engine].record
+    loop = f", loop {1e3 * record.loop_s:.0f} ms" if record.loop_s is not None else ""
+    return f"process {record.wall_s:.2f} s{loop}"

@@ -1,0 +1,1 @@
+"""Benchmarks: costs as ratios taken in one run."""

@@ -1,0 +1,165 @@
+"""What things cost, as ratios taken in one run: the in-repo integrators, scipy's best, LIGGGHTS and YADE."""
+
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from tqdm import tqdm
+
+from drivers.chain.case import Case, build_case
+from drivers.chain.integrator_arrays import arrays_of
+from drivers.engines import load_engine
+from drivers.run.run import run_case
+from drivers.scene.read_scene import read_scene
+from validation.reference.adaptive import integrate_adaptive
+from validation.reference.dop853 import slope
+from validation.reference.hertz_chain import Array, HertzChain, hertz_force
+from validation.reference.symplectic import integrate_symplectic
+from validation.reference.velocity_verlet import integrate_verlet, record_contacts
+
+REPEATS = 5
+ENGINE_STEPS = {22: 20_000, 1000: 2000, 10_000: 400, 100_000: 60}
+IN_REPO_STEPS = {22: 400_000, 1000: 20_000, 10_000: 4000, 100_000: 1000, 1_000_000: 400}
+
+
+def best_time(action: Callable[[], object]) -> float:
+    """Shortest of some runs, in seconds; the first, which may compile, does not count."""
+    action()
+    times = []
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        action()
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def bench() -> None:
+    """Prints all tables."""
+    bench_adaptive()
+    bench_order()
+    bench_fixed_step(bench_engines())
+    bench_long_chain()
+
+
+def bench_adaptive() -> None:
+    """Fig. 4, 0.6 ms, 600 samples: time and error of the reference and of scipy's DOP853 on the same slope."""
+    chain = arrays_of(build_case(read_scene("fig4")).chain)
+    times = np.linspace(0, 6e-4, 601)
+    exact = integrate_adaptive(chain, times).force_N
+
+    def error(force: Array) -> float:
+        return float(np.abs(force - exact).max() / exact.max())
+
+    print("Fig. 4, 0.6 ms, 600 samples: error of the force, time, and scipy's time at no smaller error")
+    print(f"{'asked':>8} {'error':>9} {'time ms':>8}   {'scipy rtol':>10} {'error':>9} {'time ms':>8} {'ratio':>6}")
+    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10, 1e-11):
+        own = best_time(partial(integrate_adaptive, chain, times, tolerance))
+        own_error = error(integrate_adaptive(chain, times, tolerance).force_N)
+        rtol = next(r for r in 10.0 ** -np.arange(3, 14.5, 0.5) if error(_scipy(chain, times, r)) <= tolerance)
+        theirs = best_time(partial(_scipy, chain, times, rtol))
+        their_error = error(_scipy(chain, times, rtol))
+        print(
+            f"{tolerance:8.0e} {own_error:9.1e} {own * 1e3:8.2f}   {rtol:10.1e} {their_error:9.1e} {theirs * 1e3:8.1f}"
+            f" {theirs / own:6.1f}"
+        )
+
+
+def _scipy(chain: HertzChain, times: Array, rtol: float) -> Array:
+    """Forces by scipy's DOP853 with the compiled slope of the reference."""
+    n = chain.mass_kg.size
+    inverse_mass, acceleration = 1 / chain.mass_kg, chain.load_N / chain.mass_kg
+
+    def derivative(_: float, state: Array) -> Array:
+        result = np.empty_like(state)
+        slope(state, 1.0, result, inverse_mass, chain.stiffness, acceleration)
+        return result
+
+    start = np.concatenate([chain.overlap_m, chain.velocity_m_s])
+    scale = np.repeat([1e-5, 1.0], n)
+    solution = solve_ivp(
+        derivative, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=rtol, atol=0.1 * rtol * scale
+    )
+    return hertz_force(chain.stiffness, solution.y[:n].T)
+
+
+def bench_order() -> None:
+    """Fig. 4: error against number of forces, of Verlet and of the symplectic method of order 4."""
+    chain = arrays_of(build_case(read_scene("fig4")).chain)
+    exact = integrate_adaptive(chain, np.linspace(0, 6e-4, 601)).force_N
+    print("\nFig. 4 at a fixed step: error of the force at as many forces a microsecond")
+    print(f"{'forces':>8} {'Verlet':>9} {'order 4':>9}")
+    for steps in (1, 2, 4, 8, 16, 32, 64):
+        verlet = integrate_verlet(chain, 1e-6 / (4 * steps), 4 * steps, 601).force_N
+        fourth = integrate_symplectic(chain, 1e-6 / steps, steps, 601).force_N
+        errors = (float(np.abs(force - exact).max() / exact.max()) for force in (verlet, fourth))
+        print(f"{4 * steps:>8}", *(f"{error:9.1e}" for error in errors))
+
+
+def bench_long_chain() -> None:
+    """A pulse through a million beads for ten thousand steps: time, and memory, which does not grow."""
+    one = np.ones(1_000_000)
+    velocity = np.append(np.zeros(one.size - 1), -1.0)
+    chain = HertzChain(1e-4 * one, 1e6 * one, 0 * one, velocity, 0 * one)
+    contacts, steps = np.array([999_950, 999_990]), 10_000
+    began = time.perf_counter()
+    with tqdm(total=steps, unit="step", disable=None, desc="a million beads") as bar:
+        force = record_contacts(chain, 1e-6, 100, steps // 100 + 1, contacts, threads=2, progress=bar.update)
+    seconds = time.perf_counter() - began
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"\na pulse through 1e6 beads, 1e4 steps, 2 contacts recorded: {seconds:.1f} s, {memory:.0f} MiB in all")
+    print(f"peaks at contacts {contacts.tolist()}: {force.max(axis=0).round(6).tolist()} N")
+
+
+def bench_engines() -> dict[tuple[str, int], float]:
+    """LIGGGHTS and YADE on a chain: prints start-up, returns ns per bead and step in the engine's own loop."""
+    costs: dict[tuple[str, int], float] = {}
+    print("\nLIGGGHTS and YADE, one process: seconds outside the time loop (start-up, building the chain, writing)")
+    with tempfile.TemporaryDirectory() as folder:
+        for engine in ("liggghts", "yade"):
+            if load_engine(engine).find() is None:
+                print(f"{engine}: not installed, not run")
+                continue
+            for bodies, steps in ENGINE_STEPS.items():
+                case = _compressed_chain(bodies, steps)
+                record = run_case(case, engine, Path(folder)).record
+                if record.loop_s is None:
+                    print(f"{engine} {bodies}: {record.reason}", file=sys.stderr)
+                    continue
+                costs[engine, bodies] = record.loop_s / bodies / steps * 1e9
+                print(f"{engine:>9} {bodies:>8} bodies {record.wall_s - record.loop_s:7.2f} s")
+    return costs
+
+
+def bench_fixed_step(engine_costs: dict[tuple[str, int], float]) -> None:
+    """Velocity Verlet: ns per bead and step, in the repository and in the engines."""
+    print("\nvelocity Verlet: ns per bead and step (in brackets: times the in-repo cost on one thread)")
+    print(f"{'bodies':>8} {'1 thread':>9} {'2 threads':>9} {'liggghts':>16} {'yade':>16}")
+    for bodies, steps in IN_REPO_STEPS.items():
+        one, two = (_own_cost(bodies, steps, threads) for threads in (1, 2))
+        cells = [
+            f"{cost:8.1f} ({cost / one:.0f})" if (cost := engine_costs.get((engine, bodies))) else "-"
+            for engine in ("liggghts", "yade")
+        ]
+        print(f"{bodies:>8} {one:9.2f} {two:9.2f} {cells[0]:>16} {cells[1]:>16}", flush=True)
+
+
+def _compressed_chain(bodies: int, steps: int) -> Case:
+    """A struck chain under 1 N, so that every contact is closed and costs its force; sampled at its ends."""
+    settings = (
+        f"chain.count={bodies - 1}", "chain.sensors=[]", "chain.precompression=1 N", "gravity=", "tube=",
+        f"run.duration={steps / 10} us", f"run.sample_interval={steps / 10} us",
+    )  # fmt: skip
+    return build_case(read_scene("fig4", settings))
+
+
+def _own_cost(bodies: int, steps: int, threads: int) -> float:
+    chain = arrays_of(_compressed_chain(bodies, steps).chain)
+    contacts, every = np.array([1, bodies]), steps // 10
+    seconds = best_time(lambda: record_contacts(chain, 1e-7, every, 11, contacts, threads=threads))
+    return seconds / bodies / steps * 1e9

@@ -1,0 +1,106 @@
+"""What a batch costs, as ratios taken in one run: many cases in one process against a process for each."""
+
+import contextlib
+import io
+import os
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pandas as pd
+
+from drivers.base.processes import run_command
+from drivers.batch.commands import Where, batch, status
+from drivers.batch.status import SPENT
+from drivers.chain.case import build_case
+from drivers.engines import load_engine
+from drivers.scene.read_scene import read_scene
+
+WORKERS = 2
+SINGLE_CASES = 12
+BATCH_CASES = {"liggghts": 500, "yade": 200, "verlet": 3000, "reference": 3000}
+LISTED = 10_000
+
+STUDY = """
+scene = "fig4"
+engines = [{engines}]
+set = {{ "run.time_step" = "0.1 us" }}
+[[axis]]
+key = "striker.speed"
+from = "1.9 m/s"
+to = "2.1 m/s"
+count = {cases}
+"""
+
+
+def bench_batch() -> None:
+    """Prints cases per second on Fig. 4 at 0.1 us, the workflow's share, and the time to list many cases."""
+    print(
+        f"\nBatches of Fig. 4 at 0.1 us on {WORKERS} workers, start and tables included; errors against the reference"
+    )
+    print(f"{'engine':<20} {'cases':>6} {'a process each':>15} {'in a batch':>12} {'ratio':>6} {'workflow':>9}")
+    for name in ("liggghts", "yade"):
+        if load_engine(name).find() is None:
+            continue
+        alone = _rate_alone(name)
+        rate, share = _rate_in_batch((name,), BATCH_CASES[name])
+        print(f"{name:<20} {BATCH_CASES[name]:6} {alone:13.1f}/s {rate:10.0f}/s {rate / alone:6.1f} {share:9.0%}")
+    for names in (("verlet",), ("reference",), ("reference", "verlet")):
+        rate, share = _rate_in_batch(names, BATCH_CASES[names[0]])
+        print(f"{', '.join(names):<20} {BATCH_CASES[names[0]]:6} {'':>15} {rate:10.0f}/s {'':>6} {share:9.0%}")
+    print(f"status of {LISTED} cases, all of them done: {_listing_s():.2f} s")
+
+
+def _rate_alone(name: str) -> float:
+    """Cases per second with a bare engine process for each: nothing rendered, read or kept."""
+    engine = load_engine(name)
+    executable = engine.find()
+    assert executable is not None
+    deck = engine.render(build_case(read_scene("fig4", ("run.time_step=0.1 us",))))
+    with tempfile.TemporaryDirectory() as home, ThreadPoolExecutor(WORKERS) as pool:
+        folders = [Path(home, str(number)) for number in range(SINGLE_CASES)]
+        for folder in folders:
+            folder.mkdir()
+            for file, text in deck.files.items():
+                (folder / file).write_text(text)
+        command = deck.command_with(executable)
+        began = time.perf_counter()
+        list(pool.map(lambda folder: run_command(command, folder, 60.0, **engine.VARIABLES), folders))
+        return SINGLE_CASES / (time.perf_counter() - began)
+
+
+def _rate_in_batch(names: tuple[str, ...], cases: int) -> tuple[float, float]:
+    """Rows per second of a whole batch, and the share of the workers' time that is the workflow's own."""
+    with tempfile.TemporaryDirectory() as home:
+        study = _study(Path(home), names, cases)
+        began = time.perf_counter()
+        _quietly(study, Path(home))
+        took = time.perf_counter() - began
+        spent = pd.read_parquet(Path(home, "bench-cost.parquet"))
+        own = spent["workflow_s"].sum()
+        return len(spent) / took, own / spent[list(SPENT)].sum().sum()
+
+
+def _listing_s() -> float:
+    """Seconds that ``status`` takes, from a store with rows of many cases and a plan that is kept."""
+    with tempfile.TemporaryDirectory() as home:
+        study = _study(Path(home), ("verlet",), LISTED)
+        _quietly(study, Path(home))
+        began = time.perf_counter()
+        with contextlib.redirect_stdout(io.StringIO()):
+            status(str(study), Path(home, "runs"), every=True)
+        return time.perf_counter() - began
+
+
+def _study(home: Path, names: tuple[str, ...], cases: int) -> Path:
+    path = home / "bench.toml"
+    path.write_text(STUDY.format(engines=", ".join(f'"{name}"' for name in names), cases=cases))
+    return path
+
+
+def _quietly(study: Path, home: Path) -> None:
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
+        code = batch(str(study), home / "runs", home, Where(WORKERS))
+    if code:
+        raise RuntimeError("a case of the benchmark failed")

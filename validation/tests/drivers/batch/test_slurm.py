@@ -1,0 +1,146 @@
+"""Studies on a real Slurm of one machine, started here on loopback and stopped afterwards: ``make test-slurm``."""
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.scenes import SPEEDS, StudyWriter
+
+pytestmark = pytest.mark.slurm
+
+CONF = """
+ClusterName=one
+SlurmctldHost={host}(127.0.0.1)
+SlurmUser=root
+SlurmdUser=root
+AuthType=auth/munge
+AuthInfo=socket={home}/munge.socket
+CredType=cred/munge
+StateSaveLocation={home}/state
+SlurmdSpoolDir={home}/spool
+SlurmctldPidFile={home}/ctld.pid
+SlurmdPidFile={home}/d.pid
+SlurmctldLogFile={home}/ctld.log
+SlurmdLogFile={home}/d.log
+ProctrackType=proctrack/linuxproc
+TaskPlugin=task/none
+SelectType=select/cons_tres
+SelectTypeParameters=CR_Core
+JobAcctGatherType=jobacct_gather/none
+AccountingStorageType=accounting_storage/none
+MpiDefault=none
+ReturnToService=2
+NodeName={host} NodeAddr=127.0.0.1 CPUs={cpus} RealMemory=1000 State=UNKNOWN
+PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
+"""
+
+
+@pytest.fixture(scope="module")
+def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A cluster of this machine; its configuration file."""
+    home = tmp_path_factory.mktemp("slurm")
+    host = os.uname().nodename.split(".")[0]
+    conf = home / "slurm.conf"
+    conf.write_text(CONF.format(host=host, home=home, cpus=os.cpu_count()))
+    for folder in ("state", "spool"):
+        (home / folder).mkdir()
+    key = home / "munge.key"
+    key.write_bytes(os.urandom(128))
+    key.chmod(0o600)
+    files = {"key-file": "key", "socket": "socket", "pid-file": "pid", "log-file": "log", "seed-file": "seed"}
+    munged = [
+        "munged",
+        "--foreground",
+        "--force",
+        *(f"--{option}={home}/munge.{name}" for option, name in files.items()),
+    ]
+    servers = []
+    try:
+        for words in (munged, ["slurmctld", "-D", "-f", str(conf)], ["slurmd", "-D", "-f", str(conf)]):
+            with (home / f"{words[0]}.txt").open("wb") as said:
+                servers.append(subprocess.Popen(words, start_new_session=True, stdout=said, stderr=said))
+        os.environ["SLURM_CONF"] = str(conf)
+        _wait_for(lambda: "idle" in _said("sinfo", "--noheader", "--format=%T"))
+        yield str(conf)
+    finally:
+        os.environ.pop("SLURM_CONF", None)
+        for server in reversed(servers):
+            os.killpg(server.pid, signal.SIGKILL)
+            server.wait()
+
+
+def _said(*words: str) -> str:
+    return subprocess.run(words, capture_output=True, text=True, check=False).stdout
+
+
+def _wait_for(happened: Callable[[], bool], seconds: float = 60) -> None:
+    until = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < until, "it did not happen in time"
+        time.sleep(0.2)
+
+
+@pytest.fixture
+def study(study_file: StudyWriter) -> Path:
+    """A study of twelve cases on the in-repo engines."""
+    return study_file(SPEEDS.format(12), "reference", "verlet")
+
+
+def batch(study: Path, runs: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
+    return command_line(
+        "drivers", "batch", study, "--runs", runs, "--results", runs.parent / f"{runs.name}-results", *words
+    )
+
+
+def table(runs: Path) -> bytes:
+    return (runs.parent / f"{runs.name}-results" / "study.parquet").read_bytes()
+
+
+def test_a_job_array_makes_the_same_table(slurm: str, study: Path, tmp_path: Path) -> None:
+    here, there = tmp_path / "here", tmp_path / "there"
+    assert batch(study, here).returncode == 0
+    done = batch(study, there, "--slurm", "--wait", "--slices", "4")
+    assert done.returncode == 0, done.stderr
+    assert "#SBATCH --array=1-4\n" in (there / "batch" / ".slurm" / "study.sh").read_text()
+    assert table(there) == table(here)
+
+
+def test_only_what_is_missing_is_submitted(slurm: str, study: Path, tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    for part in ("1/4", "2/4", "4/4"):
+        assert batch(study, runs, "--slice", part).returncode == 0
+    assert batch(study, runs, "--slurm", "--wait", "--slices", "4").returncode == 0
+    assert "#SBATCH --array=3\n" in (runs / "batch" / ".slurm" / "study.sh").read_text()
+    again = batch(study, runs, "--slurm", "--wait")
+    assert (again.returncode, "job" in again.stdout) == (0, False)
+
+
+def test_a_cancelled_job_is_taken_up_again(slurm: str, study: Path, tmp_path: Path) -> None:
+    runs, here = tmp_path / "runs", tmp_path / "here"
+    study.write_text(study.read_text().replace("count = 12", "count = 200"))
+    submitted = batch(study, runs, "--slurm", "--slices", "2")
+    assert submitted.returncode == 0
+    job = submitted.stdout.split()[1].rstrip(":")
+    _wait_for(lambda: any((runs / "batch").glob("*.jsonl")))
+    subprocess.run(["scancel", "--signal=KILL", "--full", job], check=True)
+    subprocess.run(["scancel", job], check=True)
+    _wait_for(lambda: not _said("squeue", "--noheader"))
+    state = command_line("drivers", "status", study, "--runs", runs).stdout
+    assert " to do" in state
+    assert batch(study, runs, "--slurm", "--wait", "--slices", "2").returncode == 0
+    assert batch(study, here).returncode == 0
+    assert table(runs) == table(here)
+
+
+def test_a_failed_case_fails_the_batch(slurm: str, study: Path, tmp_path: Path) -> None:
+    beyond_the_limit = 'unsafe = true\nset = { "run.time_step" = "50 us", "run.sample_interval" = "50 us" }\n'
+    study.write_text(study.read_text().replace("[[axis]]", beyond_the_limit + "[[axis]]"))
+    done = batch(study, tmp_path / "runs", "--slurm", "--wait", "--slices", "2")
+    assert done.returncode == 1
+    assert "verlet failed: unstable at t = " in done.stderr

@@ -1,0 +1,234 @@
+"""Study files: what they may say, and what they are refused for."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.batch.columns import column_name, value_at
+from drivers.batch.commands import Where, batch
+from drivers.batch.selection import select
+from drivers.batch.study import read_study
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.scenes import SceneWriter, StudyWriter
+
+
+@pytest.fixture
+def write(study_file: StudyWriter) -> StudyWriter:
+    """Writes a study on the reference."""
+    return lambda axes, top="": study_file(axes, "reference", top=top)
+
+
+def choices(path: Path) -> list[dict[str, object]]:
+    study = read_study(path)
+    return [study.choice(number) for number in range(1, study.count + 1)]
+
+
+def test_a_grid_varies_the_last_axis_fastest(write: StudyWriter) -> None:
+    path = write('[[axis]]\nkey = "chain.count"\nvalues = [3, 4]\n[[axis]]\nseeds = 3')
+    assert [(c["chain.count"], c["seed"]) for c in choices(path)] == [(3, 1), (3, 2), (3, 3), (4, 1), (4, 2), (4, 3)]
+
+
+def test_one_by_one_begins_with_the_base(write: StudyWriter) -> None:
+    axes = '[[axis]]\nkey = "chain.count"\nvalues = [3, 4]\n[[axis]]\nkey = "seed"\nvalues = [7]'
+    assert choices(write(axes, 'combine = "one by one"')) == [{}, {"chain.count": 3}, {"chain.count": 4}, {"seed": 7}]
+
+
+@pytest.mark.parametrize(
+    ("ends", "expected"),
+    [
+        ('from = "1 m/s"\nto = "3 m/s"\ncount = 3', ["1.0 m/s", "2.0 m/s", "3.0 m/s"]),
+        ('from = "1 m/s"\nto = "400 cm/s"\ncount = 3\nspacing = "log"', ["1.0 m/s", "2.0 m/s", "4.0 m/s"]),
+        ('from = "3 m/s"\nto = "1 m/s"\ncount = 2', ["3.0 m/s", "1.0 m/s"]),
+    ],
+)
+def test_ranges_of_quantities(write: StudyWriter, ends: str, expected: list[str]) -> None:
+    assert [c["striker.speed"] for c in choices(write(f'[[axis]]\nkey = "striker.speed"\n{ends}'))] == expected
+
+
+def test_whole_ends_give_whole_values(write: StudyWriter) -> None:
+    axes = '[[axis]]\nkey = "chain.count"\nfrom = 1\nto = 100\ncount = 9\nspacing = "log"'
+    assert [c["chain.count"] for c in choices(write(axes))] == [1, 2, 3, 6, 10, 18, 32, 56, 100]
+
+
+def test_factors_of_the_base_and_of_the_library(write: StudyWriter) -> None:
+    axes = (
+        '[[axis]]\nkey = ["striker.speed", "chain.diameter"]\nname = "x"\nfactors = [2]\n'
+        '[[axis]]\nkey = "materials.ptfe.youngs_modulus"\nfactors = [0.5]\n[[axis]]\nkey = "chain.count"\nfactors = [2]'
+    )
+    path = write(axes)
+    scene = read_study(path).case(1).scene
+    assert scene.striker is not None
+    assert (scene.striker.speed, scene.chain.diameter, scene.chain.count) == (2.0, 0.00952, 10)
+    assert scene.materials["ptfe"].youngs_modulus == 0.73e9
+    assert scene.materials["ptfe"].poisson_ratio == 0.46
+    assert list(read_study(path).columns) == ["x", "materials.ptfe.youngs_modulus", "chain.count"]
+
+
+def test_zipped_keys_and_a_table(write: StudyWriter, tmp_path: Path) -> None:
+    (tmp_path / "cases.csv").write_text("striker.speed [cm/s],wall.material\n150,rigid\n2e2,steel\n")
+    pairs = '{ "chain.count" = [3, 9], "run.duration" = ["0.2 ms", "0.4 ms"] }'
+    axes = f'[[axis]]\nzip = {pairs}\n[[axis]]\ntable = "cases.csv"'
+    study = read_study(write(axes))
+    scenes = [study.case(number).scene for number in range(1, 5)]
+    assert [
+        (s.chain.count, s.run.duration, s.striker and s.striker.speed, s.wall and s.wall.material) for s in scenes
+    ] == [
+        (3, 0.0002, 1.5, "rigid"),
+        (3, 0.0002, 2.0, "steel"),
+        (9, 0.0004, 1.5, "rigid"),
+        (9, 0.0004, 2.0, "steel"),
+    ]
+
+
+def test_a_key_may_be_left_out_and_set_for_all(write: StudyWriter) -> None:
+    study = read_study(
+        write('[[axis]]\nkey = "wall"\nvalues = ["", { material = "steel" }]', 'set = { gravity = "1 m/s^2" }')
+    )
+    assert [study.case(n).chain.wall for n in (1, 2)] == [None, "steel"]
+    assert study.case(1).scene.gravity == 1.0
+
+
+def test_columns_tell_units() -> None:
+    keys = {
+        "striker.speed": "striker.speed_m_s",
+        "gravity": "gravity_m_s2",
+        "materials.ptfe.density": "materials.ptfe.density_kg_m3",
+        "chain.sensors.0.mass": "chain.sensors.0.mass_kg",
+        "chain.count": "chain.count",
+        "wall": "wall",
+    }
+    assert {key: column_name(key, key) for key in keys} == keys
+
+
+def test_values_are_those_of_the_scene(write: StudyWriter) -> None:
+    scene = read_study(write('[[axis]]\nkey = "striker.speed"\nvalues = ["150 cm/s"]')).case(1).scene
+    assert value_at(scene, "striker.speed") == 1.5
+    assert value_at(scene, "chain.sensors.3.mass") is None
+    assert value_at(scene, "wall") == '{"material":"brass"}'
+
+
+def test_selection(write: StudyWriter) -> None:
+    counts, walls = '"chain.count"\nvalues = [3, 4, 30]', '"wall.material"\nvalues = ["brass", "steel"]'
+    axes = f"[[axis]]\nkey = {counts}\n[[axis]]\nkey = {walls}"
+    study = read_study(write(axes))
+    assert list(select(study, (), ()).numbers) == [1, 2, 3, 4, 5, 6]
+    assert select(study, (), ["chain.count=3*"]).numbers == [1, 2, 5, 6]
+    assert select(study, (), ["chain.count=3", "chain.count=4", "wall.material=st*"]).numbers == [2, 4]
+    assert select(study, (), ["*steel"]).numbers == [2, 4, 6]
+    assert list(select(study, (), ()).slice_of(2, 4)) == [2, 6]
+    with pytest.raises(InputError, match="no case"):
+        select(study, (), ["chain.count=5"])
+    with pytest.raises(InputError, match="engines of the study"):
+        select(study, ["yade"], ())
+
+
+BAD = {
+    "no such key": ('[[axis]]\nkey = "striker.colour"\nvalues = ["red"]', "striker.colour: found an unknown key"),
+    "a key that is nearly right": ('[[axis]]\nkey = "striker.sped"\nvalues = ["1 m/s"]', "did you mean speed?"),
+    "an empty axis": ('[[axis]]\nkey = "chain.count"\nvalues = []', "axis.0.values: found an empty list"),
+    "no factors": ('[[axis]]\nkey = "chain.count"\nfactors = []', "axis.0.factors: found an empty list"),
+    "no form": ('[[axis]]\nkey = "chain.count"', "exactly one of values, from, factors, zip, seeds, table"),
+    "two forms": ('[[axis]]\nkey = "chain.count"\nvalues = [1]\nseeds = 2', "none or several"),
+    "no key": ("[[axis]]\nvalues = [1]", "axis.0.key: found []; allowed: a key"),
+    "a key too many": ('[[axis]]\nkey = "chain.count"\nseeds = 2', "no key beside seeds"),
+    "no count": ('[[axis]]\nkey = "chain.count"\nfrom = 1\nto = 2', "axis.0.count: found nothing"),
+    "units apart": ('[[axis]]\nkey = "striker.speed"\nfrom = "1 m/s"\nto = "2 kg"\ncount = 3', "a quantity in m/s"),
+    "log of nothing": ('[[axis]]\nkey = "chain.count"\nfrom = 0\nto = 9\ncount = 3\nspacing = "log"',
+        "ends above zero"),
+    "lists of unlike lengths": ('[[axis]]\nzip = { "chain.count" = [1, 2], "seed" = [1] }',
+        "2 of chain.count, 1 of seed"),
+    "a key twice": ('[[axis]]\nkey = "seed"\nvalues = [1]\n[[axis]]\nseeds = 2', "seed beside seed of axis.0"),
+    "a key also set": ('set = { seed = 1 }\n[[axis]]\nseeds = 2', "seed beside seed of set"),
+    "a factor of nothing": ('[[axis]]\nkey = "chain.precompression"\nfactors = [2]', "nothing at chain.precompression"),
+    "a factor of a word": ('[[axis]]\nkey = "wall.material"\nfactors = [2]', '"brass" at wall.material'),
+    "no table": ('[[axis]]\ntable = "none.csv"', "No such file"),
+    "a word in the table": ('[[axis]]\ntable = "word.csv"',
+        "line 3, striker.speed: found \"fast\"; allowed: a plain number"),
+    "an unknown column": ('[[axis]]\ntable = "column.csv"', "striker.colour: found an unknown key"),
+    "a ragged table": ('[[axis]]\ntable = "ragged.csv"', "line 2: found 1 values; allowed: 2"),
+    "an empty table": ('[[axis]]\ntable = "empty.csv"', "at least one line of values"),
+    "a scene that cannot be": ('[[axis]]\nkey = "chain.count"\nvalues = [3, -1]',
+        "case 2 (chain.count=-1): chain.count: found -1"),
+    "an unknown engine": ('engines = ["abaqus"]', '"abaqus"; allowed: liggghts, reference, verlet, yade'),
+    "no base scene": ('scene = "nowhere"', 'scene: found "nowhere"'),
+    "an unknown word": ("axes = 3", "axes: found an unknown key; allowed: did you mean axis?"),
+    "keys one below the other": (
+        '[[axis]]\nkey = "striker.speed"\nvalues = ["1 m/s"]\n[[axis]]\nkey = "striker"\nvalues = [""]',
+        "striker beside striker.speed of axis.0",
+    ),
+    "a name that is taken": ('[[axis]]\nkey = "seed"\nname = "case"\nvalues = [1]', '"case", a column already'),
+    "a key that is a number": ("[[axis]]\nkey = 5\nvalues = [1]", "axis.0.key: found 5; allowed: a list"),
+    "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number"),
+    "a table without a name": ('[[axis]]\ntable = "a\\u0000b"', "a readable CSV file"),
+    "NaN": ('[[axis]]\nkey = "chain.count"\nfrom = nan\nto = 2\ncount = 3', "a finite number"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None:
+    scene_file()
+    (tmp_path / "word.csv").write_text("striker.speed [m/s]\n1\nfast\n")
+    (tmp_path / "column.csv").write_text("striker.colour\nred\n")
+    (tmp_path / "ragged.csv").write_text("striker.speed [m/s],chain.count\n1\n")
+    (tmp_path / "empty.csv").write_text("striker.speed [m/s]\n")
+    text, words = BAD[name]
+    top = "".join(
+        f"{line}\n" for line in ('scene = "scene.toml"', 'engines = ["reference"]') if line.split()[0] not in text
+    )
+    path = tmp_path / "study.toml"
+    path.write_text(top + text)
+    with pytest.raises(InputError) as refused:
+        batch(str(path), tmp_path / "runs", tmp_path / "results", Where(1))
+    assert words in str(refused.value)
+    assert not list(tmp_path.glob("runs/batch/*.jsonl"))
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--slice", "3/2"], "I/N with I from 1 to N"),
+        (["--slice", "0/2"], "I/N with I from 1 to N"),
+        (["--workers", "0"], "a whole number from 1"),
+        (["--dask", "tcp://127.0.0.1:9"], "nobody who answers"),
+        (["--dask", "carrier pigeon"], "the address of a running scheduler"),
+        (["--slurm", "--dask"], "not allowed with"),
+        (["--slice", "1/2", "--dry-run"], "a slice runs here, by itself"),
+        (["--wait"], "it goes with --slurm"),
+        (["--engine", "yade"], "the engines of the study: reference"),
+        (["--only", "seed=9"], "no case"),
+    ],
+)
+def test_bad_words(words: list[str], told: str, scene_file: SceneWriter, tmp_path: Path) -> None:
+    scene_file()
+    path = tmp_path / "study.toml"
+    path.write_text('scene = "scene.toml"\nengines = ["reference"]\n[[axis]]\nseeds = 3')
+    done = command_line(
+        "drivers", "batch", path, "--runs", tmp_path / "runs", "--results", tmp_path / "results", *words
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert told in done.stderr
+    assert not list(tmp_path.glob("runs/batch/*.jsonl"))
+
+
+def test_no_sbatch(scene_file: SceneWriter, tmp_path: Path) -> None:
+    scene_file()
+    path = tmp_path / "study.toml"
+    path.write_text('scene = "scene.toml"\nengines = ["reference"]\n[[axis]]\nseeds = 3')
+    done = command_line("drivers", "batch", path, "--runs", tmp_path / "runs", "--slurm", PATH="/nowhere")
+    assert (done.returncode, done.stderr) == (2, "--slurm: found no sbatch; allowed: a machine that submits to Slurm\n")
+
+
+def test_a_million_cases_by_accident(write: StudyWriter, tmp_path: Path) -> None:
+    path = write('[[axis]]\nseeds = 1000\n[[axis]]\nkey = "chain.count"\nfrom = 1\nto = 1000\ncount = 1000')
+    done = command_line("drivers", "batch", path, "--runs", tmp_path / "runs", "--dry-run")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "1,000,000 cases; allowed: at most 20,000, or --yes" in done.stderr
+
+
+@pytest.mark.parametrize("path", sorted(paths.STUDIES.glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_studies_are_valid(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert batch(str(path), tmp_path / "runs", tmp_path / "results", Where(1), dry_run=True) == 0
+    assert "all valid" in capsys.readouterr().out

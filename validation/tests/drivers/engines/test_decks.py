@@ -1,0 +1,156 @@
+"""Decks: snapshots of the paper's scenes, nothing in them that the scene does not need, runnable by hand."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.base.processes import scrubbed_environment
+from drivers.chain.trace import read_forces
+from drivers.engines import load_engine
+from validation.tests.helpers.runs import finished, need
+from validation.tests.helpers.scenes import SceneWriter, case_of
+
+SNAPSHOTS = Path(__file__).parent / "decks"
+PAPER = ("fig4", "fig5", "fig6b", "fig6d")
+
+
+@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@pytest.mark.parametrize("scene", PAPER)
+def test_decks_of_the_paper_stay_as_they_are(scene: str, engine: str, request: pytest.FixtureRequest) -> None:
+    for name, text in load_engine(engine).render(case_of(scene)).files.items():
+        kept = SNAPSHOTS / f"{scene}.{engine}.{name}.txt"
+        if request.config.getoption("--update-decks"):
+            kept.write_text(text)
+        assert text == kept.read_text(), f"{kept.name} differs; if it should: pytest --update-decks"
+
+
+# a setting that takes the element out of (or into) fig4, and the word each deck has if and only if it is modelled
+NEEDED_BY = {
+    "precompression": ("chain.precompression=2 N", {"liggghts": "addforce", "yade": "setPermF"}),
+    "gravity": ("gravity=", {"liggghts": "gravity", "yade": "gravity"}),
+    "damping": ("contact.restitution=0.9", {"liggghts": "limitForce", "yade": "betan"}),
+    "wall": ("wall=", {"liggghts": "wall/gran", "yade": "utils.wall"}),
+}
+
+
+@pytest.mark.parametrize("element", NEEDED_BY)
+@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+def test_no_line_for_an_element_that_is_out(element: str, engine: str) -> None:
+    setting, words = NEEDED_BY[element]
+
+    def main_file(*settings: str) -> str:
+        files = load_engine(engine).render(case_of("fig4", *settings)).files
+        return next(text for name, text in files.items() if name in ("chain.in", "chain.py"))
+
+    for settings in ((), (setting,)):
+        assert (words[engine] in main_file(*settings)) == case_of("fig4", *settings).models(element)
+    assert case_of("fig4").models(element) != case_of("fig4", setting).models(element)
+
+
+@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+def test_straight_decks_have_no_tube_friction_or_rotation(engine: str) -> None:
+    text = "".join(load_engine(engine).render(case_of("fig4", "contact.friction=0.3")).files.values()).lower()
+    for word in ("cylinder", "facet", "coefficientfriction", "nve/sphere", "tangential history", "inertia ="):
+        assert word not in text
+
+
+# the same of fig4 in its tube: settings that take the element out of it (or into it), and words as above
+IN_TUBES: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
+    "friction": (
+        ("contact.friction=0", "tube.friction=0"),
+        {
+            "liggghts": ("coefficientFriction", "tangential history", "contact_distance_factor", "tangential_damping"),
+            "yade": ("kso", "forget", "tangensOfFrictionAngle", "slipping", "shearElastic"),
+        },
+    ),
+    "rotation": (
+        ("contact.rotation=false",),
+        {"liggghts": ("nve/sphere", "omega"), "yade": ("inertia", "spin", "torque", "angVel")},
+    ),
+    "tube": (
+        ("tube=", "chain.lateral_offset=", "chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]"),
+        {"liggghts": ("zcylinder", "hertz/stiffness", "fix kn", "_tube"), "yade": ("acet", "bore", "follow", "math")},
+    ),
+    "damping": (("contact.restitution=0.9",), {"liggghts": ("limitForce", "fix damping"), "yade": ("betan",)}),
+    "precompression": (("chain.precompression=2 N",), {"liggghts": ("addforce",), "yade": ("setPermF",)}),
+    "gravity": (("gravity=",), {"liggghts": ("gravity",), "yade": ("gravity", "\ng = ")}),
+    "wall": (("wall=",), {"liggghts": ("zplane", "f_force_wall"), "yade": ("utils.wall", "on_wall", "[wall]")}),
+}
+
+
+@pytest.mark.parametrize("element", IN_TUBES)
+@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+def test_no_line_in_a_tube_for_an_element_that_is_out(element: str, engine: str) -> None:
+    settings, words = IN_TUBES[element]
+    usual, other = case_of("fig4-tube"), case_of("fig4-tube", *settings)
+    assert usual.models(element) != other.models(element)
+    for case in (usual, other):
+        files = load_engine(engine).render(case).files
+        text = next(text for name, text in files.items() if name in ("chain.in", "chain.py"))
+        assert {word: word in text for word in words[engine]} == dict.fromkeys(words[engine], case.models(element))
+
+
+@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@pytest.mark.parametrize("rough", ["contact.friction", "tube.friction"])
+def test_each_friction_has_lines_of_its_own(rough: str, engine: str) -> None:
+    only = {"contact.friction": 0.0, "tube.friction": 0.0} | {rough: 0.3}
+    case = case_of("fig4-tube", *(f"{key}={value}" for key, value in only.items()))
+    files = load_engine(engine).render(case).files
+    text = next(text for name, text in files.items() if name in ("chain.in", "chain.py"))
+    between = rough == "contact.friction"
+    lines = text.splitlines()
+    if engine == "liggghts":
+        for start, slips in (("pair_style", between), ("fix wall", between), ("fix tube", not between)):
+            line = next(line for line in lines if line.startswith(start))
+            assert ("tangential history" in line) == slips
+        assert ("contact_distance_factor" in text) == between
+        return
+    assert ("slipping = contacts" in text) == between
+    assert ("for own in in_bore for contact in own]" in text) != between
+    assert f"tangensOfFrictionAngle = {only['tube.friction']:g}" in text
+
+
+@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+def test_a_bore_is_a_cylinder_or_a_mesh(engine: str) -> None:
+    words = {"liggghts": ("zcylinder", "mesh/surface"), "yade": ("follow()", "for side in range(12)")}[engine]
+    for settings, (there, absent) in (((), words), (("tube.sides=12",), words[::-1])):
+        text = "".join(load_engine(engine).render(case_of("fig4-tube", *settings)).files.values())
+        assert there in text
+        assert absent not in text
+
+
+@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@pytest.mark.parametrize("scene", ["fig4", "fig6b", "fig6d"])
+def test_a_tube_around_a_straight_chain_is_out(scene: str, engine: str) -> None:
+    inside = load_engine(engine).render(case_of(f"{scene}-tube", "chain.lateral_offset="))
+    assert inside.sha256 == load_engine(engine).render(case_of(scene)).sha256
+
+
+def test_equal_physics_is_an_equal_deck(scene_file: SceneWriter) -> None:
+    for engine in ("liggghts", "yade", "verlet", "reference"):
+        one = load_engine(engine).render(case_of(scene_file("one", top='title = "one"')))
+        other = load_engine(engine).render(case_of(scene_file("other", top='title = "other"')))
+        assert one.sha256 == other.sha256
+
+
+@pytest.mark.parametrize("engine", ["liggghts", "yade", "verlet"])
+def test_a_deck_run_by_hand_gives_the_same_output(engine: str, shared_runs: Path, tmp_path: Path) -> None:
+    need(engine)
+    case = case_of("fig4")
+    run = finished(case, engine, shared_runs)
+    adapter = load_engine(engine)
+    folder = tmp_path / "by-hand"
+    shutil.copytree(run.folder, folder)
+    first = (folder / next(iter(adapter.render(case).files))).read_text().splitlines()[0]
+    command = first.removeprefix("# ").removeprefix('{"command": "').removesuffix('",')
+    environment = scrubbed_environment()
+    environment["PATH"] = f"{Path(sys.executable).parent}:{environment['PATH']}"
+    with open(folder / "stdout.txt", "w") as out:
+        subprocess.run(command, shell=True, cwd=folder, env=environment, stdout=out, check=True, timeout=100)
+    np.testing.assert_array_equal(
+        adapter.read(case, folder).force_N, read_forces(run.folder / "forces.parquet").force_N
+    )

@@ -1,0 +1,243 @@
+"""Contacts that lose energy: the law on all engines, the restitution that comes out, guards, limits, attenuation."""
+
+from dataclasses import replace
+from itertools import pairwise
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from drivers.base.errors import InputError
+from drivers.base.tolerances import tolerance
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.contact_law import damping_ratio, restitution, with_attraction
+from drivers.chain.integrator_arrays import arrays_of
+from drivers.chain.trace import Trace
+from drivers.engines import codes, load_engine
+from drivers.limits.energy_bounds import certainly_stable, late_damping
+from drivers.limits.refusal import inability
+from drivers.limits.stable_step import linear_limit, predicted_limit
+from drivers.run.guard import energy_error, reason_to_fail
+from drivers.run.run import run_case
+from postproc.read.attenuation import transmissions
+from postproc.read.observables import observe
+from validation.accuracy.error_measures import truth_of, verlet_of
+from validation.compare.comparison import compare_case
+from validation.compare.verdict import PASS
+from validation.reference import damped
+from validation.reference.adaptive import integrate_adaptive
+from validation.reference.hertz_chain import HertzChain
+from validation.reference.velocity_verlet import integrate_verlet, record_contacts
+from validation.stability.measured_limits import WITHIN, measure
+from validation.stability.subjects import Subject
+from validation.tests.helpers.runs import finished, need
+from validation.tests.helpers.scenes import case_of
+
+ENGINES = ("verlet", "liggghts", "yade", "reference")
+DAMPED = "contact.restitution=0.9"
+ALONE = ("chain.sensors=[]", "gravity=", "run.duration=0.4 ms")
+PAIR, ON_WALL = (*ALONE, "chain.count=1", "wall="), (*ALONE, "chain.count=0")
+LONG = ("gravity=", "wall=", "chain.count=60", "chain.sensors=[{from_wall=40},{from_wall=30}]", "run.duration=2.5 ms")
+
+
+def quiet(line: str) -> None:
+    """Takes progress and says nothing."""
+
+
+@pytest.mark.parametrize("wanted", [1e-3, 0.05, 0.1353352832366127, 0.1354, 0.3, 0.5, 0.9, 0.99, 0.999999])
+def test_the_formula_is_the_impact(wanted: float) -> None:
+    ratio = damping_ratio(wanted)
+    assert restitution(ratio) == pytest.approx(wanted, rel=1e-14)
+    viscous = 2 * ratio * sqrt(1.5)
+
+    def change(time: float, state: Array) -> list[float]:
+        overlap = max(state[0], 0.0)
+        return [state[1], -max(overlap**1.5 + viscous * overlap**0.25 * state[1], 0.0)]
+
+    def force_ends(time: float, state: Array) -> float:
+        return float(max(state[0], 0.0) ** 1.25 + viscous * state[1]) if time > 1e-3 else 1.0
+
+    force_ends.terminal = True  # type: ignore[attr-defined]
+    ended = solve_ivp(change, (0, 1000), [0, 1], "DOP853", rtol=1e-11, atol=1e-13, events=force_ends)
+    assert -ended.y[1, -1] == pytest.approx(wanted, rel=1e-9)
+
+
+def test_elastic_contacts_stay_as_they_are() -> None:
+    assert damping_ratio(1.0) == 0.0
+    assert restitution(0.0) == with_attraction(0.0) == 1.0
+    for engine in ENGINES:
+        plain = load_engine(engine).render(case_of("fig4")).sha256
+        for setting in ("contact.restitution=1.0", "contact.damping_ratio=0.0", "contact.friction=0.1"):
+            assert load_engine(engine).render(case_of("fig4", setting)).sha256 == plain
+
+
+def bounced(case: Case, trace: Trace) -> float:
+    """Relative speed after over that before, from energy and momentum, which every run keeps."""
+    relative = trace.kinetic_energy_J - trace.momentum_N_s**2 / (2 * case.chain.mass_kg.sum())
+    energy = relative if case.chain.wall is None else trace.kinetic_energy_J
+    assert trace.force_N[-1].max() == 0  # the impact is over
+    return float(np.sqrt(energy[-1] / energy[0]))
+
+
+@pytest.mark.parametrize(("settings", "wanted"), [(PAIR, 0.3), (PAIR, 0.99), (ON_WALL, 0.3), (ON_WALL, 0.8)])
+@pytest.mark.parametrize("engine", ENGINES)
+def test_restitution_out_is_restitution_in(
+    engine: str, settings: tuple[str, ...], wanted: float, shared_runs: Path
+) -> None:
+    case = case_of("fig4", *settings, f"contact.restitution={wanted}")
+    found = bounced(case, finished(case, engine, shared_runs).trace)
+    # the steps leave 6e-4 at 0.3 and 4e-6 at 0.99
+    assert found == pytest.approx(wanted, rel=1e-11 if engine == "reference" else 1e-3 * (1 - wanted))
+
+
+def test_restitution_errs_in_first_order_of_the_step() -> None:
+    case = case_of("fig4", *PAIR, "contact.restitution=0.99")
+    errors = [abs(bounced(each, verlet_of(each)) / 0.99 - 1) for each in (case.at(10), case.at(160))]
+    assert errors[1] < errors[0] / 10
+
+
+@pytest.mark.parametrize(
+    ("scene", "given"), [("fig4", DAMPED), ("fig5", DAMPED), ("fig4", "contact.damping_ratio=0.3")]
+)
+def test_codes_have_the_law_of_the_in_repo_scheme(scene: str, given: str, shared_runs: Path) -> None:
+    case = case_of(scene, given)
+    runs = {engine: finished(case, engine, shared_runs) for engine in ENGINES}
+    for run in runs.values():
+        assert run.record.warnings == []
+        assert run.trace.force_N.min() >= -1e-12 * run.trace.force_N.max()  # nothing pulls
+        assert energy_error(case.chain, run.trace).max() < 1e-12
+        assert observe(run.layout, run.trace)["energy_lost_J"] > 0.3 * run.trace.total_energy_J[0]
+    verdicts = compare_case(case, runs, {})
+    assert {verdict.verdict for verdict in verdicts} == {PASS}
+    model = [each for each in verdicts if each.quantity == "force against verlet"]
+    stated = tolerance("model", "force").limit
+    # the heights of the sphere that stands for a damped flat face round more
+    assert [each.value < (stated if each.engine == "yade" else each.limit) for each in model] == [True, True]
+    assert all(each.limit == stated or (scene == "fig5" and each.limit < 20 * stated) for each in model)
+
+
+def test_the_scheme_converges_in_first_order_to_the_reference() -> None:
+    case = case_of("fig4", DAMPED)
+    exact = truth_of(case, finer=False).trace.force_N
+    forces = [verlet_of(case.at(steps)).force_N for steps in (40, 80, 160)]
+    errors = [np.abs(force - exact).max() / exact.max() for force in forces]
+    for coarse, fine in pairwise(errors):
+        assert 0.9 < np.log2(coarse / fine) < 1.1
+    assert np.abs(2 * forces[2] - forces[1] - exact).max() / exact.max() < 2e-6  # extrapolated
+
+
+@pytest.mark.parametrize(("scene", "given"), [("fig4", 0.5), ("fig5", 0.9), ("fig6b", 0.95), ("table1", 0.7)])
+def test_the_reference_reaches_its_tolerance(scene: str, given: float) -> None:
+    case = case_of(scene, f"contact.restitution={given}")
+    chain, times = arrays_of(case.chain), case.sample_times_s
+    other = np.sort(np.append(times, times[:-1] + 0.37 * times[1]))  # other steps on the way
+    best = integrate_adaptive(chain, other).force_N[::2]
+    for asked in (1e-4, 1e-6, 1e-8, 1e-10, damped.LEAST_TOLERANCE):
+        error = np.abs(integrate_adaptive(chain, times, asked).force_N - best).max() / best.max()
+        assert error < asked + damped.LEAST_TOLERANCE
+
+
+def test_long_damped_chains_go_in_tiles_and_on_two_threads() -> None:
+    one = np.ones(60_000)
+    velocity = np.append(np.zeros(one.size - 1), -1.0)
+    chain = HertzChain(1e-4 * one, 1e6 * one, 1e-6 * one, velocity, 0 * one, 0.5 * one)
+    plain = integrate_verlet(chain, 1e-6, 100, 3).force_N
+    contacts = np.array([1, 29_990, 30_000, 59_990, 60_000])
+    for threads in (1, 2):
+        found = record_contacts(chain, 1e-6, 100, 3, contacts, threads=threads)
+        np.testing.assert_array_equal(found, plain[:, contacts - 1])
+    assert np.ptp(plain[:, -10:]) > 0
+
+
+def test_damping_below_zero_is_no_chain() -> None:
+    one = np.ones(2)
+    with pytest.raises(ValueError, match="damping: below zero"):
+        HertzChain(one, one, one, one, one, -one)
+
+
+def test_the_guard_lets_energy_fall_and_never_rise() -> None:
+    case = case_of("fig4", DAMPED)
+    trace = verlet_of(case)
+    assert reason_to_fail(case, trace) is None
+    put_in = trace.total_energy_J[0]
+    rising = np.where(trace.time_s > 4e-4, 1e-3 * put_in, 0.0)  # still far below the energy at time 0
+    assert "the energy grows by" in str(
+        reason_to_fail(case, replace(trace, total_energy_J=trace.total_energy_J + rising))
+    )
+    falling = replace(trace, total_energy_J=trace.total_energy_J - rising)
+    assert reason_to_fail(case, falling) is None
+    elastic = case_of("fig4")
+    assert "the energy is off by" in str(reason_to_fail(elastic, falling))
+
+
+def test_too_much_damping_is_refused_by_liggghts_alone() -> None:
+    for setting, found in (("contact.restitution=0.2", "found 0.2"), ("contact.damping_ratio=0.7", "found 0.7")):
+        case = case_of("fig4", setting)
+        assert f"{setting.partition('=')[0]}: {found}; allowed: on liggghts" in str(inability(case, "liggghts"))
+        assert all(inability(case, engine) is None for engine in ENGINES if engine != "liggghts")
+    assert inability(case_of("fig4", "contact.restitution=0.214"), "liggghts") is None
+
+
+def test_pressed_beads_that_move_at_time_0_are_refused_by_yade_alone(tmp_path: Path) -> None:
+    moving = "chain.bead=[{from_wall=3, velocity='0.1 m/s'}]"
+    case = case_of("fig4", moving, DAMPED)
+    assert "bead 3 pressed and moving" in str(inability(case, "yade"))
+    assert inability(case_of("fig4", moving), "yade") is None
+    need("liggghts")
+    runs = {engine: finished(case, engine, tmp_path) for engine in ("verlet", "liggghts")}
+    difference = np.abs(runs["verlet"].trace.force_N - runs["liggghts"].trace.force_N).max()
+    assert difference < tolerance("model", "force").limit * runs["verlet"].trace.force_N.max()
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.1, 1.0, 5.0])
+def test_late_damping_lowers_the_limit_of_an_oscillator(ratio: float) -> None:
+    chain = case_of("fig4", *ON_WALL, f"contact.damping_ratio={ratio}").chain
+    spring = np.array([1e4])
+    step = (sqrt(1 + ratio**2) - ratio) * 2 / sqrt(spring[0] / chain.mass_kg[0])
+    assert linear_limit(chain, late_damping(chain, spring, step)) == pytest.approx(step, rel=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [0.03, 0.3, 0.6])
+def test_limits_of_damped_chains(ratio: float) -> None:
+    given = f"contact.damping_ratio={ratio}"
+    pressed = case_of("fig4", "chain.precompression=20 N", given)  # stiff all the time: the limit is sharp
+    subjects = [Subject("damped", "struck", case_of("fig5", given)), Subject("damped", "pressed", pressed)]
+    names = codes() if ratio == 0.6 else ()
+    limits = measure(subjects, quiet, names=[name for name in names if load_engine(name).find()])
+    for subject in subjects:
+        own = [limit for limit in limits if limit.scene == subject.name]
+        assert len({limit.measured_s for limit in own}) == 1
+        # what strikes is at its stiffest for a moment only
+        assert 1 <= own[0].ratio <= (WITHIN if subject.name == "pressed" else 1.5)
+        duration = float(subject.case.sample_times_s[-1])
+        limit = predicted_limit(subject.case.chain, duration)
+        assert not certainly_stable(subject.case.chain, duration, 1.0001 * limit)
+
+
+def test_an_accuracy_is_kept_by_a_code(shared_runs: Path) -> None:
+    need("yade")
+    case = case_of("fig4", DAMPED, "run.time_step=", "run.accuracy={force=1e-3, energy=1e-3, wall_peak=1e-3}")
+    ended = run_case(case, "yade", shared_runs)
+    assert ended.done
+    assert ended.missed is None
+    with pytest.raises(InputError, match="at least"):
+        case_of("fig4", DAMPED, "run.time_step=", "run.accuracy=1e-12")
+
+
+def test_waves_lose_the_same_share_from_bead_to_bead() -> None:
+    found = {}
+    for given, speed in ((0.9, 2.0), (0.9, 0.5), (0.5, 2.0), (1.0, 2.0)):
+        case = case_of("table1", *LONG, f"contact.restitution={given}", f"striker.speed={speed} m/s")
+        trace = truth_of(case, 1e-9, finer=False).trace
+        found[given, speed] = transmissions(trace)
+        seen = observe(case.layout, trace)["transmission_40_to_30"]
+        middle = found[given, speed][29:39]
+        assert seen == pytest.approx(np.prod(middle) ** 0.1, rel=1e-3)
+        assert np.ptp(middle) < 1e-4 or given == 0.5  # where the wave goes on spreading
+    np.testing.assert_allclose(found[0.9, 2.0][20:55], found[0.9, 0.5][20:55], rtol=1e-6)
+    assert np.all(np.diff(found[0.5, 2.0][20:50]) < 0)  # counted from the wall: a wave passes on more and more
+    assert found[1.0, 2.0][35] == pytest.approx(1, abs=1e-6)
+    assert found[0.9, 2.0][35] == pytest.approx(0.97727, abs=1e-4)

@@ -1,0 +1,122 @@
+"""Many runs side by side."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from drivers.base.errors import RunError
+from drivers.base.processes import all_stopped, run_command
+from drivers.run.finished import open_run
+from drivers.run.many import run_many
+from drivers.run.run import run_case
+from validation.tests.helpers.scenes import SceneWriter, case_of
+
+SLOW = """
+import sys
+from drivers.chain.case import build_case
+from drivers.scene.read_scene import read_scene
+from drivers.run.many import run_many
+from drivers.base.command_line import run_main
+from pathlib import Path
+def main():
+    settings = [(f"striker.speed={v} m/s", "run.time_step=0.1 ns") for v in (1, 2, 3, 4)]
+    cases = [build_case(read_scene(sys.argv[1], each)) for each in settings]
+    run_many([(case, "verlet") for case in cases], Path(sys.argv[2]))
+    return 0
+run_main(main)
+"""
+
+
+def test_order_is_kept_and_equal_decks_run_once(scene_file: SceneWriter, tmp_path: Path) -> None:
+    path = scene_file()
+    cases = [case_of(path, f"striker.speed={speed} m/s") for speed in (3, 1, 2, 1)]
+    ended = run_many([(case, "verlet") for case in cases], tmp_path)
+    speeds = [each.record.scene["striker"]["speed"] for each in ended]
+    assert speeds == [3, 1, 2, 1]
+    assert ended[1].folder == ended[3].folder
+    assert len(list((tmp_path / "verlet").glob("[!.]*"))) == 3
+
+
+def test_a_failed_run_leaves_the_others_alone(
+    scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.run.run.refuse", lambda case, engine: None)  # so that something fails
+    path = scene_file()
+    good, unstable = case_of(path), case_of(path, "run.time_step=50 us", "run.sample_interval=50 us")
+    ended = run_many([(unstable, "verlet"), (good, "verlet")], tmp_path)
+    assert [each.done for each in ended] == [False, True]
+
+
+def test_an_interrupt_ends_all_and_leaves_no_folder(scene_file: SceneWriter, tmp_path: Path) -> None:
+    for request in (signal.SIGINT, signal.SIGTERM):
+        runs = tmp_path / request.name
+        words = (sys.executable, "-c", SLOW, str(scene_file(duration="100 ms")), str(runs))
+        process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=hear_interrupts)
+        home = runs / "verlet"
+        until = time.monotonic() + 60
+        while time.monotonic() < until and not (home.exists() and len(list(home.glob(".*.*/chain.json"))) >= 1):
+            time.sleep(0.05)
+        time.sleep(0.3)
+        process.send_signal(request)
+        _, said = process.communicate(timeout=60)
+        assert process.returncode == 130
+        assert said.strip() == "interrupted"
+        assert not [path for path in home.iterdir() if path.is_dir()]
+        running = subprocess.run(["pgrep", "-f", str(runs)], capture_output=True, text=True, check=False).stdout.split()
+        assert not [pid for pid in running if int(pid) != os.getpid()]
+
+
+def hear_interrupts() -> None:
+    """A shell that runs the tests in the background makes its children deaf to Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def test_an_engine_that_is_missing_is_an_error_and_later_runs_are_unharmed(
+    scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = case_of(scene_file())
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(RunError, match="not installed"):
+        run_many([(case, "yade")], tmp_path)
+    assert run_many([(case, "verlet")], tmp_path)[0].done
+
+
+def test_what_runs_is_killed_only_while_all_is_stopped(tmp_path: Path) -> None:
+    with ThreadPoolExecutor() as pool:
+        slow = pool.submit(run_command, ("sleep", "60"), tmp_path, 100.0)
+        time.sleep(0.5)
+        with all_stopped():
+            with pytest.raises(KeyboardInterrupt):
+                slow.result(timeout=10)
+            with pytest.raises(KeyboardInterrupt):
+                run_command(("sleep", "60"), tmp_path, 100.0)
+    assert run_command(("true",), tmp_path, 100.0).code == 0
+
+
+def test_the_same_case_in_several_threads_and_processes(scene_file: SceneWriter, tmp_path: Path) -> None:
+    """Whoever is later finds what is done; nobody's reading is disturbed."""
+    path = scene_file(duration="0.02 ms")
+    script = (
+        "import sys; from pathlib import Path; from validation.tests.drivers.run.test_run_many import run_and_read;"
+        "run_and_read(Path(sys.argv[1]), Path(sys.argv[2]))"
+    )
+    others = [subprocess.Popen([sys.executable, "-c", script, str(path), str(tmp_path)]) for _ in range(2)]
+    with ThreadPoolExecutor(3) as pool:
+        for future in [pool.submit(run_and_read, path, tmp_path) for _ in range(3)]:
+            future.result()
+    assert [other.wait(timeout=100) for other in others] == [0, 0]
+    assert len(list((tmp_path / "verlet").iterdir())) == 3
+
+
+def run_and_read(path: Path, runs: Path) -> None:
+    """Runs three cases and reads each at once."""
+    for speed in (1, 2, 3):
+        ended = run_case(case_of(path, f"striker.speed={speed} m/s"), "verlet", runs)
+        assert ended.done, ended.record.reason
+        assert len(open_run(ended.folder).trace.time_s) == 21

@@ -1,0 +1,291 @@
+"""Bad input ends with one line that names file, key, what was found and what is allowed."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.chain.case import build_case
+from drivers.limits.refusal import refuse
+from drivers.scene.read_scene import read_scene
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.scenes import SceneWriter
+
+# a setting laid over fig4, the key that has to be named, what was found, what is allowed
+BAD = [
+    ("chain.coutn=3", "chain.coutn", "unknown key", "did you mean count?"),
+    ("grvity=1", "grvity", "unknown key", "gravity"),
+    ("chain.sensors.0.mas=1", "chain.sensors.0.mas", "unknown key", "mass"),
+    ("materials.ptfe.colour=1", "materials.ptfe.colour", "unknown key", "density"),
+    ("chain.count=", "chain.count", "nothing", "needed"),
+    ("run.duration=", "run.duration", "nothing", "needed"),
+    ("chain.count=2.5", "chain.count", "2.5", "whole number"),
+    ("chain.count=-1", "chain.count", "-1", "0 or more"),
+    ("chain.count=true", "chain.count", "True", "whole number"),
+    ('chain.count="21"', "chain.count", '"21"', "whole number"),
+    ("chain.count=1000000000000", "chain.count", "1000000000000", "at most"),
+    ("chain.mass=2 mm", "chain.mass", "2 mm", "a mass above zero"),
+    ("chain.mass=0.1226", "chain.mass", "0.1226", 'with its unit, such as "0.1226 g"'),
+    ("chain.mass=-1 g", "chain.mass", "-1 g", "above zero"),
+    ("chain.mass=0 g", "chain.mass", "0 g", "above zero"),
+    ("chain.mass=nan g", "chain.mass", "nan g", "a mass"),
+    ("chain.mass=inf g", "chain.mass", "inf g", "a mass"),
+    ("chain.mass=1e400 g", "chain.mass", "1e400 g", "from 1e-30"),
+    ("chain.mass=1e-400 g", "chain.mass", "1e-400 g", "from 1e-30"),
+    ("chain.diameter=4.76", "chain.diameter", "4.76", "a length"),
+    ("chain.diameter=2*3 mm", "chain.diameter", "2*3 mm", "a length"),
+    ("gravity=-9.81 m/s^2", "gravity", "-9.81 m/s^2", "zero or more"),
+    ("gravity=9.81", "gravity", "9.81", "an acceleration"),
+    ("striker.speed=0 m/s", "striker.speed", "0 m/s", "a speed above zero"),
+    ("striker.shape=cube", "striker.shape", '"cube"', "'sphere' or 'flat'"),
+    ("materials.ptfe.poisson_ratio=0.5", "materials.ptfe.poisson_ratio", "0.5", "below 0.5"),
+    ("materials.ptfe.poisson_ratio=-0.1", "materials.ptfe.poisson_ratio", "-0.1", "0 or more"),
+    ("materials.ptfe.poisson_ratio=nan", "materials.ptfe.poisson_ratio", "nan", "finite"),
+    ("materials.ptfe.youngs_modulus=0 Pa", "materials.ptfe.youngs_modulus", "0 Pa", "above zero"),
+    ("chain.material=teflon", "chain.material", '"teflon"', "ptfe"),
+    ("wall.material=cheese", "wall.material", '"cheese"', "rigid"),
+    ("chain.material=rigid", "chain.material", '"rigid"', "brass"),
+    ('chain.material="a; b"', "chain.material", '"a; b"', "letters, digits"),
+    ("chain.sensors.0.from_wall=22", "chain.sensors.0.from_wall", "22", "1 to 21"),
+    ("chain.sensors.0.from_wall=0", "chain.sensors.0.from_wall", "0", "1 or more"),
+    ("chain.sensors.0.from_wall=5", "chain.sensors.1.from_wall", "5 twice", "once"),
+    ("chain.sensors=3", "chain.sensors", "3", "a list"),
+    ("chain=3", "chain", "3", "a table"),
+    ("run.accuracy=1e-4", "run", "both", "exactly one"),
+    ("run.time_step=", "run", "neither", "exactly one"),
+    ("run.time_step=0.3 us", "run.time_step", "3e-07 s", '"0.333333333333 us"'),
+    ("run.time_step=2 us", "run.time_step", "2e-06 s", '"1 us"'),
+    ("run.duration=0.5 us", "run.duration", "5e-07 s", "sample_interval"),
+    ("run.duration=1 year", "run.sample_interval", "samples of 22 contacts", "at most"),
+    ("run.record=['state']", "run.record", "state", "forces"),
+    ("materials.rigid={youngs_modulus='1 GPa', poisson_ratio=0.3}", "materials.rigid", "of its own", "another name"),
+    ("run.time_step=1e-16 s", "run.time_step", "steps", "at most"),
+    ("contact.restitution=0.0", "contact.restitution", "0", "0.0001"),
+    ("contact.restitution=1.1", "contact.restitution", "1.1", "1"),
+    ("contact.damping_ratio=-0.1", "contact.damping_ratio", "-0.1", "0 or more"),
+    ("contact={restitution=0.9, damping_ratio=0.1}", "contact", "both", "one of the two"),
+    ("contact.friction=-1", "contact.friction", "-1", "0 or more"),
+    ("sensor.time_constant=0 ms", "sensor.time_constant", "0 ms", "a time above zero"),
+    ("sensor.time_constant=-1 ms", "sensor.time_constant", "-1 ms", "a time above zero"),
+    ("sensor.time_constant=1e-3", "sensor.time_constant", "0.001", 'with its unit, such as "0.8 ms"'),
+    ("sensor.time_constant=1 kHz", "sensor.time_constant", "1 kHz", "a time above zero"),
+    ("sensor.time_constant=inf s", "sensor.time_constant", "inf s", "a time above zero"),
+    ("sensor={}", "sensor.time_constant", "nothing", "needed"),
+    ("sensor={time_constant='1 ms', gain=2}", "sensor.gain", "unknown key", "time_constant"),
+    ("tube.inner_diameter=4 mm", "tube.inner_diameter", "0.004 m", "0.00476 m"),
+    ("striker.shape=flat", "striker.diameter", "0.00476 m", "no diameter"),
+    ("striker.diameter=", "striker.diameter", "nothing", "diameter"),
+    ("chain.bead=[{from_wall=2, gap_below='-1 um'}]", "chain.bead.0.gap_below", "-1 um", "zero or more"),
+    ("chain.bead=[{from_wall=9, mass='1 g'}]", "chain.sensors.0.mass", "bead 9", "one of the two"),
+    ("title=3", "title", "3", "text"),
+    ("chain.sensors.7.mass=1 g", "7", "no such entry", "counted from 0"),
+    ("chain.count.x=1", "chain.count.x", "plain value", "key of a table"),
+    ("chain.mass=٣ g", "chain.mass", "٣ g", "a mass"),
+    ("chain.mass=1 g # x", "chain.mass", "1 g # x", "a mass"),
+    ("chain.mass=1e40 kg", "chain.mass", "1e40 kg", "1e-30 to 1e+30 kg"),
+    ("chain.count=" + "1" * 5000, "chain.count", "111", "a whole number"),
+    ("chain.count=0x" + "f" * 5000, "chain.count", "thousands of digits", "at most"),
+    ("chain.count=" + "[" * 5000, "chain.count", "[[[", "a whole number"),
+    ("chain.count=5\nx=2", "chain.count", "5", "a whole number"),
+    ("float=3", "float", "unknown key", "chain"),
+    ("run.accuracy=true", "run.accuracy", "True", ""),
+    ("chain.sensors." + "1" * 5000 + ".mass=1 g", "111", "no such entry", "counted from 0"),
+    ("nonsense", "", "no path=value", "chain.count=60"),
+]
+
+
+# likewise, laid over a scene of the paper in its tube
+BAD_IN_TUBES = [
+    ("fig4-tube", "tube.inner_diameter=4.76 mm", "tube.inner_diameter", "0.00476 m", "more than"),
+    ("fig4-tube", "tube.inner_diameter=4.5 mm", "tube.inner_diameter", "0.0045 m", "0.00476 m"),
+    ("fig4-tube", "chain.bead=[{from_wall=3, diameter='5 mm'}]", "tube.inner_diameter", "0.005 m", "more than"),
+    ("fig4-tube", "tube.inner_diameter=9.6 mm", "tube.inner_diameter", "0.0096 m", "stay in line"),
+    ("fig4-tube", "chain.bead=[{from_wall=3, diameter='1 mm'}]", "tube.inner_diameter", "0.005 m", "stay in line"),
+    ("fig4-tube", "striker.diameter=0.1 mm", "tube.inner_diameter", "0.005 m", "stay in line"),
+    ("fig6d-tube", "tube.top=", "tube.top", "nothing", "wider than the bore"),
+    ("fig6d-tube", "tube.top=45 mm", "tube.top", "0.045 m", "at most 0.0431"),
+    ("fig6d-tube", "tube.top=30 mm", "tube.top", "0.03 m", "the height of the top bead"),
+    ("fig5-tube", "tube.top=", "tube.top", "nothing", "wider than the bore"),
+    ("fig5-tube", "tube.top=53 mm", "tube.top", "0.053 m", "at most 0.05236 m"),
+    ("fig5-tube", "tube.top=20 mm", "tube.top", "0.02 m", "at least 0.0499"),
+    ("fig5-tube", "tube.top=1 um", "tube.top", "1e-06 m", "at least 0.0499"),
+    ("fig4-tube", "tube=", "chain.lateral_offset", "3e-05 m without a tube", "a [tube]"),
+    ("fig4-tube", "chain.lateral_offset=121 um", "chain.lateral_offset", "0.000121 m", "the play of 0.00012 m"),
+    ("fig4-tube", "chain.lateral_offset=1 km", "chain.lateral_offset", "1000 m", "the play of 0.00012 m"),
+    ("fig4-tube", "chain.lateral_offset=-1 um", "chain.lateral_offset", "-1 um", "zero or more"),
+    ("fig4-tube", "chain.lateral_offset=30", "chain.lateral_offset", "30", "with its unit"),
+    ("fig4-tube", "contact.friction=-0.1", "contact.friction", "-0.1", "0 or more"),
+    ("fig4-tube", "tube.friction=-0.1", "tube.friction", "-0.1", "0 or more"),
+    ("fig4-tube", "tube.friction=nan", "tube.friction", "nan", "finite"),
+    ("fig4-tube", "tube.material=rigid", "tube.material", '"rigid"', "ptfe"),
+    ("fig4-tube", "tube.sides=2", "tube.sides", "2", "3 or more"),
+    ("fig4-tube", "tube.sides=10", "tube.sides", "10", "at least 11"),
+    ("fig4-tube", "tube.sides=1e9", "tube.sides", "1000000000.0", "a whole number"),
+    ("fig4-tube", "tube.sides=1000000", "tube.sides", "1000000", "at most 1000"),
+    (
+        "fig4-tube",
+        "run={duration='1 ms', sample_interval='1 us', accuracy=1e-3}",
+        "run.accuracy",
+        "move sideways",
+        "ste",
+    ),
+    ("fig4-tube", "chain.bead=[{from_wall=3, lateral_velocity=5}]", "lateral_velocity", "5", "a velocity"),
+    (
+        "fig4-tube",
+        "chain.bead=[{from_wall=3, lateral_velocity='nan m/s'}]",
+        "lateral_velocity",
+        "nan m/s",
+        "a velocity",
+    ),
+    (
+        "fig4-tube",
+        "chain={count=0, material='ptfe', diameter='4.76 mm', lateral_offset='0 um'}",
+        "chain.count",
+        "0",
+        "1",
+    ),
+    ("fig4-tube", "contact.rotation=2", "contact.rotation", "2", "true or false"),
+]
+
+
+@pytest.mark.parametrize(("scene", "setting", "key", "found", "allowed"), BAD_IN_TUBES)
+def test_a_bad_tube_is_named(scene: str, setting: str, key: str, found: str, allowed: str) -> None:
+    with pytest.raises(InputError) as caught:
+        build_case(read_scene(scene, (setting,)))
+    message = str(caught.value)
+    assert "\n" not in message
+    head, told = message.split(": found ", 1)
+    assert key in head
+    assert found in told.split("; allowed: ")[0]
+    assert allowed in told.split("; allowed: ")[1]
+
+
+def test_a_play_that_is_all_used_is_none_too_much() -> None:
+    for diameter, offset in (("5 mm", "120 um"), ("4.760002 mm", "1 nm"), ("4.7606 mm", "0.3 um")):
+        read_scene("fig4-tube", (f"tube.inner_diameter={diameter}", f"chain.lateral_offset={offset}"))
+
+
+@pytest.mark.parametrize(
+    ("engine", "settings", "told"),
+    [
+        (
+            "reference",
+            (),
+            "lateral freedom, tube, friction, rotation; allowed: an engine that models it: liggghts, verlet",
+        ),
+        ("verlet", ("tube.sides=12",), "tube.sides: found 12; allowed: on verlet a true cylinder"),
+        ("liggghts", ("tube.sides=400",), "triangles; allowed: on liggghts at most 100,000"),
+        (
+            "yade",
+            ("run.sample_interval=20 us", "run.time_step=20 us"),
+            "run.time_step: found 2e-05 s; allowed: at most 1",
+        ),
+        ("yade", ("striker.speed=5 km/s",), "radii deep; allowed: overlaps below a radius"),
+        (
+            "verlet",
+            ("chain.bead=[{from_wall=3, lateral_velocity='2 km/s'}]",),
+            "radii deep into the bore; allowed: over",
+        ),
+    ],
+)
+def test_what_an_engine_refuses_of_a_tube(engine: str, settings: tuple[str, ...], told: str) -> None:
+    with pytest.raises(InputError) as caught:
+        refuse(build_case(read_scene("fig4-tube", settings)), engine)
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("setting", "key", "found", "allowed"), BAD, ids=[bad[0][:40] for bad in BAD])
+def test_a_bad_value_is_named(setting: str, key: str, found: str, allowed: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_scene("fig4", (setting,))
+    message = str(caught.value)
+    assert "\n" not in message
+    head, told = message.split(": found ", 1)
+    assert key in head
+    assert found in told.split("; allowed: ")[0]
+    assert allowed in told.split("; allowed: ")[1]
+
+
+@pytest.mark.parametrize(
+    ("setting", "key"),
+    [
+        ("chain.mass_scatter=1 g", "chain.mass_scatter"),
+        ("chain.precompression=100 kN", "chain.precompression"),
+        ("gravity=1e9 m/s^2", "gravity"),
+    ],
+)
+def test_what_makes_no_chain(setting: str, key: str) -> None:
+    with pytest.raises(InputError, match=key):
+        build_case(read_scene("fig4", (setting,)))
+
+
+def test_the_step_that_is_named_is_accepted() -> None:
+    with pytest.raises(InputError) as caught:
+        read_scene("fig4", ("run.time_step=0.3 us",))
+    named = str(caught.value).rsplit('"', 2)[1]
+    scene = read_scene("fig4", (f"run.time_step={named}",))
+    assert scene.steps_per_sample == 3
+
+
+@pytest.mark.parametrize("extra", ["", "gravity = ", "[chain]\ncount = 1\n[chain]\n", '"\x00"'])
+def test_what_is_no_scene(tmp_path: Path, extra: str) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(extra)
+    with pytest.raises(InputError, match=r"scene\.toml"):
+        read_scene(path)
+
+
+@pytest.mark.parametrize(
+    "name", [".toml", "..toml", "a b.toml", "-rf.toml", "a;b.toml", "ä.toml", "scene.txt", "a" * 101 + ".toml"]
+)
+def test_scene_names_with_tricks(tmp_path: Path, scene_file: SceneWriter, name: str) -> None:
+    scene_file().rename(tmp_path / name)
+    with pytest.raises(InputError, match="scene"):
+        read_scene(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["../../etc/passwd", "nosuch", "..", "fig4/../fig4", "inputs"])
+def test_names_of_no_shipped_scene(name: str) -> None:
+    with pytest.raises(InputError):
+        read_scene(name)
+
+
+def test_unreadable_files(tmp_path: Path) -> None:
+    (tmp_path / "latin.toml").write_bytes(b'title = "\xe9"')
+    with pytest.raises(InputError, match=r"byte 0xe9 at 9; allowed: UTF-8"):
+        read_scene(tmp_path / "latin.toml")
+    (tmp_path / "folder.toml").mkdir()
+    with pytest.raises(InputError, match="directory"):
+        read_scene(tmp_path / "folder.toml")
+    with pytest.raises(InputError, match="No such file"):
+        read_scene(tmp_path / "absent.toml")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("run", "fig4", "--set", "chain.mass=2 mm"), "chain.mass"),
+        (("run", "fig4", "--engine", "abaqus"), "liggghts"),
+        (("render", "fig4", "--engine", "yade", "--out", "{tmp}/deck", "--set", "x=1"), "x"),
+        (("run", "fig4", "--time-limit", "-1"), "--time-limit"),
+        (("run", "fig4-tube", "--set", "tube.inner_diameter=4.76 mm"), "tube.inner_diameter"),
+        (("run", "fig6d-tube", "--set", "tube.top="), "tube.top"),
+        (("run", "fig4-tube", "--engine", "reference"), "lateral freedom"),
+        (
+            ("run", "fig4-tube", "--set", "tube.inner_diameter=4.760002 mm", "--set", "chain.lateral_offset=1 nm"),
+            "do not come to rest: ",
+        ),
+        (("render", "fig5-tube", "--engine", "yade", "--out", "{tmp}/deck", "--set", "tube.sides=4"), "tube.sides"),
+        (("run",), "SCENE"),
+        (("walk",), "COMMAND"),
+    ],
+)
+def test_exit_code_two_and_one_line(tmp_path: Path, words: tuple[str, ...], told: str) -> None:
+    filled = [word.replace("{tmp}", str(tmp_path)) for word in words]
+    runs = ["--runs", str(tmp_path / "runs")] if words[0] == "run" and len(words) > 1 else []
+    done = command_line("drivers", *filled, *runs)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert told in done.stderr
+    assert not list(tmp_path.iterdir()), "nothing may be written"

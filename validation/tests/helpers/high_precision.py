@@ -1,0 +1,169 @@
+"""An independent integrator in 40 digits, to measure the error of the reference.
+
+It shares nothing with ``validation.reference``: Taylor series of order 30 in multiple-precision numbers (gmpy2),
+step control of its own, contacts switched by hand. The six cases take some 25 s in all.
+"""
+
+from collections.abc import Iterator
+
+import gmpy2
+import numpy as np
+from gmpy2 import mpfr
+
+from drivers.chain.chain import Chain
+from validation.tests.helpers.scenes import case_of
+
+DIGITS, ORDER = 40, 30
+TRUNCATION = 1e-22  # local, of the scales of overlap and velocity
+HOP_S = 1e-12  # nearer to an opening or closing than this a contact counts as open: its impulse is below 1e-18
+SAMPLES = 40
+
+# scene, settings, duration: the paper's, a weak one, and a chain whose beads separate and meet again
+CASES = {
+    "fig4": ("fig4", (), 8e-4),
+    "fig5": ("fig5", (), 1.2e-3),
+    "fig6b": ("fig6b", (), 6e-4),
+    "fig6d": ("fig6d", (), 8e-4),
+    "weak": ("fig4", ("striker.speed=0.0443 m/s",), 1.2e-3),
+    "separating": (
+        "fig4",
+        (
+            "gravity=",
+            "chain.sensors=[]",
+            "chain.count=5",
+            "chain.bead=[{from_wall=3, gap_below='20 um'}, {from_wall=5, gap_below='5 um'}]",
+        ),
+        8e-4,
+    ),
+}
+
+
+def chain_of(name: str) -> Chain:
+    """The chain of a case."""
+    scene, settings, _ = CASES[name]
+    return case_of(scene, *settings).chain
+
+
+def times_of(name: str) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+    """The sample times of a case; they fall on no step of anybody."""
+    duration = CASES[name][2]
+    return np.concatenate([[0.0], np.arange(1, SAMPLES + 1) * (duration / SAMPLES)])
+
+
+class Taylor:
+    """The motion of a chain, step by step."""
+
+    def __init__(self, chain: Chain) -> None:
+        self.mass = [mpfr(float(x)) for x in chain.mass_kg]
+        self.stiffness = [mpfr(float(x)) for x in chain.stiffness]
+        self.load = [mpfr(float(x)) for x in chain.load_N]
+        self.overlap = [mpfr(float(x)) for x in chain.overlap_m]
+        self.velocity = [mpfr(float(x)) for x in chain.velocity_m_s]
+        self.closed = [x > 0 for x in self.overlap]
+        self.n = len(self.mass)
+        self.time = mpfr(0)
+        fastest = max(abs(float(x)) for x in self.velocity)
+        stiffest = max(float(x) for x in self.stiffness)
+        heaviest = max(float(x) for x in self.mass)
+        self.scales = ((1.25 * heaviest * fastest**2 / stiffest) ** 0.4, fastest)
+
+    def series(self) -> tuple[list[list[mpfr]], list[list[mpfr]]]:
+        """Taylor coefficients of overlaps and velocities about now."""
+        n = self.n
+        overlap = [[x] for x in self.overlap]
+        velocity = [[x] for x in self.velocity]
+        power: list[list[mpfr]] = [[] for _ in range(n)]  # of overlap^(3/2)
+        zero = mpfr(0)
+        half = [mpfr(i) / 2 for i in range(5 * ORDER)]
+        for order in range(ORDER):
+            force = []
+            for j in range(n):
+                if not self.closed[j]:
+                    force.append(zero)
+                    continue
+                d, q = overlap[j], power[j]
+                if order == 0:
+                    q.append(d[0] * gmpy2.sqrt(d[0]))
+                else:  # q' d = (3/2) q d'
+                    total = sum((half[5 * i - 2 * order] if 5 * i >= 2 * order else -half[2 * order - 5 * i])
+                                * d[i] * q[order - i] for i in range(1, order + 1))  # fmt: skip
+                    q.append(total / (order * d[0]))
+                force.append(self.stiffness[j] * q[order])
+            for j in range(n):
+                net = force[j] - (force[j + 1] if j + 1 < n else zero) + (self.load[j] if order == 0 else zero)
+                velocity[j].append(net / self.mass[j] / (order + 1))
+                below = velocity[j - 1][order] if j else zero
+                overlap[j].append((below - velocity[j][order]) / (order + 1))
+        return overlap, velocity
+
+    def longest_step(self, overlap: list[list[mpfr]], velocity: list[list[mpfr]]) -> float:
+        """The step at which the last two coefficients fall below the truncation wanted."""
+        longest = 1.0
+        for rows, scale in ((overlap, self.scales[0]), (velocity, self.scales[1])):
+            for row in rows:
+                for order in (ORDER - 1, ORDER):
+                    size = abs(row[order]) / scale
+                    if size > 0:
+                        longest = min(longest, float(gmpy2.exp(gmpy2.log(mpfr(TRUNCATION) / size) / order)))
+        return longest
+
+    def advance(self, until: mpfr) -> None:
+        """One step, at most to ``until``; ends where an open contact closes."""
+        overlap, velocity = self.series()
+        h = min(mpfr(self.longest_step(overlap, velocity)), until - self.time)
+        closing = -1
+        for j in range(self.n):
+            if not self.closed[j] and self.stiffness[j] > 0 and self.overlap[j] < 0 and value(overlap[j], h) > 0:
+                h, closing = root(overlap[j], h), j
+        if closing >= 0:
+            h += min(mpfr(HOP_S), until - self.time - h)
+        self.overlap = [value(row, h) for row in overlap]
+        self.velocity = [value(row, h) for row in velocity]
+        self.time = until if until - self.time == h else self.time + h
+        for j in range(self.n):
+            rate = (self.velocity[j - 1] if j else 0) - self.velocity[j]
+            near = abs(self.overlap[j]) < HOP_S * abs(rate)
+            if self.closed[j] and (self.overlap[j] <= 0 or (near and rate < 0)):
+                self.closed[j] = False
+            elif not self.closed[j] and self.overlap[j] > 0 and rate > 0:
+                self.closed[j] = True
+
+    def forces(self) -> list[mpfr]:
+        """Contact forces now."""
+        return [k * d * gmpy2.sqrt(d) if d > 0 else mpfr(0) for k, d in zip(self.stiffness, self.overlap, strict=True)]
+
+
+def value(row: list[mpfr], h: mpfr) -> mpfr:
+    """A series at h."""
+    total = mpfr(0)
+    for coefficient in reversed(row):
+        total = total * h + coefficient
+    return total
+
+
+def root(row: list[mpfr], high: mpfr) -> mpfr:
+    """Where a series first rises through zero, by bisection and then Newton."""
+    low = mpfr(0)
+    for _ in range(30):
+        middle = (low + high) / 2
+        low, high = (low, middle) if value(row, middle) > 0 else (middle, high)
+    h = high
+    derivative = [i * c for i, c in enumerate(row)][1:]
+    for _ in range(8):
+        h -= value(row, h) / value(derivative, h)
+    return h
+
+
+def forces_at(chain: Chain, times: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> Iterator[list[float]]:
+    """Contact forces at increasing times."""
+    with gmpy2.context(gmpy2.get_context(), precision=int(DIGITS * 3.33)):
+        motion = Taylor(chain)
+        # a striker that just touches: hop off the singular start
+        hopping = [j for j in range(motion.n) if motion.overlap[j] == 0 and chain.velocity_m_s[j] < 0]
+        for until in times:
+            if until and hopping:
+                motion.advance(mpfr(HOP_S))
+                hopping = []
+            while motion.time < until:
+                motion.advance(mpfr(float(until)))
+            yield [float(force) for force in motion.forces()]

@@ -1,0 +1,51 @@
+"""Runs that tests need: done, failed, blown up."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.chain.case import Case
+from drivers.chain.trace import Trace
+from drivers.engines import load_engine
+from drivers.run.finished import FinishedRun, open_run
+from drivers.run.record import read_record
+from drivers.run.run import run_case
+from validation.tests.helpers.scenes import case_of
+
+
+def need(engine: str) -> None:
+    """Leaves a test out where its engine is not installed; in CI that is a failure."""
+    if load_engine(engine).find() is None:
+        if os.environ.get("CI"):
+            pytest.fail(f"{engine} is not installed, and CI has to have it")
+        pytest.skip(f"{engine} is not installed")
+
+
+def finished(case: Case, engine: str, runs: Path) -> FinishedRun:
+    """The run of a case on an engine, which has to be done."""
+    need(engine)
+    result = run_case(case, engine, runs)
+    assert result.done, result.record.reason
+    return open_run(result.folder)
+
+
+def blown_up(trace: Trace, sample: int) -> Trace:
+    """The same that blows up from that sample on: too large where the wave is, then no numbers."""
+    force = trace.force_N.copy()
+    force[sample:, np.argmax(force[sample])] = 1e200
+    force[sample + 2 :] = np.nan
+    return replace(trace, force_N=force)
+
+
+def failing_run(scene: Path, engine: str, runs: Path, limit_s: float = 60) -> tuple[str, str]:
+    """Status and reason of a run that must not be done, after checking what it leaves behind."""
+    result = run_case(case_of(scene), engine, runs, limit_s=limit_s)
+    stored = read_record(result.folder)
+    assert stored is not None
+    assert (stored.status, stored.reason) == (result.record.status, result.record.reason)
+    assert not (result.folder / "forces.parquet").exists()
+    assert [folder.name for folder in (runs / engine).iterdir() if folder.name[0] != "."] == [result.folder.name]
+    return result.record.status, result.record.reason

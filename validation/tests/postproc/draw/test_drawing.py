@@ -1,0 +1,81 @@
+"""Scenes drawn to scale."""
+
+from pathlib import Path
+
+import pytest
+
+from postproc.draw.product import Product, write_product
+from postproc.draw.scene_drawing import draw_scene
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.scenes import SceneWriter, case_of
+
+PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
+
+
+@pytest.mark.parametrize("scene", PAPER)
+def test_the_paper_s_scenes(scene: str) -> None:
+    case = case_of(scene)
+    _, table = draw_scene(case.scene, case.chain)
+    assert len(table) == case.chain.bodies
+    assert (table["height_m"] == table["drawn_height_m"]).all()
+    assert list(table["role"]).count("sensor") == len(case.scene.chain.sensors)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("chain.count=0", "chain.sensors=[]"),
+        ("chain.count=1", "chain.sensors=[]"),
+        ("striker=",),
+        ("wall=", "gravity="),
+        ("wall=", "gravity=", "striker=", "chain.bead=[{ from_wall = 1, velocity = '1 m/s' }]"),
+        ("chain.bead=[{ from_wall = 3, diameter = '1 m' }]", "striker.diameter=1 um", "tube=", "gravity="),
+        ("chain.bead=[{ from_wall = 8, gap_below = '10 mm' }]",),
+        ("tube=",),
+        ("tube.inner_diameter=50 mm",),
+        ("striker.shape=flat", "striker.diameter=", "striker.material=alumina"),
+        ("chain.bead=[{ from_wall = 8, gap_below = '100 m' }]",),
+        ("tube.inner_diameter=1 m",),
+        ("tube.top=3 m",),
+        ("tube.top=0 mm",),
+        ("striker.shape=flat", "striker.diameter=", "striker.mass=50 kg"),
+        ("chain.count=2000", "chain.sensors=[{ from_wall = 1500 }, { from_wall = 3 }]"),
+        ("chain.count=200000",),
+    ],
+)
+def test_any_scene_can_be_drawn(settings: tuple[str, ...], tmp_path: Path) -> None:
+    case = case_of("fig4", *settings)
+    figure, table = draw_scene(case.scene, case.chain)
+    width, height = figure.get_size_inches()
+    assert 0.3 < height < 9
+    assert width < 5
+    assert len(table) <= case.chain.bodies
+    write_product(Product(figure, table), "scene", tmp_path)
+
+
+def test_a_long_chain_is_broken_but_keeps_its_ends_and_sensors() -> None:
+    case = case_of("fig4", "chain.count=500")
+    _, table = draw_scene(case.scene, case.chain)
+    assert set(table["body"]) >= {1, 2, 500, 501, 9, 5}
+    assert len(table) < 60
+    below = table["drawn_height_m"].diff().iloc[1:]
+    assert (below > 0).all()
+
+
+def test_what_is_special_is_drawn_even_in_a_long_chain() -> None:
+    case = case_of("fig4", "chain.count=1000", "chain.bead=[{ from_wall = 400, diameter = '4 mm' }]")
+    figure, table = draw_scene(case.scene, case.chain)
+    assert 400 in set(table["body"])
+    words = " ".join(text.get_text() for text in figure.axes[0].texts)
+    assert "bead 400: ⌀ 4 mm" in words
+    for cut in ("590 beads", "386 beads"):
+        assert cut in words
+
+
+def test_on_the_command_line(scene_file: SceneWriter, tmp_path: Path) -> None:
+    done = command_line("postproc", "draw", scene_file("mine"), "--set", "chain.count=7", "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {f"scene-mine.{e}" for e in ("csv", "png", "svg")}
+    refused = command_line("postproc", "draw", "no-such-scene", "--out", tmp_path / "out")
+    assert refused.returncode == 2
+    assert len(refused.stderr.strip().splitlines()) == 1

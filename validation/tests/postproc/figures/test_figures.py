@@ -1,0 +1,271 @@
+"""The paper's figures and its table, made by all engines."""
+
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from drivers.base import paths
+from drivers.base.errors import InputError, RunError
+from postproc.__main__ import FIGURES
+from postproc.draw.product import Product, write_product
+from postproc.paper.quoted import quoted
+from postproc.paper.strikes import contact_peak, strike_for
+from postproc.read.pulse import envelope, incident_pulse
+from postproc.read.signals import Peak
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.runs import need
+
+CODES = ("liggghts", "yade")
+ENGINES = (*CODES, "reference")
+
+
+@pytest.fixture(scope="module")
+def made(shared_runs: Path) -> dict[str, Product]:
+    """Every product, made once."""
+    for code in CODES:
+        need(code)
+    return {name: import_module(f"postproc.figures.{name}").make(shared_runs) for name in FIGURES}
+
+
+def test_make_knows_every_figure_and_the_scenes_it_takes() -> None:
+    makefile = (paths.ROOT / "Makefile").read_text()
+    for name in FIGURES:
+        assert f"\n{name}: ## " in makefile
+        line = next(text for text in makefile.splitlines() if text.startswith(f"SCENES_{name} := "))
+        said = set(line.partition(":= ")[2].split())
+        module = (paths.ROOT / "postproc" / "figures" / f"{name}.py").read_text()
+        scenes = {scene.stem for scene in paths.SCENES.glob("*.toml")}
+        assert said <= scenes
+        assert {scene for scene in scenes if f'"{scene}"' in module} <= said
+
+
+@pytest.mark.long
+@pytest.mark.timeout(400)
+def test_all_are_made_and_written_whole(made: dict[str, Product], tmp_path: Path) -> None:
+    makefile = (paths.ROOT / "Makefile").read_text()
+    chains = next(line for line in makefile.splitlines() if line.startswith("CHAINS := ")).split()[2:]
+    assert {"fig4", "fig5", "fig6"} <= set(chains)
+    for name, product in made.items():
+        written = write_product(product, name, tmp_path)
+        names = [name, *([f"{name}-spacetime"] if name in chains else [])]
+        assert {path.name for path in written} == {f"{each}.{kind}" for each in names for kind in ("svg", "png", "csv")}
+        assert all(path.stat().st_size > 200 for path in written)
+        assert "<svg" in (tmp_path / f"{name}.svg").read_text()
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.long
+def test_table_1_is_reproduced_by_every_engine(made: dict[str, Product]) -> None:
+    table = made["table1"].table
+    wide_foot = np.where(table["force_N"] <= 0.1, 0.2, 0.1)
+    for engine in ENGINES:
+        assert (table[f"{engine}_speed_m_s"] / table["computed_speed_m_s"] - 1).abs().max() < 0.01
+        for name, allowed in (("width_0.2pct_diameters", wide_foot), ("width_4pct_diameters", 0.1)):
+            assert ((table[f"{engine}_{name}"] - table[f"computed_{name}"]).abs() < allowed).all()
+    for code in CODES:
+        for column in ("striker_m_s", "speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters"):
+            assert (table[f"{code}_{column}"] / table[f"reference_{column}"] - 1).abs().max() < 1e-5
+
+
+@pytest.mark.long
+def test_table_1_has_the_printed_numbers(made: dict[str, Product]) -> None:
+    expected = {5: (190.1, 5.41, 3.98), 2: (164.4, 5.67, 4.09), 0.6: (137.1, 6.24, 4.35), 0.1: (109.0, 7.92, 5.29),
+                0.06: (103.65, 8.62, 5.74)}  # fmt: skip
+    for _, row in made["table1"].table.iterrows():
+        found = [row[f"reference_{name}"] for name in ("speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters")]
+        assert found == pytest.approx(expected[row["force_N"]], rel=1e-3)
+
+
+@pytest.mark.long
+def test_beta_does_not_depend_on_the_modulus_and_runs_lie_on_the_curve(made: dict[str, Product]) -> None:
+    table = made["fig2"].table
+    spread = table[table["panel"] == "c, all moduli"]["beta_spread_over_moduli_share"]
+    assert len(spread) > 40
+    assert spread.max() < 1e-4  # the paper says < 1 %; by similarity there is none, and the codes' step adds little
+    table = table[table["panel"] != "c, all moduli"]
+    waves = table[table["engine"] == "travelling wave"]
+    assert waves["amplitude_over_static"].min() <= 0.1
+    assert waves["amplitude_over_static"].max() >= 1e4
+    points = table[(table["panel"] == "c") & (table["engine"] != "travelling wave")]
+    assert set(points["engine"]) == set(ENGINES)
+    solitary = points[points["solitary"].astype(bool)]
+    assert len(solitary) >= 3 * 3 * len(ENGINES)
+    assert len(solitary) < len(points)  # a weak strike's pulse is none
+    one = waves[waves["modulus_MPa"] == 600]
+    on_curve = np.interp(np.log(solitary["amplitude_over_static"]), np.log(one["amplitude_over_static"]), one["beta"])
+    assert np.abs(solitary["beta"] / on_curve - 1).max() < 2e-3  # linear between points of the curve
+
+
+@pytest.mark.long
+def test_speeds_follow_the_theory_without_gravity_and_exceed_it_with(made: dict[str, Product]) -> None:
+    table = made["fig3"].table
+    assert set(table["source"]) == {"simulated", "Eq. (3)", "Eq. (4)", "experiment", "score"}
+    assert set(table["curve"].dropna()) == set(range(1, 9))
+    exact = table[table["engine"] == "reference"]
+    assert exact["force_N"].min() == pytest.approx(0.03, rel=1e-9)
+    assert exact["force_N"].max() == pytest.approx(20, rel=1e-9)
+    bare = exact[~exact["gravity"].astype(bool)]
+    for _, some in bare.groupby("modulus_MPa"):
+        slope = np.polyfit(np.log(some["force_N"]), np.log(some["speed_m_s"]), 1)[0]
+        assert slope == pytest.approx(1 / 6, abs=1e-5)
+    for code in CODES:
+        own = table[table["engine"] == code].merge(exact, on="striker_m_s")
+        assert len(own) == 6 * 4
+        assert (own["speed_m_s_x"] / own["speed_m_s_y"] - 1).abs().max() < 1e-5
+    heavy = exact[exact["gravity"].astype(bool)].merge(bare, on=["modulus_MPa", "force_N"])
+    assert (heavy["speed_m_s_x"] > heavy["speed_m_s_y"]).all()
+
+
+@pytest.mark.long
+def test_the_score_prefers_the_moduli_that_the_paper_does(made: dict[str, Product]) -> None:
+    table = made["fig3"].table
+    score = table[(table["source"] == "score") & (table["force_read_as"] == "contact force")]
+    for large, best in ((True, 1460), (False, 1000)):
+        some = score[(score["force_N"] >= 2) == large]
+        rms = (some["deviation_standard_errors"] ** 2).groupby(some["modulus_MPa"]).mean()
+        assert rms.idxmin() == best
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["fig4", "fig5", "fig6"])
+def test_traces_hold_every_engine_and_stay_near_the_reference(made: dict[str, Product], name: str) -> None:
+    table = made[name].table
+    if name == "fig5":
+        table = table[table["part"] == "trace"]
+    assert set(table["engine"]) == set(ENGINES)
+    residual = table[table["engine"] != "reference"]["residual_to_reference_share"]
+    assert 0 < residual.max() < 3e-4
+    assert table["wall_N"].max() > 1
+
+
+@pytest.mark.long
+def test_fig_4_lasts_until_the_reflected_wave_has_passed_the_upper_sensor(made: dict[str, Product]) -> None:
+    exact = made["fig4"].table.query("engine == 'reference'")
+    signal = exact["bead_9_N"].to_numpy()
+    peaks = [i for i in range(1, len(signal) - 1) if signal[i - 1] < signal[i] >= signal[i + 1] and signal[i] > 3]
+    assert len(peaks) == 2
+    assert signal[-1] < 0.1 * signal[peaks[1]]
+
+
+@pytest.mark.long
+def test_fig_5_says_by_how_much_the_incident_pulse_differs(made: dict[str, Product]) -> None:
+    shapes = made["fig5"].table.query("part == 'shape'")
+    for place, rise, decay, duration in (("top bead", 30.78, -0.01247, 403.6), ("second bead", 53.0, -0.01738, 438.0)):
+        row = shapes[(shapes["engine"] == "reference") & (shapes["place"] == place)].iloc[0]
+        assert row["wall_envelope_per_us"] == pytest.approx(-0.005974, abs=2e-6)
+        found = [row["rise_us"], row["decay_per_us"], row["duration_us"]]
+        assert found == pytest.approx([rise, decay, duration], rel=2e-3)
+    measured = shapes[shapes["engine"] == "paper, measured"].iloc[0]
+    assert measured["decay_per_us"] == quoted().fig5.incident_decay_per_us
+
+
+def test_an_envelope_goes_through_its_exponential() -> None:
+    peaks = [Peak(t, 3 * np.exp(-200 * t), 0) for t in (0.001, 0.004, 0.009)]
+    found = envelope(peaks)
+    assert (found.amplitude_N, found.rate_per_s) == pytest.approx((3, -200))
+
+
+def test_the_shape_of_a_pulse_made_of_known_pieces() -> None:
+    """A quarter sine up, an exponential down to 0.4, a faster one from there, and a reflected wave."""
+    time, rise, slow, fast = np.arange(0, 2e-3, 1e-6), 1e-4, 2e-4, 1e-4
+    turn = rise + slow * np.log(1 / 0.4)
+    falling = np.where(time < turn, np.exp(-(time - rise) / slow), 0.4 * np.exp(-(time - turn) / fast))
+    pulse = np.where(time < rise, np.sin(np.pi / 2 * time / rise), falling)
+    assert incident_pulse(time, pulse) is None
+    shape = incident_pulse(time, pulse + 2 * np.exp(-(((time - 1.6e-3) / 5e-5) ** 2)))
+    assert shape is not None
+    onset = rise * 2 / np.pi * np.arcsin(0.02)
+    assert shape.rise_s == pytest.approx(rise - onset, rel=0.02)
+    assert shape.decay_per_s == pytest.approx(-1 / slow, rel=0.01)
+    assert shape.duration_s == pytest.approx(turn + fast * np.log(0.4 / 0.02) - onset, rel=0.01)
+
+
+def test_quoted_numbers_are_whole() -> None:
+    table = quoted().table1.frame
+    assert table.shape == (5, 7)
+    assert table.notna().all().all()
+
+
+def test_a_figure_without_an_engine_says_so(tmp_path: Path) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    done = command_line("postproc", "fig6", "--runs", tmp_path / "runs", "--out", tmp_path / "out", PATH=str(empty))
+    assert done.returncode == 0, done.stderr
+    assert "without what is not installed: liggghts, yade" in done.stderr
+    assert set(pd.read_csv(tmp_path / "out" / "fig6.csv")["engine"]) == {"reference"}
+
+
+@pytest.mark.parametrize("name", ["fig4", "fig5", "table1"])
+def test_a_figure_of_the_reference_alone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    product = import_module(f"postproc.figures.{name}").make(tmp_path / "runs")
+    assert len(write_product(product, name, tmp_path / "out")) == 6  # with the chain's space-time plot
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("[fig5]", "[fig55]", "fig5"),
+        ("force_N = [5, 2, 0.6, 0.1, 0.06]", "", "table1.force_N"),
+        ("force_N = [5, 2, 0.6, 0.1, 0.06]", "force_N = [5, 2]", "5 numbers"),
+        ("force_N = [5, 2,", "force_N = [5, 5,", "a force twice"),
+        ("force_N = [5, 2,", 'force_N = ["x", 2,', "table1.force_N"),
+        ("force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
+        ("force_N = [5, 2,", "force_N = [-5, 2,", "above 0"),
+        ("speed_m_s = 152 ", "sped_m_s = 152 ", "fig4.speed_m_s"),
+        ("[table1]", "[[", "TOML"),
+    ],
+)
+def test_broken_quotations_are_refused_in_one_line(
+    old: str, new: str, complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "quoted.toml"
+    text = paths.QUOTED.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    monkeypatch.setattr(paths, "QUOTED", path)
+    quoted.cache_clear()
+    try:
+        with pytest.raises(InputError) as caught:
+            quoted()
+    finally:
+        quoted.cache_clear()
+    assert complaint in str(caught.value)
+    assert "quoted.toml" in str(caught.value)
+
+
+def test_forces_that_no_strike_gives_are_an_error_in_words() -> None:
+    with pytest.raises(RunError, match=r"no striker speed gives a wave of 0\.001 N"):
+        strike_for(1e-3, contact_peak)  # below the static force between the sensors
+
+
+def test_a_scene_without_the_sensors_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    scenes = tmp_path / "scenes"
+    scenes.mkdir()
+    for scene in ("fig4", "table1"):
+        text = (paths.SCENES / f"{scene}.toml").read_text()
+        (scenes / f"{scene}.toml").write_text("\n".join(line for line in text.splitlines() if "sensors" not in line))
+    monkeypatch.setattr(paths, "SCENES", scenes)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    for name in ("fig4", "table1", "fig3"):
+        with pytest.raises(InputError, match=r"chain\.sensors"):
+            import_module(f"postproc.figures.{name}").make(tmp_path / "runs")
+
+
+def test_a_figure_whose_run_fails_leaves_nothing(tmp_path: Path) -> None:
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for code in CODES:
+        fake = tools / code
+        fake.write_text("#!/bin/sh\necho ERROR: no licence today\nexit 1\n")
+        fake.chmod(0o755)
+    out = tmp_path / "out"
+    done = command_line("postproc", "fig6", "--runs", tmp_path / "runs", "--out", out, PATH=f"{tools}:/usr/bin:/bin")
+    assert done.returncode == 1
+    assert "fig6" in done.stderr
+    assert "failed: exit code 1" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not out.exists() or not list(out.iterdir())

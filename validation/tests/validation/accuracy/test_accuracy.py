@@ -1,0 +1,86 @@
+"""The promise of ``run.accuracy``: no miss, and hardly more steps than needed, on scenes nobody chose."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.chain.case import Case
+from postproc.read.residual import residual
+from validation.accuracy.error_measures import truth_of, verlet_of
+from validation.stability.measured_limits import WITHIN, measure
+from validation.stability.random_scenes import random_case
+from validation.stability.subjects import at_random, shipped
+from validation.tests.helpers.runs import finished
+
+ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+DEARER = 1.5  # times the steps of the largest admissible step
+QUICK, ALL, BY_CODES = range(8), range(8, 200), range(30)
+
+
+def check_steps(number: int) -> None:
+    """At each accuracy the planned step keeps it, and no step that would have done is more than 1.5 times as large."""
+    whole = random_case(number, accuracy=1e-2)
+    truth = truth_of(whole.full or whole, finer=False)
+    errors: dict[tuple[str, int], float] = {}
+    for accuracy in ACCURACIES:
+        case = random_case(number, accuracy=accuracy)
+        steps = case.scene.steps_per_sample
+
+        def error_at(steps: int, case: Case = case) -> float:
+            """Of the case without what its accuracy lets out, against the whole one's truth."""
+            key = (str(case.elements), steps)
+            if key not in errors:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    errors[key] = float(residual(verlet_of(case.at(steps)), truth.trace).max())
+            return errors[key]
+
+        assert error_at(steps) <= accuracy, f"missed {accuracy}"
+        assert case.plan is not None
+        assert case.plan.predicted["force"] == pytest.approx(error_at(steps), rel=2e-2)
+        fewer = {
+            each for each in np.unique(np.geomspace(1, max(steps / DEARER, 1), 40).astype(int)) if each * DEARER < steps
+        }
+        assert all(not error_at(each) <= accuracy for each in fewer), f"{steps} steps a sample at {accuracy}"
+
+
+@pytest.mark.parametrize("number", QUICK)
+def test_no_miss_and_hardly_more_than_needed(number: int) -> None:
+    check_steps(number)
+
+
+@pytest.mark.accuracy
+@pytest.mark.parametrize("number", ALL)
+def test_no_miss_on_many_scenes(number: int) -> None:
+    check_steps(number)
+
+
+def check_codes(number: int, runs: Path) -> None:
+    """Both codes keep the accuracy, and the run says so."""
+    accuracy = ACCURACIES[number % 3]
+    case = random_case(number, accuracy=accuracy)
+    truth = truth_of(case.full or case, finer=False)
+    for engine in ("liggghts", "yade"):
+        run = finished(case, engine, runs)
+        own = float(residual(run.trace, truth.trace).max())
+        assert own <= accuracy
+        assert run.record.accuracy is not None
+        assert run.record.accuracy["force"]["measured"] == pytest.approx(own, rel=1e-6)
+
+
+def test_a_code_keeps_it(shared_runs: Path) -> None:
+    check_codes(0, shared_runs)
+
+
+@pytest.mark.accuracy
+@pytest.mark.parametrize("number", BY_CODES)
+def test_both_codes_keep_it(number: int, shared_runs: Path) -> None:
+    check_codes(number, shared_runs)
+
+
+@pytest.mark.accuracy
+def test_limits_are_predicted_on_the_papers_scenes_and_100_random_ones() -> None:
+    limits = measure([*shipped(), *at_random(100)], lambda line: None)
+    assert {limit.method for limit in limits} >= {"verlet"}
+    outside = [limit for limit in limits if not 1 <= limit.ratio <= WITHIN]
+    assert outside == []

@@ -1,0 +1,275 @@
+"""When a run first leaves the exact motion, and why."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace, until
+from validation.__main__ import main
+from validation.accuracy.budget import yardsticks
+from validation.accuracy.error_measures import verlet_of
+from validation.accuracy.rounding import verlet_in_heights
+from validation.accuracy.tube_budget import tube_verlet_of
+from validation.compare.compared_scenes import run_and_compare
+from validation.compare.departure import (
+    CHAOS,
+    LEVELS,
+    NONE,
+    TRUNCATION,
+    UNKNOWN,
+    Departure,
+    departure,
+    departure_rows,
+)
+from validation.compare.first_fault import ANOTHER_STEP, MODEL, SET_UP
+from validation.stability.random_scenes import random_case
+from validation.tests.helpers.runs import blown_up, finished
+from validation.tests.helpers.scenes import case_of
+
+WEIGHTLESS = "gravity=0 m/s^2"
+LONG = ("run.duration=20 ms", "run.sample_interval=5 us")
+Change = Callable[[Array], Array]
+
+
+def as_code(case: Case, **changes: Change) -> Trace:
+    """What a code would find of a case with arrays of its chain changed."""
+    arrays: dict[str, Any] = {name: change(getattr(case.chain, name).copy()) for name, change in changes.items()}
+    changed = replace(case, chain=replace(case.chain, **arrays))
+    return verlet_in_heights(changed)
+
+
+def times(factor: float, body: int) -> Change:
+    """Multiplies one body's value, counted from 1; -1 is the last."""
+
+    def change(values: Array) -> Array:
+        values[body if body < 0 else body - 1] *= factor
+        return values
+
+    return change
+
+
+def test_one_bouncing_body_is_not_chaotic() -> None:
+    long = (
+        "run.duration=45 ms",
+        "run.sample_interval=5 us",
+        "run.time_step=0.5 us",
+        "chain.count=0",
+        "chain.sensors=[]",
+    )
+    case = case_of("fig4", "striker.speed=0.1 m/s", *long)
+    found = departure(case, "yade", verlet_in_heights(case))
+    assert {each.kind for each in (found, *found.later)} == {TRUNCATION}
+
+
+@pytest.mark.parametrize(("step", "first_us"), [("1 us", 1), ("0.1 us", 12)])
+def test_a_good_run_leaves_by_truncation(step: str, first_us: float) -> None:
+    case = case_of("fig4", f"run.time_step={step}")
+    found = departure(case, "yade", as_code(case))
+    assert (found.kind, found.contact) == (TRUNCATION, 22)
+    assert found.time_s == pytest.approx(first_us * 1e-6)
+    assert found.level == LEVELS[0] < found.share
+    assert "velocity Verlet at this step does the same" in found.words
+    assert [each.kind for each in found.later] == [TRUNCATION] * (step == "1 us")
+
+
+def test_the_exact_motion_never_leaves() -> None:
+    case = case_of("fig4")
+    found = departure(case, "reference", yardsticks(case).truth.trace)
+    assert found.kind == NONE
+    assert math.isnan(found.time_s)
+    assert found.words.endswith("bit for bit")
+
+
+def test_chaos_comes_after_reflections() -> None:
+    """A step so small that truncation stays below the first level until the chain multiplies it."""
+    case = case_of("fig4", *LONG, "run.time_step=10 ns")
+    found = departure(case, "verlet", verlet_of(case))
+    assert found.kind == CHAOS
+    assert {each.kind for each in found.later} == {CHAOS}
+    assert 4e-3 < found.time_s < 8e-3  # the wave comes to the wall at 0.5 ms
+    coarse = case.at(50)
+    kinds = [each.kind for each in _all(departure(coarse, "verlet", verlet_of(coarse)))]
+    assert kinds[0] == TRUNCATION
+    assert kinds[-1] == CHAOS
+    assert kinds == sorted(kinds, reverse=True)
+
+
+def test_truncation_stays_truncation_after_a_reflection() -> None:
+    """Until half a millisecond rounding has grown no more than walks do."""
+    case = case_of("fig6b")
+    found = departure(case, "verlet", verlet_of(case))
+    (later,) = found.later
+    assert (found.kind, later.kind, later.level) == (TRUNCATION, TRUNCATION, 1e-4)
+    assert later.time_s == pytest.approx(507e-6)
+
+
+def test_rounding_parts_a_code_from_verlet_when_the_chain_is_chaotic(shared_runs: Path) -> None:
+    """Two roundings pass 1e-8 of the largest force at 8 ms and are 1 % apart at 20 ms: 1e-6 lies between."""
+    case = case_of("fig4", *LONG)
+    found = departure(case, "liggghts", finished(case, "liggghts", shared_runs).trace)
+    (parted,) = [each for each in _all(found) if "only rounds otherwise" in each.words]
+    assert parted.kind == CHAOS
+    assert 8e-3 < parted.time_s < 16e-3
+
+
+@pytest.mark.parametrize("scene", ["fig4", "fig5", "fig6b"])
+def test_a_wrong_wall_law(scene: str) -> None:
+    """Under gravity it bears another weight at time 0; without, nobody knows until the wave comes."""
+    heavy, weightless = case_of(scene), case_of(scene, WEIGHTLESS)
+    at_once = departure(heavy, "yade", as_code(heavy, stiffness=times(0.707, 1)))
+    assert (at_once.kind, at_once.time_s, at_once.contact) == (SET_UP, 0.0, 1)
+    assert "bears" in at_once.words
+    later = departure(weightless, "yade", as_code(weightless, stiffness=times(0.707, 1)))
+    assert (later.kind, later.contact) == (MODEL, 1)
+    wall = yardsticks(weightless).truth.trace.force_N[:, 0]
+    arrival = weightless.sample_times_s[int(np.argmax(wall > 1e-3 * wall.max()))]
+    assert 0.8 * arrival < later.time_s <= arrival
+
+
+@pytest.mark.parametrize(
+    ("changes", "contact", "words"),
+    [
+        ({"mass_kg": times(1.05, -1)}, 0, "kinetic energy"),
+        ({"velocity_m_s": times(0.0, -1)}, 0, "kinetic energy is 0 J"),
+        ({"velocity_m_s": times(1 + 1e-7, -1)}, 0, "kinetic energy"),
+        ({"load_N": lambda load: 0 * load}, 1, "before any wave is there"),
+        ({"overlap_m": lambda overlap: 0 * overlap}, 1, "bears"),
+    ],
+)
+def test_a_wrong_start(changes: dict[str, Change], contact: int, words: str) -> None:
+    case = case_of("fig4")
+    bent = as_code(case, **changes)
+    if "overlap_m" in changes:  # heights come from the scene, so of these the forces themselves
+        bent = verlet_of(replace(case, chain=replace(case.chain, overlap_m=0 * case.chain.overlap_m)))
+    found = departure(case, "yade", bent)
+    assert found.kind == SET_UP
+    assert found.time_s <= case.sample_times_s[1]
+    assert found.contact == contact
+    assert words in found.words
+
+
+def test_the_first_force_that_changes_tells_of_the_striker() -> None:
+    case = case_of("fig4", WEIGHTLESS)
+    found = departure(case, "yade", as_code(case, stiffness=times(1.1, -1)))
+    assert (found.kind, found.contact, found.time_s) == (SET_UP, 22, case.sample_times_s[1])
+    assert "the first force that changes" in found.words
+
+
+def test_a_wrong_sensor_mass_shows_when_the_wave_is_there() -> None:
+    case = case_of("fig4")
+    found = departure(case, "yade", as_code(case, mass_kg=times(1.05, 5)))
+    assert found.kind == MODEL
+    assert found.contact in (5, 6)
+    assert 0.2e-3 < found.time_s < 0.45e-3
+
+
+def test_forces_stamped_a_sample_late() -> None:
+    case = case_of("fig4")
+    good = as_code(case)
+    late = np.vstack([good.force_N[:1], good.force_N[:-1]])
+    found = departure(case, "yade", replace(good, force_N=late))
+    assert (found.kind, found.contact) == (SET_UP, 22)
+
+
+def test_velocities_of_another_time_change_no_force() -> None:
+    case = case_of("fig4")
+    good = as_code(case)
+    energy = good.kinetic_energy_J.copy()
+    energy[1:] = (energy[1:] + energy[:-1]) / 2
+    found = departure(case, "yade", replace(good, kinetic_energy_J=energy))
+    assert (found.kind, found.contact) == (MODEL, 0)
+    assert "its forces are right" in found.words
+
+
+@pytest.mark.parametrize(("steps", "words"), [(1, "at 1 µs"), (9, "at 0.1111 µs"), (100, "at 0.01 µs")])
+@pytest.mark.parametrize("restitution", ["", "0.9"])
+def test_another_step_is_named(steps: int, words: str, restitution: str) -> None:
+    case = case_of("fig4", f"contact.restitution={restitution}")
+    found = departure(case, "yade", as_code(case.at(steps)))
+    assert found.kind == ANOTHER_STEP
+    assert words in found.words
+
+
+def test_the_exact_motion_is_of_a_far_smaller_step() -> None:
+    case = case_of("fig4")
+    found = departure(case, "yade", yardsticks(case).truth.trace)
+    assert found.kind == ANOTHER_STEP
+    assert "a far smaller one" in found.words
+
+
+@pytest.mark.parametrize("samples", [None, 300, 2])
+def test_runs_that_ended_badly_leave_as_long_as_they_lasted(samples: int | None) -> None:
+    case = case_of("fig4")
+    whole = departure(case, "yade", as_code(case, stiffness=times(0.7, 0)))
+    found = departure(case, "yade", until(as_code(case, stiffness=times(0.7, 0)), samples or 801))
+    assert (found.time_s, found.contact, found.kind) == (whole.time_s, whole.contact, SET_UP)
+    good = as_code(case)
+    torn = departure(case, "yade", until(good, samples or 801))
+    assert torn.kind == (NONE if samples == 2 else TRUNCATION)
+    assert not torn.later
+
+
+def test_a_blow_up_is_found_where_it_begins() -> None:
+    case = case_of("fig4")
+    found = departure(case, "yade", blown_up(as_code(case), 200))
+    assert found.time_s == pytest.approx(200e-6)
+    assert found.kind == MODEL
+
+
+def test_where_it_cannot_be_said() -> None:
+    meshed = case_of("fig4-tube", "tube.sides=12")
+    trace = verlet_of(case_of("fig4"))
+    assert departure(meshed, "yade", trace).kind == UNKNOWN
+    assert "bore of flat sides" in departure(meshed, "yade", trace).words
+    long = case_of("fig4", "chain.count=20001", "chain.sensors=[]", "run.duration=2 us")
+    assert departure(long, "yade", trace).kind == UNKNOWN
+    assert "20000 bodies" in departure(long, "yade", trace).words
+    coarse = case_of("fig4", "run.time_step=40 us", "run.sample_interval=40 us")
+    assert departure(coarse, "yade", trace).kind == UNKNOWN
+    assert "blows up" in departure(coarse, "yade", trace).words
+
+
+def test_three_dimensions_are_held_against_the_own_law() -> None:
+    case = case_of("fig5-tube", "run.duration=0.2 ms")
+    own, other = (tube_verlet_of(case, law) for law in ("total", "incremental"))
+    assert departure(case, "liggghts", own).kind == TRUNCATION
+    assert departure(case, "yade", other).kind == TRUNCATION
+    assert departure(case, "yade", own).kind in (MODEL, SET_UP)
+
+
+def test_good_runs_of_random_scenes_are_not_at_fault() -> None:
+    for number in range(20):
+        case = random_case(number, accuracy=1e-4)
+        found = departure(case, "yade", as_code(case))
+        assert found.kind in (NONE, TRUNCATION, CHAOS), found.words
+        assert found.words
+
+
+def test_a_chain_that_rests() -> None:
+    case = case_of("fig4", "striker=")
+    assert departure(case, "yade", as_code(case)).kind == NONE
+
+
+def test_departures_come_with_the_comparison(
+    shared_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    compared = run_and_compare("fig4", (WEIGHTLESS,), shared_runs)
+    assert set(compared.departures) == set(compared.runs)
+    rows = departure_rows(compared.departures)
+    assert {row.engine for row in rows} == set(compared.runs)
+    assert {row.kind for row in rows if row.engine == "reference"} == {NONE}
+    monkeypatch.setattr("sys.argv", ["", "compare", "fig4", "--set", WEIGHTLESS, "--runs", str(shared_runs)])
+    assert main() == 0
+    printed = capsys.readouterr().out
+    assert all(row.words in printed for row in rows)
+
+
+def _all(found: Departure) -> list[Departure]:
+    return [found, *found.later]

@@ -1,0 +1,162 @@
+"""Real engines with sabotaged decks: each row turns red, and its diagnosis names what was done."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from validation.compare.compared_scenes import ComparedScene, run_and_compare
+from validation.compare.comparison import REFUSED
+from validation.compare.verdict import FAIL
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.runs import need
+from validation.tests.helpers.scenes import SceneWriter, StandIn
+
+LIGGGHTS, YADE, DATA = "chain.in", "chain.py", "chain.data"
+SENSOR = 'sensors = [{ from_wall = 3, mass = "0.116 g" }]'
+GRAVITY = 'gravity = "9.81 m/s^2"'
+# what is done to which file, by which pattern, and what the diagnosis has to say, in order
+SABOTAGE = {
+    ("yade", "the default wall law"): (
+        YADE, r"Ig2_Wall_Sphere_ScGeom\(hertzian=True\)", "Ig2_Wall_Sphere_ScGeom()",
+        r"matches a wall contact 0\.707107 times as stiff \(brass takes 1; .*YADE",
+    ),
+    ("yade", "the default damping"): (YADE, "damping=0, ", "", r"matches non-viscous damping of 0\.2, which YADE"),
+    ("yade", "some damping"): (YADE, "damping=0", "damping=0.03", r"matches non-viscous damping of 0\.03 "),
+    ("liggghts", "the viscous damping"): (
+        LIGGGHTS, r"(coefficientRestitution peratomtypepair 2) 1 1 1 1", r"\1 0.9 0.9 0.9 0.9",
+        r"matches contacts of damping ratio 0\.030598, which may pull.*coefficientRestitution of 0\.9\)",
+    ),
+    ("liggghts", "a sensor's mass"): (
+        DATA, r"\n3 1 0.00476 2054\.\d+", r"\n3 1 0.00476 2171.0558198513872",
+        r"matches bead 3 weighing 0\.1226 g, as other beads do",
+    ),
+    ("yade", "a sensor's mass"): (
+        YADE, "0.000116", "0.00011", r"matches bead 3 weighing 0\.11 g \(the scene has 0\.116\)",
+    ),
+    ("liggghts", "velocities half a step off"): (
+        DATA, r"6 0 0 -1 0 0 0", "6 0 0 -0.9999995095 0 0 0", "matches velocities that start half a step behind",
+    ),
+    ("yade", "velocities half a step off"): (
+        YADE, r"-0\.9999995095", "-1", "matches velocities that start half a step ahead",
+    ),
+    ("liggghts", "forces stamped one step early"): (
+        LIGGGHTS, "# total force on each", "run 1\nreset_timestep 0\n# total force on each",
+        r"matches forces stamped one time step \(0\.1 us\) early",
+    ),
+    ("yade", "forces stamped one step early"): (
+        YADE, "if sample else 1", "if sample else 2", r"matches forces stamped one time step \(0\.1 us\) early",
+    ),
+    ("yade", "forces stamped one step late"): (
+        YADE, "every if sample", "every - (sample == 1) if sample",
+        r"matches forces stamped one time step \(0\.1 us\) late",
+    ),
+    ("liggghts", "a striker without its speed"): (DATA, "6 0 0 -1 0 0 0", "6 0 0 0 0 0 0", "matches a striker at rest"),
+    ("yade", "a striker without its speed"): (YADE, r"-0\.9999995095", "0", "matches a striker at rest"),
+    ("liggghts", "gravity forgotten"): (LIGGGHTS, "fix weight.*\n", "", "matches the scene without gravity"),
+    ("yade", "gravity forgotten"): (YADE, r", gravity=\(0, 0, -g\)", "", "matches the scene without gravity"),
+    ("liggghts", "beads of steel"): (
+        LIGGGHTS, r" 1460000000 (.*\n.*) 0\.46 ", r" 203000000000 \1 0.30 ", "matches (beads of|ptfe taken for) steel",
+    ),
+    ("yade", "beads of steel"): (
+        YADE, r"young=1460000000, poisson=0\.46", "young=203e9, poisson=0.3", "matches (beads of|ptfe taken for) steel",
+    ),
+    ("liggghts", "a wall of the beads' material"): (
+        LIGGGHTS, "type 2 zplane", "type 1 zplane", "matches a wall of ptfe",
+    ),
+    ("yade", "a wall of the beads' material"): (
+        YADE, r'sense=1, material="brass"', 'sense=1, material="ptfe"', "matches a wall of ptfe",
+    ),
+    ("yade", "all Poisson's ratios forgotten"): (
+        YADE, " poisson=[^,]+,", "", r"matches all materials with the Poisson's ratio of 0\.25 that YADE has unless",
+    ),
+    ("yade", "a Poisson's ratio forgotten"): (
+        YADE, r'(label="ptfe", young=[^,]+,) poisson=[^,]+,', r"\1",
+        r"matches ptfe with the Poisson's ratio of 0\.25 that YADE has unless told",
+    ),
+    ("yade", "all Young's moduli forgotten"): (
+        YADE, " young=[^,]+,", "", "matches all materials with the Young's modulus of 1 GPa that YADE has unless told",
+    ),
+    ("yade", "a material without elastic constants"): (
+        YADE, r'(label="ptfe",) young=[^,]+, poisson=[^,]+,', r"\1",
+        r"matches ptfe with the Young's modulus of 1 GPa and Poisson's ratio of 0\.25 that YADE has unless told",
+    ),
+    ("yade", "half the time step"): (
+        YADE, "O.dt = time_step", "O.dt = time_step / 2",
+        r"matches a time step of 0\.05 us \(the scene has 0\.1\) at stamps of the scene's, "
+        "with velocities that are set back by half the scene's step to ",
+    ),
+    ("yade", "half the time step, twice the steps"): (
+        YADE, "O.dt = time_step", "O.dt = time_step / 2; every *= 2",
+        r"matches a time step of 0\.05 us \(the scene has 0\.1\), "
+        "with velocities that are set back by half the scene's step to ",
+    ),
+    ("liggghts", "half the time step"): (
+        LIGGGHTS, r"timestep +\S+", "timestep 0.05e-6",
+        r"matches a time step of 0\.05 us \(the scene has 0\.1\) at stamps of the scene's to ",
+    ),
+}  # fmt: skip
+QUICK = [
+    ("yade", "all Poisson's ratios forgotten"),
+    ("yade", "half the time step"),
+    ("yade", "the default wall law"),
+    ("yade", "forces stamped one step late"),
+    ("yade", "velocities half a step off"),
+    ("liggghts", "the viscous damping"),
+    ("liggghts", "a sensor's mass"),
+    ("liggghts", "gravity forgotten"),
+]
+
+
+@pytest.mark.parametrize(
+    ("engine", "name"), [pytest.param(*key, marks=() if key in QUICK else pytest.mark.long) for key in SABOTAGE]
+)
+def test_a_sabotaged_deck_is_red_and_named(
+    engine: str, name: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compared = sabotaged(engine, name, stand_in, scene_file, tmp_path, monkeypatch)
+    assert FAIL in {verdict.verdict for verdict in compared.verdicts if verdict.engine == engine}
+    assert set(compared.diagnoses) == {engine}
+    assert re.match(SABOTAGE[engine, name][3], compared.diagnoses[engine]), compared.diagnoses[engine]
+    closely = re.search(r" to (\S+) of the largest force$", compared.diagnoses[engine])
+    assert closely is None or float(closely[1]) <= 1e-9  # measured up to 2e-11; else to the last bit
+
+
+def test_the_comparison_prints_the_diagnosis(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
+    swap("yade", YADE, "damping=0, ", "", stand_in, tmp_path)
+    done = command_line("validation", "compare", scene_file(top=GRAVITY), "--runs", tmp_path / "runs")
+    assert done.returncode == 1, done.stderr
+    (line,) = [line for line in done.stdout.splitlines() if "diagnosis:" in line]
+    assert re.match(r"scene +yade +diagnosis: matches non-viscous damping of 0\.2, ", line)
+    (line,) = [line for line in done.stdout.splitlines() if re.match(r"scene +yade +(leaves|starts)", line)]
+    assert re.search(r": (model|set-up)", line)  # of a trace that a guard refused
+    kept = {path.name for path in (tmp_path / "runs" / "yade").glob("scene-*/*")}
+    assert kept == {"chain.py", "run.json", "stdout.txt", "stderr.txt"}  # and nothing of the trace that was refused
+
+
+def sabotaged(
+    engine: str, name: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> ComparedScene:
+    """The small scene with gravity and a sensor, on one engine with its deck changed and on those in the repository."""
+    file, good, bad, _ = SABOTAGE[engine, name]
+    swap(engine, file, good, bad, stand_in, tmp_path)
+    monkeypatch.setattr("validation.compare.compared_scenes.engine_names", lambda: [engine, "reference", "verlet"])
+    compared = run_and_compare(scene_file(top=GRAVITY, chain=SENSOR), runs=tmp_path / "runs")
+    assert not any(why.startswith(REFUSED) for why in compared.absent.values())
+    return compared
+
+
+def swap(engine: str, file: str, good: str, bad: str, stand_in: StandIn, tmp_path: Path) -> None:
+    """From here on the real engine gets its decks with what matches a pattern replaced."""
+    need(engine)
+    (tmp_path / "swap.py").write_text(f"""import re
+text = open({file!r}).read()
+text, count = re.subn({good!r}, {bad!r}, text)
+assert count, {good!r}
+open({file!r}, "w").write(text)
+""")
+    real = subprocess.run(["which", engine], capture_output=True, text=True, check=True).stdout.strip()
+    script = f'if [ -e {file} ]; then {sys.executable} {tmp_path}/swap.py || exit 99; fi\nexec {real} "$@"\n'
+    stand_in(engine, script)

@@ -1,0 +1,316 @@
+"""Two runs against each other on the command line and in numbers."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.chain.trace import FORCES, read_forces, write_forces
+from validation.__main__ import main
+from validation.compare.compare_runs import compare_runs
+from validation.compare.departure import TRUNCATION
+from validation.compare.first_fault import ANOTHER_STEP, FAULTS, MODEL, SET_UP
+from validation.compare.open_pair import open_pair
+from validation.compare.pair import Pair, compare_pair
+from validation.compare.pair_keys import different_keys
+from validation.compare.verdict import FAIL, PASS
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.runs import finished, need
+from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
+from validation.tests.validation.compare.test_sabotage import sabotage
+
+FolderOf = Callable[..., Path]
+WEIGHTLESS = "gravity=0 m/s^2"
+
+
+@pytest.fixture
+def run_of(shared_runs: Path) -> FolderOf:
+    """The folder of a run, done once a session."""
+
+    def folder(engine: str, scene: str | Path, *settings: str) -> Path:
+        return finished(case_of(scene, *settings), engine, shared_runs).folder
+
+    return folder
+
+
+def pair_of(first: Path, second: Path) -> Pair:
+    return compare_pair(*open_pair(first, second))
+
+
+def red(pair: Pair) -> set[str]:
+    return {verdict.quantity for verdict in pair.verdicts if verdict.verdict == FAIL}
+
+
+@pytest.fixture
+def copied(tmp_path: Path) -> Callable[[Path], Path]:
+    """A run folder of one's own, to spoil."""
+
+    def copy(folder: Path) -> Path:
+        return Path(shutil.copytree(folder, tmp_path / "spoilt"))
+
+    return copy
+
+
+def test_same_scheme_same_step_is_judged_by_rounding(run_of: FolderOf) -> None:
+    need("liggghts")
+    pair = pair_of(run_of("verlet", "fig4"), run_of("liggghts", "fig4"))
+    limits = {verdict.quantity: verdict.limit for verdict in pair.verdicts}
+    assert limits["force"] == 1e-9
+    gauges = {"bead_9_peak", "bead_5_peak", "wall_peak", "speed_9_to_5"}
+    assert set(limits) == {"force", "kinetic energy", "total energy", "momentum", "wall impulse"} | gauges
+    assert {verdict.verdict for verdict in pair.verdicts} == {PASS}
+    assert pair.keys == []
+    assert {each.kind for each in pair.departures} == {TRUNCATION}
+
+
+def test_against_the_reference_it_is_judged_by_truncation(run_of: FolderOf) -> None:
+    pair = pair_of(run_of("reference", "fig4"), run_of("verlet", "fig4"))
+    force = next(verdict for verdict in pair.verdicts if verdict.quantity == "force")
+    assert (force.limit, force.verdict) == (4e-5, PASS)  # the scene's own, as shipped
+    assert force.value == pytest.approx(3.0e-5, rel=0.01)
+    assert "contact 1 at 564" in force.where
+    parted = pair.parted[1e-6]
+    assert parted is not None
+    assert parted.time_s == pytest.approx(12e-6)
+    assert pair.parted[1e-3] is None
+
+
+def test_another_step_is_allowed_and_named(run_of: FolderOf) -> None:
+    pair = pair_of(run_of("verlet", "fig4"), run_of("verlet", "fig4", "run.time_step=1 us"))
+    assert pair.keys == ["run.time_step: 1e-07 s against 1e-06 s"]
+    assert not pair.missed
+    assert pair.taken_for.kind == ANOTHER_STEP
+    assert "at 1 µs" in pair.taken_for.words
+
+
+def test_another_wall_is_red_and_shows_when_the_wave_comes(run_of: FolderOf) -> None:
+    walls = [run_of("verlet", "fig4", WEIGHTLESS, f"wall.material={wall}") for wall in ("brass", "alumina")]
+    pair = pair_of(*walls)
+    assert "wall.material: brass against alumina" in pair.keys
+    assert {"force", "wall_peak", "wall impulse", "kinetic energy"} <= red(pair)
+    assert "bead_9_peak" not in red(pair)  # the wave has not been at the wall yet
+    assert (pair.taken_for.kind, pair.taken_for.contact) == (MODEL, 1)
+    assert not {each.kind for each in pair.departures} & set(FAULTS)  # each does what its own scene says
+
+
+def test_the_order_of_two_runs_does_not_change_the_verdict(run_of: FolderOf) -> None:
+    folders = run_of("verlet", "fig4"), run_of("verlet", "fig4", "striker.speed=2.1 m/s")
+    forth, back = pair_of(*folders), pair_of(*reversed(folders))
+    assert forth.missed
+    assert back.missed
+    assert forth.taken_for.kind == back.taken_for.kind == SET_UP
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize(("setting", "samples"), [("sample_interval=0.5 us", 301), ("duration=0.2 ms", 201)])
+def test_common_sample_times(
+    setting: str, samples: int, swapped: bool, run_of: FolderOf, scene_file: SceneWriter
+) -> None:
+    gauge = scene_file(chain="sensors = [{from_wall = 3}]")
+    folders = [run_of("verlet", gauge), run_of("verlet", gauge, f"run.{setting}")]
+    pair = pair_of(*(reversed(folders) if swapped else folders))
+    assert len(pair.first.trace.time_s) == len(pair.second.trace.time_s) == samples
+    assert len(pair.first.case.sample_times_s) == samples
+    assert pair.first.case.sample_times_s == pytest.approx(pair.second.trace.time_s)
+    force = next(verdict for verdict in pair.verdicts if verdict.quantity == "force")
+    assert force.value == 0  # the same steps, looked at more often or for longer
+    assert not pair.missed
+    assert {each.kind for each in pair.departures} <= {TRUNCATION, "none"}
+
+
+def test_sample_times_that_do_not_meet(run_of: FolderOf, scene_file: SceneWriter) -> None:
+    one = run_of("verlet", scene_file())
+    for settings in (("run.sample_interval=0.7 us",), ("run.sample_interval=0.5 us", "run.duration=0.1 ms")):
+        with pytest.raises(InputError, match=r"run\.sample_interval"):
+            open_pair(one, run_of("verlet", scene_file(), *settings))
+    with pytest.raises(InputError, match=r"4 contacts|6 contacts"):
+        open_pair(one, run_of("verlet", scene_file(count=3)))
+    with pytest.raises(InputError, match="4 or more"):
+        open_pair(one, run_of("verlet", scene_file(duration="2 us")))
+
+
+def test_a_chaotic_pair_is_judged_up_to_its_horizon(run_of: FolderOf) -> None:
+    need("liggghts")
+    long = ("run.duration=20 ms", "run.sample_interval=5 us")
+    pair = pair_of(run_of("verlet", "fig4", *long), run_of("liggghts", "fig4", *long))
+    assert "where rounding alone passes" in pair.until
+    assert not pair.missed
+    parted = pair.parted[1e-2]
+    assert parted is not None
+    assert 12e-3 < parted.time_s < 20e-3  # beyond the horizon, so not judged
+
+
+def test_runs_in_a_tube_and_damped_ones(run_of: FolderOf) -> None:
+    short = ("run.duration=60 us",)
+    codes = ("liggghts", "yade")
+    for engine in codes:
+        need(engine)
+    tube = pair_of(*(run_of(engine, "fig5-tube", *short) for engine in codes))
+    assert not tube.missed
+    assert tube.verdicts[0].limit == 3e-2  # their laws of friction differ
+    own = pair_of(run_of("verlet", "fig6b-tube", *short), run_of("liggghts", "fig6b-tube", *short))
+    assert not own.missed
+    assert own.verdicts[0].limit == 1e-9
+    damped = pair_of(*(run_of(engine, "fig4", "contact.restitution=0.9") for engine in ("verlet", "yade")))
+    assert not damped.missed
+    assert damped.verdicts[0].limit == 1e-9
+    straight = pair_of(run_of("verlet", "fig5", *short), run_of("verlet", "fig5-tube", *short))
+    assert straight.missed
+    assert "chain.lateral_offset: none against 3e-05 m" in straight.keys
+
+
+def test_a_free_chain_has_no_wall_impulse(run_of: FolderOf) -> None:
+    free = pair_of(run_of("verlet", "fig4", "wall="), run_of("reference", "fig4", "wall="))
+    assert "wall impulse" not in {verdict.quantity for verdict in free.verdicts}
+    assert not free.missed
+
+
+def test_keys_with_units_and_what_one_scene_lacks() -> None:
+    one = {"name": "a", "units": "SI", "run": {"time_step": 1e-7}, "chain": {"sensors": [{"from_wall": 9}]}}
+    other = {
+        "name": "b",
+        "units": "SI",
+        "run": {"time_step": 2e-7},
+        "chain": {"sensors": []},
+        "wall": {"material": "m"},
+    }
+    assert different_keys(one, other) == [
+        "run.time_step: 1e-07 s against 2e-07 s",
+        "chain.sensors: from_wall 9 against none",
+        "wall: none against material m",
+    ]
+
+
+def test_what_is_printed(run_of: FolderOf, capsys: pytest.CaptureFixture[str]) -> None:
+    assert compare_runs(run_of("verlet", "fig4"), run_of("verlet", "fig4", "run.time_step=1 us")) == 0
+    told = capsys.readouterr().out
+    for words in (
+        "time step 1e-06 s, 800 steps, 801 samples, commit ",
+        "differs run.time_step: 1e-07 s against 1e-06 s",
+        "contact 1 at 564 µs",
+        "allowed 0.01 (force)",
+        "parted by 0.001 of the largest force at 465 µs in contact 5",
+        "first   leaves the exact motion by 1e-06 of the largest force at 12 µs in contact 22: truncation",
+        "error budget",
+    ):
+        assert words in told
+
+
+def test_on_the_command_line(run_of: FolderOf, monkeypatch: pytest.MonkeyPatch) -> None:
+    verlet, other = str(run_of("verlet", "fig4")), str(run_of("verlet", "fig4", "wall.material=alumina"))
+    bad = command_line("validation", "compare", verlet, other)
+    assert (bad.returncode, bad.stderr) == (1, "")
+    assert bad.stdout.rstrip().splitlines()[-1].startswith("FAIL: force, wall_peak")
+    assert "second, taken for a run of the first's scene: leaves velocity Verlet" in bad.stdout
+    same = command_line("validation", "compare", verlet, verlet)
+    assert same.returncode == 2
+    assert len(same.stderr.splitlines()) == 1
+    for words, found in (([verlet], "exactly two run folders"), ([verlet, other, "--set", "seed=1"], "--set")):
+        monkeypatch.setattr("sys.argv", ["validation", "compare", *words])
+        with pytest.raises(InputError, match=found):
+            main()
+
+
+def test_folders_that_are_no_runs(run_of: FolderOf, copied: Callable[[Path], Path], tmp_path: Path) -> None:
+    good = run_of("verlet", "fig4")
+    with pytest.raises(InputError, match="the same run twice"):
+        compare_runs(good, good.parent / "." / good.name)
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(InputError, match="no record of a run"):
+        compare_runs(good, empty)
+    with pytest.raises(InputError, match="a folder of runs"):
+        compare_runs(good, good.parent)
+    (tmp_path / "batch").mkdir()
+    (tmp_path / "batch" / "part.jsonl").write_text("{}\n")
+    for folder in (tmp_path, tmp_path / "batch"):
+        with pytest.raises(InputError, match="the store of a batch"):
+            compare_runs(good, folder)
+    spoilt = copied(good)
+    record = json.loads((spoilt / "run.json").read_text())
+    _spoil(spoilt, good, record | {"status": "failed", "reason": "unstable"}, "a run that failed: unstable")
+    _spoil(spoilt, good, record | {"scene": {}}, "a damaged scene")
+    _spoil(spoilt, good, record | {"engine": "abacus"}, "engine: found abacus")
+    _spoil(spoilt, good, {key: value for key, value in record.items() if key != "bodies"}, "of another version")
+    (spoilt / "run.json").write_text(json.dumps(record)[:200])
+    with pytest.raises(InputError, match="of another version"):
+        compare_runs(good, spoilt)
+    (spoilt / "run.json").write_text(json.dumps(record))
+    (spoilt / FORCES).write_bytes((spoilt / FORCES).read_bytes()[:1000])
+    with pytest.raises(InputError, match="a damaged file"):
+        compare_runs(good, spoilt)
+    (spoilt / FORCES).unlink()
+    with pytest.raises(InputError, match="no such file"):
+        compare_runs(good, spoilt)
+
+
+ODD_FORCES: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
+    "backwards": lambda table: table.iloc[::-1],
+    "no rows": lambda table: table.iloc[:0],
+    "words": lambda table: table.assign(contact_3_N="a"),
+    "no time": lambda table: table * 0.0,
+    "a later start": lambda table: table.iloc[1:],
+}
+
+
+@pytest.mark.parametrize("name", ODD_FORCES)
+def test_forces_that_are_none(name: str, run_of: FolderOf, copied: Callable[[Path], Path]) -> None:
+    good = run_of("verlet", "fig4")
+    spoilt = copied(good)
+    ODD_FORCES[name](pd.read_parquet(spoilt / FORCES)).reset_index(drop=True).to_parquet(spoilt / FORCES)
+    with pytest.raises(InputError, match="a damaged file"):
+        compare_runs(good, spoilt)
+
+
+def test_records_that_are_none(run_of: FolderOf, copied: Callable[[Path], Path]) -> None:
+    good = run_of("verlet", "fig4")
+    spoilt = copied(good)
+    record = json.loads((spoilt / "run.json").read_text())
+    for budget in (7, [{"a": 1}], [record["error_budget"][0] | {"whole": None}]):
+        _spoil(spoilt, good, record | {"error_budget": budget}, "a record that is damaged")
+    striker = record["scene"]["striker"] | {"speed": float("nan")}
+    _spoil(spoilt, good, record | {"scene": record["scene"] | {"striker": striker}}, "a damaged scene")
+    chain = record["scene"]["chain"] | {"count": 3}
+    _spoil(spoilt, good, record | {"scene": record["scene"] | {"chain": chain}}, "the 4 of the run's scene")
+
+
+def _spoil(folder: Path, good: Path, record: dict[str, object], words: str) -> None:
+    (folder / "run.json").write_text(json.dumps(record))
+    with pytest.raises(InputError, match=words):
+        compare_runs(good, folder)
+
+
+def test_a_copy_is_the_same_and_changed_forces_are_noticed(
+    run_of: FolderOf, copied: Callable[[Path], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = run_of("verlet", "fig4")
+    copy = copied(good)
+    assert compare_runs(good, copy) == 0
+    assert "warning" not in capsys.readouterr().out
+    trace = read_forces(copy / FORCES)
+    force = trace.force_N.copy()
+    force[600, 6] += 1e-6
+    write_forces(replace(trace, force_N=force), copy / FORCES)
+    assert compare_runs(good, copy) == 1
+    told = capsys.readouterr().out
+    assert "contact 7 at 600 µs" in told
+    assert "its forces are not those that its record was written for" in told
+
+
+def test_a_sabotaged_code_against_verlet(
+    run_of: FolderOf, scene_file: SceneWriter, stand_in: StandIn, tmp_path: Path
+) -> None:
+    """A run of a real code whose deck somebody changed: red, and why."""
+    scene = scene_file(top='gravity = "9.81 m/s^2"')
+    verlet = run_of("verlet", scene)
+    sabotage("yade", "range(every if", "range(9 if", stand_in, tmp_path)
+    wrong = finished(case_of(scene), "yade", tmp_path / "runs")
+    pair = pair_of(verlet, wrong.folder)
+    assert "force" in red(pair)
+    assert pair.departures[1].kind in FAULTS
+    assert pair.departures[1].time_s <= 1e-6

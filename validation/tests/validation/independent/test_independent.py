@@ -1,0 +1,320 @@
+"""Independent cases: their file, their theory, their verdicts, and that what is wrong turns red."""
+
+import math
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.chain.case import Case
+from drivers.chain.trace import Trace
+from drivers.engines import codes, load_engine
+from postproc.paper.simulate import exact
+from validation.compare.verdict import FAIL, NOT_RUN, PASS
+from validation.independent.case_measure import unit_of
+from validation.independent.independent_section import read_section
+from validation.independent.independent_table import read_lines, read_verdicts, write_lines
+from validation.independent.judged_cases import HERE, RUN, Line, judge_all, verdict_of
+from validation.independent.measures import MEASURES
+from validation.independent.posed_cases import Posed, pose, read_independent
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.runs import need
+from validation.tests.helpers.scenes import StandIn
+
+CASE = """
+[[case]]
+id = "glass"
+title = "Two spheres"
+source = "somebody"
+scene = "two-spheres"
+measure = "impact"
+[[case.check]]
+quantity = "peak_force_N"
+expected = 10697.0
+absolute = 0.5
+reason = "half of the last digit"
+"""
+CHECK = '[[case.check]]\nquantity = "{}"\nwithin = 1e-6\nreason = "because"\n'
+CHEAP = ("two-glass-spheres", "aluminium-on-plane")
+
+
+def load(path: Path) -> list[Posed]:
+    return [pose(entry, path) for entry in read_independent(path)]
+
+
+def shipped(*names: str) -> str:
+    """The text of some shipped cases."""
+    parts = [f"[[case]]{part}" for part in paths.INDEPENDENT.read_text().split("[[case]]")[1:]]
+    return "\n".join(part for part in parts if any(f'id = "{name}"' in part for name in names))
+
+
+BAD = [
+    ("", "case: found nothing", "needed"),
+    ("case = []", "case: found []", "1 item"),
+    (CASE.replace("source =", "sours = 1\nsource ="), "case.0.sours: found an unknown key", "did you mean source?"),
+    (CASE.replace('"impact"', '"impakt"'), 'case glass: measure: found "impakt"', "impact, "),
+    (CASE.replace("peak_force_N", "peak_force_kN"), 'check.quantity: found "peak_force_kN"', "peak_force_N"),
+    (CASE.replace("two-spheres", "three-spheres"), "three-spheres: found no such scene", "two-spheres"),
+    (CASE.replace("two-spheres", "../../etc/passwd"), "passwd", "ending in .toml"),
+    (CASE.replace('scene = "two-spheres"', ""), "case glass: found neither scene nor study", "one of them"),
+    (CASE.replace("scene =", 'study = "restitution"\nscene ='), "case glass: found a scene and a study", "one of"),
+    (CASE.replace('scene = "two-spheres"', 'study = "nosuch"'), "nosuch: found no such study", "restitution"),
+    (CASE.replace("absolute = 0.5", ""), "peak_force_N: found neither within nor absolute", "one of them"),
+    (CASE.replace("absolute = 0.5", "absolute = 1.0\nwithin = 0.1"), "found within and absolute", "one of them"),
+    (CASE.replace("absolute = 0.5", "absolute = nan"), "absolute: found nan", "a finite number"),
+    (CASE.replace("absolute = 0.5", "absolute = -0.5"), "absolute: found -0.5", "above 0"),
+    (CASE.replace("absolute = 0.5", 'absolute = "0.5"'), 'absolute: found "0.5"', "a plain number"),
+    (CASE.replace("10697.0", "inf"), "expected: found inf", "a finite number"),
+    (CASE.replace("10697.0\nabsolute", "0.0\nwithin"), "found within beside expected = 0", "absolute"),
+    (CASE.replace('"half of the last digit"', '""'), 'reason: found ""', "at least 1"),
+    (CASE.replace('id = "glass"', 'id = "../x"'), 'id: found "../x"', "letters, digits"),
+    (CASE + CASE, "case glass: found the same id twice", "an id of its own"),
+    (CASE + CHECK.format("duration_s") * 2, "check duration_s: found the same check twice", "once"),
+    (CASE.replace('measure = "impact"', 'measure = "train"').replace("peak_force_N", "wave_2_over_first"),
+     "case glass: found no contact 30 below a striker's", 'the measure "train" can read'),
+    (CASE.replace("scene =", 'set = ["gravity=9.81 m/s^2"]\nscene ='),
+     "case glass: found more than two bodies", "can read"),
+    (CASE.replace("scene =", 'set = ["contact.restitution=0.5"]\nscene =') + CHECK.format("duration_s"),
+     "check duration_s: found no expected", "no theory gives it"),
+    (CASE.replace("scene =", 'set = ["chain.count=0"]\nscene ='), "chain", ""),
+    (CASE.replace("scene =", 'set = ["chain.count"]\nscene ='), "found no path=value", "chain.count=60"),
+    ("[[case]\n", "independent.toml: found", "TOML"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "found", "allowed"), BAD, ids=range(len(BAD)))
+def test_a_wrong_file_is_named_in_one_line(tmp_path: Path, text: str, found: str, allowed: str) -> None:
+    path = tmp_path / "independent.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    head, told = message.split("; allowed: ")
+    assert found in head
+    assert allowed in told
+
+
+def test_a_wrong_file_ends_the_command_with_code_two(tmp_path: Path) -> None:
+    (tmp_path / "cases.toml").write_text(CASE.replace("10697.0", '"a lot"'))
+    where = [f"--{name}" for name in ("results", "runs")]
+    done = command_line(
+        "validation",
+        "independent",
+        "--file",
+        tmp_path / "cases.toml",
+        where[0],
+        tmp_path / "r",
+        where[1],
+        tmp_path / "q",
+    )
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "case.0.check.0.expected" in done.stderr
+    assert [each.name for each in tmp_path.iterdir()] == ["cases.toml"]
+
+
+def test_the_shipped_cases_use_every_measure_and_quote_measurements() -> None:
+    entries = read_independent()
+    assert {entry.measure for entry in entries} == set(MEASURES)
+    for entry in entries:
+        for check in entry.check:
+            assert any(letter.isdigit() for letter in check.reason), f"{entry.id}: {check.reason}"
+
+
+def test_units_stand_at_the_end_of_names() -> None:
+    names = ("peak_force_N", "duration_s", "peak_overlap_m", "sound_speed_m_s", "cutoff_Hz", "restitution")
+    assert [unit_of(name) for name in names] == ["N", "s", "m", "m/s", "Hz", ""]
+
+
+@pytest.fixture
+def cheap(tmp_path: Path) -> Path:
+    path = tmp_path / "cheap.toml"
+    path.write_text(shipped(*CHEAP))
+    return path
+
+
+def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path) -> None:
+    for code in codes():
+        need(code)
+    where = ("--file", cheap, "--results", tmp_path / "results", "--runs", shared_runs)
+    done = command_line("validation", "independent", *where)
+    assert done.returncode == 0, done.stderr
+    lines = read_lines(tmp_path / "results" / "independent.csv", cheap)
+    assert {line.verdict for line in lines} == {PASS}
+    per_engine = Counter(line.engine for line in lines)
+    assert set(per_engine) >= {"reference", "verlet", *codes()}
+    assert set(per_engine.values()) == {14}  # seven numbers a case
+    assert f"{len(lines)} passed, 0 failed, 0 not run" in done.stdout
+
+    before = sorted(shared_runs.rglob("run.json"))
+    changed = {path: path.stat().st_mtime_ns for path in before}
+    cheap.write_text(cheap.read_text().replace("expected = 10697.0", "expected = 10698.0"))  # printed: 10.697 kN
+    done = command_line("validation", "independent", *where)
+    assert done.returncode == 1
+    red = [line for line in read_lines(tmp_path / "results" / "independent.csv", cheap) if line.verdict == FAIL]
+    assert {(line.id, line.quantity, line.against) for line in red} == {("two-glass-spheres", "peak_force_N", "quoted")}
+    assert {line.engine for line in red} == set(per_engine)
+    assert len(done.stderr.strip().splitlines()) == len(red)
+    assert "found 10696.889 N, expected 10698 N" in done.stderr
+    assert {path: path.stat().st_mtime_ns for path in sorted(shared_runs.rglob("run.json"))} == changed, "ran again"
+
+
+def test_a_soft_wall_in_one_engine_is_red_there_alone(
+    cheap: Path, shared_runs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wall contact sqrt(1/2) times as stiff: what a wrong radius makes of it."""
+
+    def soft(case: Case) -> Trace:
+        chain = case.chain
+        stiffness = chain.stiffness.copy()
+        stiffness[0] /= math.sqrt(2)
+        return exact(replace(case, chain=replace(chain, stiffness=stiffness))).trace
+
+    monkeypatch.setitem(HERE, "verlet", soft)
+    cheap.write_text(shipped("aluminium-on-plane"))
+    lines = judge_all(cheap, shared_runs)
+    red = {line.quantity for line in lines if line.verdict == FAIL}
+    assert {line.engine for line in lines if line.verdict == FAIL} == {"verlet"}
+    assert red == {"peak_force_N", "peak_overlap_m", "duration_s"}  # a softer wall gives all of the speed back
+
+
+def test_forces_of_one_in_a_hundred_million_more_are_red(
+    cheap: Path, shared_runs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stronger(case: Case) -> Trace:
+        trace = exact(case).trace
+        return replace(trace, force_N=trace.force_N * (1 + 1e-8))
+
+    monkeypatch.setitem(HERE, "reference", stronger)
+    lines = judge_all(cheap, shared_runs)
+    red = [line for line in lines if line.verdict == FAIL]
+    assert {(line.engine, line.quantity, line.against) for line in red} == {("reference", "peak_force_N", "theory")}
+
+
+def test_an_engine_that_breaks_fails_with_its_words(tmp_path: Path, cheap: Path, stand_in: StandIn) -> None:
+    stand_in("yade", "echo the wheel came off >&2; exit 3\n")
+    cheap.write_text(shipped("aluminium-on-plane"))
+    lines = [line for line in judge_all(cheap, tmp_path / "runs") if line.engine == "yade"]
+    assert [(line.quantity, line.verdict) for line in lines] == [(RUN, FAIL)]
+    assert "the wheel came off" in lines[0].why
+    assert "the wheel came off" in verdict_of(lines[0]).where
+
+
+def test_an_engine_that_is_not_there_or_refuses_is_not_run(
+    tmp_path: Path, cheap: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    need("liggghts")
+    monkeypatch.setattr(load_engine("yade"), "find", lambda: None)
+    text = shipped("aluminium-on-plane").replace("measure =", 'set = ["contact.restitution=0.1"]\nmeasure =')
+    cheap.write_text(text[: text.index("[[case.check]]")] + CHECK.format("restitution").replace("1e-6", "1e-3"))
+    lines = {line.engine: line for line in judge_all(cheap, tmp_path / "runs")}
+    assert lines["yade"].verdict == lines["liggghts"].verdict == NOT_RUN
+    assert lines["yade"].why == "not installed"
+    assert "contact.restitution" in lines["liggghts"].why
+    assert lines["reference"].verdict == PASS
+
+
+def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path) -> None:
+    """Their decks are equal, and so is their run."""
+    for code in codes():
+        need(code)
+    both = CASE + CASE.replace('"glass"', '"bare"').replace("scene =", "set = ['run.record=[\"forces\"]']\nscene =")
+    path = tmp_path / "both.toml"
+    path.write_text(both)
+    found = {(line.id, line.engine): line for line in judge_all(path, tmp_path / "runs")}
+    for code in codes():
+        assert found["glass", code].verdict == PASS
+        assert (found["bare", code].verdict, found["bare", code].why[:18]) == (FAIL, "no state was kept:")
+
+
+# ---- table and section
+
+
+def whole_table() -> list[Line]:
+    """Lines for every shipped case, as if the engines had hit every number."""
+    return [
+        Line(
+            entry.id,
+            entry.title,
+            "",
+            engine,
+            check.quantity,
+            unit_of(check.quantity),
+            check.against,
+            1.0,
+            1.0 + 1e-13,
+            1e-13,
+            "relative",
+            check.limit,
+            PASS,
+            "",
+            check.reason,
+            entry.source,
+        )
+        for entry in read_independent()
+        for engine in ("liggghts", "reference", "yade")
+        for check in entry.check
+    ]
+
+
+def test_the_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    lines = whole_table()
+    lines[0] = replace(lines[0], why='a "word", and\nanother', found=0.1 + 0.2, label="a=1, b=nan")
+    write_lines(lines, tmp_path / "independent.csv")
+    assert read_lines(tmp_path / "independent.csv") == lines
+    assert read_verdicts(tmp_path) == [verdict_of(line) for line in lines]
+    assert read_lines(tmp_path / "none.csv") == []
+    assert read_verdicts(tmp_path / "nowhere") == []
+
+
+@pytest.mark.parametrize("text", ["", "id,title\na,b\n", "\x00", "id\n"])
+def test_a_damaged_table_is_told(tmp_path: Path, text: str) -> None:
+    (tmp_path / "independent.csv").write_text(text)
+    with pytest.raises(InputError, match=r"independent\.csv.*make independent"):
+        read_section(tmp_path)
+
+
+@pytest.mark.parametrize("change", [{"error": 5.0}, {"error": math.nan}, {"found": math.nan}, {"verdict": FAIL}])
+def test_a_verdict_that_its_numbers_do_not_make_is_told(change: dict[str, Any], tmp_path: Path) -> None:
+    lines = whole_table()
+    write_lines([replace(lines[0], **change), *lines[1:]], tmp_path / "independent.csv")
+    with pytest.raises(InputError, match=r"verdict: found (pass|fail) of"):
+        read_verdicts(tmp_path)
+
+
+def test_a_table_of_other_cases_is_told(tmp_path: Path) -> None:
+    write_lines(whole_table()[:3], tmp_path / "independent.csv")
+    with pytest.raises(InputError, match="not the cases"):
+        read_verdicts(tmp_path)
+
+
+def test_the_section_has_engines_as_columns_and_says_why(tmp_path: Path) -> None:
+    assert read_section(tmp_path) == {}
+    lines = whole_table()
+    first = lines[0].id
+    lost = [line for line in lines if (line.id, line.engine) == (first, "yade")]
+    kept = [line for line in lines if line not in lost]
+    broken = replace(lost[0], quantity=RUN, against="", verdict=FAIL, why="it blew up", found=math.nan, error=math.nan)
+    write_lines([*kept[:1], broken, *kept[1:]], tmp_path / "independent.csv")
+    section = read_section(tmp_path)
+    assert section["engines"] == ["liggghts", "yade", "reference"]
+    assert section["counts"] == {PASS: len(kept), FAIL: 1}
+    case = section["cases"][0]
+    assert case["id"] == first
+    assert len(case["rows"]) == len(lost)
+    row = case["rows"][0]
+    assert row.quantity == MEASURES["impact"].quantities[row.name]
+    assert (row.cells["yade"].text, row.cells["yade"].verdict) == ("it blew up", FAIL)
+    assert (row.cells["liggghts"].error, row.cells["liggghts"].verdict) == ("1.0e-13", PASS)
+
+
+@pytest.mark.long
+def test_all_cases_pass_on_all_engines(shared_runs: Path) -> None:
+    for code in codes():
+        need(code)
+    assert [line for line in judge_all(runs=shared_runs) if line.verdict != PASS] == []

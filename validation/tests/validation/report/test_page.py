@@ -1,0 +1,367 @@
+"""The report page in headless Chromium, as its readers see it: ``make test-page``, screenshots in ``results/page``."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from selenium.webdriver import Chrome, Keys
+
+from drivers.base import paths
+from drivers.chain.trace import until
+from drivers.engines import engine_names
+from drivers.run.finished import FinishedRun
+from validation.compare.compared_scenes import ComparedScene, run_and_compare
+from validation.compare.comparison import compare_case
+from validation.compare.departure import departure
+from validation.compare.verdict import FAIL, PASS
+from validation.independent.independent_table import write_lines
+from validation.independent.judged_cases import Line
+from validation.independent.posed_cases import read_independent
+from validation.report import write_report
+from validation.tests.helpers.browser import (
+    PRINTED_HIGH_PX,
+    PRINTED_PX,
+    allow_scripts,
+    ask,
+    browser,
+    keep_print,
+    keep_screenshot,
+    nameless_pictures,
+    need_browser,
+    point,
+    requests,
+    said,
+    view,
+)
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.runs import blown_up, finished
+from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
+
+pytestmark = pytest.mark.page
+
+WIDTHS_PX = (1280, 390)
+SCHEMES = ("light", "dark")
+SINGLE = 2.0**-24  # the page keeps values in single precision
+DIGITS = 5e-5  # and shows at least five digits
+LEGIBLE = 4.5  # WCAG 2.2, 1.4.3: contrast of text
+HOSTILE = """</script><img src=x onerror="throw 1"><script>throw 2</script>' & \\" {{ 3 }}"""
+KEPT = paths.RESULTS / "page"
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A page in the browser, and the scenes it was made of where the test made it."""
+
+    driver: Chrome
+    name: str
+    file: Path
+    scenes: list[ComparedScene]
+
+    def load(self) -> None:
+        """Opens it anew, folded, in light colours."""
+        view(self.driver, WIDTHS_PX[0])
+        self.driver.get(self.file.as_uri())
+
+
+@pytest.fixture(scope="module")
+def driver() -> Iterator[Chrome]:
+    need_browser()
+    with browser() as driver:
+        yield driver
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory, shared_runs: Path) -> list[ComparedScene]:
+    """Fig. 4 on all engines there are; and a small scene in hostile words, of which an engine failed."""
+    text = BASE.format(count=5, chain="sensors = [{from_wall = 4}, {from_wall = 2}]", striker=STRIKER, wall=WALL,
+                       duration="0.3 ms", step="0.1 us")  # fmt: skip
+    file = tmp_path_factory.mktemp("scene") / "small.toml"
+    file.write_text(f"title = '''{HOSTILE}'''\n{text}")
+    case = case_of(file)
+    runs = {engine: finished(case, engine, shared_runs) for engine in ("verlet", "reference")}
+    absent = {"liggghts": "not installed", "yade": f"failed: exit code 1: {HOSTILE}"}
+    half = until(blown_up(runs["verlet"].trace, 200), 290)
+    departures = {"yade": departure(case, "yade", half)}
+    small = ComparedScene(case, runs, absent, compare_case(case, runs, absent), departures, {}, {"yade": half})
+    return [run_and_compare("fig4", runs=shared_runs), small]
+
+
+def write_independent(results: Path) -> None:
+    """A table of all independent cases in numbers of no meaning; the last one of an engine failed, in hostile words."""
+    lines = [
+        Line(entry.id, entry.title, "", engine, check.quantity, "N", "theory", 1.0, 1.0, 0.5 * check.limit, "relative",
+             check.limit, PASS, "", check.reason, entry.source)
+        for entry in read_independent(paths.INDEPENDENT) for engine in engine_names() for check in entry.check
+    ]  # fmt: skip
+    failed = replace(lines[-1], verdict=FAIL, error=2 * lines[-1].within, why=HOSTILE)
+    write_lines([*lines[:-1], failed], results / paths.INDEPENDENT_TABLE)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, scenes: list[ComparedScene], shared_runs: Path) -> Path:
+    """The page of these scenes, two figures and the independent cases; everything else has not been made."""
+    results = tmp_path_factory.mktemp("page")
+    for figure in ("fig1", "fig4"):
+        drawn = command_line("postproc", figure, "--runs", shared_runs, "--out", results)
+        assert drawn.returncode == 0, drawn.stderr
+    write_independent(results)
+    write_report(scenes, results / "report.html")
+    return results / "report.html"
+
+
+@pytest.fixture(scope="module", params=["made", "results"])
+def shown(request: pytest.FixtureRequest, driver: Chrome) -> Shown:
+    """The page of the scenes above, and the one that ``make report`` wrote, if it did."""
+    if request.param == "results":
+        file = paths.RESULTS / "report.html"
+        if not file.exists():
+            pytest.skip("make report has not been run")
+        return Shown(driver, request.param, file, [])
+    return Shown(driver, request.param, request.getfixturevalue("made"), request.getfixturevalue("scenes"))
+
+
+@pytest.fixture
+def page(shown: Shown) -> Shown:
+    """The page as it opens."""
+    shown.load()
+    return shown
+
+
+def test_nothing_is_said_and_nothing_is_asked_for(shown: Shown) -> None:
+    said(shown.driver), requests(shown.driver)
+    for scheme in SCHEMES:
+        view(shown.driver, WIDTHS_PX[0], scheme)
+        shown.driver.get(shown.file.as_uri())
+        ask(shown.driver, "openAll")
+        ask(shown.driver, "touchAll")
+    assert said(shown.driver) == []
+    asked = requests(shown.driver)
+    assert asked.count(shown.file.as_uri()) == len(SCHEMES)
+    assert [address for address in asked if not address.startswith("data:") and address != shown.file.as_uri()] == []
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("width_px", WIDTHS_PX)
+def test_the_page_scrolls_one_way_only(page: Shown, width_px: int, scheme: str) -> None:
+    view(page.driver, width_px, scheme)
+    keep_screenshot(page.driver, KEPT / f"{page.name}-{width_px}-{scheme}-first.png", whole=False)
+    keep_screenshot(page.driver, KEPT / f"{page.name}-{width_px}-{scheme}.png", whole=True)
+    assert ask(page.driver, "tooWide", width_px) == []
+    ask(page.driver, "openAll")
+    assert ask(page.driver, "tooWide", width_px) == []
+    assert ask(page.driver, "torn") == []
+    assert ask(page.driver, "colliding") == []
+
+
+def test_the_first_screen_says_what_matters(page: Shown) -> None:
+    """Counts, versions, machine, command, and each scene's verdicts with the reasons of their tolerances."""
+    essentials = ".lead, .made dd, table.verdicts:not(.cases) tr, .reasons li"
+    assert len(page.driver.find_elements("css selector", essentials)) > 10
+    assert ask(page.driver, "belowTheFold", essentials) == []
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_every_text_can_be_read(page: Shown, scheme: str) -> None:
+    view(page.driver, WIDTHS_PX[0], scheme)
+    ask(page.driver, "openAll")
+    found = ask(page.driver, "contrasts")
+    assert len(found) > 10
+    assert [kind for kind in found if kind[1] < LEGIBLE] == []
+
+
+def test_the_schemes_differ(page: Shown) -> None:
+    colours = []
+    for scheme in SCHEMES:
+        view(page.driver, WIDTHS_PX[0], scheme)
+        colours.append(sum(ask(page.driver, "pageColour")))
+    assert colours[0] > 3 * 200
+    assert colours[1] < 3 * 80
+
+
+def test_pictures_have_words(page: Shown) -> None:
+    ask(page.driver, "openAll")
+    assert page.driver.find_elements("css selector", "svg, img")
+    assert nameless_pictures(page.driver) == []
+
+
+def test_the_page_is_in_order(page: Shown) -> None:
+    assert ask(page.driver, "brokenLinks") == []
+    assert ask(page.driver, "repeatedIds") == []
+    assert ask(page.driver, "aboutItself") == []
+    headings = ask(page.driver, "headings")
+    assert [level for level, _ in headings].count(1) == 1
+    assert headings[0][0] == 1
+    assert [(above, below) for above, below in pairwise(headings) if below[0] > above[0] + 1] == []
+    assert all(words for _, words in headings)
+
+
+def test_paper_holds_everything(page: Shown) -> None:
+    assert keep_print(page.driver, KEPT / f"{page.name}.pdf").startswith(b"%PDF")
+    view(page.driver, PRINTED_PX, "dark", "print")
+    assert ask(page.driver, "pageColour") == [255, 255, 255]
+    assert ask(page.driver, "tooWide", PRINTED_PX) == []
+    assert ask(page.driver, "cutOff") == []
+    assert ask(page.driver, "torn") == []
+    assert ask(page.driver, "breakable", "figure, tr") == []
+    assert ask(page.driver, "tallerThan", PRINTED_HIGH_PX) == []
+    assert ask(page.driver, "hidden", "main :is(p:not(.readout), table, figure, pre, li)") == []
+    assert [kind for kind in ask(page.driver, "contrasts") if kind[1] < LEGIBLE] == []
+
+
+def test_it_reads_without_scripts(page: Shown) -> None:
+    with_scripts = ask(page.driver, "text")
+    try:
+        allow_scripts(page.driver, allowed=False)
+        page.load()
+        assert ask(page.driver, "hidden", "section, section > :is(h2, p, table, figure), table.verdicts tr") == []
+        assert ask(page.driver, "text") == with_scripts
+        keep_screenshot(page.driver, KEPT / f"{page.name}-without-scripts.png", whole=True)
+    finally:
+        allow_scripts(page.driver, allowed=True)
+
+
+def contact(run: FinishedRun, j: int) -> np.ndarray:
+    """The force in a contact, from the run's own file."""
+    return np.asarray(pd.read_parquet(run.folder / "forces.parquet")[f"contact_{j}_N"])
+
+
+def of_panels(runs: dict[str, FinishedRun]) -> list[dict[str, np.ndarray]]:
+    """What the curves of Fig. 4's chart are, panel by panel: gauges at beads 9 and 5 (Eq. 5), the wall, differences."""
+    beads = [{engine: (contact(run, j) + contact(run, j + 1)) / 2 for engine, run in runs.items()} for j in (9, 5)]
+    wall = {engine: contact(run, 1) for engine, run in runs.items()}
+    forces = {engine: np.column_stack([contact(run, j + 1) for j in range(22)]) for engine, run in runs.items()}
+    differences = {
+        f"{engine} − {yardstick}": np.abs(forces[engine] - forces[yardstick]).max(axis=1) / forces[yardstick].max()
+        for yardstick in ("reference", "verlet")
+        for engine in runs
+        if engine not in (yardstick, "reference")
+    }
+    return [*beads, wall, differences]
+
+
+def fig4(shown: Shown) -> ComparedScene:
+    """The scene whose files are at hand."""
+    if not shown.scenes:
+        pytest.skip("values are compared on the page made here")
+    return shown.scenes[0]
+
+
+@pytest.mark.parametrize("kind", ["mouse", "touch"])
+def test_a_curve_tells_the_runs_own_values(page: Shown, kind: str) -> None:
+    runs = fig4(page).runs
+    driver, spacing_us = page.driver, 1.0
+    view(driver, WIDTHS_PX[kind == "touch"])
+    for index, curves in enumerate(of_panels(runs)):
+        assert ask(driver, "readout", "fig4") is None
+        for share in (0.07, 0.5, 0.93):
+            edges = ask(driver, "panel", "fig4", index, [])
+            width_px = edges["right"] - edges["left"]
+            point(driver, edges["left"] + share * width_px, (edges["top"] + edges["bottom"]) / 2, kind)
+            told = ask(driver, "readout", "fig4")
+            assert told["time"] == pytest.approx(share * 800, abs=spacing_us / 2 + 800 / width_px)
+            sample = round(told["time"] / spacing_us)
+            assert told["time"] == pytest.approx(sample * spacing_us, abs=1e-9 * 800)
+            values = {label: force[sample] for label, force in curves.items()}
+            assert told["values"] == pytest.approx(values, rel=SINGLE, abs=0)
+            assert told["shown"] == pytest.approx(values, rel=DIGITS, abs=0)
+            assert f"{sample} µs" in told["words"]
+            assert ask(driver, "tooWide", WIDTHS_PX[kind == "touch"]) == []
+        point(driver, 2, 2, kind)
+    assert ask(driver, "readout", "fig4") is None
+
+
+def test_curves_are_drawn_at_what_they_tell(page: Shown) -> None:
+    samples = [120, 400, 555, 690]
+    for index, curves in enumerate(of_panels(fig4(page).runs)):
+        found = ask(page.driver, "panel", "fig4", index, [sample / 800 for sample in samples])
+        ticks = [(height, float(words)) for height, words in found["scale"]]
+        convert = np.log10 if index == 3 else np.asarray
+        heights, numbers = np.array([t[0] for t in ticks]), convert(np.array([t[1] for t in ticks]))
+        slope, offset = np.polyfit(numbers, heights, 1)
+        assert set(found["drawn"]) == set(curves)
+        for label, force in curves.items():
+            near = np.array([convert(force[s - 1 : s + 2]) for s in samples]) * slope + offset
+            drawn = np.array(found["drawn"][label])
+            assert np.all(near.min(axis=1) - 1 < drawn), label
+            assert np.all(drawn < near.max(axis=1) + 1), label
+
+
+def test_keys_do_as_well(page: Shown) -> None:
+    fig4(page)
+    chart = page.driver.find_element("css selector", 'figure[data-chart="fig4"] svg')
+    times = []
+    for keys in (Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_LEFT):
+        chart.send_keys(keys)
+        times.append(ask(page.driver, "readout", "fig4")["time"])
+    assert times == [1, 2, 1]
+    chart.send_keys(Keys.ESCAPE)
+    assert ask(page.driver, "readout", "fig4") is None
+
+
+def test_every_chart_tells_something(page: Shown) -> None:
+    charts = ask(page.driver, "charts")
+    assert charts
+    for chart in charts:
+        edges = ask(page.driver, "panel", chart, 0, [])
+        point(page.driver, (edges["left"] + edges["right"]) / 2, edges["top"] + 5)
+        told = ask(page.driver, "readout", chart)
+        assert all(math.isfinite(value) for value in told["values"].values())
+        point(page.driver, 2, 2)
+        assert ask(page.driver, "readout", chart) is None
+
+
+def test_what_a_failed_run_left_is_shown_and_told(page: Shown) -> None:
+    fig4(page)  # of the page made here
+    driver, trace = page.driver, page.scenes[1].refused["yade"]
+    edges = ask(driver, "panel", "small", 0, [])
+    for sample in (40, 250):  # before it blows up, and after
+        x = edges["left"] + sample / 300 * (edges["right"] - edges["left"])
+        point(driver, x, (edges["top"] + edges["bottom"]) / 2)
+        told = ask(driver, "readout", "small")
+        own = told["values"]["yade (failed)"]
+        near = round(told["time"])
+        shown = float(trace.force_N[near, 3] + trace.force_N[near, 4]) / 2
+        assert own == pytest.approx(shown, rel=SINGLE) if sample == 40 else own is None
+    assert "yade (failed): –" in told["words"]
+    point(driver, 2, 2)
+
+
+def test_scripts_can_be_forbidden(driver: Chrome, tmp_path: Path) -> None:
+    """Else the test above would compare a page with itself."""
+    file = tmp_path / "page.html"
+    file.write_text("<!doctype html><title>quiet</title><script>document.title = 'ran'</script>")
+    titles = {}
+    for allowed in (False, True):
+        allow_scripts(driver, allowed=allowed)
+        driver.get(file.as_uri())
+        titles[allowed] = driver.title
+    assert titles == {False: "quiet", True: "ran"}
+
+
+def test_the_checks_see_what_is_wrong(driver: Chrome, tmp_path: Path) -> None:
+    """A page with every fault that is looked for."""
+    file = tmp_path / "faults.html"
+    file.write_text((Path(__file__).parent / "faults.html").read_text())
+    said(driver), requests(driver)
+    view(driver, 390)
+    driver.get(file.as_uri())
+    assert any("SEVERE" in line for line in said(driver))
+    assert any(address.startswith("http://localhost:9/") for address in requests(driver))
+    assert len(ask(driver, "tooWide", 390)) > 1
+    assert ask(driver, "cutOff") == ["<pre> longer-than-its-box"]
+    assert ask(driver, "brokenLinks") == ["#nowhere", "other.html"]
+    assert ask(driver, "repeatedIds") == ["twice"]
+    assert ask(driver, "headings") == [[1, "One"], [3, "Three"]]
+    assert ask(driver, "aboutItself") == ["no language", "no title"]
+    assert ask(driver, "hidden", "section") == ["<section> hidden-section"]
+    assert ask(driver, "breakable", "figure") == ["<figure> breaks"]
+    assert sorted(round(value, 1) for _, value, _ in ask(driver, "contrasts") if value < LEGIBLE) == [1.9, 3.3]
+    assert len(nameless_pictures(driver)) == 2
+    assert ask(driver, "colliding") == ["one on other"]
+    assert set(ask(driver, "torn")) == {"torn"}
+    assert ask(driver, "tallerThan", PRINTED_HIGH_PX) == ["<tr> torn"]

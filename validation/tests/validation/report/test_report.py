@@ -1,0 +1,324 @@
+"""Comparison, verdicts and the report page."""
+
+import html
+import json
+import os
+import platform
+import re
+from base64 import b64decode
+from collections import Counter
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.base.tolerances import tolerance
+from drivers.chain.trace import until
+from drivers.run.record import provenance
+from postproc.read.sensors import sensor_signals
+from validation.accuracy.deviation import deviation
+from validation.accuracy.rounding import HORIZON
+from validation.compare.compared_scenes import ComparedScene
+from validation.compare.comparison import compare_case, model_tolerance, shipped_name
+from validation.compare.departure import NONE, departure
+from validation.compare.verdict import FAIL, NOT_RUN, PASS
+from validation.report import write_report
+from validation.report.charts import MOST_SAMPLES, Panel, chart_of
+from validation.report.scene_section import section_of
+from validation.report.verdict_table import scene_row, short
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.runs import blown_up, finished
+from validation.tests.helpers.scenes import SceneWriter, case_of
+
+
+@pytest.fixture
+def compared(scene_file: SceneWriter, shared_runs: Path) -> ComparedScene:
+    case = case_of(scene_file("scene", chain="sensors = [{from_wall = 4}, {from_wall = 2}]"))
+    runs = {engine: finished(case, engine, shared_runs) for engine in ("verlet", "reference")}
+    absent = {"liggghts": "not installed", "yade": "failed: exit code 1: ERROR <b>&"}
+    return ComparedScene(case, runs, absent, compare_case(case, runs, absent))
+
+
+def test_a_deviation_says_when_and_where(compared: ComparedScene) -> None:
+    trace = compared.runs["verlet"].trace
+    force = trace.force_N.copy()
+    force[37, 2] += 1e-3
+    found = deviation(replace(trace, force_N=force), trace)
+    assert found.share == pytest.approx(1e-3 / trace.force_N.max())
+    assert (found.time_s, found.contact) == (trace.time_s[37], 3)
+    with pytest.raises(ValueError, match="samples"):
+        deviation(replace(trace, force_N=force[:5]), trace)
+
+
+def test_verdicts_count_what_is_missing_apart(compared: ComparedScene) -> None:
+    by_engine = {name: {v.verdict for v in compared.verdicts if v.engine == name} for name in ("liggghts", "yade")}
+    assert by_engine == {"liggghts": {NOT_RUN}, "yade": {FAIL}}
+    assert {v.verdict for v in compared.verdicts if v.engine in compared.runs} == {PASS}
+
+
+def test_a_wrong_force_turns_red(compared: ComparedScene) -> None:
+    run = compared.runs["verlet"]
+    stamped_late = replace(run.trace, force_N=np.roll(run.trace.force_N, 1, axis=0))
+    late = replace(run)
+    object.__setattr__(late, "trace", stamped_late)
+    verdicts = compare_case(compared.case, compared.runs | {"yade": late}, {})
+    red = {v.quantity for v in verdicts if v.engine == "yade" and v.verdict == FAIL}
+    assert {"force against verlet", "force against reference"} <= red
+
+
+def test_a_chaotic_chain_is_judged_up_to_its_horizon(shared_runs: Path) -> None:
+    case = case_of("fig4", "run.duration=20 ms", "run.sample_interval=10 us", "run.time_step=0.5 us")
+    run = finished(case, "verlet", shared_runs)
+    limit, samples = model_tolerance(case, run.trace)
+    assert limit.limit <= 10 * HORIZON
+    assert 8e-3 < run.trace.time_s[samples] < 19e-3
+
+
+def test_a_scenes_own_tolerances_hold_for_that_scene_only() -> None:
+    assert shipped_name(case_of("fig4")) == "fig4"
+    assert shipped_name(case_of("fig4", "run.time_step=1 us")) is None
+
+
+def test_every_tolerance_has_a_reason() -> None:
+    for kind, quantity in [("model", "force"), ("truncation", "force"), ("energy", "drift"), ("guard", "energy")]:
+        assert len(tolerance(kind, quantity).reason) > 20
+    assert tolerance("truncation", "force", "fig4").limit == 4e-5
+    assert tolerance("truncation", "force", "unknown").limit == tolerance("truncation", "force").limit
+
+
+class Page(HTMLParser):
+    """Collects what the tests ask of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: Counter[str] = Counter()
+        self.addresses: list[str] = []
+        self.labels: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags[tag] += 1
+        self.addresses += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href")]
+        self.labels += [value or "" for name, value in attrs if name == "aria-label"]
+
+
+def test_the_page_stands_alone(compared: ComparedScene, tmp_path: Path) -> None:
+    counts = write_report([compared], tmp_path / "report.html")
+    assert counts == {PASS: 2, FAIL: 1, NOT_RUN: 1}
+    text = (tmp_path / "report.html").read_text()
+    page = Page(text)
+    assert page.addresses
+    assert all(address.startswith(("#", "data:")) for address in page.addresses)
+    assert page.tags["svg"] == page.tags["figure"] == 2  # the gauges and the whole chain
+    assert sum(label.startswith(("Gauge forces", "Force in every contact")) for label in page.labels) == 2
+    assert "ERROR &lt;b&gt;&amp;" in text
+    assert text.index('class="verdicts"') < text.index("<section")
+    assert re.search(r"2 passed.*1 failed.*1 not run", text, re.DOTALL)
+
+
+def test_the_first_screen_says_what_the_worst_figure_is_and_why_it_may_be_so_large(
+    compared: ComparedScene, tmp_path: Path
+) -> None:
+    write_report([compared], tmp_path / "report.html", "make it again")
+    text = (tmp_path / "report.html").read_text()
+    first = text[: text.index("<section")]
+    (row,) = [scene_row(compared)]
+    worst = row.cells["verlet"].worst
+    assert worst is not None
+    own = [v for v in compared.verdicts if v.engine == "verlet"]
+    assert max(v.value / v.limit for v in own) == worst.value / worst.limit
+    for words in (worst.quantity, short(worst.value), short(worst.limit), worst.reason, "make it again",
+                  platform.node(), "numpy", provenance()["commit"][:12]):  # fmt: skip
+        assert words in html.unescape(first), words
+
+
+def test_a_red_row_says_its_diagnosis_and_how_to_look_closer(compared: ComparedScene, tmp_path: Path) -> None:
+    sick = late(compared)
+    counts = write_report([sick], tmp_path / "report.html")
+    assert counts[FAIL] == 1
+    text = (tmp_path / "report.html").read_text()
+    first = text[: text.index("<section")]
+    assert '<tr class="miss">' in first
+    assert "yade fails." in first
+    assert "matches forces a sample &lt;late&gt;" in first
+    assert f"python -m validation compare {compared.case.scene.file}" in first
+    assert '<tr class="miss">' not in page_of(replace(sick, verdicts=[], diagnoses={}), tmp_path)
+
+
+def test_what_there_is_of_a_failed_run_is_shown(compared: ComparedScene, tmp_path: Path) -> None:
+    """One that blew up and one that ended early stand beside the others, whose scale stays theirs."""
+    good = compared.runs["verlet"].trace
+    refused = {"yade": blown_up(good, 100), "liggghts": until(good, 60)}
+    absent = dict.fromkeys(refused, "failed: unstable <b>")
+    departures = {engine: departure(compared.case, engine, trace) for engine, trace in refused.items()}
+    verdicts = compare_case(compared.case, compared.runs, absent)
+    sick = replace(compared, absent=absent, verdicts=verdicts, departures=departures, refused=refused)
+    section = section_of(sick, scene_row(sick))
+    assert {"yade (failed)", "liggghts (failed)", "verlet", "reference"} == set(section.curves)
+    assert section.chart
+    quiet = chart_of(compared.case.layout, {name: run.trace for name, run in compared.runs.items()})
+    assert [panel.ticks for panel in section.chart.panels] == [panel.ticks for panel in quiet.panels]
+    signals = sensor_signals(compared.case.layout, good)
+    for engine, last in (("yade", 100), ("liggghts", 60)):
+        for panel, name in zip(section.chart.panels, signals, strict=False):
+            values = values_of(panel, f"{engine} (failed)")
+            assert values[:last] == pytest.approx(signals[name][:last], rel=1e-7)
+            assert np.isnan(values[last + 2 :]).all()
+            assert len(values) == len(good.time_s)
+        for yardstick in compared.runs:
+            differences = values_of(section.chart.panels[-1], f"{engine} (failed) − {yardstick}")
+            assert np.isfinite(differences[:last]).all()
+            assert np.isnan(differences[last:]).all()
+    words = {row.engine: row.kind for row in section.departures}
+    assert words == {"yade (failed)": departures["yade"].kind, "liggghts (failed)": departures["liggghts"].kind}
+    assert {engine for engine, _, _ in section.decks} == {"yade", "liggghts"}
+    assert section.engines == ["reference", "verlet"]  # observables are of finished runs alone
+    counts = write_report([sick], tmp_path / "report.html")
+    assert counts == {PASS: 2, FAIL: 2}
+    told = json.loads((tmp_path / "report.json").read_text())["scenes"][0]["engines"]["yade"]
+    assert told["departure"]["time_s"] == pytest.approx(100e-6)
+    assert told["verdicts"][0]["where"] == "failed: unstable <b>"
+
+
+def test_a_failed_run_without_a_trace_has_its_deck_all_the_same(compared: ComparedScene) -> None:
+    section = section_of(compared, scene_row(compared))
+    assert [(engine, file) for engine, file, _ in section.decks] == [("yade", "chain.py")]
+    assert "hertzian=True" in section.decks[0][2]
+
+
+@pytest.mark.parametrize("numbers", [True, False])
+def test_a_scene_that_no_engine_finished_shows_what_there_is(
+    numbers: bool, compared: ComparedScene, tmp_path: Path
+) -> None:
+    good = compared.runs["verlet"].trace
+    refused = {"yade": blown_up(good, 100) if numbers else replace(good, force_N=np.nan * good.force_N)}
+    absent = {"yade": "failed: unstable"}
+    alone = ComparedScene(compared.case, {}, absent, compare_case(compared.case, {}, absent), {}, {}, refused)
+    text = page_of(alone, tmp_path)
+    assert "No engine finished this scene" in text
+    assert text.count('data-label="yade (failed)"') == 3  # a panel for each gauge
+
+
+def values_of(panel: Panel, label: str) -> np.ndarray:
+    """The values of the panel's curve of that label."""
+    (curve,) = [curve for curve in panel.curves if curve.label == label]
+    return np.frombuffer(b64decode(curve.values), "<f4")
+
+
+def test_looking_closer_finds_the_same_runs(compared: ComparedScene, tmp_path: Path) -> None:
+    write_report([late(compared)], tmp_path / "report.html", "again", Path("my runs"))
+    again = f"python -m validation compare {compared.case.scene.file} --runs 'my runs'"
+    assert f"Look closer: <code>{html.escape(again, quote=False)}</code>" in (
+        (tmp_path / "report.html").read_text().replace("&#39;", "'")
+    )
+    assert json.loads((tmp_path / "report.json").read_text())["scenes"][0]["command"] == again
+
+
+def test_what_was_not_made_is_left_out_with_a_word(tmp_path: Path) -> None:
+    write_report([], tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    for target in ("independent", "table1", "claims", "figures", "trade", "stability", "elements"):
+        assert f"<code>make {target}</code>" in text, target
+
+
+@pytest.mark.parametrize(
+    ("file", "content"), [("table1.csv", "force_N\n1"), ("fig4.svg", "<svg><g></svg>"), ("independent.csv", "id\n1")]
+)
+def test_a_damaged_file_is_named_in_a_line(file: str, content: str, tmp_path: Path) -> None:
+    (tmp_path / file).write_text(content)
+    with pytest.raises(InputError, match=file):
+        write_report([], tmp_path / "report.html")
+    assert [path.name for path in tmp_path.iterdir()] == [file]
+
+
+def test_curves_carry_the_values_of_the_run(compared: ComparedScene, tmp_path: Path) -> None:
+    text = page_of(compared, tmp_path)
+    found = re.search(r'<script type="application/json">(.*?)</script>', text, re.DOTALL)
+    assert found
+    chart = json.loads(found[1])
+    trace, layout = compared.runs["verlet"].trace, compared.runs["verlet"].layout
+    assert chart["count"] == len(trace.time_s) == chart["last"] + 1
+    assert chart["spacing"] == pytest.approx(1.0)
+    wall = next(panel for panel in chart["panels"] if panel["title"].startswith("wall"))
+    own = next(curve for curve in wall["curves"] if curve["engine"] == "verlet")
+    values = np.frombuffer(b64decode(own["values"]), "<f4")
+    assert values == pytest.approx(sensor_signals(layout, trace)["wall"], rel=1e-7)
+    differences = chart["panels"][-1]
+    assert [curve["label"] for curve in differences["curves"]] == ["verlet − reference"]
+
+
+def test_long_records_are_thinned_and_say_their_times(compared: ComparedScene) -> None:
+    run = compared.runs["verlet"]
+    repeats = 20
+    time_s = np.arange(repeats * len(run.trace.time_s), dtype=float) * 1e-6
+    long = replace(run.trace, time_s=time_s, force_N=np.tile(run.trace.force_N, (repeats, 1)))
+    chart = chart_of(run.layout, {"verlet": long})
+    every = -(-len(time_s) // MOST_SAMPLES)
+    assert every > 1
+    assert chart.count <= MOST_SAMPLES
+    assert chart.spacing == pytest.approx(time_s[every] * 1e6)
+    assert chart.spacing * chart.last == pytest.approx(time_s[-1] * 1e6)
+
+
+def test_a_chain_without_gauges_and_without_forces_has_a_page(
+    scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
+) -> None:
+    case = case_of(scene_file("free", wall="", striker="", duration="2 us"))
+    runs = {"verlet": finished(case, "verlet", shared_runs)}
+    text = page_of(ComparedScene(case, runs, {}, compare_case(case, runs, {})), tmp_path)
+    assert Page(text).tags["figure"] == 1  # nothing to draw but the chain
+    assert "nan" not in text[text.index("<section") :].lower().split()
+
+
+def page_of(scene: ComparedScene, folder: Path) -> str:
+    """The page of one scene."""
+    write_report([scene], folder / "page.html")
+    return (folder / "page.html").read_text()
+
+
+def late(compared: ComparedScene) -> ComparedScene:
+    """The scene with a YADE whose forces come a sample late, and a diagnosis of it."""
+    run = compared.runs["verlet"]
+    odd = replace(run)
+    object.__setattr__(odd, "trace", replace(run.trace, force_N=np.roll(run.trace.force_N, 1, axis=0)))
+    runs = compared.runs | {"yade": odd}
+    absent = {"liggghts": "not installed"}
+    verdicts = compare_case(compared.case, runs, absent)
+    return ComparedScene(compared.case, runs, absent, verdicts, {}, {"yade": "matches forces a sample <late>"})
+
+
+def test_what_does_not_move_has_no_momentum_to_be_off_by(scene_file: SceneWriter, shared_runs: Path) -> None:
+    case = case_of(scene_file("rest", striker=""))
+    run = finished(case, "verlet", shared_runs)
+    odd = replace(run)
+    object.__setattr__(odd, "trace", replace(run.trace, momentum_N_s=run.trace.momentum_N_s - 1e-41))
+    runs = {"verlet": run, "yade": odd}
+    assert {verdict.verdict for verdict in compare_case(case, runs, {})} == {PASS}
+    assert departure(case, "yade", odd.trace).kind == NONE
+
+
+def test_a_device_is_no_place_for_a_page(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")  # a real device would be lost if it were not refused
+    done = command_line("validation", "report", "--out", tmp_path / "pipe")
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "a device" in done.stderr
+
+
+def test_the_wave_on_the_command_line() -> None:
+    done = command_line("validation", "wave")
+    assert done.returncode == 0
+    assert "0.9055157764 k^(1/3)" in done.stdout
+    assert "4.989445 at 0.002" in done.stdout
+
+
+def test_observables_on_the_command_line(scene_file: SceneWriter, shared_runs: Path) -> None:
+    folder = finished(case_of(scene_file()), "verlet", shared_runs).folder
+    done = command_line("postproc", "observables", folder, "--level", "0.1")
+    assert done.returncode == 0
+    assert "wall_duration_10pct_s" in done.stdout
+    wrong = command_line("postproc", "observables", folder.parent)
+    assert wrong.returncode == 2
+    assert "run folder" in wrong.stderr

@@ -1,0 +1,280 @@
+"""The verdicts for programs: the same in the page, in JSON and in JUnit XML, whatever words are in them."""
+
+import json
+import math
+import re
+from collections import Counter
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from drivers.base import decks as deck
+from drivers.base import paths
+from drivers.base.errors import InputError
+from postproc.draw.style import pyplot, svg_of
+from validation.compare.compared_scenes import ComparedScene
+from validation.compare.comparison import compare_case
+from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
+from validation.independent.independent_table import write_lines
+from validation.independent.judged_cases import Line
+from validation.independent.posed_cases import read_independent
+from validation.report import write_report
+from validation.report.charts import chart_of
+from validation.report.inline_figures import DARK, fit_for_page
+from validation.report.made_with import cpu_name
+from validation.report.spacetime_raster import PLACES
+from validation.report.verdict_table import share_of, worst_of
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.runs import finished
+from validation.tests.helpers.scenes import SceneWriter, case_of
+
+HOSTILE = """</script><script>throw 1</script><b>&'"{{ 7 * 7 }}]]>\x1b[31m\x00"""
+
+
+class Table(HTMLParser):
+    """The cells of the page's verdict tables, and all tags."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: Counter[str] = Counter()
+        self.found: list[tuple[str, str, str]] = []
+        self.row = self.engine = ""
+        self.heading = self.inside = False
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags[tag] += 1
+        own = dict(attrs)
+        if tag == "table":
+            self.inside = "verdicts" in (own.get("class") or "").split()
+        if tag == "th" and self.inside:
+            self.row, self.heading = "", own.get("scope") == "row"
+        if tag == "td":
+            self.engine = own.get("data-label") or ""
+        if tag == "b" and self.inside and self.engine:
+            self.found.append((self.row, self.engine, (own.get("class") or "").replace("-", " ")))
+
+    def handle_data(self, data: str) -> None:
+        if self.heading:
+            self.row += data.strip()
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "th":
+            self.heading = False
+        if tag == "table":
+            self.inside = False
+
+
+@pytest.fixture
+def hostile(scene_file: SceneWriter, shared_runs: Path) -> ComparedScene:
+    """A scene in hostile words, of which one engine failed and one is not installed."""
+    printable = HOSTILE.replace("\x1b", "").replace("\x00", "")
+    case = case_of(scene_file("scene", top=f"title = '''{printable}'''"))
+    runs = {engine: finished(case, engine, shared_runs) for engine in ("verlet", "reference")}
+    absent = {"liggghts": "not installed", "yade": f"failed: exit code 1: {HOSTILE}"}
+    diagnoses = {"yade": f"matches {HOSTILE}"}
+    return ComparedScene(case, runs, absent, compare_case(case, runs, absent), {}, diagnoses)
+
+
+@pytest.fixture
+def written(hostile: ComparedScene, tmp_path: Path) -> tuple[str, dict[str, Any], ElementTree.Element]:
+    """Page, JSON and XML of it and of independent cases, one of which fails."""
+    folder = tmp_path / "results"
+    lines = [line_of(entry.id, entry.title, engine, PASS)
+             for entry in read_independent() for engine in ("yade", "reference")]  # fmt: skip
+    lines[0] = replace(lines[0], verdict=FAIL, error=0.5)
+    lines[2] = replace(lines[2], verdict=NOT_RUN, quantity="run", why="not installed", within=math.nan, error=math.nan)
+    write_lines(lines, folder / paths.INDEPENDENT_TABLE)
+    write_report([hostile], folder / "report.html", HOSTILE)
+    page, data = (
+        (folder / "report.html").read_text(),
+        json.loads((folder / "report.json").read_text(), parse_constant=no),
+    )
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "independent.csv",
+        "report.html",
+        "report.json",
+        "report.xml",
+    ]
+    return page, data, ElementTree.parse(folder / "report.xml").getroot()
+
+
+def test_the_same_verdicts_in_all_three(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
+    page, data, root = written
+    shown = set(Table(page).found)
+    rows = [row for kind in ("scenes", "independent") for row in data[kind]]
+    told = {(row["name"], engine, own["verdict"]) for row in rows for engine, own in row["engines"].items()}
+    assert shown == told
+    assert {verdict for _, _, verdict in told} == {PASS, FAIL, NOT_RUN}
+
+    single = Counter(v["verdict"] for row in rows for own in row["engines"].values() for v in own["verdicts"])
+    tests = root.findall("testsuite/testcase")
+    assert Counter({PASS: 0} | data["counts"]["verdicts"]) == single
+    assert len(tests) == single.total() == int(root.attrib["tests"])
+    assert len(root.findall(".//failure")) == single[FAIL] == int(root.attrib["failures"])
+    assert len(root.findall(".//skipped")) == single[NOT_RUN] == int(root.attrib["skipped"])
+    names = [(test.attrib["classname"], test.attrib["name"]) for test in tests]
+    assert len(set(names)) == len(names)
+    for suite in root.findall("testsuite"):
+        assert int(suite.attrib["tests"]) == len(suite.findall("testcase"))
+
+
+def test_hostile_words_stay_words(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
+    page, data, root = written
+    assert Table(page).tags["script"] == 2  # the values of the one chart, and what shows them
+    assert "<script>throw" not in page
+    assert "</script><b>" not in page
+    assert "49" not in re.findall(r"<h2>(.*?)</h2>", page)[0]
+    assert data["scenes"][0]["engines"]["yade"]["diagnosis"] == f"matches {HOSTILE}"
+    failure = root.find("testsuite/testcase[@classname='scenes.scene.yade']/failure")
+    assert failure is not None
+    assert "<b>&" in (failure.text or "")
+    assert "matches </script>" in (failure.text or "")
+    assert "python -m validation compare" in (failure.text or "")
+
+
+def test_hostile_words_stay_in_the_data_of_a_chart(hostile: ComparedScene) -> None:
+    traces = {engine: run.trace for engine, run in hostile.runs.items()}
+    chart = chart_of(hostile.case.layout, traces)
+    odd = replace(chart, panels=[replace(panel, title=HOSTILE) for panel in chart.panels])
+    text = deck.render("report/chart.html.j2", name=HOSTILE, chart=odd, places=PLACES, label=HOSTILE)
+    tags = Table(text).tags
+    assert (tags["script"], tags["b"]) == (1, 0)
+    found = re.search(r"<script[^>]*>(.*?)</script>", text, re.DOTALL)
+    assert found
+    assert json.loads(found[1])["panels"][0]["title"] == HOSTILE
+
+
+def test_the_json_tells_what_it_was_made_with(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
+    _, data, _ = written
+    assert data["schema_version"] == 1
+    assert {"date", "commit", "command", "engines", "machine", "libraries"} <= data["made_with"].keys()
+    assert data["made_with"]["machine"]["cores"] >= 1
+    own = data["scenes"][0]["engines"]["verlet"]
+    assert own["run"]["status"] == "done"
+    assert own["run"]["error_budget"]
+    assert {"value", "limit", "reason", "where"} <= own["verdicts"][0].keys()
+    nothing = data["scenes"][0]["engines"]["liggghts"]["verdicts"][0]
+    assert nothing["value"] is None  # it was NaN
+
+
+def test_nothing_is_replaced_unless_all_is_written(hostile: ComparedScene, tmp_path: Path) -> None:
+    (tmp_path / "report.html").write_text("old")
+    (tmp_path / "report.xml").mkdir()
+    with pytest.raises(OSError, match=r"report\.xml"):
+        write_report([hostile], tmp_path / "report.html")
+    assert (tmp_path / "report.html").read_text() == "old"
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".toml") == ["report.html", "report.xml"]
+
+
+def test_the_worst_is_the_largest_share_and_no_number_is_worse() -> None:
+    verdicts = [verdict(1e-3, 1e-2), verdict(5e-9, 1e-8), verdict(0.0, 0.0)]
+    assert worst_of(verdicts) is verdicts[1]
+    assert worst_of([*verdicts, verdict(math.nan, 1.0)]) != verdicts[1]
+    assert worst_of([verdict(math.nan, math.nan)]) is None
+    assert share_of(verdict(1.0, 0.0)) == math.inf
+
+
+def test_a_figure_for_the_page_keeps_its_shape_and_follows_the_screen() -> None:
+    figure, axis = pyplot().subplots()
+    axis.plot(range(200), [x % 7 for x in range(200)], color="#0072b2")
+    text = svg_of(figure)
+    fit = fit_for_page(text, "salt")
+    ElementTree.fromstring(fit)
+    assert "<metadata" not in fit
+    assert len(fit) < len(text)
+    assert "var(--c-0072b2, #0072b2)" in fit
+    used = re.findall(r"url\(#([^)]*)\)|href=\"#([^\"]*)\"", fit)
+    names = [one or other for one, other in used]
+    assert names
+    assert all(name.startswith("salt-") and f'id="{name}"' in fit for name in names)
+    assert not {colour for colour in DARK if re.search(rf": {colour}\b", fit)}
+    with pytest.raises(ValueError, match="mismatched"):
+        fit_for_page(text.replace("</g>", "", 1), "salt")
+
+
+HEAD = '<?xml version="1.0"?><svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">'
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        "<script>throw 1</script>",
+        "<SCRIPT/>",
+        "<metadata><script/></metadata>",
+        '<g onload="throw 1"/>',
+        '<rect ONCLICK = "throw 1"/>',
+        '<image xlink:href="https://example.org/a.png"/>',
+        '<image href="a.png"/>',
+        '<image href="&#x68;ttp://example.org/a.png"/>',
+        '<a xlink:href="javascript:throw 1"><path d="M0 0"/></a>',
+        '<image src="//example.org/a.png"/>',
+        '<path fill="url(paint.svg#a)" d="M0 0"/>',
+        """<path style="fill: url( 'http://example.org/a')" d="M0 0"/>""",
+        '<style>@import "a.css";</style>',
+        "<style>* { fill: url(a.svg) }</style>",
+        "<foreignObject><b>x</b></foreignObject>",
+        "<?x ><script>throw 1</script>?>",
+        "<text><![CDATA[<metadata>]]></text>",
+    ],
+)
+def test_a_figure_brings_nothing_foreign_into_the_page(foreign: str, tmp_path: Path) -> None:
+    (tmp_path / "fig4.svg").write_text(f"{HEAD}{foreign}</svg>")
+    with pytest.raises(InputError, match=r"fig4\.svg") as refused:
+        write_report([], tmp_path / "report.html")
+    assert len(str(refused.value).splitlines()) == 1
+    assert "a damaged figure (it holds" in str(refused.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["fig4.svg"]
+
+
+def test_what_figures_are_made_of_stays() -> None:
+    """Pictures in the file, clipping, hatches, symbols, and words that look like something else."""
+    figure, axis = pyplot().subplots()
+    axis.imshow([[0, 1], [1, 0]])
+    axis.bar([0, 1], [1, 2], hatch="//")
+    axis.plot([0, 1], "o", label="once = 3 // url(http://example.org) <script> onload=x")
+    axis.legend()
+    axis.set_title(r"$\beta_2^{x}$")
+    fit = fit_for_page(svg_of(figure), "salt")
+    assert "data:image/png" in fit
+    assert "&lt;script&gt; onload=x" in fit
+
+
+def test_the_command_writes_all_three_and_says_how_it_was_called(scene_file: SceneWriter, tmp_path: Path) -> None:
+    scene, page = scene_file(), tmp_path / "out" / "page.html"
+    done = command_line("validation", "report", scene, "--out", page, "--runs", tmp_path / "runs")
+    assert done.returncode == 0, done.stderr
+    data = json.loads(page.with_suffix(".json").read_text())
+    assert data["made_with"]["command"].startswith("python -m validation report ")
+    assert str(scene) in data["made_with"]["command"]
+    assert data["scenes"][0]["command"].endswith(f" --runs {tmp_path / 'runs'}")
+    assert ElementTree.parse(page.with_suffix(".xml")).getroot().attrib["failures"] == "0"
+    for wrong in (("--out", tmp_path / "page.json"), (scene,)):
+        refused = command_line("validation", "report", scene, *wrong, "--runs", tmp_path / "runs")
+        assert refused.returncode == 2
+        assert len([line for line in refused.stderr.splitlines() if not line.endswith("...")]) == 1
+
+
+def test_a_processor_has_a_name(tmp_path: Path) -> None:
+    file = tmp_path / "cpuinfo"
+    file.write_text("processor : 0\nmodel name : Some Chip: fast\n")
+    assert cpu_name(file) == "Some Chip: fast"
+    assert cpu_name(tmp_path / "none")
+
+
+def verdict(value: float, limit: float) -> Verdict:
+    return Verdict("scene", "verlet", "force", value, limit, "because", "there", PASS if value <= limit else FAIL)
+
+
+def line_of(case: str, title: str, engine: str, word: str) -> Line:
+    """A line of the table of independent cases."""
+    return Line(case, title, "", engine, "peak_force_N", "N", "theory", 1.0, 1.0, 0.0, "relative", 0.1, word, "",
+                "a reason of some length", "a source")  # fmt: skip
+
+
+def no(constant: str) -> None:
+    raise AssertionError(f"{constant} is not JSON")

@@ -1,0 +1,228 @@
+"""Limits of the time step, what guards them, scenes at the edge."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace
+from drivers.engines import codes, installed
+from drivers.limits.energy_bounds import certainly_stable
+from drivers.limits.refusal import inability, refuse
+from drivers.limits.stable_step import predicted_limit
+from drivers.run.run import run_case
+from validation.accuracy.error_measures import verlet_of
+from validation.compare.compared_scenes import run_and_compare
+from validation.report import write_report
+from validation.stability.extremes import Extreme, extremes, run_extreme
+from validation.stability.height_rounding import by_build, in_repo, pressed
+from validation.stability.long_runs import energy_of
+from validation.stability.measured_limits import WITHIN, gain, measure, prediction
+from validation.stability.random_scenes import random_case
+from validation.stability.stability_section import read_section
+from validation.stability.stability_study import missed, write_study
+from validation.stability.subjects import PAPER, RANDOM, SHIPPED, Subject, at_random, bouncing, sweeps
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.runs import need
+from validation.tests.helpers.scenes import SceneWriter, case_of
+
+TOO_LARGE = ("--set", "run.time_step=20 us", "--set", "run.sample_interval=20 us")
+COARSE = ("run.time_step=8 us", "run.sample_interval=8 us")
+QUICK = {each.name: each for each in extremes(quick=True)}
+
+
+def quiet(line: str) -> None:
+    """Takes progress and says nothing."""
+
+
+def test_predictions_are_right_on_the_papers_scenes_and_at_random() -> None:
+    subjects = [*(Subject(RANDOM, name, case_of(name)) for name in PAPER), *at_random(20)]
+    for limit in measure(subjects, quiet, names=()):
+        assert 1 <= limit.ratio <= WITHIN, limit
+
+
+def test_codes_blow_up_where_the_in_repo_scheme_does() -> None:
+    for name in codes():
+        need(name)
+    subjects = [Subject(RANDOM, "fig5", case_of("fig5"), whole_scan=True), *at_random(2)]
+    limits = measure(subjects, quiet, names=tuple(codes()))
+    for subject in subjects:
+        own = {limit.method: limit for limit in limits if limit.scene == subject.name}
+        assert len({limit.measured_s for limit in own.values()}) == 1
+    bad = {limit.bad_s for limit in limits if limit.scene == "fig5"}
+    assert len(bad) == 1
+    assert bad.pop() < limits[0].measured_s
+
+
+def test_the_cheap_bound_never_calls_a_step_stable_that_is_not() -> None:
+    for number in range(60):
+        case = random_case(number, accuracy=0.1)
+        duration = float(case.sample_times_s[-1])
+        limit = predicted_limit(case.chain, duration)
+        assert not certainly_stable(case.chain, duration, 1.0001 * limit)
+        assert limit == pytest.approx(prediction(case), rel=4e-3)
+
+
+def test_many_impacts_lower_the_limit() -> None:
+    limits = measure([*bouncing()][:2], quiet, names=())
+    assert limits[1].measured_s < 0.85 * limits[0].measured_s
+    assert all(1 <= limit.ratio <= WITHIN for limit in limits)
+
+
+FEW = [("chain.count=1", "chain.sensors=[]"), ("chain.count=0", "chain.sensors=[]"), ("striker.mass=1e-9 kg",)]
+
+
+@pytest.mark.parametrize("settings", FEW)
+def test_limits_of_few_and_of_light_bodies(settings: tuple[str, ...]) -> None:
+    case = case_of("fig4", "gravity=", *settings)
+    limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
+    gains = [gain(run, verlet_of(run)) for share in (1.0, 1.25) for run in [case.sampled_at_every(share * limit)]]
+    assert gains[0] <= 1 < gains[1]
+
+
+def test_a_step_that_blows_up_is_refused_and_unsafe_runs_it(tmp_path: Path) -> None:
+    words = ("drivers", "run", "fig4", *TOO_LARGE, "--runs", tmp_path)
+    refused = command_line(*words)
+    assert (refused.returncode, refused.stdout, len(refused.stderr.splitlines())) == (2, "", 1)
+    assert "run.time_step: found 2e-05 s; allowed: at most 1.7" in refused.stderr
+    assert not list(tmp_path.rglob("run.json"))
+    unsafe = command_line(*words, "--unsafe")
+    assert unsafe.returncode == 1
+    for name in ("verlet", *installed(codes())):
+        assert f"fig4: {name} failed: unstable at t = " in unsafe.stderr
+    assert "reference failed" not in unsafe.stderr  # it has no time step
+
+
+def test_what_is_allowed_then_is_run(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as refused:
+        refuse(case_of("fig4", "run.time_step=20 us", "run.sample_interval=20 us"), "verlet")
+    step = str(refused.value).partition("at most ")[2].partition(" s,")[0]
+    case = case_of("fig4", f"run.time_step={step} s", f"run.sample_interval={step} s")
+    refuse(case, "verlet")
+    assert run_case(case, "verlet", tmp_path).done
+
+
+@pytest.mark.parametrize("engine", ["verlet", *codes()])
+def test_a_useless_step_is_done_with_a_warning(engine: str, shared_runs: Path) -> None:
+    need(engine)
+    ended = run_case(case_of("fig4", *COARSE), engine, shared_runs)
+    assert ended.done
+    (warning,) = json.loads((ended.folder / "run.json").read_text())["warnings"]
+    assert warning.startswith("forces are predicted to be off by up to 0.2")
+    assert warning.endswith("by the time step")
+
+
+def test_warnings_are_told_and_stand_in_the_report(shared_runs: Path, tmp_path: Path) -> None:
+    words = [word for setting in COARSE for word in ("--set", setting)]
+    said = command_line("drivers", "run", "fig4", *words, "--engine", "verlet", "--runs", shared_runs)
+    assert said.returncode == 0
+    assert "fig4: verlet warning: forces are predicted to be off by up to 0.2" in said.stderr
+    write_report([run_and_compare("fig4", COARSE, shared_runs)], tmp_path / "report.html")
+    assert "forces are predicted to be off by up to 0.2" in (tmp_path / "report.html").read_text()
+
+
+def test_rounding_warns_by_its_own_name(tmp_path: Path) -> None:
+    need("liggghts")
+    ended = run_case(case_of("fig4", "chain.origin=1e6 km"), "liggghts", tmp_path)
+    assert ended.done
+    assert "by the rounding of heights" in ended.record.warnings[0]
+
+
+def test_a_motion_beyond_hertz_is_refused(scene_file: SceneWriter) -> None:
+    case = case_of(scene_file(), "striker.speed=1 km/s", "run.time_step=1 ns")
+    with pytest.raises(InputError, match=r"striker.speed: found a motion that presses contact 6 .* radii deep"):
+        refuse(case, "reference")
+
+
+def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_path: Path) -> None:
+    need("liggghts")
+    far = ("chain.bead=[{from_wall=3, gap_below='100 km'}]", "run.duration=20 us")
+    path = scene_file(count=220)
+    words = ("drivers", "run", path, "--set", far[0], "--set", far[1], "--runs", tmp_path)
+    by_name = command_line(*words, "--engine", "liggghts")
+    assert (by_name.returncode, by_name.stdout) == (2, "")
+    assert "on liggghts at most 1e+08 bins" in by_name.stderr
+    everywhere = command_line(*words)
+    assert everywhere.returncode == 0, everywhere.stderr
+    assert "not run on liggghts" in everywhere.stderr
+    assert len(everywhere.stdout.split()) == 2 + len(installed(("yade",)))
+    verdicts = run_and_compare(path, far, tmp_path).verdicts
+    assert {v.verdict for v in verdicts if v.engine == "liggghts"} == {"not run"}
+    assert inability(case_of(path), "liggghts") is None
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_at_the_edge(name: str, shared_runs: Path) -> None:
+    for engine in codes():
+        need(engine)
+    for outcome in run_extreme(QUICK[name], shared_runs):
+        expected = "refused" if outcome.engine == "liggghts" and "neighbour search" in name else "done"
+        assert outcome.verdict == expected, outcome
+        assert np.isnan(outcome.leaves_reference_s), outcome
+        if outcome.engine in codes() and expected == "done":
+            assert outcome.error < 2e-3
+            assert outcome.model < 1e-5  # rounding of heights, up to a kilometre
+
+
+def test_a_run_that_leaves_the_reference_says_when(shared_runs: Path) -> None:
+    outcomes = {each.engine: each for each in run_extreme(Extreme(name="", scene="fig4", set=COARSE), shared_runs)}
+    assert outcomes["verlet"].verdict == "warned"
+    assert 1e-5 < outcomes["verlet"].leaves_reference_s < 5e-4
+    too_large = Extreme(name="", scene="fig4", set=("run.time_step=20 us", "run.sample_interval=20 us"))
+    refused = {each.engine: each.verdict for each in run_extreme(too_large, shared_runs)}
+    assert refused.pop("reference") == "done"
+    assert set(refused.values()) == {"refused"}
+
+
+def test_a_drift_is_told_from_a_walk() -> None:
+    case = case_of("fig4")
+    samples = np.linspace(0, 1, 2000)
+    draw = np.random.default_rng(1)
+
+    def trace(energy: Array) -> Trace:
+        nothing = np.zeros((len(samples), 1))
+        return Trace(samples * case.sample_times_s[-1], nothing, energy, 1 + energy, energy)
+
+    assert energy_of("", "", case, trace(1e-6 * samples + 1e-8 * draw.normal(size=2000))).drifts
+    assert not energy_of("", "", case, trace(1e-7 * draw.normal(size=2000).cumsum())).drifts
+
+
+def test_heights_round_and_overlaps_do_not() -> None:
+    near, far = (pressed(3, 1e-4, height) for height in (0.0, 1e3))
+    errors = {(each.method, each.height_m): each.error for case in (near, far) for each in in_repo(case)}
+    assert max(error for (method, _), error in errors.items() if "overlaps" in method) < 1e-15
+    assert errors["in-repo, heights", 1e3] > 1e3 * errors["in-repo, heights", 0.0]
+    for name in codes():
+        need(name)
+        for each in by_build(name, name, [near, far]):
+            assert each.error == pytest.approx(errors["in-repo, heights", each.height_m], rel=1e-6)
+
+
+def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) -> None:
+    chosen = [Subject(SHIPPED, "fig5", case_of("fig5")), *sweeps()][::4]
+    edge = Extreme(name="beads <b>", scene="fig4", set=COARSE)
+    measured: dict[str, list[Any]] = {
+        "limits": measure(chosen, quiet, names=()),
+        "extremes": run_extreme(edge, shared_runs),
+    }
+    tables = write_study(measured, tmp_path)
+    assert missed(tables) == []
+    section = read_section(tmp_path)
+    assert any("the prediction lies above the measured limit on 0 of" in sentence for sentence in section["sentences"])
+    assert len(section["figures"]) == 1
+    write_report([], tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    assert "beads &lt;b&gt;" in page
+    assert "Where it breaks" in page
+    assert "the short study; <code>make stability</code> makes the whole" in page
+    table = tables["limits"]
+    table["ratio"] = 0.99
+    assert len(missed(tables)) == (table["group"] == SHIPPED).sum()
+    (tmp_path / "stability.csv").write_text("group,scene\nshipped scenes,fig4\n")
+    with pytest.raises(InputError, match="a damaged table"):
+        read_section(tmp_path)
+    assert read_section(tmp_path / "nowhere") == {}
