@@ -57,22 +57,17 @@ study: .venv/.ready .venv/.engines ## run a study and draw its figure: make stud
 
 report: results/.report ## run the paper's scenes on all engines and write results/report.html
 
-test-accuracy: .venv/.ready-dev .venv/.engines ## accuracies on 200 random scenes, limits of the time step on 100
-	$(PY) -m pytest -n 2 -m accuracy
-
 test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests
 	$(PY) -m pytest -n 2 --dist loadfile
 
-test-long: .venv/.ready-dev .venv/.engines ## figures, claims, chains in tubes, killed batches, Dask, films: what takes long
-	$(PY) -m pytest -n 2 --dist loadfile -m long
-
-test-slurm: .venv/.ready-dev ## studies on a real Slurm of this machine, installed where it is missing
-	@command -v slurmctld >/dev/null && command -v munged >/dev/null || $(MAKE) --no-print-directory .slurm
-	$(PY) -m pytest -m slurm
-
-test-page: .venv/.ready-dev .venv/.engines ## the report page in headless Chromium, installed where it is missing
-	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || $(MAKE) --no-print-directory .chromium
-	$(PY) -m pytest -m page
+test-long: OPTIONS = -n 2 --dist loadfile
+test-long: ## figures, claims, chains in tubes, killed batches, Dask, films: tests that take long
+test-accuracy: OPTIONS = -n 2
+test-accuracy: ## accuracies on 200 random scenes, limits of the time step on 100
+test-slurm: .slurm ## studies on a real Slurm of this machine, installed where it is missing
+test-page: .chromium ## the report page in headless Chromium, installed where it is missing
+test-long test-accuracy test-slurm test-page: test-%: .venv/.ready-dev .venv/.engines
+	$(PY) -m pytest -m $* $(OPTIONS)
 
 bench: .venv/.ready .venv/.engines ## what the integrators and engines cost, as ratios
 	$(PY) -m validation.tests.bench
@@ -124,38 +119,37 @@ results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),
 
 # a .pth file puts the checkout on the path, so that python -m drivers works from any folder
 define make_venv
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or later is needed: make PYTHON=python3.11"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "Python 3.11 or later is needed: make PYTHON=python3.11"; exit 1; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || $(MAKE) --no-print-directory .python-venv
 	$(PYTHON) -m venv .venv
-	@$(PY) -c 'import os, pathlib, sysconfig; pathlib.Path(sysconfig.get_path("purelib"), "checkout.pth").write_text(os.getcwd() + "\n")'
+	@$(PY) -c 'import sysconfig; print(sysconfig.get_path("purelib"))' | \
+	  { read -r site; pwd >"$$site/checkout.pth"; }
 endef
 
-.PHONY: .python-venv
+# install packages of the system: $(call install,PACKAGES)
+define install
+{ test -n "$(APT)" || { echo "install these packages first: $(1)"; exit 1; }; \
+  echo "installing from the system's packages: $(1)"; \
+  $(AS_ROOT) apt-get update -qq && $(INSTALL) -qq $(1) >/dev/null; }
+endef
+
+.PHONY: .python-venv .slurm .chromium
 .python-venv:
-	@test -n "$(APT)" || { echo "Python lacks the venv module: install it (Debian: python3-venv)"; exit 1; }
-	@echo "installing python3-venv from the system's packages"
-	$(AS_ROOT) apt-get update -qq
-	$(INSTALL) -qq python3-venv >/dev/null
+	@$(call install,python3-venv)
 
-.PHONY: .slurm
 .slurm:
-	@test -n "$(APT)" || { echo "no Slurm here: install slurmctld, slurmd and munge"; exit 1; }
-	$(AS_ROOT) apt-get update -qq
-	$(INSTALL) -qq munge slurmctld slurmd slurm-client slurm-wlm-basic-plugins >/dev/null
+	@command -v slurmctld >/dev/null && command -v munged >/dev/null || \
+	  $(call install,munge slurmctld slurmd slurm-client slurm-wlm-basic-plugins)
 
-.PHONY: .chromium
 .chromium:
-	@test -n "$(APT)" || { echo "no browser here: install chromium and its driver (Debian: chromium, chromium-driver)"; exit 1; }
-	@echo "installing chromium and chromium-driver from the system's packages"
-	$(AS_ROOT) apt-get update -qq
-	$(INSTALL) -qq chromium chromium-driver >/dev/null
+	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || $(call install,chromium chromium-driver)
 
 # remembers which engines were there; it is newer only when that changed
 .venv/.engines: $(AGAIN) $(if $(filter-out $(shell cat .venv/.engines 2>/dev/null),$(FOUND)),FORCE) | .venv/.ready
 ifneq ($(FOUND),$(ENGINES))
 ifneq ($(APT),)
-	@echo "installing the missing engines from the system's packages: $(filter-out $(FOUND),$(ENGINES))"
-	-$(AS_ROOT) apt-get update -qq && $(INSTALL) -qq $(filter-out $(FOUND),$(ENGINES)) >/dev/null
+	-@$(call install,$(filter-out $(FOUND),$(ENGINES)))
 else
 	@echo "missing: $(filter-out $(FOUND),$(ENGINES)). On Debian 12: apt-get install liggghts yade. Going on without."
 endif
