@@ -1,0 +1,84 @@
+"""Tables of studies come back as they were written, and say what is wrong with them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf, isnan, nan, nextafter
+from pathlib import Path
+
+import pytest
+
+from drivers.base.errors import InputError
+from validation.study_tables import frame_of, read_rows, read_table, write_table
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Row of plain fields."""
+
+    name: str
+    steps: int
+    value: float
+    good: bool
+
+
+@dataclass(frozen=True)
+class ByEngine:
+    """Row with a column for each engine."""
+
+    id: str
+    computed: Mapping[str, float]
+    why: str
+
+
+ROWS = [
+    Measured("a, “b”", 3, nextafter(0.1, 1), True),
+    Measured("nan", -1, inf, False),
+    Measured("", 0, 5e-324, True),
+    Measured("1e3", 10**12, -1.7417412558405728e-05, False),
+]
+
+
+def test_rows_come_back_bit_for_bit(tmp_path: Path) -> None:
+    write_table(tmp_path / "new" / "t.csv", Measured, ROWS)
+    assert read_rows(tmp_path / "new" / "t.csv", Measured, "trade") == ROWS
+
+
+def test_what_was_not_measured_is_an_empty_cell(tmp_path: Path) -> None:
+    write_table(tmp_path / "t.csv", Measured, [Measured("a", 1, nan, True)])
+    assert (tmp_path / "t.csv").read_text() == "name,steps,value,good\na,1,,True\n"
+    assert isnan(read_rows(tmp_path / "t.csv", Measured, "trade")[0].value)
+
+
+def test_a_table_without_rows_keeps_its_columns(tmp_path: Path) -> None:
+    write_table(tmp_path / "t.csv", Measured, [])
+    assert list(read_table(tmp_path / "t.csv", Measured, "trade").columns) == ["name", "steps", "value", "good"]
+    assert read_rows(tmp_path / "t.csv", Measured, "trade") == []
+
+
+def test_each_engine_has_a_column(tmp_path: Path) -> None:
+    rows = [ByEngine("a", {}, "x"), ByEngine("b", {"p": 1.5}, ""), ByEngine("c", {"q": 0.1, "p": 2.0}, "y")]
+    assert list(frame_of(ByEngine, rows).columns) == ["id", "p", "q", "why"]
+    write_table(tmp_path / "t.csv", ByEngine, rows)
+    assert read_rows(tmp_path / "t.csv", ByEngine, "claims") == rows
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"", "a damaged table"),
+        (b"name,steps,value\na,1,2\n", "no column good"),
+        (b"name,steps,value,good\na,1,two,True\n", "could not convert string to float: 'two'"),
+        (b"name,steps,value,good\na,,2,True\n", "a damaged table"),
+        (b"name,steps,value,good\na,1,2,True,5,6\nb,1\n", "a damaged table"),
+        (b"\xff\xfe\x00", "a damaged table"),
+    ],
+)
+def test_a_damaged_table_is_named_with_the_target_that_writes_it(tmp_path: Path, content: bytes, found: str) -> None:
+    (tmp_path / "t.csv").write_bytes(content)
+    with pytest.raises(InputError, match=f"t.csv: found .*{found}.*; allowed: the table that make trade writes$"):
+        read_rows(tmp_path / "t.csv", Measured, "trade")
+
+
+def test_a_missing_table_is_named_with_the_target_that_writes_it(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"t\.csv: found no such file; allowed: the table that make trade writes$"):
+        read_table(tmp_path / "t.csv", Measured, "trade")
