@@ -258,7 +258,15 @@ def _fill_between(
 
 
 def integrate_verlet_absolute(
-    chain: HertzChain, height_m: Array, reach_m: Array, time_step_s: float, steps_per_sample: int, samples: int
+    chain: HertzChain,
+    height_m: Array,
+    reach_m: Array,
+    time_step_s: float,
+    steps_per_sample: int,
+    samples: int,
+    *,
+    attraction: bool = False,
+    local_damping: float = 0.0,
 ) -> Motion:
     """The same scheme with heights instead of overlaps as its state, as engines hold them.
 
@@ -272,6 +280,8 @@ def integrate_verlet_absolute(
         time_step_s: as for ``integrate_verlet``.
         steps_per_sample: likewise.
         samples: likewise.
+        attraction: whether contacts that lose energy may pull, which a code may be told.
+        local_damping: d of Cundall's non-viscous damping, ``a (1 - d sign(a v))``, which a code may add.
 
     Returns:
         Every array of shape (samples, bodies).
@@ -279,23 +289,24 @@ def integrate_verlet_absolute(
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
     _integrate_absolute(
         chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s, chain.load_N, chain.damping,
-        time_step_s, steps_per_sample, motion.force_N, motion.displacement_m, motion.velocity_m_s,
+        attraction, local_damping, time_step_s, steps_per_sample,
+        motion.force_N, motion.displacement_m, motion.velocity_m_s,
     )  # fmt: skip
     return Motion(motion.force_N, motion.displacement_m - height_m, motion.velocity_m_s)
 
 
 @njit(cache=True)
 def _integrate_absolute(
-    mass: Array, stiffness: Array, height: Array, reach: Array, velocity0: Array, load: Array,
-    damping: Array, dt: float, every: int, forces: Array, heights: Array, velocities: Array,
+    mass: Array, stiffness: Array, height: Array, reach: Array, velocity0: Array, load: Array, damping: Array,
+    attraction: bool, local: float, dt: float, every: int, forces: Array, heights: Array, velocities: Array,
 ) -> None:  # fmt: skip
     n = mass.size
-    velocity, force = velocity0.copy(), np.zeros(n + 1)
+    velocity, force, net = velocity0.copy(), np.zeros(n + 1), np.zeros(n)
     half = 0.5 * dt
     for step in range((len(forces) - 1) * every + 1):
         if step:
             for j in range(n):
-                velocity[j] += half * (force[j] - force[j + 1] + load[j]) / mass[j]
+                velocity[j] += half * net[j] / mass[j]
                 height[j] += dt * velocity[j]
         below = 0.0
         for j in range(n):
@@ -304,10 +315,17 @@ def _integrate_absolute(
             force[j] = stiffness[j] * overlap * sqrt(overlap) if overlap > 0.0 else 0.0
             if overlap > 0.0 and damping[j] > 0.0:
                 closing = (velocity[j - 1] if j > 0 else 0.0) - velocity[j]
-                force[j] = max(force[j] + damping[j] * sqrt(sqrt(overlap)) * closing, 0.0)
-        if step:
-            for j in range(n):
-                velocity[j] += half * (force[j] - force[j + 1] + load[j]) / mass[j]
+                force[j] += damping[j] * sqrt(sqrt(overlap)) * closing
+                if not attraction:
+                    force[j] = max(force[j], 0.0)
+        for j in range(n):
+            net[j] = force[j] - force[j + 1] + load[j]
+            kick = half * net[j] / mass[j] if step else 0.0
+            if local > 0.0:
+                share = 1.0 - local * np.sign(net[j] * (velocity[j] + kick))
+                net[j] *= share
+                kick *= share
+            velocity[j] += kick
         if step % every == 0:
             forces[step // every] = force[:n]
             heights[step // every] = height
