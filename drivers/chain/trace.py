@@ -1,14 +1,26 @@
-"""The force trace: what every engine's raw output becomes, and where post-processing starts."""
+"""The force trace: what every engine's raw output becomes, and where post-processing starts.
+
+Columns of the files that it is kept in, ``forces.parquet`` and ``state.parquet``, are named here alone.
+"""
 
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drivers.chain.chain import Array, Chain
 
-FORCES = "forces.parquet"
+if TYPE_CHECKING:
+    import pandas as pd
+
+FORCES, STATE = "forces.parquet", "state.parquet"
+CONTACT, BORE, BORE_FRICTION = "contact_{}_N", "bore_{}_N", "bore_friction_N"
+BALANCES = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
+PLACES = ("body_{}_x_m", "body_{}_y_m", "body_{}_height_m")
+VELOCITIES = ("body_{}_x_velocity_m_s", "body_{}_y_velocity_m_s", "body_{}_velocity_m_s")
+SPINS = ("body_{}_spin_x_rad_s", "body_{}_spin_y_rad_s", "body_{}_spin_z_rad_s")
 
 
 @dataclass(frozen=True)
@@ -161,17 +173,12 @@ def write_forces(trace: Trace, path: Path) -> None:
     """Writes ``forces.parquet``: time, every contact, what the bore presses with, energies and momentum."""
     import pandas as pd
 
-    columns = {"time_s": trace.time_s}
-    columns |= {f"contact_{j}_N": column for j, column in enumerate(trace.force_N.T, start=1)}
+    columns = {"time_s": trace.time_s} | _numbered(CONTACT, trace.force_N)
     if trace.bore_friction_N is not None:
-        columns["bore_friction_N"] = trace.bore_friction_N
+        columns[BORE_FRICTION] = trace.bore_friction_N
     if trace.sideways is not None:
-        columns |= {f"bore_{j}_N": column for j, column in enumerate(trace.sideways.bore_N.T, start=1)}
-    columns |= {
-        "kinetic_energy_J": trace.kinetic_energy_J,
-        "total_energy_J": trace.total_energy_J,
-        "momentum_N_s": trace.momentum_N_s,
-    }
+        columns |= _numbered(BORE, trace.sideways.bore_N)
+    columns |= {name: getattr(trace, name) for name in BALANCES}
     pd.DataFrame(columns).to_parquet(path, index=False)
 
 
@@ -180,12 +187,20 @@ def read_forces(path: Path) -> Trace:
     import pandas as pd
 
     table = pd.read_parquet(path)
-    contacts = [name for name in table.columns if name.startswith("contact_")]
-    energies = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
-    friction = table["bore_friction_N"].to_numpy(dtype=float) if "bore_friction_N" in table else None
-    kinetic, total, momentum = (table[name].to_numpy(dtype=float) for name in energies)
+    contacts = [name for name in table.columns if name.startswith(CONTACT.split("{")[0])]
+    friction = table[BORE_FRICTION].to_numpy(dtype=float) if BORE_FRICTION in table else None
+    kinetic, total, momentum = (table[name].to_numpy(dtype=float) for name in BALANCES)
     time, force = table["time_s"].to_numpy(dtype=float), table[contacts].to_numpy(dtype=float)
     return Trace(time, force, kinetic, total, momentum, bore_friction_N=friction)
+
+
+def read_bore_forces(path: Path, bodies: int) -> Array | None:
+    """Forces between the bore and each body from ``forces.parquet``, shape (samples, bodies); None without any."""
+    import pandas as pd
+
+    table = pd.read_parquet(path)
+    names = [BORE.format(j) for j in range(1, bodies + 1)]
+    return _or_zero(table, names) if any(name in table for name in names) else None
 
 
 def write_state(trace: Trace, path: Path) -> None:
@@ -194,15 +209,58 @@ def write_state(trace: Trace, path: Path) -> None:
 
     assert trace.height_m is not None
     assert trace.velocity_m_s is not None
-    columns = {"time_s": trace.time_s}
-    columns |= {f"body_{j}_height_m": column for j, column in enumerate(trace.height_m.T, start=1)}
-    columns |= {f"body_{j}_velocity_m_s": column for j, column in enumerate(trace.velocity_m_s.T, start=1)}
-    if trace.sideways is not None:
-        for axis, (place, velocity) in enumerate(
-            zip(trace.sideways.place_m.T, trace.sideways.velocity_m_s.T, strict=True)
-        ):
-            columns |= {f"body_{j}_{'xy'[axis]}_m": column for j, column in enumerate(place, start=1)}
-            columns |= {f"body_{j}_{'xy'[axis]}_velocity_m_s": column for j, column in enumerate(velocity, start=1)}
-        for axis, spin in enumerate(trace.sideways.spin_rad_s.T):
-            columns |= {f"body_{j}_spin_{'xyz'[axis]}_rad_s": column for j, column in enumerate(spin, start=1)}
+    columns = {"time_s": trace.time_s} | _numbered(PLACES[2], trace.height_m)
+    columns |= _numbered(VELOCITIES[2], trace.velocity_m_s)
+    side = trace.sideways
+    if side is not None:
+        for axis in (0, 1):
+            columns |= _numbered(PLACES[axis], side.place_m[..., axis])
+            columns |= _numbered(VELOCITIES[axis], side.velocity_m_s[..., axis])
+        for axis, spin in enumerate(SPINS):
+            columns |= _numbered(spin, side.spin_rad_s[..., axis])
     pd.DataFrame(columns).to_parquet(path, index=False)
+
+
+@dataclass(frozen=True)
+class State:
+    """Where bodies are and how they move; one that went straight up and down has 0 sideways.
+
+    Attributes:
+        time_s: shape (samples,).
+        place_m: x, y and height of the centres (of a flat striker: of its face). Shape (samples, bodies, 3).
+        velocity_m_s: shape (samples, bodies, 3).
+    """
+
+    time_s: Array
+    place_m: Array
+    velocity_m_s: Array
+
+
+def read_state(path: Path, bodies: int) -> State:
+    """Reads positions and velocities of so many bodies from ``state.parquet``, bit for bit.
+
+    Raises:
+        KeyError: a column that is not there.
+    """
+    import pandas as pd
+
+    table = pd.read_parquet(path)
+    names = {pattern: [pattern.format(j) for j in range(1, bodies + 1)] for pattern in (*PLACES, *VELOCITIES)}
+    for needed in ("time_s", *names[PLACES[2]], *names[VELOCITIES[2]]):
+        if needed not in table:
+            raise KeyError(needed)
+    place, velocity = (
+        np.stack([_or_zero(table, names[pattern]) for pattern in patterns], axis=-1)
+        for patterns in (PLACES, VELOCITIES)
+    )
+    return State(table["time_s"].to_numpy(), place, velocity)
+
+
+def _numbered(pattern: str, values: Array) -> dict[str, Array]:
+    """Columns of an array of shape (samples, bodies), numbered from the wall."""
+    return {pattern.format(j): column for j, column in enumerate(values.T, start=1)}
+
+
+def _or_zero(table: "pd.DataFrame", names: list[str]) -> Array:
+    """Columns of a table, 0 where it lacks one. Shape (rows, names)."""
+    return np.asarray(table.reindex(columns=names, fill_value=0.0).to_numpy(dtype=float))

@@ -19,7 +19,7 @@ from drivers.base.errors import RunError
 from drivers.base.files import sha256_of, whole_file
 from drivers.base.processes import UNKNOWN_VERSION, Outcome, run_command
 from drivers.chain.case import Case
-from drivers.chain.trace import FORCES, Trace, read_forces, write_forces, write_state
+from drivers.chain.trace import FORCES, STATE, Trace, read_forces, write_forces, write_state
 from drivers.engines import Engine, load_engine
 from drivers.limits.refusal import refuse
 from drivers.run.guard import checked_trace
@@ -201,7 +201,7 @@ def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
 
 def _has_all(found: EndedRun, case: Case) -> bool:
     """Whether the run's files are there and its forces as they were written."""
-    wanted = [FORCES, "sensors.csv"] + (["state.parquet"] if "state" in case.scene.run.record else [])
+    wanted = [FORCES, "sensors.csv"] + ([STATE] if "state" in case.scene.run.record else [])
     there = all((found.folder / name).exists() for name in wanted)
     return there and sha256_of(found.folder / FORCES) == found.record.forces_sha256
 
@@ -212,7 +212,7 @@ def _write_products(case: Case, trace: Trace, folder: Path) -> None:
     write_forces(trace, folder / FORCES)
     write_sensors(case.layout, trace, folder / "sensors.csv")
     if "state" in case.scene.run.record:
-        write_state(trace, folder / "state.parquet")
+        write_state(trace, folder / STATE)
 
 
 def _remove(path: Path) -> None:

@@ -13,10 +13,11 @@ import numpy as np
 
 from drivers.chain.chain import Array, Chain
 from drivers.chain.mesh_files import write_mesh
+from drivers.chain.trace import FORCES, read_bore_forces
 from drivers.chain.tube_mesh import tube_mesh
 from drivers.run.finished import FinishedRun
 from drivers.scene.model import Scene
-from postproc.read.motion import chain_of, mean_forces, read_bore, read_motion, spread
+from postproc.read.motion import chain_of, mean_forces, read_motion, spread
 
 FRAMES = 100
 INDEX, TUBE, FRAME = "chain.pvd", "tube.vtu", "chain-{:05}.vtu"
@@ -47,7 +48,7 @@ def frames_of(run: FinishedRun, scene: Scene, chain: Chain, frames: int) -> list
     Raises:
         InputError: the run kept no positions.
     """
-    motion, bore = read_motion(run), read_bore(run)
+    motion, bore = read_motion(run), read_bore_forces(run.folder / FORCES, run.record.bodies)
     force = mean_forces(run.trace.force_N)
     flat = np.isinf(chain.radius_m)
     radius = np.where(flat, scene.chain.diameter / 2, chain.radius_m)

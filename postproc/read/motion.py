@@ -1,37 +1,15 @@
 """Where the bodies of a finished run are, how they move, and what they feel."""
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import numpy as np
-import pandas as pd
 
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.chain import Array, Chain, build_chain
 from drivers.chain.lateral_start import with_lateral
-from drivers.chain.trace import FORCES
+from drivers.chain.trace import FORCES, STATE, State, read_state
 from drivers.run.finished import FinishedRun
 from drivers.scene.model import Scene
 from drivers.scene.stored_scene import stored_scene
-
-STATE = "state.parquet"
-FORCE_OF_BORE = "bore_{}_N"
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A run's bodies from sample to sample; one that went straight up and down has 0 sideways.
-
-    Attributes:
-        time_s: shape (samples,).
-        place_m: x, y and height of the centres (of a flat striker: of its face). Shape (samples, bodies, 3).
-        velocity_m_s: shape (samples, bodies, 3).
-    """
-
-    time_s: Array
-    place_m: Array
-    velocity_m_s: Array
 
 
 def chain_of(run: FinishedRun) -> tuple[Scene, Chain]:
@@ -59,7 +37,7 @@ def keeps_motion(run: FinishedRun) -> bool:
     return (run.folder / STATE).is_file()
 
 
-def read_motion(run: FinishedRun) -> Motion:
+def read_motion(run: FinishedRun) -> State:
     """Positions and velocities of a run, bit for bit.
 
     Raises:
@@ -71,32 +49,18 @@ def read_motion(run: FinishedRun) -> Motion:
         scene = name if (paths.SCENES / f"{name}.toml").is_file() else f"{name}.toml"
         again = f"""python -m drivers run {scene} --engine {record.engine} --set run.record='["forces", "state"]'"""
         raise InputError(paths.shown(path), "", "no positions", f"a run that keeps them: {again}")
-    table = _read(path)
-    time_s = run.trace.time_s
     try:
-        found = Motion(
-            table["time_s"].to_numpy(),
-            _three(table, "body_{}_x_m", "body_{}_y_m", "body_{}_height_m", record.bodies),
-            _three(table, "body_{}_x_velocity_m_s", "body_{}_y_velocity_m_s", "body_{}_velocity_m_s", record.bodies),
-        )
+        found = read_state(path, record.bodies)
     except KeyError as error:
-        column = str(error).strip("'\"")
-        raise InputError(paths.shown(path), column, "no such column", "the positions of the run's bodies") from error
-    if not np.array_equal(found.time_s, time_s):
+        known = "the positions of the run's bodies"
+        raise InputError(paths.shown(path), str(error.args[0]), "no such column", known) from error
+    except Exception as error:  # a damaged file can make pyarrow raise almost anything
+        raise InputError(paths.shown(path), "", "a damaged file", "a run's own (run it again with --rerun)") from error
+    if not np.array_equal(found.time_s, run.trace.time_s):
         raise InputError(paths.shown(path), "time_s", "other times", f"those of {FORCES}")
     if not (np.isfinite(found.place_m).all() and np.isfinite(found.velocity_m_s).all()):
         raise InputError(paths.shown(path), "", "values that are not finite", "the positions of a run that is done")
     return found
-
-
-def read_bore(run: FinishedRun) -> Array | None:
-    """Force between each body and the tube, shape (samples, bodies); None where the run's tube is not modelled."""
-    table = _read(run.folder / FORCES)
-    names = [FORCE_OF_BORE.format(j) for j in range(1, run.record.bodies + 1)]
-    if not any(name in table for name in names):
-        return None
-    nothing = np.zeros(len(table))
-    return np.column_stack([table[name].to_numpy() if name in table else nothing for name in names])
 
 
 def mean_forces(force_N: Array) -> Array:
@@ -116,21 +80,3 @@ def mean_forces(force_N: Array) -> Array:
 def spread(samples: int, frames: int) -> list[int]:
     """So many samples spread evenly over a run, both ends among them; all where there are no more."""
     return [int(place) for place in np.unique(np.linspace(0, samples - 1, min(frames, samples)).round())]
-
-
-def _read(path: Path) -> pd.DataFrame:
-    try:
-        return pd.read_parquet(path)
-    except Exception as error:  # a damaged file can make pyarrow raise almost anything
-        raise InputError(paths.shown(path), "", "a damaged file", "a run's own (run it again with --rerun)") from error
-
-
-def _three(table: pd.DataFrame, x: str, y: str, z: str, bodies: int) -> Array:
-    """The three components of each body; x and y are 0 where the table lacks them. Shape (samples, bodies, 3)."""
-    found = np.zeros((len(table), bodies, 3))
-    for j in range(bodies):
-        for axis, column in enumerate((x, y, z)):
-            name = column.format(j + 1)
-            if axis == 2 or name in table:
-                found[:, j, axis] = table[name].to_numpy()
-    return found
