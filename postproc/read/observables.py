@@ -5,7 +5,10 @@ time 0, which is the static load; behind electronics with a time constant a gaug
 The first peak at a gauge is the incident wave, the first one after the wall's peak the reflected wave.
 """
 
-from dataclasses import replace
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -20,6 +23,77 @@ LEVELS = (0.002, 0.04)  # of the peak, at which the paper's Table 1 cuts the wid
 QUIET = 1e-14  # of the largest force: the wall has not felt anything yet
 LATER = 0.01  # of its range: by which later maxima at the wall stand out, where damping has made them small
 ROUNDING = 1e-9  # of the largest force: a signal that moves less is at rest
+
+
+@dataclass(frozen=True)
+class Observable:
+    """A number of a run.
+
+    Attributes:
+        pattern: its name without the unit; ``PLACEHOLDERS`` differ from scene to scene.
+        unit: in which it is given; empty for a plain number.
+        kind: observables of one kind are compared and judged alike.
+        of_wave: it is read from pulses, and its relative error is a measure of how exact a run is.
+    """
+
+    pattern: str
+    unit: str
+    kind: str
+    of_wave: bool = True
+
+    @property
+    def ending(self) -> str:
+        """The unit as names end in it, such as ``_m_s``."""
+        return "_" + re.sub("[/ ]", "_", self.unit.replace("1/", "per ")) if self.unit else ""
+
+
+PLACEHOLDERS = {"gauge": r"bead_\d+|wall", "level": r"[\d.e+-]+pct", "number": r"\d+", "pair": r"\d+_to_\d+"}
+OBSERVABLES = (
+    Observable("{gauge}_static", "N", "static force", of_wave=False),
+    Observable("{gauge}_amplitude", "N", "amplitude"),
+    Observable("{gauge}_peak", "N", "peak"),
+    Observable("{gauge}_arrival", "s", "arrival"),
+    Observable("{gauge}_duration_{level}", "s", "duration"),
+    Observable("{gauge}_width_{level}", "diameters", "width"),
+    Observable("{gauge}_pulses", "", "count", of_wave=False),
+    Observable("{gauge}_reflected_amplitude", "N", "reflected amplitude"),
+    Observable("{gauge}_reflected_arrival", "s", "reflected arrival"),
+    Observable("wall_peak_{number}", "N", "later peak"),
+    Observable("wall_envelope", "1/s", "rate"),
+    Observable("speed_{pair}", "m/s", "speed"),
+    Observable("transmission_{pair}", "", "transmission", of_wave=False),
+    Observable("kinetic_energy_start", "J", "energy", of_wave=False),
+    Observable("energy_drift", "J", "energy", of_wave=False),
+    Observable("energy_lost", "J", "energy", of_wave=False),
+    Observable("energy_error_before_wall", "J", "energy", of_wave=False),
+    Observable("momentum_start", "N s", "momentum", of_wave=False),
+    Observable("momentum_end", "N s", "momentum", of_wave=False),
+    Observable("momentum_error_before_wall", "share", "balance", of_wave=False),
+    Observable("impulse_imbalance", "share", "balance", of_wave=False),
+    Observable("impulse_sampling", "share", "balance", of_wave=False),
+)
+
+
+@cache
+def describe(name: str) -> Observable:
+    """The observable of a name with or without its unit; any other name is a plain number of no kind."""
+    fields = {field: f"(?:{pattern})" for field, pattern in PLACEHOLDERS.items()}
+    found = (
+        observable
+        for observable in OBSERVABLES
+        if re.fullmatch(f"{observable.pattern.format(**fields)}(?:{observable.ending})?", name)
+    )
+    return next(found, Observable(name, "", "", of_wave=False))
+
+
+def without_unit(name: str) -> str:
+    """The name of an observable without its unit; any other name as it is."""
+    return name.removesuffix(describe(name).ending)
+
+
+def of_kind(names: Iterable[str], *kinds: str) -> list[str]:
+    """The names of observables of some kinds, in their order."""
+    return [name for name in names if describe(name).kind in kinds]
 
 
 def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) -> dict[str, float]:

@@ -17,7 +17,7 @@ from drivers.chain.chain import Array, energy_put_in, moving_at_start
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.run.guard import energy_error
-from postproc.read.observables import observe
+from postproc.read.observables import describe, observe, without_unit
 from postproc.read.residual import residual
 from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import Motion
@@ -26,8 +26,6 @@ from validation.reference.velocity_verlet import integrate_verlet
 FORCE, ENERGY = "force", "energy"
 FINER = 4  # times the samples that true peaks are read from: quintics leave 4^-6 of the error of sampling
 MOST_FINE = 4_000_000  # values of the finer record; beyond it the error of sampling is not measured
-UNITS = ("_per_s", "_m_s", "_N", "_s", "_diameters")
-BALANCES = ("_static_N", "momentum_start_N_s", "momentum_end_N_s")  # not read from a pulse
 
 
 @dataclass(frozen=True)
@@ -91,17 +89,8 @@ def verlet_of(case: Case) -> Trace:
 
 def quantities(case: Case, trace: Trace) -> dict[str, float]:
     """What a trace shows of pulses, by name without the unit."""
-    found = {}
-    for name, value in observe(case.layout, trace).items():
-        short = without_unit(name)
-        if short != name and not name.endswith(BALANCES) and np.isfinite(value):
-            found[short] = value
-    return found
-
-
-def without_unit(name: str) -> str:
-    """The name of an observable without its unit."""
-    return name.removesuffix(next((unit for unit in UNITS if name.endswith(unit)), ""))
+    values = observe(case.layout, trace).items()
+    return {without_unit(name): value for name, value in values if describe(name).of_wave and np.isfinite(value)}
 
 
 def errors_of(case: Case, trace: Trace, truth: Truth, names: Iterable[str]) -> dict[str, float]:

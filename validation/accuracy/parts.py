@@ -4,6 +4,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from postproc.read.observables import of_kind
+
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
 
 
@@ -32,5 +34,5 @@ def for_terminal(error_budget: Iterable[dict[str, Any]]) -> Iterator[tuple[str, 
     """
     for each in error_budget:
         quantity = each["quantity"]
-        if (quantity == "force" or quantity.endswith("_peak")) and set(PARTS) <= each.keys():
+        if (quantity == "force" or of_kind([quantity], "peak")) and set(PARTS) <= each.keys():
             yield quantity, " ".join(f"{each[part]:10.1e}" for part in PARTS)

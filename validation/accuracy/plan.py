@@ -29,7 +29,8 @@ class Plan:
 
 def asked_of(case: Case) -> dict[str, float]:
     """The accuracy a scene asks for, by quantity; names may end in their unit, as observables do."""
-    from validation.accuracy.error_measures import FORCE, without_unit
+    from postproc.read.observables import without_unit
+    from validation.accuracy.error_measures import FORCE
 
     accuracy = case.scene.run.accuracy
     assert accuracy is not None

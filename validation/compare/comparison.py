@@ -14,7 +14,7 @@ from drivers.engines import load_engine
 from drivers.run.finished import FinishedRun
 from drivers.run.guard import energy_error
 from drivers.scene.read_scene import read_scene
-from postproc.read.observables import observe
+from postproc.read.observables import observe, of_kind
 from postproc.read.residual import share_of_largest
 from validation.accuracy.deviation import Deviation, deviation, motion_deviation
 from validation.accuracy.rounding import HORIZON, ROUNDING_MARGIN, comparable, rounding_error, verlet_in_heights
@@ -122,11 +122,11 @@ def _observable_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[s
     values = observe(run.layout, run.trace)
     exact = observe(runs["reference"].layout, runs["reference"].trace)
     verdicts = []
-    for label, kind, ending in (("peak of a gauge", "peak", "_peak_N"), ("speed between gauges", "speed", "_m_s")):
+    for label, kind in (("peak of a gauge", "peak"), ("speed between gauges", "speed")):
         errors = {
             name: abs(values[name] / exact[name] - 1)
-            for name in exact
-            if name.endswith(ending) and np.isfinite(exact[name]) and exact[name]
+            for name in of_kind(exact, kind)
+            if np.isfinite(exact[name]) and exact[name]
         }
         if errors:
             worst = max(errors, key=lambda name: np.inf if np.isnan(errors[name]) else errors[name])

@@ -8,10 +8,9 @@ import numpy as np
 from drivers.base.tolerances import Tolerance
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, until
-from postproc.read.observables import observe
+from postproc.read.observables import describe, observe, of_kind, without_unit
 from postproc.read.signals import integral
 from validation.accuracy.deviation import Deviation, deviation, first_beyond, shares_apart
-from validation.accuracy.error_measures import without_unit
 from validation.accuracy.rounding import HORIZON
 from validation.compare.departure import Departure, departure
 from validation.compare.open_pair import Opened
@@ -99,17 +98,16 @@ def _largest(difference: Array, scale: Array) -> tuple[float, int]:
 def _of_gauges(one: Opened, other: Opened, first: Trace, second: Trace, allowed: Allowed) -> Iterator[Verdict]:
     """Peaks and speeds that both runs have a gauge for."""
     should, has = observe(one.run.layout, first), observe(other.run.layout, second)
-    for name in should:
-        speed = name.startswith("speed_")
-        if name not in has or not ("_peak" in name or speed) or (np.isnan(should[name]) and np.isnan(has[name])):
+    limits = {"peak": allowed.peak, "later peak": allowed.peak, "speed": allowed.speed}
+    for name in of_kind(should, *limits):
+        observable = describe(name)
+        if name not in has or (np.isnan(should[name]) and np.isnan(has[name])):
             continue
-        unit, limit = ("m/s", allowed.speed) if speed else ("N", allowed.peak)
-        values = f"{should[name]:.7g} against {has[name]:.7g} {unit}"
-        first_of_gauge = name.endswith("_peak_N")
-        arrival_s = should.get(name.replace("_peak_N", "_arrival_s"), np.nan) if first_of_gauge else np.nan
+        values = f"{should[name]:.7g} against {has[name]:.7g} {observable.unit}"
+        arrival_s = should[name.replace("_peak_N", "_arrival_s")] if observable.kind == "peak" else np.nan
         when = f" at {arrival_s * 1e6:.6g} µs" if np.isfinite(arrival_s) else ""
         error = abs(has[name] / should[name] - 1) if should[name] else abs(has[name])
-        yield _verdict(one, other, without_unit(name), float(error), limit, f"{values}{when}")
+        yield _verdict(one, other, without_unit(name), float(error), limits[observable.kind], f"{values}{when}")
 
 
 def _verdict(one: Opened, other: Opened, quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:

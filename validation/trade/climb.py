@@ -21,6 +21,7 @@ from drivers.run.guard import checked_trace
 from drivers.run.run import default_limit_s, run_case
 from drivers.run.session import Session, served_by
 from postproc.paper.simulate import case_of
+from postproc.read.observables import of_kind
 from validation.accuracy.costs import cost_on
 from validation.accuracy.error_measures import (
     ENERGY,
@@ -173,11 +174,11 @@ class _Climber:
 def judged(case: Case, trace: Trace, truth: Truth) -> dict[str, float]:
     """The errors of a row; of several gauges the largest."""
     groups = {
-        "sensor_peak": [name for name in truth.true if name.startswith("bead_") and name.endswith("_peak")],
-        "wall_peak": ["wall_peak"] if "wall_peak" in truth.true else [],
-        "arrival": [name for name in truth.true if name.endswith("_arrival") and "reflected" not in name],
-        "speed": [name for name in truth.true if name.startswith("speed_")],
-        "width": [name for name in truth.true if name.endswith("_width_4pct")],
+        "sensor_peak": [name for name in of_kind(truth.true, "peak") if name != "wall_peak"],
+        "wall_peak": [name for name in truth.true if name == "wall_peak"],
+        "arrival": of_kind(truth.true, "arrival"),
+        "speed": of_kind(truth.true, "speed"),
+        "width": [name for name in of_kind(truth.true, "width") if name.endswith("_4pct")],
     }
     seen = quantities(case, trace)
     errors = errors_of(case, trace, truth, (FORCE, ENERGY)) | {"momentum": momentum_error(case, trace, truth)}

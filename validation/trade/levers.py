@@ -19,6 +19,7 @@ from drivers.limits.criteria import rayleigh_time
 from drivers.run.run import default_limit_s
 from drivers.run.session import served_by
 from postproc.paper.simulate import case_of, exact
+from postproc.read.observables import of_kind
 from postproc.read.residual import residual
 from validation.accuracy.error_measures import errors_of, quantities, truth_of, verlet_of
 from validation.trade.climb import start_up, timed_in_session
@@ -90,7 +91,7 @@ def rayleigh() -> Iterator[Lever]:
             step = fraction * rayleigh_time(base)
             case = base.sampled_at_every(step)
             truth = truth_of(case)
-            names = ["force", *(name for name in truth.true if name == "wall_peak" or name.startswith("speed_"))]
+            names = ["force", *(name for name in of_kind(truth.true, "peak", "speed") if not name.startswith("bead"))]
             for name, error in errors_of(case, verlet_of(case), truth, names).items():
                 yield Lever("Rayleigh fraction", scene, "any", f"{fraction:g} of it", name, error, float("nan"))
 
