@@ -6,14 +6,22 @@ all arrays have one entry a body. A contact that does not exist (under bead 1 of
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf, pi, sqrt
+from math import inf, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.chain.contact_law import damping_ratio
+from drivers.chain.contact_law import (
+    contact_stiffness,
+    damping_coefficient,
+    damping_ratio,
+    hertz_force,
+    hertz_overlap,
+    hertz_stiffness,
+)
 from drivers.chain.lateral import Lateral
-from drivers.scene.model import RIGID, Contact, Material, Scene
+from drivers.scene.model import RIGID, Contact, Scene
+from validation.reference.hertz_chain import ENERGY_SHARE
 
 Array = NDArray[np.float64]
 AT_REST = 1e-9  # of the whole load: forces that a packing may leave on a bead
@@ -95,7 +103,7 @@ class Chain:
     def force_N(self) -> Array:
         """Contact forces along the axis at time 0. Shape (bodies,)."""
         closed = np.maximum(self.overlap_m, 0.0)
-        elastic = np.asarray(self.stiffness * closed**1.5 * self.axial_share)
+        elastic = np.asarray(hertz_force(self.stiffness, closed) * self.axial_share)
         if not self.damping_ratio:
             return elastic
         closing = np.append(0.0, self.velocity_m_s[:-1]) - self.velocity_m_s
@@ -110,7 +118,7 @@ class Chain:
     @cached_property
     def damping(self) -> Array:
         """C of each contact in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, N s m^-5/4; 0 if elastic. Shape (bodies,)."""
-        return np.asarray(2 * self.damping_ratio * np.sqrt(1.5 * self.stiffness * self.reduced_mass_kg))
+        return damping_coefficient(self.damping_ratio, self.stiffness, self.reduced_mass_kg)
 
     @cached_property
     def acceleration_m_s2(self) -> Array:
@@ -121,28 +129,6 @@ class Chain:
         if self.lateral is not None:
             rounding = rounding + AT_REST * np.abs(self.load_N).sum()
         return np.asarray(np.where(np.abs(net) <= rounding, 0.0, net) / self.mass_kg)
-
-
-def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
-    """Hertz stiffness k of F = k overlap^(3/2), in N m^-3/2.
-
-    ``k = (4/3) E* sqrt(R*)`` with ``1/E* = (1-nu1^2)/E1 + (1-nu2^2)/E2`` and ``1/R* = 1/R1 + 1/R2``: the general
-    form of the paper's Eq. (7). A radius of inf is a flat face, a material of None is rigid.
-    """
-    yielding = sum(m.compliance for m in (first, second) if m is not None)
-    curvature = 1 / radius_1_m + 1 / radius_2_m
-    return 4 / 3 / yielding / sqrt(curvature)
-
-
-def mindlin_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
-    """Shear stiffness k_t of ``dF_t = k_t sqrt(overlap) ds``, in N m^-3/2.
-
-    ``k_t = 8 G* sqrt(R*)`` with ``1/G* = 2(2-nu1)(1+nu1)/E1 + 2(2-nu2)(1+nu2)/E2``: Mindlin's contact without slip.
-    """
-    yielding = sum(
-        2 * (2 - m.poisson_ratio) * (1 + m.poisson_ratio) / m.youngs_modulus for m in (first, second) if m is not None
-    )
-    return 8 / yielding / sqrt(1 / radius_1_m + 1 / radius_2_m)
 
 
 def build_chain(scene: Scene) -> Chain:
@@ -202,11 +188,6 @@ def _damping_ratio(contact: Contact) -> float:
     return 0.0 if contact.restitution is None else damping_ratio(contact.restitution)
 
 
-def contact_stiffness(stiffness: Array, overlap_m: Array) -> Array:
-    """The slope of Hertz's law, ``dF/d overlap = (3/2) k overlap^(1/2)``, in N/m."""
-    return np.asarray(1.5 * stiffness * np.sqrt(overlap_m))
-
-
 def energy_put_in(chain: Chain, duration_s: float) -> float:
     """Energy that can turn into motion, in J; of a chain in which nothing moves, what its contacts hold at rest.
 
@@ -221,7 +202,7 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
         falling = float((_unbalanced(chain) ** 2 / chain.mass_kg).sum()) * duration_s**2 / 2
     else:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
-    hertz = 0.4 * float(chain.force_N @ np.maximum(chain.overlap_m, 0.0))
+    hertz = ENERGY_SHARE * float(chain.force_N @ np.maximum(chain.overlap_m, 0.0))
     return kinetic + falling + _settling(chain) or hertz
 
 
@@ -257,7 +238,7 @@ def _settling(chain: Chain) -> float:
     below = slice(0, int(np.flatnonzero(unbalanced)[-1]) + 1)
     stiffness = chain.stiffness[below]
     with np.errstate(divide="ignore"):
-        by_hertz = (load / stiffness) ** (2 / 3)
+        by_hertz = hertz_overlap(stiffness, load)
         by_spring = load / contact_stiffness(stiffness, np.maximum(chain.overlap_m[below], 0.0))
     return load * float(np.where(stiffness > 0, np.fmin(by_hertz, by_spring), 0.0).sum())
 
@@ -321,7 +302,7 @@ def _overlaps(stiffness: Array, bead_load_N: Array, gaps: dict[int, float], *, r
     first_loose = min(gaps, default=len(bead_load_N) + 1) if resting else 1
     held = slice(0, first_loose - 1)
     carried = -np.cumsum(bead_load_N[held][::-1])[::-1]  # what lies on each contact
-    overlap[held] = (np.maximum(carried, 0.0) / stiffness[held]) ** (2 / 3)
+    overlap[held] = hertz_overlap(stiffness[held], np.maximum(carried, 0.0))
     for place, gap in gaps.items():
         overlap[place - 1] = -gap
     return overlap

@@ -1,4 +1,4 @@
-"""Dissipation of a contact: one law for all engines, and the restitution that comes out of it.
+"""The contact law of all engines: elastic force, stiffness, energy, and the dissipation and restitution of impacts.
 
 ``F = max(0, k d^(3/2) + 2 B sqrt(m* K) d')`` with the tangent stiffness ``K = (3/2) k d^(1/2)``, the reduced mass
 ``1/m* = 1/m1 + 1/m2`` (at the wall the bead's own) and the damping ratio B (Tsuji, Tanaka and Ishida, Powder Technol.
@@ -7,17 +7,140 @@ damping ratio ``zeta = sqrt(6/5) B``, and ends where its acceleration is zero (a
 Matter 9:465, 2007, have it for a linear spring). So the restitution depends on B alone, not on speed, size or modulus:
 
 ``e = exp(-2 a / tan(a))`` with ``cos(a) = zeta``; for zeta > 1 ``e = exp(-2 a / tanh(a))`` with ``cosh(a) = zeta``.
+
+Functions of overlap, force and energy take one contact or arrays of contacts. The compiled kernels have the same law
+in ``validation.reference.hertz_chain``.
 """
 
 from functools import cache
-from math import acos, acosh, cosh, exp, log, pi, sqrt
+from math import acos, acosh, cos, cosh, exp, log, pi, sqrt
+from typing import Any, TypeVar
 
-RATIO = sqrt(5 / 6)  # B over zeta
+import numpy as np
+
+from drivers.scene.model import Material
+from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Array
+
+Value = TypeVar("Value", float, Array)  # a stiffness of type Any is one or the other, too
+
+ZETA_1 = sqrt(5 / 6)  # the damping ratio B at which zeta is 1
+
+
+def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
+    """Hertz stiffness k of F = k overlap^(3/2), in N m^-3/2.
+
+    ``k = (4/3) E* sqrt(R*)`` with ``1/E* = (1-nu1^2)/E1 + (1-nu2^2)/E2`` and ``1/R* = 1/R1 + 1/R2``: the general
+    form of the paper's Eq. (7). A radius of inf is a flat face, a material of None is rigid.
+    """
+    yielding = sum(m.compliance for m in (first, second) if m is not None)
+    curvature = 1 / radius_1_m + 1 / radius_2_m
+    return 4 / 3 / yielding / sqrt(curvature)
+
+
+def mindlin_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
+    """Shear stiffness k_t of ``dF_t = k_t sqrt(overlap) ds``, in N m^-3/2.
+
+    ``k_t = 8 G* sqrt(R*)`` with ``1/G* = 2(2-nu1)(1+nu1)/E1 + 2(2-nu2)(1+nu2)/E2``: Mindlin's contact without slip.
+    """
+    yielding = sum(
+        2 * (2 - m.poisson_ratio) * (1 + m.poisson_ratio) / m.youngs_modulus for m in (first, second) if m is not None
+    )
+    return 8 / yielding / sqrt(1 / radius_1_m + 1 / radius_2_m)
+
+
+@cache
+def conformity(radius_m: float, bore_radius_m: float) -> float:
+    """Stiffness of a sphere in a bore over that on a flat of the same material.
+
+    Hertz's elliptic contact (Johnson, Contact Mechanics, section 4.2) with the relative curvatures ``1/R - 1/R_bore``
+    across the axis and ``1/R`` along it; the force still goes with overlap^(3/2). A bore of inf is a flat.
+
+    Raises:
+        ValueError: the sphere does not fit.
+    """
+    from scipy.optimize import brentq
+    from scipy.special import ellipe, ellipkm1
+
+    if not 0 < radius_m < bore_radius_m:
+        raise ValueError(f"radius_m: {radius_m}, expected above zero and below that of the bore, {bore_radius_m}")
+    across, along = (1 / radius_m - 1 / bore_radius_m) / 2, 1 / radius_m / 2
+    if across == along:
+        return 1.0
+
+    def curvatures(squared: float) -> tuple[float, float]:
+        """``E/m - K`` and ``K - E``, which are as the relative curvatures along and across."""
+        second, first = float(ellipkm1(squared)), float(ellipe(1 - squared))
+        return first / squared - second, second - first
+
+    def excess(squared: float) -> float:
+        over, under = curvatures(squared)
+        return over / under - along / across
+
+    squared = brentq(excess, 1e-300, 1 - 1e-12, xtol=1e-300, rtol=1e-15)  # m = (b/a)^2 of the ellipse's axes a > b
+    over, under = curvatures(squared)
+    second, curved = float(ellipkm1(squared)), sqrt(over * under)
+    f1_cubed = 4 / (pi * (1 - squared)) * squared**0.75 * curved
+    f2 = 2 / pi * squared**0.25 * f1_cubed ** (-1 / 3) * second
+    mean_radius = 1 / (2 * sqrt(across * along))
+    return float(sqrt(mean_radius / radius_m) * f2**-1.5)
+
+
+def side_share(sides: int) -> float:
+    """Stiffness of each flat side of a mesh over that of the cylinder it stands for.
+
+    Beads come to rest in its edges, where two sides hold them: ``2 k_side cos(pi/n)^(5/2) = k``.
+    """
+    return float(1 / (2 * cos(pi / sides) ** 2.5))
+
+
+def hertz_force(stiffness: Any, overlap_m: Value) -> Value:
+    """``F = k d^(3/2)`` of an overlap of 0 or more, in N."""
+    force: Value = stiffness * overlap_m**EXPONENT
+    return force
+
+
+def hertz_overlap(stiffness: Any, force_N: Value) -> Value:
+    """``d = (F / k)^(2/3)`` of a force of 0 or more, in m."""
+    overlap: Value = (force_N / stiffness) ** (1 / EXPONENT)
+    return overlap
+
+
+def contact_stiffness(stiffness: float | Array, overlap_m: Array) -> Array:
+    """Slope of the force, ``dF/dd = (3/2) k d^(1/2)``, in N/m."""
+    return np.asarray(EXPONENT * stiffness * np.sqrt(overlap_m))
+
+
+def contact_stiffness_at(stiffness: float, force_N: float) -> float:
+    """Slope of the force where it is F, ``(3/2) k^(2/3) F^(1/3)``, in N/m."""
+    return float(EXPONENT * float(stiffness) ** (2 / 3) * float(force_N) ** (1 / 3))
+
+
+def hertz_energy(stiffness: Any, overlap_m: Value) -> Value:
+    """``E = (2/5) k d^(5/2)`` of an overlap of 0 or more, in J."""
+    energy: Value = ENERGY_SHARE * stiffness * overlap_m ** (1 + EXPONENT)
+    return energy
+
+
+def hertz_energy_at(stiffness: Any, force_N: Value) -> Value:
+    """Energy of a contact that carries the force F, ``(2/5) F (F / k)^(2/3)``, in J."""
+    energy: Value = ENERGY_SHARE * force_N * hertz_overlap(stiffness, force_N)
+    return energy
+
+
+def overlap_of_energy(stiffness: Value, energy_J: float) -> Value:
+    """Overlap at which a contact holds an energy, ``d = (5 E / (2 k))^(2/5)``, in m."""
+    overlap: Value = ((1 + EXPONENT) * energy_J / stiffness) ** ENERGY_SHARE
+    return overlap
+
+
+def damping_coefficient(damping_ratio: float, stiffness: Array, reduced_mass_kg: Array) -> Array:
+    """C of ``F = max(0, k d^(3/2) + C d^(1/4) d')``, that is ``2 B sqrt((3/2) k m*)``, in N s m^-5/4."""
+    return np.asarray(2 * damping_ratio * np.sqrt(EXPONENT * stiffness * reduced_mass_kg))
 
 
 def restitution(damping_ratio: float) -> float:
-    """The restitution of an impact of two bodies under no other force; 1 for a damping ratio of 0."""
-    zeta = damping_ratio / RATIO
+    """Restitution of an impact of two bodies under no other force; 1 for a damping ratio of 0."""
+    zeta = damping_ratio / ZETA_1
     root = sqrt(abs(1 - zeta) * (1 + zeta))
     if root == 0:
         return exp(-2)
@@ -26,26 +149,26 @@ def restitution(damping_ratio: float) -> float:
 
 @cache
 def damping_ratio(wanted: float) -> float:
-    """The damping ratio B at which an impact has that restitution, above 0 and at most 1."""
+    """Damping ratio B at which an impact has a restitution, which is above 0 and at most 1."""
     from scipy.optimize import brentq
 
     loss = -log(wanted)
     if loss == 0:
         return 0.0
-    most = RATIO * cosh(loss / 2) * (1 + 1e-12)
+    most = ZETA_1 * cosh(loss / 2) * (1 + 1e-12)
     return float(brentq(lambda ratio: log(restitution(ratio)) + loss, 0.0, most, xtol=1e-300, rtol=1e-15))
 
 
-def with_attraction(damping_ratio: float) -> float:
+def restitution_with_attraction(damping_ratio: float) -> float:
     """``e' = exp(-pi zeta / sqrt(1 - zeta^2))``, the restitution if bodies could pull; 0 where none is left.
 
     It is what LIGGGHTS has to be given, whether it limits forces or not: ``zeta = |ln e'| / sqrt(ln(e')^2 + pi^2)``.
     """
-    zeta = damping_ratio / RATIO
+    zeta = damping_ratio / ZETA_1
     return exp(-pi * zeta / sqrt((1 - zeta) * (1 + zeta))) if zeta < 1 else 0.0
 
 
 def damping_ratio_with_attraction(wanted: float) -> float:
-    """The damping ratio of a restitution e' of the law with attraction."""
+    """Damping ratio of a restitution e' of the law with attraction."""
     loss = -log(wanted)
-    return RATIO * loss / sqrt(loss**2 + pi**2)
+    return ZETA_1 * loss / sqrt(loss**2 + pi**2)

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.base.errors import InputError
-from drivers.chain.bore import conformity, in_edge
-from drivers.chain.chain import AT_REST, Array, Chain, hertz_stiffness, mindlin_stiffness
+from drivers.chain.chain import AT_REST, Array, Chain
+from drivers.chain.contact_law import conformity, hertz_stiffness, mindlin_stiffness, side_share
 from drivers.chain.lateral import Bore, Lateral
 from drivers.chain.packing import Column, find_rest
 from drivers.scene.model import RIGID, Scene
@@ -76,7 +76,7 @@ def _bore(scene: Scene, chain: Chain) -> Bore | None:
     for j in range(chain.bodies):
         own, material = chain.radius_m[j], scene.materials[chain.materials[j]]
         if own < radius and (tube.top is None or chain.height_m[j] <= tube.top):
-            stiffer = conformity(own, radius) * (in_edge(tube.sides) if tube.sides else 1.0)
+            stiffer = conformity(own, radius) * (side_share(tube.sides) if tube.sides else 1.0)
             stiffness[j] = stiffer * hertz_stiffness(scene.materials[tube.material], np.inf, material, own)
             shear[j] = stiffer * mindlin_stiffness(scene.materials[tube.material], np.inf, material, own)
     top = float(chain.height_m[-1]) + ABOVE * radius if tube.top is None else tube.top

@@ -10,7 +10,9 @@ import numpy as np
 from scipy.linalg import LinAlgError, solveh_banded
 
 from drivers.chain.chain import AT_REST, Array
+from drivers.chain.contact_law import contact_stiffness_at
 from drivers.chain.lateral import side_normals
+from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 
 POLISH = 5  # more steps, down to rounding
 MOST_STEPS = 20_000
@@ -62,7 +64,7 @@ def find_rest(column: Column, place_m: Array, steps: int = MOST_STEPS) -> Rest:
     """The rest that beads fall into from given places, of shape (beads, 3)."""
     place, shift = place_m.copy(), 1e-6
     load = float(np.abs(column.load_N).sum())
-    scale = 1.5 * float(column.stiffness.max()) ** (2 / 3) * load ** (1 / 3)  # the stiffness that the load makes
+    scale = contact_stiffness_at(column.stiffness.max(), load)
     rounding = 1e-15 * load * float(place[-1, 2])  # of the energy: below it, Newton's steps count unchecked
     energy, gradient, bands = _potential(column, place)
     best, least, polished = place, float(np.abs(gradient).max()), 0
@@ -146,7 +148,7 @@ def _hertz(stiffness: Array, overlap: Array) -> tuple[Array, Array, Array]:
     """Energy, force and contact stiffness."""
     closed = np.maximum(overlap, 0.0)
     root = np.sqrt(closed)
-    return 0.4 * stiffness * closed**2 * root, stiffness * closed * root, 1.5 * stiffness * root
+    return ENERGY_SHARE * stiffness * closed**2 * root, stiffness * closed * root, EXPONENT * stiffness * root
 
 
 def _banded(own: Array, beside: Array) -> Array:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivers.chain.chain import Array, Chain
+from drivers.chain.contact_law import hertz_energy, hertz_energy_at
+from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -103,9 +105,9 @@ def make_trace(chain: Chain, time_s: Array, force_N: Array, height_m: Array, vel
     with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up, which the guard says in words
         if chain.damping_ratio:
             overlap = np.maximum(overlaps(chain, height_m)[:, existing], 0.0)
-            hertz = 0.4 * chain.stiffness[existing] * overlap**2.5
+            hertz = hertz_energy(chain.stiffness[existing], overlap)
         else:
-            hertz = 0.4 * force * (force / chain.stiffness[existing]) ** (2 / 3)
+            hertz = hertz_energy_at(chain.stiffness[existing], force)
         kinetic = 0.5 * (velocity_m_s**2 @ chain.mass_kg)
         potential = -((height_m - chain.height_m) @ chain.load_N)
         momentum = velocity_m_s @ chain.mass_kg
@@ -132,11 +134,11 @@ def make_sideways_trace(
         across[:, np.isinf(chain.radius_m)] = 0.0  # a flat face is level
         along = np.diff(height_m, axis=1, prepend=chain.wall_height_m)
         overlap = radius + np.append(0.0, radius[:-1]) - np.sqrt((across**2).sum(axis=2) + along**2)
-        hertz = 0.4 * np.maximum(overlap, 0.0) ** 2.5 @ chain.stiffness
+        hertz = hertz_energy(1.0, np.maximum(overlap, 0.0)) @ chain.stiffness
         bore = chain.lateral.bore if chain.lateral else None
         if bore is not None:
             pressed = bore.overlaps(radius, sideways.place_m)
-            hertz = hertz + 0.4 * (np.maximum(pressed, 0.0) ** 2.5).sum(axis=2) @ bore.stiffness
+            hertz = hertz + ENERGY_SHARE * (np.maximum(pressed, 0.0) ** (1 + EXPONENT)).sum(axis=2) @ bore.stiffness
         speed = velocity_m_s**2 + (sideways.velocity_m_s**2).sum(axis=2)
         inertia = 0.4 * chain.mass_kg * radius**2
         kinetic = 0.5 * (speed @ chain.mass_kg + (sideways.spin_rad_s**2).sum(axis=2) @ inertia)

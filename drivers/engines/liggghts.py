@@ -16,7 +16,7 @@ from drivers.base.messages import Complaint
 from drivers.base.processes import UNKNOWN_VERSION, first_line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in, free_fall
-from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, with_attraction
+from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, restitution_with_attraction
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.flat_face import sphere_for_face
 from drivers.chain.trace import Trace, make_trace
@@ -83,7 +83,7 @@ def version(executable: Path) -> str:
 def refusal(case: Case) -> Complaint | None:
     """Too much damping, too fine a mesh, or a box too high for its neighbour search, whose bins are half a cutoff."""
     chain, radius = case.chain, _radii(case)
-    if with_attraction(chain.damping_ratio) <= LEAST_COEFFICIENT:
+    if restitution_with_attraction(chain.damping_ratio) <= LEAST_COEFFICIENT:
         most = damping_ratio_with_attraction(LEAST_COEFFICIENT)
         if case.scene.contact.restitution is None:
             return "contact.damping_ratio", f"{chain.damping_ratio:g}", f"below {most:.4g}"
@@ -205,7 +205,7 @@ def render(case: Case) -> Deck:
         "stiffnesses": _pair_stiffnesses(chain, radius, labels, unique, wall_type) if springs else [],
         "model": "hertz/stiffness" if springs else "hertz",
         "damping_ratio": chain.damping_ratio,
-        "coefficient": with_attraction(chain.damping_ratio),
+        "coefficient": restitution_with_attraction(chain.damping_ratio),
         "face_radius": radius[-1] if flat and not springs else None,
         "hard": not springs and max(moduli) > HARD_PA,
         "soft": not springs and min(moduli) < SOFT_PA,

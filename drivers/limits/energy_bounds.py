@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.chain.chain import Array, Chain, contact_stiffness, energy_put_in
+from drivers.chain.chain import Array, Chain, energy_put_in
+from drivers.chain.contact_law import contact_stiffness, overlap_of_energy
 
 SAFETY = 0.968  # of 2 / omega_max: 1000 random scenes blow up at 0.969 to 1.198 of it, the overshoot included
 # overlaps of a first step count so many times: a light body that touches a heavy one gains its own kinetic energy where
@@ -65,7 +66,7 @@ def at_most(chain: Chain, duration_s: float) -> Reached:
     energy = energy_put_in(chain, duration_s)
     resting = np.maximum(chain.overlap_m, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        by_hertz = (2.5 * energy / chain.stiffness) ** 0.4
+        by_hertz = overlap_of_energy(chain.stiffness, energy)
         by_spring = np.sqrt(2 * energy / contact_stiffness(chain.stiffness, resting))
     further = np.where(chain.stiffness > 0, np.fmin(by_hertz, by_spring), 0.0)
     inverse = 1 / chain.mass_kg
@@ -95,7 +96,7 @@ def _in_bore(chain: Chain, duration_s: float) -> float:
     stiffness = chain.lateral.bore.stiffness
     deepest = np.zeros(chain.bodies)
     pressed = stiffness > 0
-    deepest[pressed] = (2.5 * energy_put_in(chain, duration_s) / stiffness[pressed]) ** 0.4
+    deepest[pressed] = overlap_of_energy(stiffness[pressed], energy_put_in(chain, duration_s))
     return float((contact_stiffness(stiffness, deepest) / chain.mass_kg).max())
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import energy_put_in
+from drivers.chain.contact_law import overlap_of_energy
 from drivers.engines import EXACT, engine_names, load_engine
 from drivers.limits.energy_bounds import at_most, certainly_stable
 from validation.accuracy.plan import refuse_beyond_rounding
@@ -88,7 +89,7 @@ def _refuse_depth_in_bore(case: Case, override: str) -> None:
         return
     held = chain.lateral.bore.guided
     stiffness, radius = chain.lateral.bore.stiffness[held], chain.radius_m[held]
-    if ((2.5 * energy_put_in(chain, duration) / stiffness) ** 0.4 < radius).all():
+    if (overlap_of_energy(stiffness, energy_put_in(chain, duration)) < radius).all():
         return
     from drivers.limits.stable_step_in_tube import sideways_reached
 

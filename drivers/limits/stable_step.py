@@ -6,6 +6,7 @@ import numpy as np
 from scipy.linalg import eigvalsh_tridiagonal
 
 from drivers.chain.chain import Array, Chain
+from drivers.chain.contact_law import hertz_overlap
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace, overlaps
 from drivers.limits.energy_bounds import SAFETY, Reached, at_most, late_damping, wear
@@ -105,7 +106,7 @@ def _followed(chain: Chain, step: float, left: int) -> Reached:
 def _largest_overlaps(chain: Chain, force_N: Array) -> Array:
     there = chain.stiffness > 0
     overlap = np.zeros(chain.bodies)
-    overlap[there] = (np.maximum(force_N.max(axis=0), 0.0)[there] / chain.stiffness[there]) ** (2 / 3)
+    overlap[there] = hertz_overlap(chain.stiffness[there], np.maximum(force_N.max(axis=0), 0.0)[there])
     return overlap
 
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigvals_banded
 
-from drivers.chain.chain import Array, Chain, contact_stiffness, energy_put_in
+from drivers.chain.chain import Array, Chain, energy_put_in
+from drivers.chain.contact_law import contact_stiffness, overlap_of_energy
 from drivers.chain.integrator_arrays import tube_arrays_of
 from drivers.limits.energy_bounds import OVERSHOOT, SAFETY, Reached, at_most, late_damping, wear
 from validation.reference.tube import integrate_tube
@@ -55,7 +56,7 @@ def _bounds(chain: Chain, duration_s: float) -> SidewaysReached:
     contacts, bore = at_most(chain, duration_s), _bore_stiffness(chain)
     energy = energy_put_in(chain, duration_s)
     with np.errstate(divide="ignore"):
-        deepest = np.where(bore > 0, (2.5 * energy / bore) ** 0.4, 0.0)
+        deepest = np.where(bore > 0, overlap_of_energy(bore, energy), 0.0)
     closing = np.where(bore > 0, np.sqrt(2 * energy / chain.mass_kg), 0.0)
     return SidewaysReached(contacts, Reached(deepest, closing, 0.0))
 

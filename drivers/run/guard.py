@@ -12,6 +12,7 @@ from drivers.base.processes import Outcome
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in
+from drivers.chain.contact_law import hertz_energy, hertz_force
 from drivers.chain.flat_face import furthest_m
 from drivers.chain.trace import Trace, energy_error_J
 from drivers.engines import Engine
@@ -55,7 +56,10 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
         return None
     rounded = ROUNDINGS * float(np.spacing(furthest_m(chain)))
     resting = np.maximum(chain.overlap_m, 0.0)
-    force = chain.stiffness * ((resting + rounded) ** 1.5 - resting**1.5) + EXACTLY * chain.force_N.max()
+    force = (
+        chain.stiffness * (hertz_force(1.0, resting + rounded) - hertz_force(1.0, resting))
+        + EXACTLY * chain.force_N.max()
+    )
     if chain.lateral is not None and chain.lateral.velocity_m_s.any():  # YADE shears for a step before its first forces
         bore = chain.lateral.bore
         force = force + max(chain.lateral.friction, bore.friction if bore else 0.0) * chain.force_N.max()
@@ -111,7 +115,7 @@ def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]
         body = int(np.argmax(passed.any(axis=0)))
         beneath = f"body {body}" if body else "the wall"
         yield np.asarray(passed.any(axis=1)), f"body {body + 1} passed through {beneath}"
-    through = chain.stiffness * chain.smaller_radius_m**1.5  # the force at an overlap of a radius
+    through = hertz_force(chain.stiffness, chain.smaller_radius_m)  # the force at an overlap of a radius
     yield np.asarray((trace.force_N > through).any(axis=1)), "beads are pressed into each other by more than a radius"
     share, allowed = energy_error(chain, trace), explained_energy(case, trace)
     worst = np.nan_to_num(share, nan=np.inf).max()
@@ -139,7 +143,7 @@ def energy_error(chain: Chain, trace: Trace) -> Array:
     if scale:
         return np.asarray(change / scale)
     rounded = ROUNDINGS * float(np.spacing(furthest_m(chain)))  # bodies that just touch may be pressed as deep
-    return np.asarray(np.where(change > 0.4 * chain.stiffness.sum() * rounded**2.5, np.inf, 0.0))
+    return np.asarray(np.where(change > hertz_energy(chain.stiffness.sum(), rounded), np.inf, 0.0))
 
 
 def explained_energy(case: Case, trace: Trace) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, bead_mass
+from drivers.chain.contact_law import hertz_force, hertz_overlap
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,11 @@ class Particles:
 
     def force_N(self, strain: float) -> float:
         """Eq. (7) at the overlap ``a xi``."""
-        return float(self.stiffness * (self.diameter_m * strain) ** 1.5)
+        return float(hertz_force(self.stiffness, self.diameter_m * strain))
 
     def strain(self, force_N: float) -> float:
         """The inverse of ``force_N``."""
-        return float((force_N / self.stiffness) ** (2 / 3) / self.diameter_m)
+        return float(hertz_overlap(self.stiffness, force_N) / self.diameter_m)
 
 
 def particles_of(case: Case) -> Particles:
@@ -89,7 +90,7 @@ def lattice_acceleration(particles: Particles, displacement_m: Array) -> Array:
         Shape (beads,), m/s^2.
     """
     overlap = displacement_m[:-1] - displacement_m[1:]
-    force = particles.stiffness * np.maximum(overlap, 0.0) ** 1.5
+    force = hertz_force(particles.stiffness, np.maximum(overlap, 0.0))
     return np.asarray((np.roll(force, 1) - force) / particles.mass_kg)
 
 

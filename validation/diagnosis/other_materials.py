@@ -9,7 +9,8 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.messages import validate
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, hertz_stiffness
+from drivers.chain.chain import Array
+from drivers.chain.contact_law import hertz_stiffness
 from drivers.scene.model import RIGID, Material
 from drivers.scene.read_scene import read_toml
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, energy_put_in
-from drivers.chain.contact_law import with_attraction
+from drivers.chain.contact_law import restitution_with_attraction
 from drivers.engines import EXACT
 from drivers.scene.model import Material
 from validation.diagnosis.faulty_model import Model
@@ -359,7 +359,7 @@ def _local_words(share: float) -> str:
 
 def _damping_words(remark: str, has: str, ratio: float) -> str:
     words = f"contacts of damping ratio {number(ratio)}{remark} ({has}"
-    coefficient = with_attraction(ratio) if ratio < sqrt(5 / 6) else 0.0
+    coefficient = restitution_with_attraction(ratio) if ratio < sqrt(5 / 6) else 0.0
     return f"{words}; LIGGGHTS' coefficientRestitution of {number(coefficient)})" if coefficient > 0 else f"{words})"
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.chain.contact_law import restitution
+from drivers.chain.contact_law import hertz_force, restitution
 from drivers.chain.trace import Trace, overlaps
 from postproc.read.signals import first_peak
 from validation.independent.case_measure import Measure
@@ -78,7 +78,7 @@ def theory(case: Case) -> dict[str, float]:
     mass, stiffness = float(chain.reduced_mass_kg[contact]), float(chain.stiffness[contact])
     deepest = (5 * mass * speed**2 / (4 * stiffness)) ** 0.4
     return returned | {
-        "peak_force_N": stiffness * deepest**1.5,
+        "peak_force_N": hertz_force(stiffness, deepest),
         "peak_overlap_m": deepest,
         "duration_s": DURATION * deepest / speed,
     }

@@ -19,6 +19,7 @@ from scipy.special import jn_zeros, jv
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
+from drivers.chain.contact_law import contact_stiffness_at
 from drivers.chain.trace import Trace
 from postproc.read.signals import first_peak
 from validation.independent.case_measure import Measure
@@ -126,7 +127,7 @@ def _spring(case: Case) -> tuple[float, float]:
     """K and m of the chain, whose beads are equal."""
     chain = case.chain
     stiffness, mass = float(chain.stiffness[-1]), float(chain.mass_kg[-1])
-    return 1.5 * stiffness ** (2 / 3) * chain.precompression_N ** (1 / 3), mass
+    return contact_stiffness_at(stiffness, chain.precompression_N), mass
 
 
 def _scale(case: Case) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from drivers.chain.chain import Array, Chain
+from drivers.chain.contact_law import hertz_force
 
 TOLERANCE = 1e-10  # of a step, relative: forces come out to 1e-8 of the largest
 SAMPLES_PER_UNIT = 16  # a solitary wave takes four units to pass: peaks of quintics through them are good to 1e-8
@@ -63,4 +64,4 @@ def forces_of(chain: Chain, duration_s: float) -> tuple[Array, Array]:
         -chain.velocity_m_s / speed,
         duration_s * speed / length,
     )
-    return time * length / speed, force * stiffness * length**1.5
+    return time * length / speed, hertz_force(force * stiffness, length)

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh_tridiagonal
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, contact_stiffness
+from drivers.chain.chain import Array, Chain
+from drivers.chain.contact_law import contact_stiffness
 from drivers.chain.trace import Trace
 from postproc.read.signals import Peak, first_peak
 from validation.independent.case_measure import Measure

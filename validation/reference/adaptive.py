@@ -13,7 +13,15 @@ from numba import njit
 
 from validation.reference import damped
 from validation.reference.dop853 import ROWS, error, evaluate_dense, prepare_dense, step
-from validation.reference.hertz_chain import Array, HertzChain, Motion, contact_force, displacements
+from validation.reference.hertz_chain import (
+    ENERGY_SHARE,
+    EXPONENT,
+    Array,
+    HertzChain,
+    Motion,
+    contact_force,
+    displacements,
+)
 
 LEAST_TOLERANCE = 1e-12  # what double precision gives with a margin: measured errors end near 5e-14
 LOCAL_SHARE = 0.04  # local tolerance over the one asked for: measured global errors are 0.6 to 9 times the local one
@@ -71,7 +79,7 @@ def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:
     The energy is kinetic and elastic at time 0, and what the loads do by closing gaps.
     """
     energy = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
-    energy += 0.4 * float(chain.stiffness @ np.maximum(chain.overlap_m, 0.0) ** 2.5)
+    energy += ENERGY_SHARE * float(chain.stiffness @ np.maximum(chain.overlap_m, 0.0) ** (1 + EXPONENT))
     fallen = np.minimum(
         np.cumsum(np.maximum(-chain.overlap_m, 0.0)), np.abs(chain.load_N) / chain.mass_kg * duration_s**2
     )
@@ -79,7 +87,7 @@ def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:
     if energy == 0.0:  # nothing moves, or all fall together
         energy = float((chain.load_N**2 / chain.mass_kg).sum()) * duration_s**2 or 1e-300
     stiffest = float(chain.stiffness.max()) or 1.0
-    return (2.5 * energy / stiffest) ** 0.4, sqrt(2.0 * energy / float(chain.mass_kg.max()))
+    return ((1 + EXPONENT) * energy / stiffest) ** ENERGY_SHARE, sqrt(2.0 * energy / float(chain.mass_kg.max()))
 
 
 @njit(cache=True, error_model="numpy")

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from validation.reference.dop853 import E3, E5, STAGES, A, B, combine
-from validation.reference.hertz_chain import Array
+from validation.reference.hertz_chain import Array, damped_force
 
 LEAST_TOLERANCE = 1e-11  # of the largest force: what is reached at best, measured 7.6e-12 on eight damped scenes
 LOCAL_SHARE = 5e-4  # local tolerance over the one asked for: measured global errors are 20 to 1000 times the local one
@@ -32,8 +32,7 @@ def slope(
         below = velocity
         force = 0.0
         if overlap > 0.0:
-            root = sqrt(overlap)
-            force = max(stiffness[j] * overlap * root + damping[j] * sqrt(root) * closing, 0.0)
+            force = damped_force(stiffness[j], damping[j], overlap, closing)
         if j > 0:
             result[n + j - 1] = (force_below - force) * inverse_mass[j - 1] + acceleration[j - 1]
         force_below = force

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from scipy.integrate._ivp import dop853_coefficients as tableau
 
-from validation.reference.hertz_chain import Array
+from validation.reference.hertz_chain import Array, elastic_force
 
 STAGES = 12
 ROWS = 16  # stages, the slope at the end, and three more for dense output
@@ -36,7 +36,7 @@ def slope(
         overlap, velocity = state[j], state[n + j]
         result[j] = stretch * (below - velocity)
         below = velocity
-        force = stiffness[j] * overlap * sqrt(overlap) if overlap > 0.0 else 0.0
+        force = elastic_force(stiffness[j], overlap) if overlap > 0.0 else 0.0
         if j > 0:
             result[n + j - 1] = stretch * ((force_below - force) * inverse_mass[j - 1] + acceleration[j - 1])
         force_below = force

@@ -11,7 +11,7 @@ from math import exp, log, sqrt
 
 import numpy as np
 
-from validation.reference.hertz_chain import Array
+from validation.reference.hertz_chain import EXPONENT, Array
 
 PER_BEAD, PER_BEAD_LONG = (
     64,
@@ -64,7 +64,7 @@ class PrecompressedWave:
 
 def sound_speed(stiffness: float, mass_kg: float, static_N: float) -> float:
     """Speed of long small waves in beads per second: ``sqrt(K/m)`` with ``K = (3/2) k^(2/3) F_0^(1/3)``."""
-    return sqrt(1.5 * stiffness ** (2 / 3) * static_N ** (1 / 3) / mass_kg)
+    return sqrt(EXPONENT * stiffness ** (2 / 3) * static_N ** (1 / 3) / mass_kg)
 
 
 def solve_at_speed(stiffness: float, mass_kg: float, static_N: float, speed: float) -> PrecompressedWave:
@@ -84,12 +84,12 @@ def solve_at_speed(stiffness: float, mass_kg: float, static_N: float, speed: flo
     points = 2 ** int(np.ceil(np.log2(2 * max(12.0, DECAYED / decay) * per_bead)))
     place = (np.arange(points) - points // 2) / per_bead
     tent = np.sinc(np.fft.rfftfreq(points, 1 / per_bead)) ** 2
-    overlap = (static_N / stiffness) ** (2 / 3)
-    rigidity = 1.5 * static_N / overlap
+    overlap = (static_N / stiffness) ** (1 / EXPONENT)
+    rigidity = EXPONENT * static_N / overlap
     left = mass_kg * speed**2 - rigidity * tent
 
     def dynamic_force(w: Array) -> Array:
-        return np.asarray(stiffness * np.maximum(overlap + w, 0.0) ** 1.5 - static_N)
+        return np.asarray(stiffness * np.maximum(overlap + w, 0.0) ** EXPONENT - static_N)
 
     def smooth(values: Array, kernel: Array) -> Array:
         return np.asarray(np.fft.irfft(np.fft.rfft(values) * kernel, points))

@@ -7,7 +7,7 @@ smooth once only where a contact opens or closes; where that happens often, the 
 import numpy as np
 from numba import njit
 
-from validation.reference.hertz_chain import Array, HertzChain, Motion, displacements, hertz_force
+from validation.reference.hertz_chain import Array, HertzChain, Motion, displacements, elastic_force, hertz_force
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 DRIFTS = np.array([XI, CHI, 1 - 2 * (CHI + XI), CHI, XI])
@@ -52,7 +52,7 @@ def _integrate(
                 above = 0.0
                 for j in range(n - 1, -1, -1):
                     closed = max(overlap[j], 0.0)
-                    force = stiffness[j] * closed * np.sqrt(closed)
+                    force = elastic_force(stiffness[j], closed)
                     velocity[j] += KICKS[part] * dt * ((force - above) * inverse_mass[j] + acceleration[j])
                     above = force
         if step % every == 0:

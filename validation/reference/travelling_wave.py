@@ -11,12 +11,11 @@ from functools import cache
 
 import numpy as np
 
-from validation.reference.hertz_chain import Array
+from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Array
 
 LENGTH = 24.0  # beads: the wave falls double-exponentially, to nothing within 4
 POINTS = 2048
 ITERATIONS = 200
-POWER = 1.5
 RESIDUAL = 5e-15
 
 
@@ -73,7 +72,7 @@ class TravellingWave:
         return 2 * float(brentq(lambda x: signal(x) - level * signal(0.0), 0.0, 6.0, xtol=1e-14))
 
 
-def fixed_point(power: float = POWER, speed: float = 1.0) -> tuple[Array, Array, float]:
+def fixed_point(power: float = EXPONENT, speed: float = 1.0) -> tuple[Array, Array, float]:
     """The wave of a speed in a chain with ``F = overlap^power`` and m = 1, by Petviashvili's iteration.
 
     Returns:
@@ -111,13 +110,13 @@ def solve_travelling_wave() -> TravellingWave:
         ArithmeticError: it was not found.
     """
     place, overlap, residual = fixed_point()
-    force = np.maximum(overlap, 0.0) ** POWER
+    force = np.maximum(overlap, 0.0) ** EXPONENT
     velocity = _smooth(force, 1)
     spacing = LENGTH / POINTS
     peak_force, peak_velocity = float(force.max()), float(velocity.max())
     momentum = float(velocity.sum()) * spacing
     kinetic = 0.5 * float(velocity @ velocity) * spacing
-    elastic = 0.4 * float(force @ np.maximum(overlap, 0.0)) * spacing
+    elastic = ENERGY_SHARE * float(force @ np.maximum(overlap, 0.0)) * spacing
     return TravellingWave(
         place=place,
         force=force,

@@ -18,7 +18,7 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-from validation.reference.hertz_chain import Array
+from validation.reference.hertz_chain import Array, damped_force, elastic_force
 from validation.reference.tube_chain import Extremes, TubeChain, TubeMotion
 
 TOTAL, INCREMENTAL = "total", "incremental"
@@ -165,9 +165,10 @@ def _between(
         before[0], before[1], before[2] = nx, ny, nz
         return
     root = sqrt(overlap)
-    normal = stiffness[j] * overlap * root
     if damping[j] > 0.0:
-        normal = max(0.0, normal + damping[j] * sqrt(root) * closing)
+        normal = damped_force(stiffness[j], damping[j], overlap, closing)
+    else:
+        normal = elastic_force(stiffness[j], overlap)
     fx, fy, fz = nx * normal, ny * normal, nz * normal
     if numbers[1] > 0.0:
         ux, uy, uz = (
@@ -229,7 +230,7 @@ def _in_bore(
         before[0], before[1] = nx, ny
         return
     root = sqrt(overlap)
-    normal = stiffness * overlap * root
+    normal = elastic_force(stiffness, overlap)
     fx, fy, fz = nx * normal, ny * normal, 0.0
     if numbers[3] > 0.0:
         arm = radius - 0.5 * overlap

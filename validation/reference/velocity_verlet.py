@@ -13,7 +13,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from validation.reference.hertz_chain import Array, HertzChain, Motion, contact_force, displacements
+from validation.reference.hertz_chain import (
+    Array,
+    HertzChain,
+    Motion,
+    contact_force,
+    displacements,
+    elastic_force,
+    overlap_power,
+)
 
 TILE = 2048  # beads: their six numbers each fit the second-level cache
 BLOCK = 128  # steps that a tile takes at a time
@@ -134,7 +142,7 @@ def _sweep(
         below = here
         overlap[j] = now
         closed = max(now, 0.0)
-        force[j] = stiffness[j] * (closed * sqrt(closed))
+        force[j] = stiffness[j] * overlap_power(closed)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -312,7 +320,7 @@ def _integrate_absolute(
         for j in range(n):
             overlap = reach[j] - (height[j] - below)
             below = height[j]
-            force[j] = stiffness[j] * overlap * sqrt(overlap) if overlap > 0.0 else 0.0
+            force[j] = elastic_force(stiffness[j], overlap) if overlap > 0.0 else 0.0
             if overlap > 0.0 and damping[j] > 0.0:
                 closing = (velocity[j - 1] if j > 0 else 0.0) - velocity[j]
                 force[j] += damping[j] * sqrt(sqrt(overlap)) * closing

@@ -7,6 +7,7 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
+from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
 from postproc.read.sensors import sensor_signals
 
@@ -41,7 +42,7 @@ def failed_runs(case: Case, refused: Mapping[str, Trace], finished: Mapping[str,
     """
     chain = case.chain
     largest = [float(np.abs(trace.force_N).max()) for trace in finished.values()]
-    most_N = BEYOND * (max(largest, default=0.0) or float((chain.stiffness * chain.smaller_radius_m**1.5).max()))
+    most_N = BEYOND * (max(largest, default=0.0) or float(hertz_force(chain.stiffness, chain.smaller_radius_m).max()))
     return {engine: _failed(case, trace, most_N) for engine, trace in refused.items()}
 
 

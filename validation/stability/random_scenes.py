@@ -6,6 +6,7 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.chain.case import Case, build_case
+from drivers.chain.contact_law import hertz_force
 from drivers.scene.read_scene import make_scene, read_toml
 
 DENSITY = 2200.0
@@ -50,7 +51,7 @@ def random_case(number: int, **run: Any) -> Case:
     if heavy:
         data["gravity"] = "9.81 m/s^2"
     if pressed:
-        data["chain"]["precompression"] = f"{between(1e-4, 1) * stiffness * (collision_s * speed) ** 1.5:.6g} N"
+        data["chain"]["precompression"] = f"{hertz_force(between(1e-4, 1) * stiffness, collision_s * speed):.6g} N"
     if walled:
         data["wall"] = {"material": str(draw.choice(["brass", "rigid", "m"]))}
     return build_case(make_scene(data, read_toml(paths.MATERIALS), f"random-{number}", f"random scene {number}"))

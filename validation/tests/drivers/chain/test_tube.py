@@ -11,9 +11,9 @@ from scipy.optimize import brentq
 
 from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
-from drivers.chain.bore import conformity
 from drivers.chain.case import Case
-from drivers.chain.chain import AT_REST, Array, hertz_stiffness
+from drivers.chain.chain import AT_REST, Array
+from drivers.chain.contact_law import conformity, hertz_stiffness
 from drivers.chain.lateral_start import with_lateral
 from drivers.chain.packing import Column, find_rest
 from drivers.engines import load_engine

@@ -13,7 +13,7 @@ from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.chain.contact_law import damping_ratio, restitution, with_attraction
+from drivers.chain.contact_law import damping_ratio, restitution, restitution_with_attraction
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace
 from drivers.engines import codes, load_engine
@@ -67,7 +67,7 @@ def test_the_formula_is_the_impact(wanted: float) -> None:
 
 def test_elastic_contacts_stay_as_they_are() -> None:
     assert damping_ratio(1.0) == 0.0
-    assert restitution(0.0) == with_attraction(0.0) == 1.0
+    assert restitution(0.0) == restitution_with_attraction(0.0) == 1.0
     for engine in ENGINES:
         plain = load_engine(engine).render(case_of("fig4")).sha256
         for setting in ("contact.restitution=1.0", "contact.damping_ratio=0.0", "contact.friction=0.1"):

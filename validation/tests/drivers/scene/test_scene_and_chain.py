@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base.units import to_si
-from drivers.chain.chain import hertz_stiffness
+from drivers.chain.contact_law import hertz_stiffness
 from drivers.chain.elements import choose_elements
 from drivers.scene.model import Material
 from drivers.scene.read_scene import read_scene

@@ -12,7 +12,8 @@ from scipy.optimize import minimize_scalar
 from scipy.special import hankel1, jv
 
 from drivers.chain.case import Case, build_case
-from drivers.chain.chain import Array, contact_stiffness
+from drivers.chain.chain import Array
+from drivers.chain.contact_law import contact_stiffness
 from drivers.chain.trace import Trace
 from drivers.engines import installed_codes
 from drivers.run.run import run_case
