@@ -9,7 +9,7 @@ Matter 9:465, 2007, have it for a linear spring). So the restitution depends on 
 ``e = exp(-2 a / tan(a))`` with ``cos(a) = zeta``; for zeta > 1 ``e = exp(-2 a / tanh(a))`` with ``cosh(a) = zeta``.
 
 Functions of overlap, force and energy take one contact or arrays of contacts. The compiled kernels have the same law
-in ``validation.reference.hertz_chain``.
+in ``validation.reference.contact_kernels``.
 """
 
 from functools import cache

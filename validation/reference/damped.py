@@ -10,8 +10,9 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
+from validation.reference.contact_kernels import damped_force
 from validation.reference.dop853 import E3, E5, STAGES, A, B, combine
-from validation.reference.hertz_chain import Array, damped_force
+from validation.reference.hertz_chain import Array
 
 LEAST_TOLERANCE = 1e-11  # of the largest force: what is reached at best, measured 7.6e-12 on eight damped scenes
 LOCAL_SHARE = 5e-4  # local tolerance over the one asked for: measured global errors are 20 to 1000 times the local one

@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 from scipy.integrate._ivp import dop853_coefficients as tableau
 
-from validation.reference.hertz_chain import Array, elastic_force
+from validation.reference.contact_kernels import elastic_force
+from validation.reference.hertz_chain import Array
 
 STAGES = 12
 ROWS = 16  # stages, the slope at the end, and three more for dense output

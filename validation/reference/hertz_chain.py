@@ -1,10 +1,8 @@
-"""The chain as the integrators see it, what an integration gives back, and the contact law of all their kernels."""
+"""The chain as the integrators see it, what an integration gives back, and their contact law."""
 
 from dataclasses import dataclass, field
-from math import sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -69,25 +67,6 @@ class Motion:
     force_N: Array
     displacement_m: Array
     velocity_m_s: Array
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def elastic_force(stiffness: float, overlap: float) -> float:
-    """``F = k d^(3/2)`` of one closed contact."""
-    return stiffness * overlap * sqrt(overlap)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def overlap_power(overlap: float) -> float:
-    """``d^(3/2)`` of an overlap of 0 or more, for kernels that multiply by the stiffness last."""
-    return overlap * sqrt(overlap)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def damped_force(stiffness: float, damping: float, overlap: float, closing: float) -> float:
-    """``F = max(0, k d^(3/2) + C d^(1/4) d')`` of one closed contact."""
-    root = sqrt(overlap)
-    return max(stiffness * overlap * root + damping * sqrt(root) * closing, 0.0)
 
 
 def hertz_force(stiffness: Array, overlap_m: Array) -> Array:

@@ -7,7 +7,8 @@ smooth once only where a contact opens or closes; where that happens often, the 
 import numpy as np
 from numba import njit
 
-from validation.reference.hertz_chain import Array, HertzChain, Motion, displacements, elastic_force, hertz_force
+from validation.reference.contact_kernels import elastic_force
+from validation.reference.hertz_chain import Array, HertzChain, Motion, displacements, hertz_force
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 DRIFTS = np.array([XI, CHI, 1 - 2 * (CHI + XI), CHI, XI])

@@ -18,7 +18,8 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-from validation.reference.hertz_chain import Array, damped_force, elastic_force
+from validation.reference.contact_kernels import damped_force, elastic_force
+from validation.reference.hertz_chain import Array
 from validation.reference.tube_chain import Extremes, TubeChain, TubeMotion
 
 TOTAL, INCREMENTAL = "total", "incremental"

@@ -1,0 +1,24 @@
+"""Contact law of the compiled integrators, as ``hertz_chain`` has it for arrays."""
+
+from math import sqrt
+
+from numba import njit
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def elastic_force(stiffness: float, overlap: float) -> float:
+    """``F = k d^(3/2)`` of one closed contact."""
+    return stiffness * overlap * sqrt(overlap)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+def overlap_power(overlap: float) -> float:
+    """``d^(3/2)`` of an overlap of 0 or more, for kernels that multiply by the stiffness last."""
+    return overlap * sqrt(overlap)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def damped_force(stiffness: float, damping: float, overlap: float, closing: float) -> float:
+    """``F = max(0, k d^(3/2) + C d^(1/4) d')`` of one closed contact."""
+    root = sqrt(overlap)
+    return max(stiffness * overlap * root + damping * sqrt(root) * closing, 0.0)
