@@ -1,6 +1,7 @@
 """Runs an engine as a process of its own, in a scrubbed environment and within a time limit."""
 
 import os
+import re
 import resource
 import shutil
 import signal
@@ -150,12 +151,19 @@ def all_stopped() -> Iterator[None]:
             _stops -= 1
 
 
-def first_line_of(command: tuple[str, ...]) -> str:
-    """The first line that a command prints; empty where it prints none in time or cannot start."""
+def find_program(name: str) -> Path | None:
+    """Path of a program on PATH; None where it is not there."""
+    path = shutil.which(name)
+    return Path(path) if path else None
+
+
+def version_in_words(executable: Path, option: str, pattern: str) -> str:
+    """Version of a program: the first group of ``pattern`` in the first line that it prints with ``option``."""
     with tempfile.TemporaryDirectory() as folder:  # LIGGGHTS leaves a log wherever it is asked
-        run_command(command, Path(folder), PROBE_LIMIT_S)
+        run_command((str(executable), option), Path(folder), PROBE_LIMIT_S)
         lines = (Path(folder) / "stdout.txt").read_text(errors="replace").strip().splitlines()
-    return lines[0].strip() if lines else ""
+    match = re.search(pattern, lines[0]) if lines else None
+    return match.group(1) if match else UNKNOWN_VERSION
 
 
 def kill_group(leader: int) -> None:

@@ -105,7 +105,7 @@ def _served(engine: str) -> str:
     """Digest of what asks an engine and reads what it says."""
     modules = [path.name for path in ENGINES.glob("_*.py")]
     return _digest_of(tuple(f"drivers/engines/{name}" for name in (*sorted(modules), f"{engine}.py"))) + str(
-        load_engine(engine).SERVER.sha256
+        load_engine(engine).server.sha256
     )
 
 

@@ -1,35 +1,20 @@
 """Engines: one module each, found by its file's name, so that a further engine touches nothing else.
 
-An engine module has
-
-* ``find()``: path of its executable, or None where it is not installed;
-* ``HOW_TO_GET``: what to install then;
-* ``IN_REPOSITORY``: whether it is part of this repository, and so a yardstick for the others;
-* ``SCHEME``: how it integrates, one of those named below: what its runs are measured against;
-* ``SHEAR``: what its friction keeps in three dimensions, ``TOTAL`` or ``INCREMENTAL``;
-* ``MODELS``: the modelling elements (``drivers.chain.elements``) that it can;
-* ``LOST``: what it says when a body has left the space it watches, which is a blow-up; empty if it watches none;
-* ``VARIABLES``: environment variables it needs;
-* ``version(executable)``: its version, part of a run's identity;
-* ``refusal(case)``: key, what was found and what is allowed, where it cannot take a case; else None;
-* ``render(case)``: the deck, complete with the command that runs it inside its folder;
-* ``SERVER``: files and command of a process that runs many decks, asked over its standard input;
-* ``request(folder, word)``: what to write there, so that it runs the deck of a folder and prints the word on a line;
-* ``read(case, folder)``: the raw output there as a force trace, or a RunError saying what is wrong with it;
-* ``seen(case, folder)``: what there is of the trace after a run that ended badly, None where that is nothing;
-* ``complaint(stdout, stderr)``: the engine's own words for why it ended badly;
-* ``loop_seconds(stdout)``: seconds in the engine's own time loop, None where it did not get there.
+The module of an engine defines ``ENGINE = Engine(...)``; names that begin with ``_`` are none of an engine.
 """
 
 import pkgutil
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Any
 
 from drivers.base.decks import Deck
 from drivers.base.messages import Complaint
 from drivers.chain.case import Case
+from drivers.chain.elements import STRAIGHT
 from drivers.chain.trace import Trace
 
 IN_HEIGHTS = "velocity Verlet in absolute heights"
@@ -38,62 +23,93 @@ EXACT = "exact to its tolerance, whatever the time step"
 TOTAL, INCREMENTAL = "total", "incremental"  # the shear displacement, or the force
 
 
-class Engine(Protocol):
-    """What a module of this package offers."""
+def last_line(stdout: str, stderr: str, chatter: tuple[str, ...] = ()) -> str:
+    """The last line that does not begin with any of ``chatter``: of the standard error, else of the output."""
+    lines = [line.strip() for line in f"{stdout}\n{stderr}".splitlines() if line.strip()]
+    return ([line for line in lines if not line.startswith(chatter)] or lines or ["no output"])[-1]
 
-    HOW_TO_GET: str
-    IN_REPOSITORY: bool
-    SCHEME: str
-    SHEAR: str
-    MODELS: frozenset[str]
-    LOST: str
-    VARIABLES: Mapping[str, str]
-    SERVER: Deck
 
-    @staticmethod
-    def find() -> Path | None:
-        """Path of the executable, None where it is not installed."""
-        ...
+@dataclass(frozen=True)
+class Style:
+    """Colour, line and marker of an engine in figures.
 
-    @staticmethod
-    def version(executable: Path) -> str:
-        """Its version."""
-        ...
+    Attributes:
+        colour: as ``#rrggbb``.
+        width: of the line, in points.
+        dashes: as matplotlib takes them.
+        marker: matplotlib's letter.
+        size: of the marker, in points.
+    """
 
-    @staticmethod
-    def refusal(case: Case) -> Complaint | None:
-        """Why it cannot take the case."""
-        ...
+    colour: str
+    width: float = 1.3
+    dashes: Any = "-"
+    marker: str = "^"
+    size: float = 5.0
 
-    @staticmethod
-    def render(case: Case) -> Deck:
-        """The deck of a case."""
-        ...
 
-    @staticmethod
-    def request(folder: str, word: str) -> str:
-        """What makes the server run the deck of a folder and say the word; without a folder, just say it."""
-        ...
+@dataclass(frozen=True)
+class Engine:
+    """Interface of an engine: what an adapter module provides, in values and functions.
 
-    @staticmethod
-    def read(case: Case, folder: Path) -> Trace:
-        """The raw output as a trace; RunError where it is not whole."""
-        ...
+    Attributes:
+        how_to_get: what to install where it is missing.
+        find: path of its executable, or None where it is not installed.
+        version: version of an executable, part of a run's identity.
+        render: deck of a case, complete with the command that runs it inside its folder.
+        read: raw output of a finished run in its folder, as a trace; a RunError says what is wrong with it.
+        loop_pattern: regular expression of the line that gives the seconds in its own time loop, its first group.
+        server: files and command of a process that runs many decks, asked over its standard input.
+        request: input for the server to run the deck of a folder and then print a word on a line; without a folder,
+            to print the word only.
+        in_repository: whether it is part of this repository, and so a yardstick for the others.
+        scheme: integration scheme, one of those named above, which its runs are measured against.
+        shear: what its friction keeps in three dimensions, ``TOTAL`` or ``INCREMENTAL``.
+        models: modelling elements (``drivers.chain.elements``) that it can take.
+        variables: environment variables that it needs.
+        refusal: key, what was found and what is allowed, where it cannot take a case; else None.
+        partial_trace: samples of a run that ended badly; None where there are none.
+        failure_reason: the engine's own words for a bad end, from its standard output and error.
+        loss_message: words of the failure reason when a body left the space it watches, which is a blow-up; empty where
+            it watches none.
+        on_two_cores: a deck changed so that it runs on two cores; None where the engine cannot.
+        precise_builds: executables beside its own that compute in higher precision, each with the number of beads up
+            to which a few steps take seconds.
+        style: its look in figures; None gives it one that no other engine has.
+    """
 
-    @staticmethod
-    def seen(case: Case, folder: Path) -> Trace | None:
-        """The first samples of a run that ended badly."""
-        ...
+    how_to_get: str
+    find: Callable[[], Path | None]
+    version: Callable[[Path], str]
+    render: Callable[[Case], Deck]
+    read: Callable[[Case, Path], Trace]
+    loop_pattern: str
+    server: Deck
+    request: Callable[[str, str], str] = lambda folder, word: f"{folder} {word}\n"
+    in_repository: bool = False
+    scheme: str = IN_HEIGHTS
+    shear: str = TOTAL
+    models: frozenset[str] = STRAIGHT
+    variables: Mapping[str, str] = field(default_factory=dict)
+    refusal: Callable[[Case], Complaint | None] = lambda case: None
+    partial_trace: Callable[[Case, Path], Trace | None] = lambda case, folder: None
+    failure_reason: Callable[[str, str], str] = last_line
+    loss_message: str = ""
+    on_two_cores: Callable[[Deck], Deck] | None = None
+    precise_builds: Mapping[str, int] = field(default_factory=dict)
+    style: Style | None = None
 
-    @staticmethod
-    def complaint(stdout: str, stderr: str) -> str:
-        """The engine's own words for why it ended badly."""
-        ...
+    def loop_seconds(self, stdout: str) -> float | None:
+        """Seconds in its own time loop, by its standard output; None where it did not get to the end."""
+        match = re.search(self.loop_pattern, stdout, re.MULTILINE)
+        return float(match.group(1)) if match else None
 
-    @staticmethod
-    def loop_seconds(stdout: str) -> float | None:
-        """Seconds in its own time loop."""
-        ...
+
+def load_engine(name: str) -> Engine:
+    """The engine of a name."""
+    engine = import_module(f"{__name__}.{name}").ENGINE
+    assert isinstance(engine, Engine)
+    return engine
 
 
 def engine_names() -> list[str]:
@@ -104,12 +120,12 @@ def engine_names() -> list[str]:
 def in_order(names: Iterable[str]) -> list[str]:
     """Engines as tables show them: the codes by name, then those of this repository and what is none of its engines."""
     known = engine_names()
-    return sorted(set(names), key=lambda name: (name not in known or load_engine(name).IN_REPOSITORY, name))
+    return sorted(set(names), key=lambda name: (name not in known or load_engine(name).in_repository, name))
 
 
 def codes() -> list[str]:
     """The engines to be checked: all but those of this repository."""
-    return [name for name in engine_names() if not load_engine(name).IN_REPOSITORY]
+    return [name for name in engine_names() if not load_engine(name).in_repository]
 
 
 def installed(names: Iterable[str]) -> tuple[str, ...]:
@@ -125,8 +141,3 @@ def installed_codes() -> list[str]:
 def missing_codes() -> list[str]:
     """The codes that are not."""
     return [name for name in codes() if name not in installed_codes()]
-
-
-def load_engine(name: str) -> Engine:
-    """The module of an engine."""
-    return cast(Engine, import_module(f"{__name__}.{name}"))

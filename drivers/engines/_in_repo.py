@@ -2,10 +2,10 @@
 
 import hashlib
 import json
-import re
 import sys
 from importlib.metadata import version as package_version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,20 +14,10 @@ from drivers.base.decks import Deck
 from drivers.base.messages import Complaint
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import _in_repo_tube
+from drivers.engines import Engine, _in_repo_tube
 from drivers.engines._arrays import load_array
 
-HOW_TO_GET = "nothing: it is part of this repository"
-IN_REPOSITORY = True
-LOST = ""
-VARIABLES = {"PYTHONPATH": str(paths.ROOT)}
 COMMAND = ("python", "-m", "validation.reference", "chain.json")
-SERVER = Deck({}, ("python", "-m", "validation.reference", "-"), raw=())  # takes requests from stdin
-
-
-def find() -> Path | None:
-    """The interpreter that runs this."""
-    return Path(sys.executable)
 
 
 def version(executable: Path) -> str:
@@ -62,11 +52,6 @@ def render(case: Case, method: str, **timing: float) -> Deck:
     return Deck({"chain.json": f"{{{lines}}}\n"}, COMMAND, raw=("chain.npy",))
 
 
-def request(folder: str, word: str) -> str:
-    """A line for the program's standard input."""
-    return f"{folder} {word}\n"
-
-
 def read(case: Case, folder: Path) -> Trace:
     """The arrays as a trace.
 
@@ -85,18 +70,17 @@ def refusal(case: Case) -> Complaint | None:
     return _in_repo_tube.refusal(case)
 
 
-def seen(case: Case, folder: Path) -> Trace | None:
-    """None: it writes when it ends."""
-    return None
-
-
-def complaint(stdout: str, stderr: str) -> str:
-    """The exception's line."""
-    lines = [line.strip() for line in (stdout + "\n" + stderr).splitlines() if line.strip()]
-    return (lines or ["no output"])[-1]
-
-
-def loop_seconds(stdout: str) -> float | None:
-    """From the closing line ``completed 801 samples in 0.12 s``."""
-    match = re.search(r"^completed \d+ samples in ([0-9.]+) s$", stdout, re.MULTILINE)
-    return float(match.group(1)) if match else None
+def in_repository_engine(**own: Any) -> Engine:
+    """An in-repo engine, from what is its own."""
+    return Engine(
+        how_to_get="nothing: it is part of this repository",
+        find=lambda: Path(sys.executable),
+        version=version,
+        in_repository=True,
+        variables={"PYTHONPATH": str(paths.ROOT)},
+        refusal=refusal,
+        server=Deck({}, ("python", "-m", "validation.reference", "-"), raw=()),  # takes requests from stdin
+        read=read,
+        loop_pattern=r"^completed \d+ samples in ([0-9.]+) s$",
+        **own,
+    )

@@ -1,8 +1,6 @@
 """LIGGGHTS: renders its deck, reads its dump."""
 
 import math
-import re
-import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,27 +11,19 @@ from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
 from drivers.base.errors import RunError
 from drivers.base.messages import Complaint
-from drivers.base.processes import UNKNOWN_VERSION, first_line_of
+from drivers.base.processes import find_program, version_in_words
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in, free_fall
 from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, restitution_with_attraction
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.flat_face import sphere_for_face
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import IN_HEIGHTS, TOTAL
+from drivers.engines import IN_HEIGHTS, TOTAL, Engine, Style, last_line
 from drivers.engines import _liggghts_tube as sideways
 from drivers.engines._materials import named_material
 from drivers.engines._sums import contact_forces
 
-HOW_TO_GET = "Debian's package liggghts"
-IN_REPOSITORY = False
-SCHEME = IN_HEIGHTS
-SHEAR = TOTAL
-MODELS = STRAIGHT | SIDEWAYS
-LOST = "Lost atoms"
-VARIABLES: dict[str, str] = {}
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
-SERVER = Deck({}, ("stdbuf", "-oL", "liggghts", "-log", "none"), raw=())  # takes its commands from stdin
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
 FEW = 200  # bodies up to which all pairs are searched for neighbours: bins of the whole space would take longer
 MESH = "tube.stl"
@@ -66,18 +56,6 @@ class Box:
     low: float
     high: float
     skin: float
-
-
-def find() -> Path | None:
-    """Path of the executable."""
-    path = shutil.which("liggghts")
-    return Path(path) if path else None
-
-
-def version(executable: Path) -> str:
-    """Such as ``LIGGGHTS-PUBLIC 3.8.0``."""
-    match = re.search(r"LIGGGHTS \(Version ([^,)]+)", first_line_of((str(executable), "-help")))
-    return match.group(1) if match else UNKNOWN_VERSION
 
 
 def refusal(case: Case) -> Complaint | None:
@@ -285,7 +263,7 @@ def read(case: Case, folder: Path) -> Trace:
     return _trace(case, frames)
 
 
-def seen(case: Case, folder: Path) -> Trace | None:
+def partial_trace(case: Case, folder: Path) -> Trace | None:
     """The samples before a body was lost, or the run ended."""
     try:
         frames = _frames(case, folder)
@@ -340,15 +318,35 @@ def _frames(case: Case, folder: Path) -> NDArray[np.void]:
     return np.frombuffer(raw, frame, count=len(raw) // frame.itemsize)
 
 
-def complaint(stdout: str, stderr: str) -> str:
+def failure_reason(stdout: str, stderr: str) -> str:
     """The line that begins with ERROR; else the last one that is not of the library which looks for processors."""
-    said = (stderr + "\n" + stdout).splitlines()
-    lines = [line for line in said if line.strip() and not line.startswith("[hwloc/")]
-    errors = [line for line in lines if line.startswith("ERROR")]
-    return (errors or lines or ["no output"])[-1].strip()
+    errors = [line.strip() for line in f"{stderr}\n{stdout}".splitlines() if line.startswith("ERROR")]
+    return errors[-1] if errors else last_line(stderr, stdout, ("[hwloc/",))
 
 
-def loop_seconds(stdout: str) -> float | None:
-    """From the line ``Loop time of 0.12 on 1 procs ...``."""
-    match = re.search(r"^Loop time of ([0-9.e+-]*[0-9]) on", stdout, re.MULTILINE)
-    return float(match.group(1)) if match else None
+def on_two_cores(deck: Deck) -> Deck:
+    """The deck with the two halves of the chain, one above the other, on a core each."""
+    files = {name: text.replace("boundary ", "processors      1 1 2\nboundary ") for name, text in deck.files.items()}
+    command = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-np", "2", *deck.command)
+    return replace(deck, files=files, command=command)
+
+
+ENGINE = Engine(
+    how_to_get="Debian's package liggghts",
+    find=lambda: find_program("liggghts"),
+    version=lambda executable: version_in_words(executable, "-help", r"LIGGGHTS \(Version ([^,)]+)"),
+    scheme=IN_HEIGHTS,
+    shear=TOTAL,
+    models=STRAIGHT | SIDEWAYS,
+    refusal=refusal,
+    render=render,
+    server=Deck({}, ("stdbuf", "-oL", "liggghts", "-log", "none"), raw=()),  # takes its commands from stdin
+    request=request,
+    read=read,
+    partial_trace=partial_trace,
+    failure_reason=failure_reason,
+    loss_message="Lost atoms",
+    loop_pattern=r"^Loop time of ([0-9.e+-]*[0-9]) on",
+    on_two_cores=on_two_cores,
+    style=Style("#0072b2", marker="s", size=4.5),
+)

@@ -7,49 +7,19 @@ whose force is Mindlin's without slip at the present radius of the contact.
 from drivers.base.decks import Deck
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
-from drivers.engines import IN_OVERLAPS, TOTAL, _in_repo
-from drivers.engines._in_repo import (
-    HOW_TO_GET,
-    IN_REPOSITORY,
-    LOST,
-    SERVER,
-    VARIABLES,
-    complaint,
-    find,
-    loop_seconds,
-    read,
-    refusal,
-    request,
-    seen,
-    version,
-)
-
-__all__ = [
-    "HOW_TO_GET",
-    "IN_REPOSITORY",
-    "LOST",
-    "MODELS",
-    "SCHEME",
-    "SERVER",
-    "SHEAR",
-    "VARIABLES",
-    "complaint",
-    "find",
-    "loop_seconds",
-    "read",
-    "refusal",
-    "render",
-    "request",
-    "seen",
-    "version",
-]
-
-SCHEME = IN_OVERLAPS
-SHEAR = TOTAL
-MODELS = STRAIGHT | SIDEWAYS
+from drivers.engines import IN_OVERLAPS, TOTAL, Style, _in_repo
 
 
 def render(case: Case) -> Deck:
     """``chain.json``."""
     scene = case.scene
     return _in_repo.render(case, "verlet", time_step_s=scene.time_step_s, steps_per_sample=scene.steps_per_sample)
+
+
+ENGINE = _in_repo.in_repository_engine(
+    scheme=IN_OVERLAPS,
+    shear=TOTAL,
+    models=STRAIGHT | SIDEWAYS,
+    render=render,
+    style=Style("#009e73", 1.1, (0, (1, 2))),
+)

@@ -1,8 +1,6 @@
 """YADE: renders its deck, reads its arrays."""
 
-import re
-import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,23 +9,15 @@ from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
 from drivers.base.errors import RunError
 from drivers.base.messages import Complaint
-from drivers.base.processes import UNKNOWN_VERSION, first_line_of
+from drivers.base.processes import find_program, version_in_words
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import IN_HEIGHTS, INCREMENTAL, _yade_tube
+from drivers.engines import IN_HEIGHTS, INCREMENTAL, Engine, Style, _yade_tube, last_line
 from drivers.engines._arrays import load_arrays
 from drivers.engines._yade_values import common_values, staggered_velocities
 
-HOW_TO_GET = "Debian's packages yade and python3-yade"
-IN_REPOSITORY = False
-SCHEME = IN_HEIGHTS
-SHEAR = INCREMENTAL
-MODELS = STRAIGHT | SIDEWAYS
-LOST = ""
-VARIABLES: dict[str, str] = {}
 COMMAND = ("yade", "-n", "-x", "chain.py")
-SERVER = Deck({"serve.py": render_template("yade/serve.py.j2")}, ("yade", "-n", "-x", "serve.py"), raw=())
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
 
 
@@ -40,18 +30,6 @@ class Body:
     mass: float
     velocity: float
     material: str
-
-
-def find() -> Path | None:
-    """Path of the executable."""
-    path = shutil.which("yade")
-    return Path(path) if path else None
-
-
-def version(executable: Path) -> str:
-    """Such as ``2023.02a``."""
-    match = re.search(r"Yade version: ([^\s,]+)", first_line_of((str(executable), "--version")))
-    return match.group(1) if match else UNKNOWN_VERSION
 
 
 def render(case: Case) -> Deck:
@@ -78,11 +56,6 @@ def render(case: Case) -> Deck:
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
 
 
-def request(folder: str, word: str) -> str:
-    """A line for ``serve.py``."""
-    return f"{folder} {word}\n"
-
-
 def read(case: Case, folder: Path) -> Trace:
     """The arrays as a trace, brought to the time of the forces.
 
@@ -94,7 +67,7 @@ def read(case: Case, folder: Path) -> Trace:
     """
     trace = _straight(case, folder) if case.chain.lateral is None else _yade_tube.read(case, folder)
     try:
-        completed = loop_seconds((folder / "stdout.txt").read_text(errors="replace")) is not None
+        completed = ENGINE.loop_seconds((folder / "stdout.txt").read_text(errors="replace")) is not None
     except OSError as error:
         raise RunError(f"no stdout: {error.strerror}") from error
     if not completed:
@@ -127,19 +100,20 @@ def refusal(case: Case) -> Complaint | None:
     return "chain.bead", found, "no such velocities, or contacts that are elastic"
 
 
-def seen(case: Case, folder: Path) -> Trace | None:
-    """None: it writes when it ends."""
-    return None
-
-
-def complaint(stdout: str, stderr: str) -> str:
-    """The exception's line, the last that is not YADE's chatter."""
-    lines = [line.strip() for line in (stdout + "\n" + stderr).splitlines() if line.strip()]
-    telling = [line for line in lines if not line.startswith(CHATTER)]
-    return (telling or lines or ["no output"])[-1]
-
-
-def loop_seconds(stdout: str) -> float | None:
-    """From the closing line ``completed 8001 steps in 0.12 s``."""
-    match = re.search(r"^completed \d+ steps in ([0-9.]+) s$", stdout, re.MULTILINE)
-    return float(match.group(1)) if match else None
+ENGINE = Engine(
+    how_to_get="Debian's packages yade and python3-yade",
+    find=lambda: find_program("yade"),
+    version=lambda executable: version_in_words(executable, "--version", r"Yade version: ([^\s,]+)"),
+    scheme=IN_HEIGHTS,
+    shear=INCREMENTAL,
+    models=STRAIGHT | SIDEWAYS,
+    refusal=refusal,
+    render=render,
+    server=Deck({"serve.py": render_template("yade/serve.py.j2")}, ("yade", "-n", "-x", "serve.py"), raw=()),
+    read=read,
+    failure_reason=lambda stdout, stderr: last_line(stdout, stderr, CHATTER),
+    loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",
+    on_two_cores=lambda deck: replace(deck, command=("yade", "-j2", *deck.command[1:])),
+    precise_builds={"yade-longdouble": 10_000, "yade-float128": 1000},
+    style=Style("#d55e00", dashes=(0, (4, 3)), marker="x", size=4.0),
+)

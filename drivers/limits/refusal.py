@@ -28,13 +28,13 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
         raise cannot
     _refuse_depth(case, override)
     _refuse_depth_in_bore(case, override)
-    if load_engine(engine).SCHEME != EXACT:
+    if load_engine(engine).scheme != EXACT:
         _refuse_step(case, override)
 
 
 def inability(case: Case, engine: str) -> InputError | None:
     """What an engine cannot take, by name; None where it takes the case."""
-    missing = [each.name for each in case.elements if each.modelled and each.name not in load_engine(engine).MODELS]
+    missing = [each.name for each in case.elements if each.modelled and each.name not in load_engine(engine).models]
     if missing:
         able = ", ".join(name for name in engine_names() if _models_all(case, name))
         where = f'"{engine}" for a scene with {", ".join(missing)}'
@@ -49,7 +49,7 @@ def inability(case: Case, engine: str) -> InputError | None:
 
 
 def _models_all(case: Case, engine: str) -> bool:
-    return {each.name for each in case.elements if each.modelled} <= load_engine(engine).MODELS
+    return {each.name for each in case.elements if each.modelled} <= load_engine(engine).models
 
 
 def _refuse_step(case: Case, override: str) -> None:

@@ -34,14 +34,14 @@ def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) ->
     if outcome.code != 0:
         stdout, stderr = ((folder / name).read_text(errors="replace") for name in ("stdout.txt", "stderr.txt"))
         ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
-        words = "".join(c if c.isprintable() else " " for c in engine.complaint(stdout, stderr))
-        before = engine.seen(case, folder)
+        words = "".join(c if c.isprintable() else " " for c in engine.failure_reason(stdout, stderr))
+        before = engine.partial_trace(case, folder)
         blown_up = _blown_up(case, engine, words, before)
         raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:LONGEST_COMPLAINT]}"))), trace=before)
     try:
         trace = engine.read(case, folder)
     except RunError as error:
-        error.trace = engine.seen(case, folder)
+        error.trace = engine.partial_trace(case, folder)
         raise
     reason = reason_to_fail(case, trace) or wrong_start(case, trace) or not_modelled(case.chain, trace)
     if reason:
@@ -83,7 +83,7 @@ def _blown_up(case: Case, engine: Engine, words: str, before: Trace | None) -> s
     """What a run that ended badly had shown of a blow-up until then, or its engine says of one."""
     seen = 0 if before is None else len(before.time_s)
     reason = reason_to_fail(case, before) if before is not None else None
-    if reason is None and engine.LOST and engine.LOST in words:
+    if reason is None and engine.loss_message and engine.loss_message in words:
         reason = f"unstable at t = {case.sample_times_s[min(seen, case.scene.samples - 1)]:g} s: a body was lost"
     return reason
 

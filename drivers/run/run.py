@@ -89,7 +89,7 @@ def run_case(
     engine = load_engine(engine_name)
     executable = engine.find()
     if executable is None:
-        raise RunError(f"not installed; it comes with {engine.HOW_TO_GET}")
+        raise RunError(f"not installed; it comes with {engine.how_to_get}")
     deck = engine.render(case)
     home = runs / engine_name
     version = known_version(engine, executable, home)
@@ -101,7 +101,7 @@ def run_case(
         for name, text in deck.files.items():
             (folder / name).write_text(text)
         outcome = run_command(
-            deck.command_with(executable), folder, limit_s or default_limit_s(case), **engine.VARIABLES
+            deck.command_with(executable), folder, limit_s or default_limit_s(case), **engine.variables
         )
         record = _record(case, engine_name, engine, version, deck, outcome, folder)
         trace = refused = None

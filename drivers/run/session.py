@@ -75,7 +75,7 @@ class Session:
         """
         if self._process is not None:
             return
-        server = self.engine.SERVER
+        server = self.engine.server
         for file, text in server.files.items():
             (self.folder / file).write_text(text)
         self.served = 0
@@ -86,7 +86,7 @@ class Session:
                 subprocess.PIPE,
                 subprocess.PIPE,
                 stderr,
-                **self.engine.VARIABLES,
+                **self.engine.variables,
             )
 
     @property

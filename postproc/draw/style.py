@@ -1,45 +1,40 @@
 """How figures look: the same colour for the same engine everywhere (Okabe-Ito, safe for the colour-blind)."""
 
-from dataclasses import dataclass
 from functools import cache
 from io import StringIO
 from typing import Any
 
 import numpy as np
 
+from drivers.engines import Style, engine_names, load_engine
+
 COLUMN_IN = 3.5  # a journal's column
 FAINT = "#555555"
 OPEN = "#e4e7ea"  # where there is no contact
 
 
-@dataclass(frozen=True)
-class Line:
-    """How the curve of one engine is drawn."""
-
-    colour: str
-    width: float
-    dashes: Any
-
-
-_LINES = {
-    "reference": Line("#b3b3b3", 3.2, "-"),
-    "verlet": Line("#009e73", 1.1, (0, (1, 2))),
-    "liggghts": Line("#0072b2", 1.3, "-"),
-    "yade": Line("#d55e00", 1.3, (0, (4, 3))),
-}
-_OTHER = Line("#cc79a7", 1.3, (0, (6, 2, 1, 2)))
+# engines without a style of their own get these, in the order of their names
+SPARE = (
+    Style("#cc79a7", dashes=(0, (6, 2, 1, 2))),
+    Style("#e69f00", dashes=(0, (3, 1)), marker="v"),
+    Style("#56b4e9", dashes=(0, (8, 3)), marker="D", size=4.0),
+    Style("#882255", dashes=(0, (5, 1, 1, 1, 1, 1)), marker="+", size=6.0),
+    Style("#117733", dashes=(0, (1, 1)), marker="*", size=6.0),
+)
 
 
-def line_of(engine: str) -> Line:
-    """The line of an engine; a new one gets the spare colour until it has its own."""
-    return _LINES.get(engine, _OTHER)
+@cache
+def line_of(engine: str) -> Style:
+    """The style of an engine: its own, or the next of ``SPARE``; what is no engine has the last one."""
+    own = {name: load_engine(name).style for name in engine_names()}
+    plain = [name for name, style in own.items() if style is None]
+    return own.get(engine) or SPARE[plain.index(engine) % len(SPARE) if engine in plain else -1]
 
 
 def marker_of(engine: str) -> dict[str, Any]:
     """Plot keywords for an engine's points: nested, so that equal points stay visible."""
-    sizes = {"reference": ("o", 8.0), "liggghts": ("s", 4.5), "yade": ("x", 4.0)}
-    shape, size = sizes.get(engine, ("^", 5.0))
-    return {"marker": shape, "ms": size, "mew": 1.1, "mfc": "none", "color": line_of(engine).colour}
+    style = line_of(engine)
+    return {"marker": style.marker, "ms": style.size, "mew": 1.1, "mfc": "none", "color": style.colour}
 
 
 def drawing_order(engines: list[str]) -> list[str]:

@@ -77,7 +77,7 @@ def error_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, 
         return [], f"not measured: {error}"
     parts, unseen = parts_of(case, engine, trace, rods)
     note = "" if rods.truth.sampling_known else "sampling not measured: too many samples"
-    if load_engine(engine).SCHEME == EXACT:
+    if load_engine(engine).scheme == EXACT:
         note = "; ".join(filter(None, (note, f"exact to its tolerance, {LEAST_TOLERANCE:g}: nothing here measures it")))
     if unseen:
         note = "; ".join(filter(None, (note, f"not in the run, but in the exact motion: {', '.join(unseen)}")))
@@ -93,7 +93,7 @@ def measured_errors(case: Case, trace: Trace, names: Iterable[str]) -> dict[str,
 
 def parts_of(case: Case, engine: str, trace: Trace, rods: Yardsticks) -> tuple[list[Parts], list[str]]:
     """The parts of the error of each quantity, the force first; and what the run should show and does not."""
-    scheme = load_engine(engine).SCHEME
+    scheme = load_engine(engine).scheme
     exact = rods.truth.trace
     verlet = exact if scheme == EXACT else rods.verlet
     heights = rods.heights if scheme == IN_HEIGHTS else verlet

@@ -44,7 +44,7 @@ def able(case: Case) -> list[str]:
     return [
         name
         for name in engine_names()
-        if needed <= load_engine(name).MODELS
+        if needed <= load_engine(name).models
         and not beyond_rounding(case, name)
         and load_engine(name).refusal(case) is None
     ]

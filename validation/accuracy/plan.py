@@ -83,7 +83,7 @@ def refuse_beyond_rounding(case: Case, engine: str) -> None:
 
 def beyond_rounding(case: Case, engine: str) -> str | None:
     """The first quantity whose accuracy the engine's coordinates cannot give; None where they can."""
-    if case.plan is None or load_engine(engine).SCHEME != IN_HEIGHTS:
+    if case.plan is None or load_engine(engine).scheme != IN_HEIGHTS:
         return None
     plan = case.plan
     lost = (name for name, share in plan.asked.items() if plan.predicted[name] + plan.rounding_share > share)

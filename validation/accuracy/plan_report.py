@@ -82,7 +82,7 @@ def _sideways(case: Case) -> Iterator[str]:
         return
     by_law: dict[str, list[str]] = {}
     for name in able(case):
-        by_law.setdefault(load_engine(name).SHEAR, []).append(name)
+        by_law.setdefault(load_engine(name).shear, []).append(name)
     for law, names in by_law.items():
         error, rods = float(sideways_error(case, law).max()), sideways_rods(case, law)
         yield f"predicted  force {error:.3g} on {', '.join(names)}, which converges with order {rods.order:.2g}"

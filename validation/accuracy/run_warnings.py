@@ -41,7 +41,7 @@ def _of_error(case: Case, error: Array) -> list[str]:
 
 def _of_model(case: Case, engine: str, trace: Trace) -> list[str]:
     """Where a code differs from the same scheme at the same step by more than rounding does."""
-    if load_engine(engine).IN_REPOSITORY or case.chain.bodies > LARGEST:
+    if load_engine(engine).in_repository or case.chain.bodies > LARGEST:
         return []
     rods = yardsticks(case)
     rounding, samples = comparable(residual(rods.heights, rods.verlet))
@@ -69,7 +69,7 @@ def predicted_error(case: Case, engine: str) -> Array:
     Raises:
         ArithmeticError: the exact motion cannot be followed.
     """
-    scheme = load_engine(engine).SCHEME
+    scheme = load_engine(engine).scheme
     if scheme == EXACT:
         return np.zeros(case.scene.samples)
     with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up

@@ -147,7 +147,7 @@ def sideways_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[st
     why = why_unmeasured(case)
     if why:
         return [], why
-    rods = sideways_rods(case, load_engine(engine).SHEAR)
+    rods = sideways_rods(case, load_engine(engine).shear)
     stages = (until(trace, rods.samples), rods.verlet, rods.half, rods.quarter)
     true = rods.extrapolated_N
     difference = np.nan_to_num(np.abs(stages[0].force_N - true), nan=np.inf)
@@ -201,8 +201,8 @@ def sideways_warnings(case: Case, engine: str, trace: Trace) -> list[str]:
     if why_unmeasured(case):
         return []
     adapter = load_engine(engine)
-    rods, found = sideways_rods(case, adapter.SHEAR), []
-    error, limit = sideways_error(case, adapter.SHEAR), tolerance("warning", "force").limit
+    rods, found = sideways_rods(case, adapter.shear), []
+    error, limit = sideways_error(case, adapter.shear), tolerance("warning", "force").limit
     if (error > limit).any():
         since = case.sample_times_s[int(np.argmax(error > limit))]
         found.append(
@@ -211,7 +211,7 @@ def sideways_warnings(case: Case, engine: str, trace: Trace) -> list[str]:
         )
     allowed = max(tolerance("model", model_quantity(case)).limit, rods.rounding)
     apart = residual(until(trace, rods.samples), rods.verlet)
-    if not adapter.IN_REPOSITORY and not (apart <= allowed).all():
+    if not adapter.in_repository and not (apart <= allowed).all():
         since = case.sample_times_s[int(np.argmax(~(apart <= allowed)))]
         found.append(
             f"forces differ from velocity Verlet at the same step by {apart.max():.2g} of the largest, from"

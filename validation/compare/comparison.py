@@ -89,8 +89,8 @@ def _motion_verdict(case: Case, engine: str, trace: Trace, verlet: Trace, forces
 
 def _same_scheme(case: Case, engine: str, verlet: Trace) -> Trace:
     """The run of engine ``verlet``, or where friction's law is another the same with that of the engine in question."""
-    law = load_engine(engine).SHEAR
-    if case.chain.lateral is None or law == load_engine("verlet").SHEAR or why_unmeasured(case):
+    law = load_engine(engine).shear
+    if case.chain.lateral is None or law == load_engine("verlet").shear or why_unmeasured(case):
         return verlet
     return tube_verlet_of(case, law)
 

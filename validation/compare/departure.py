@@ -134,7 +134,7 @@ def _why(engine: str, expected: Expected, sample: int, own: float, level: float)
 
 def _from_scheme(case: Case, engine: str, run: Trace, expected: Expected) -> Iterator[Departure]:
     """When rounding alone has parted a run from its scheme: from then on two runs cannot be compared."""
-    if load_engine(engine).SCHEME == EXACT:
+    if load_engine(engine).scheme == EXACT:
         return
     share = shares_apart(run.force_N, expected.plain_N[: len(run.time_s)], float(np.abs(expected.plain_N).max()))
     beyond = first_beyond(share, HORIZON)

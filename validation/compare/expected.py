@@ -127,7 +127,7 @@ def _straight(case: Case, adapter: Engine, stated: Tolerance) -> Expected:
     rounding_J = np.abs(known.heights.kinetic_energy_J - known.verlet.kinetic_energy_J)[:samples]
     return Expected(
         exact_N=known.truth.trace.force_N,
-        scheme=schemes[adapter.SCHEME],
+        scheme=schemes[adapter.scheme],
         plain_N=known.verlet.force_N,
         rounding=np.maximum.accumulate(shares),
         rounding_J=float(rounding_J.max()),
@@ -139,7 +139,7 @@ def _straight(case: Case, adapter: Engine, stated: Tolerance) -> Expected:
 
 
 def _sideways(case: Case, adapter: Engine, stated: Tolerance) -> Expected:
-    known = sideways_rods(case, adapter.SHEAR)
+    known = sideways_rods(case, adapter.shear)
     return Expected(
         exact_N=known.extrapolated_N,
         scheme=known.verlet,
@@ -162,6 +162,6 @@ def forces_of_scheme(case: Case, engine: str) -> Array:
     """Forces by an engine's scheme, which has a time step. Shape (samples, contacts)."""
     adapter = load_engine(engine)
     if case.chain.lateral is not None:
-        return tube_verlet_of(case, adapter.SHEAR).force_N
-    scheme = verlet_in_heights if adapter.SCHEME == IN_HEIGHTS else verlet_of
+        return tube_verlet_of(case, adapter.shear).force_N
+    scheme = verlet_in_heights if adapter.scheme == IN_HEIGHTS else verlet_of
     return scheme(case).force_N

@@ -57,7 +57,7 @@ def first_fault(case: Case, engine: str, run: Trace, expected: Expected) -> Faul
         return wrong_start
     else:
         kind, why = _kind_and_why(case, engine, run, expected, sample, column)
-        yardstick = "the exact motion" if load_engine(engine).SCHEME == EXACT else "velocity Verlet at the same step"
+        yardstick = "the exact motion" if load_engine(engine).scheme == EXACT else "velocity Verlet at the same step"
         words = (
             f"leaves {yardstick} by {shares[sample, column]:.1e} of the largest force at"
             f" {run.time_s[sample] * 1e6:.6g} µs in contact {column + 1}{why};"
@@ -125,7 +125,7 @@ def _other_step(case: Case, engine: str, run: Trace, expected: Expected) -> str:
     Until the wave turns, errors go with the step's power p: if the run's are c times those of a step h, its own is
     ``c^(1/p) h``. What is so found is tried, and found anew from there.
     """
-    if load_engine(engine).SCHEME == EXACT:
+    if load_engine(engine).scheme == EXACT:
         return ""
     n, end = case.scene.steps_per_sample, min(expected.turned + 1, expected.samples)
     error = run.force_N[:end] - expected.exact_N[:end]

@@ -35,7 +35,7 @@ def allowed_between(one: Opened, other: Opened) -> Allowed:
     time steps, or the lack of one, do.
     """
     same_step = isclose(one.run.record.time_step_s, other.run.record.time_step_s, rel_tol=1e-12)
-    exact = [load_engine(each.engine).SCHEME == EXACT for each in (one, other)]
+    exact = [load_engine(each.engine).scheme == EXACT for each in (one, other)]
     if all(exact) or (not any(exact) and same_step):
         force, samples = _rounding(one, other)
         rest = _others(force)
@@ -50,7 +50,7 @@ def allowed_between(one: Opened, other: Opened) -> Allowed:
 def _rounding(one: Opened, other: Opened) -> tuple[Tolerance, int]:
     """Of runs of one scheme at one step, and for how many samples they can be compared."""
     everything = len(one.trace.time_s)
-    laws = {load_engine(each.engine).SHEAR for each in (one, other)}
+    laws = {load_engine(each.engine).shear for each in (one, other)}
     if len(laws) > 1 and one.case.chain.lateral is not None and one.case.chain.slips:
         return tolerance("model", "sides"), everything
     if why_unmeasured(one.case) or why_unmeasured(other.case):

@@ -99,7 +99,7 @@ def model_of(case: Case, engine: str) -> Model:
         mass_kg=chain.mass_kg, stiffness=chain.stiffness, overlap_m=chain.overlap_m, velocity_m_s=chain.velocity_m_s,
         load_N=chain.load_N, damping_ratio=np.full(chain.bodies, chain.damping_ratio), placed_m=height, reach_m=reach,
         resting_m=chain.overlap_m, assumed_m_s2=chain.acceleration_m_s2, scene_load_N=chain.load_N,
-        scheme=load_engine(engine).SCHEME, time_step_s=scene.time_step_s, steps_per_sample=scene.steps_per_sample,
+        scheme=load_engine(engine).scheme, time_step_s=scene.time_step_s, steps_per_sample=scene.steps_per_sample,
     )  # fmt: skip
 
 

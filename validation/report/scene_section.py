@@ -99,7 +99,7 @@ def _decks(scene: ComparedScene, row: Row) -> list[tuple[str, str, str]]:
     return [
         (engine, file, text)
         for engine, cell in row.cells.items()
-        if (cell.verdict == FAIL if engine in scene.absent else not load_engine(engine).IN_REPOSITORY)
+        if (cell.verdict == FAIL if engine in scene.absent else not load_engine(engine).in_repository)
         for file, text in load_engine(engine).render(scene.case).files.items()
     ]
 

@@ -152,7 +152,7 @@ def _run(case: Case, name: str, deck: Deck, command: tuple[str, ...]) -> tuple[f
     with tempfile.TemporaryDirectory() as folder:
         for file, text in deck.files.items():
             Path(folder, file).write_text(text)
-        run_command(command, Path(folder), default_limit_s(case), **engine.VARIABLES)
+        run_command(command, Path(folder), default_limit_s(case), **engine.variables)
         loop = engine.loop_seconds(Path(folder, "stdout.txt").read_text(errors="replace"))
         try:
             error = float(residual(engine.read(case, Path(folder)), verlet_of(case)).max())

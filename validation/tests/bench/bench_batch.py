@@ -66,7 +66,7 @@ def _rate_alone(name: str) -> float:
                 (folder / file).write_text(text)
         command = deck.command_with(executable)
         began = time.perf_counter()
-        list(pool.map(lambda folder: run_command(command, folder, 60.0, **engine.VARIABLES), folders))
+        list(pool.map(lambda folder: run_command(command, folder, 60.0, **engine.variables), folders))
         return SINGLE_CASES / (time.perf_counter() - began)
 
 

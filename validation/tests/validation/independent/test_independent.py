@@ -209,7 +209,7 @@ def test_an_engine_that_is_not_there_or_refuses_is_not_run(
     tmp_path: Path, cheap: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     need("liggghts")
-    monkeypatch.setattr(load_engine("yade"), "find", lambda: None)
+    monkeypatch.setattr("drivers.engines.yade.ENGINE", replace(load_engine("yade"), find=lambda: None))
     text = shipped("aluminium-on-plane").replace("measure =", 'set = ["contact.restitution=0.1"]\nmeasure =')
     cheap.write_text(text[: text.index("[[case.check]]")] + CHECK.format("restitution").replace("1e-6", "1e-3"))
     lines = {line.engine: line for line in judge_all(cheap, tmp_path / "runs")}

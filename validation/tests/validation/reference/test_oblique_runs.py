@@ -194,7 +194,7 @@ def test_two_free_beads_keep_their_momenta(across: float, engine: str, traced: R
 def test_the_shipped_scene_as_it_is(engine: str, shared_runs: Path) -> None:
     case = case_of("oblique-impact")
     run = finished(case, engine, shared_runs)
-    assert (load_engine(engine).SHEAR == INCREMENTAL) == BY_LAW[engine].incremental
+    assert (load_engine(engine).shear == INCREMENTAL) == BY_LAW[engine].incremental
     assert not run.record.warnings
     last = pd.read_parquet(run.folder / "state.parquet").iloc[-1]
     normal, along, turning = rebound_by(BY_LAW[engine], case)

@@ -51,7 +51,7 @@ def test_codes_do_what_the_integrator_does(settings: tuple[str, ...], shared_run
     motions = {law: motion_of(case, law=law) for law in LAWS}
     for engine in ("liggghts", "yade", *(["verlet"] if settings == DAMPED else [])):
         run = finished(case, engine, shared_runs)
-        law = load_engine(engine).SHEAR
+        law = load_engine(engine).shear
         expected = motions[law]
         largest = expected.force_N.max()
         assert np.abs(run.trace.force_N - expected.force_N).max() < ROUNDED * largest
@@ -132,7 +132,7 @@ def test_the_horizon_ends_where_rounding_parts_two_runs() -> None:
 def test_the_budget_adds_up_and_says_what_it_leaves_out() -> None:
     case = sideways(*STICKY)
     for engine in ("liggghts", "yade"):
-        law = load_engine(engine).SHEAR
+        law = load_engine(engine).shear
         parts, note = error_budget(case, engine, tube_verlet_of(case, law))
         force = parts[0]
         assert force["whole"] == pytest.approx(
@@ -190,9 +190,9 @@ def test_a_trace_is_cut_whole() -> None:
 def test_beads_that_may_not_turn(engine: str, shared_runs: Path) -> None:
     case = case_of("fig4-tube", "contact.rotation=false", "contact.friction=0.3", "run.duration=0.3 ms")
     run = finished(case, engine, shared_runs)
-    verlet = tube_verlet_of(case, load_engine(engine).SHEAR)
+    verlet = tube_verlet_of(case, load_engine(engine).shear)
     assert residual(run.trace, verlet).max() < 1e-9
     turning = tube_verlet_of(
-        case_of("fig4-tube", "contact.friction=0.3", "run.duration=0.3 ms"), load_engine(engine).SHEAR
+        case_of("fig4-tube", "contact.friction=0.3", "run.duration=0.3 ms"), load_engine(engine).shear
     )
     assert residual(turning, verlet).max() > 1e-3
