@@ -220,7 +220,7 @@ def _print_budgets(compared: "ComparedScene") -> None:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from validation.report.report_command import report
+    from validation.report.write_report import report
 
     must_be_file("--out", arguments.out)
     must_be_folder("--runs", arguments.runs)

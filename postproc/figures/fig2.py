@@ -71,7 +71,7 @@ def _draw_free_body(axis: Any) -> None:
         axis.annotate(
             "", (0.14 * side, -0.5), (0.75 * side, -0.5), arrowprops={"arrowstyle": "-|>", "color": "#d55e00"}
         )
-        axis.text(0.6 * side, -0.45, f"$F_{inner}$", color="#d55e00", ha="center", va="bottom")
+        axis.text(0.6 * side, -0.45, f"$F_{inner}$", color="#a34800", ha="center", va="bottom")
     axis.add_patch(Rectangle((-0.12, -0.85), 0.24, 1.7, facecolor="#e69f00", edgecolor="black", lw=0.8))
     axis.text(0, 1.08, f"gauge, m = {sensor.gauge_g:g} g; caps, 2M = {sensor.caps_g:g} g", ha="center", va="bottom")
 

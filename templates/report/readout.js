@@ -39,7 +39,7 @@
       const lines = panel.curves.map((curve) => {
         const line = document.createElement("span");
         const key = document.createElement("i");
-        key.style.background = curve.colour;
+        key.style.setProperty("--own", curve.colour);
         line.dataset.engine = curve.engine;
         line.dataset.value = curve.values[at.sample];
         line.classList.toggle("nearest", curve.label === nearest);

@@ -14,12 +14,13 @@ from validation.claims.judged_claims import DIFFERS, EXPERIMENT_ONLY, REPRODUCED
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 
 
-def read_section(path: Path) -> dict[str, Any]:
+def read_section(results: Path) -> dict[str, Any]:
     """The rows of ``claims.csv`` by verdict, the differing ones first, and the engines in it; empty without the file.
 
     Raises:
         InputError: the table is damaged, or of other claims than those of ``inputs/paper/claims.toml``.
     """
+    path = results / paths.CLAIMS_TABLE
     if not path.exists():
         return {}
     claims = read_claims()

@@ -73,7 +73,7 @@ def draw_oscilloscope(shown: list[Shown], quoted: dict[str, tuple[float, str]]) 
         axis.margins(x=0.15, y=0.25)
     panels[-1].set_xticks(range(len(shown)), [each.step for each in shown], rotation=35, ha="right", fontsize=7)
     for colour, label in zip(colours, panels[-1].get_xticklabels(), strict=True):
-        label.set_color(colour)
+        label.set_color(0.55 * colour[:3])  # words need more contrast than lines
         label.set_fontweight("bold")
     return figure
 

@@ -10,7 +10,7 @@ from drivers.base.errors import InputError
 from validation.elements.element_figures import draw_effects
 from validation.elements.elements_sentences import TABLES, read_tables, sentences
 from validation.elements.switches import read_elements
-from validation.report.inline_figures import read_svg, stored_or_drawn
+from validation.report.page_figures import Picture, read_picture, stored_or_drawn
 
 
 def read_section(results: Path) -> dict[str, Any]:
@@ -40,16 +40,16 @@ def read_section(results: Path) -> dict[str, Any]:
         raise InputError(paths.shown(results / TABLES["effects"]), "", found, "what make elements writes") from error
 
 
-def _effects(results: Path, effects: pd.DataFrame) -> str:
+def _effects(results: Path, effects: pd.DataFrame) -> Picture:
     table = results / TABLES["effects"]
-    return stored_or_drawn(results / "elements.svg", table, lambda: draw_effects(effects), "elements")
+    return stored_or_drawn(results / "elements.svg", table, lambda: draw_effects(effects))
 
 
-def _oscilloscopes(results: Path, scenes: Any) -> list[tuple[str, str]]:
+def _oscilloscopes(results: Path, scenes: Any) -> list[tuple[str, Picture]]:
     """What gauges show of each scene; those that were not drawn are left out."""
     figures = []
     for scene in scenes:
-        figure = read_svg(results / f"oscilloscope-{scene}.svg", f"oscilloscope-{scene}")
+        figure = read_picture(results / f"oscilloscope-{scene}.svg")
         if figure:
             words = f"{scene}: what the gauges show, from the elastic line to the gauge's electronics"
             figures.append((words, figure))

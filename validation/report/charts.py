@@ -18,18 +18,17 @@ from postproc.draw.stack import gauge_title
 from postproc.draw.style import drawing_order, line_of
 from postproc.read.residual import REFERENCE, residuals
 from postproc.read.sensors import sensor_signals
-from validation.report.failed_runs import Failed, failed_label
-from validation.report.inline_figures import colour_of, relative, thinned
 
 WIDTH, LEFT, RIGHT, TOP = 720.0, 62.0, 712.0, 24.0
 PANEL, GAP, BELOW = 116.0, 30.0, 40.0  # heights
-MOST_SAMPLES = 1600  # that a curve keeps for its values; of longer records every n-th
-MOST_GAUGES = 4  # drawn; the table of observables has them all
+MAX_SAMPLES = 1600  # of a curve's values; of longer records every n-th is kept
+MAX_GAUGES = 4  # drawn; the table of observables has them all
 NOTE = 22.0  # height of a note's words on a phone
 LETTER, KEY = 11.0, 4.5  # width of a letter of the legend on a phone, and of a line with its gaps in letters
 FINE = 10  # coordinates are whole tenths
+SEEN = 0.1  # by how much a line may be moved by thinning
 VERLET = "verlet"
-NOTHING: Mapping[str, Failed] = {}
+NO_TRACES: Mapping[str, Trace] = {}
 TIMES = ((1e6, "µs"), (1e3, "ms"), (1.0, "s"))
 
 
@@ -96,30 +95,23 @@ class Chart:
     @property
     def data(self) -> dict[str, Any]:
         """What the script of the page reads."""
-        return {
-            "left": LEFT,
-            "right": RIGHT,
-            "width": WIDTH,
-            "height": self.height,
-            "unit": self.unit,
-            "start": self.start,
-            "spacing": self.spacing,
-            "count": self.count,
-            "last": self.last,
-            "panels": [
-                {
-                    "title": panel.title,
-                    "unit": panel.unit,
-                    "top": panel.top,
-                    "bottom": panel.bottom,
-                    "curves": [
-                        {"engine": c.engine, "label": c.label, "colour": c.colour, "values": c.values}
-                        for c in panel.curves
-                    ],
-                }
-                for panel in self.panels
-            ],
-        }
+        told = ("height", "unit", "start", "spacing", "count", "last")
+        return (
+            {"left": LEFT, "right": RIGHT, "width": WIDTH}
+            | {name: getattr(self, name) for name in told}
+            | {
+                "panels": [
+                    {name: getattr(panel, name) for name in ("title", "unit", "top", "bottom")}
+                    | {
+                        "curves": [
+                            {name: getattr(curve, name) for name in ("engine", "label", "colour", "values")}
+                            for curve in panel.curves
+                        ]
+                    }
+                    for panel in self.panels
+                ]
+            }
+        )
 
 
 @dataclass(frozen=True)
@@ -136,7 +128,17 @@ class TimeAxis:
     ticks: list[tuple[float, str]]
 
 
-def chart_of(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, Failed] = NOTHING) -> Chart:
+@dataclass(frozen=True)
+class _Series:
+    """Values of a curve at every sample; ``against`` is the yardstick of a difference."""
+
+    engine: str
+    label: str
+    values: Array
+    against: str = ""
+
+
+def chart_of(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, Trace] = NO_TRACES) -> Chart:
     """Gauge forces of all engines over each other, a panel each, and below the largest differences of any contact.
 
     Args:
@@ -144,21 +146,25 @@ def chart_of(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, F
         traces: by engine, of equal sample times; at least one, here or in ``failed``.
         failed: by engine, what can be shown of runs that failed, at the same times; they are no yardstick.
     """
-    everything = {**traces, **{engine: each.trace for engine, each in failed.items()}}
+    everything = {**traces, **failed}
+    labels = {engine: failed_label(engine) if engine in failed else engine for engine in drawing_order([*everything])}
     time_s = next(iter(everything.values())).time_s
     axis = time_axis(time_s, RIGHT)
-    every = -(-len(time_s) // MOST_SAMPLES)
+    every = -(-len(time_s) // MAX_SAMPLES)
     x = LEFT + (RIGHT - LEFT) * (time_s - time_s[0]) / (float(np.ptp(time_s)) or 1.0)
-    signals = {engine: sensor_signals(layout, trace) for engine, trace in traces.items()}
-    signals |= {engine: each.signals for engine, each in failed.items()}
-    labels = {engine: failed_label(engine) if engine in failed else engine for engine in everything}
+    signals = {engine: sensor_signals(layout, trace) for engine, trace in everything.items()}
     gauges = list(next(iter(signals.values())))
+    yardsticks = [name for name in (REFERENCE, VERLET) if name in traces] or list(traces)[:1]
+    differences = [
+        _Series(engine, f"{labels[engine]} − {yardstick}", values, yardstick)
+        for yardstick in yardsticks
+        for engine, values in residuals(everything, yardstick).items()
+    ]
     panels: list[Panel] = []
-    for gauge in gauges[-MOST_GAUGES:]:
-        own = {engine: (labels[engine], found[gauge]) for engine, found in signals.items()}
-        panels.append(_panel(gauge_title(layout, gauge), own, x, every, _top(len(panels))))
-    found = _apart(traces, everything, labels)
-    panels += [_differences(found, x, every, _top(len(panels)))] if found else []
+    for gauge in gauges[-MAX_GAUGES:]:
+        own = [_Series(engine, label, signals[engine][gauge]) for engine, label in labels.items()]
+        panels.append(_forces(gauge_title(layout, gauge), own, x, every, _top(len(panels))))
+    panels += [_differences(differences, x, every, _top(len(panels)))] if differences else []
     return Chart(
         height=_top(len(panels)) - GAP + BELOW,
         unit=axis.unit,
@@ -167,10 +173,15 @@ def chart_of(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, F
         count=len(time_s[::every]),
         last=(len(time_s) - 1) / every,
         ticks=axis.ticks,
-        engines=[_line(engine, labels[engine], "", np.empty(0)) for engine in drawing_order(list(everything))],
+        engines=[_curve(_Series(engine, label, np.empty(0)), "", 1) for engine, label in labels.items()],
         panels=panels,
-        left_out=max(0, len(gauges) - MOST_GAUGES),
+        left_out=max(0, len(gauges) - MAX_GAUGES),
     )
+
+
+def failed_label(engine: str) -> str:
+    """What a run that failed is called beside those that finished."""
+    return f"{engine} (failed)"
 
 
 def time_axis(time_s: Array, right: float) -> TimeAxis:
@@ -181,52 +192,35 @@ def time_axis(time_s: Array, right: float) -> TimeAxis:
     return TimeAxis(unit, per_s, [(LEFT + scale * t, f"{t + start:g}") for t in round_ticks(0.0, long, 8)])
 
 
+def round_ticks(low: float, high: float, count: int) -> list[float]:
+    """Round numbers between two, some ``count`` of them."""
+    from matplotlib.ticker import MaxNLocator
+
+    return [float(value) for value in MaxNLocator(count).tick_values(low, high) if low <= value <= high * (1 + 1e-9)]
+
+
 def _top(panels: int) -> float:
     return TOP + 18.0 + panels * (PANEL + GAP)
 
 
-def _panel(title: str, forces: Mapping[str, tuple[str, Array]], x: Array, every: int, top: float) -> Panel:
+def _forces(title: str, forces: list[_Series], x: Array, every: int, top: float) -> Panel:
     """Forces on a linear axis from zero, or from the lowest where that is below."""
-    finite = [values[np.isfinite(values)] for _, values in forces.values()]
-    low = min(0.0, *(float(values.min(initial=0.0)) for values in finite))
-    high = max(float(values.max(initial=0.0)) for values in finite) or 1.0
+    finite = np.concatenate([each.values[np.isfinite(each.values)] for each in forces])
+    low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0)) or 1.0
 
     def place(values: Array) -> Array:
         return top + PANEL * (1.0 - (values - low) / ((high - low) * 1.04))
 
-    curves = [
-        _line(engine, *(forces[engine][0], _path(x, place(forces[engine][1])), forces[engine][1][::every]))
-        for engine in drawing_order(list(forces))
-    ]
+    curves = [_curve(each, _path(x, place(each.values)), every) for each in forces]
     ticks = [(float(place(np.array(value))), f"{value:g}") for value in round_ticks(low, high, 4)]
     return Panel(title, "N", top, top + PANEL, ticks, curves, [])
 
 
-@dataclass(frozen=True)
-class _Apart:
-    """How far an engine is from a yardstick at each sample."""
-
-    engine: str
-    label: str
-    yardstick: str
-    values: Array
-
-
-def _apart(traces: Mapping[str, Trace], everything: Mapping[str, Trace], labels: Mapping[str, str]) -> list[_Apart]:
-    """Of every engine from each yardstick that finished."""
-    yardsticks = [name for name in (REFERENCE, VERLET) if name in traces] or list(traces)[:1]
-    return [
-        _Apart(engine, f"{labels[engine]} − {yardstick}", yardstick, values)
-        for yardstick in yardsticks
-        for engine, values in residuals(everything, yardstick).items()
-    ]
-
-
-def _differences(found: list[_Apart], x: Array, every: int, top: float) -> Panel:
+def _differences(found: list[_Series], x: Array, every: int, top: float) -> Panel:
     """Largest force difference of any contact to each yardstick, over the largest force, on a logarithmic axis."""
-    seen = np.concatenate([each.values[np.isfinite(each.values) & (each.values > 0)] for each in found])
-    low = np.floor(np.log10(seen.min())) if len(seen) else -17.0
-    high = max(low + 1.0, np.ceil(np.log10(seen.max()))) if len(seen) else -16.0
+    above_zero = np.concatenate([each.values[np.isfinite(each.values) & (each.values > 0)] for each in found])
+    low = np.floor(np.log10(above_zero.min())) if len(above_zero) else -17.0
+    high = max(low + 1.0, np.ceil(np.log10(above_zero.max()))) if len(above_zero) else -16.0
 
     def place(values: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -237,9 +231,9 @@ def _differences(found: list[_Apart], x: Array, every: int, top: float) -> Panel
     notes: dict[str, float] = {}
     for each in found:
         y = place(each.values)
-        curves.append(_line(each.engine, each.label, _path(x, y), each.values[::every]))
+        curves.append(_curve(each, _path(x, y), every))
         if np.isfinite(y).any():
-            words, last = f"from {each.yardstick}", float(y[np.isfinite(y)][-1])
+            words, last = f"from {each.against}", float(y[np.isfinite(y)][-1])
             last = last - 4.0 if last > top + NOTE else last + NOTE  # clear of the title
             notes[words] = max(notes.get(words, -np.inf), last)  # at the lowest curve: a run that is off has left it
     stride = max(1, int(np.ceil((high - low) / 5)))
@@ -248,21 +242,21 @@ def _differences(found: list[_Apart], x: Array, every: int, top: float) -> Panel
     return Panel(title, "", top, top + PANEL, ticks, curves, [(y, words) for words, y in notes.items()])
 
 
-def _line(engine: str, label: str, path: str, values: Array) -> Curve:
-    line = line_of(engine)
+def _curve(series: _Series, path: str, every: int) -> Curve:
+    line = line_of(series.engine)
     dashes = "" if line.dashes == "-" else " ".join(f"{each * line.width:g}" for each in line.dashes[1])
-    numbers = b64encode(values.astype("<f4").tobytes()).decode()
-    return Curve(engine, label, colour_of(line.colour), line.width, dashes, path, numbers)
+    numbers = b64encode(series.values[::every].astype("<f4").tobytes()).decode()
+    return Curve(series.engine, series.label, line.colour, line.width, dashes, path, numbers)
 
 
 def _path(x: Array, y: Array) -> str:
-    """A line's ``d`` in tenths; it breaks where ``y`` is no number."""
-    points, codes = thinned(x, y)
-    return relative(FINE * points, codes, 0)
+    """A line's ``d`` in steps of tenths, without points that nobody sees; it breaks where ``y`` is no number."""
+    from matplotlib.path import Path as Line
 
-
-def round_ticks(low: float, high: float, most: int) -> list[float]:
-    """Round numbers between two, some ``most`` of them."""
-    from matplotlib.ticker import MaxNLocator
-
-    return [float(value) for value in MaxNLocator(most).tick_values(low, high) if low <= value <= high * (1 + 1e-9)]
+    line = Line(np.column_stack([x, y]))
+    line.simplify_threshold = SEEN
+    clean = line.cleaned(remove_nans=True, simplify=True)
+    whole = np.rint(FINE * np.asarray(clean.vertices)).astype(int)  # before the differences: steps do not drift
+    steps = np.diff(whole, axis=0, prepend=0)
+    kept = zip(steps.tolist(), np.asarray(clean.codes).tolist(), strict=True)
+    return "".join(f"{'m' if code == Line.MOVETO else 'l'}{dx} {dy}" for (dx, dy), code in kept if code != Line.STOP)

@@ -38,7 +38,7 @@ def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
     }
 
 
-def tables_made(results: Path) -> dict[str, dict[str, str]]:
+def when_made(results: Path) -> dict[str, dict[str, str]]:
     """When each table of a results folder was made, and where it is, by its name."""
     return {
         path.name: {"file": paths.shown(path), "date": _utc(path.stat().st_mtime)} for path in results.glob("*.csv")

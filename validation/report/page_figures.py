@@ -1,66 +1,124 @@
-"""The paper's figures and Table 1 as the page shows them, from what ``make figures`` left in the results folder."""
+"""Figures of files as the page shows them, each an image with its own bytes; the paper's figures and Table 1.
 
+Inside an ``<img>`` a browser runs no script of an SVG and asks for nothing outside it, whatever the file holds.
+"""
+
+import re
+from base64 import b64encode
+from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
+from xml.etree import ElementTree
 
 import pandas as pd
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from postproc import figures
 from postproc.draw.spacetime import SPACETIME
+from postproc.draw.style import svg_of
 from postproc.paper.solved_table1 import COLUMNS, engines_of
-from validation.report.inline_figures import read_svg
 
 TABLE = "table1.csv"
-WORDS = {
-    "fig1": "the set-up to scale",
-    "fig2": "a sensor bead: free body, forces, the coefficient β",
-    "fig3": "speed against amplitude, with scores of the moduli",
-    "fig4": "one solitary wave and its reflection",
-    "fig5": "a heavy striker's train, its envelope and the incident pulse",
-    "fig6": "small beads under a steel and a PTFE ball",
-}
 MEASURED = ("duration_us", "speed_m_s", "width_diameters")
 HEADINGS = {"speed_m_s": "speed, m/s", "width_0.2pct_diameters": "L/2R at 0.2 %", "width_4pct_diameters": "L/2R at 4 %"}
+PX_PER_PT = 1.6  # print's type, made as large as the page's
+UNSEEN_DIGITS = re.compile(r"(?<=\.\d\d)\d+")  # of a coordinate: below a hundredth of a point
+TAG = re.compile(r"<[^>]*>")
+BLANKS = re.compile(r"\s+")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An SVG file within the page.
+
+    Attributes:
+        address: a data address with the file's bytes.
+        width_px: on a screen that has room for it.
+    """
+
+    address: str
+    width_px: int
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure that was made.
+    """A figure of the paper that was made.
 
     Attributes:
-        label: for those who do not see it.
-        beside: the same chains in space and time; empty where that was not made.
+        beside: the same chains in space and time; None where that was not made.
     """
 
-    name: str
     title: str
-    label: str
-    svg: str
-    beside: str
+    picture: Picture
+    beside: Picture | None
 
 
-def read_figures(results: Path) -> tuple[list[Figure], list[str]]:
-    """The figures that were made, and the names of those that were not.
+def picture_of(svg: str) -> Picture:
+    """The text of a file of matplotlib's as a picture; digits that nobody sees are left out.
+
+    Raises:
+        ValueError: it is no SVG with a width in points.
+    """
+    try:
+        root = ElementTree.fromstring(svg.encode())
+    except ElementTree.ParseError as error:
+        raise ValueError(str(error)) from error
+    small = TAG.sub(lambda tag: BLANKS.sub(" ", UNSEEN_DIGITS.sub("", tag[0])), svg)
+    address = f"data:image/svg+xml;base64,{b64encode(small.encode()).decode()}"
+    return Picture(address, round(PX_PER_PT * float(root.attrib.get("width", "").removesuffix("pt"))))
+
+
+def read_picture(path: Path) -> Picture | None:
+    """A figure's file; None where there is none.
+
+    Raises:
+        InputError: it is no figure.
+    """
+    try:
+        return picture_of(path.read_text())
+    except FileNotFoundError:
+        return None
+    except (ValueError, OSError) as error:
+        found = f"a damaged figure ({error})"
+        raise InputError(paths.shown(path), "", found, "an SVG that this project made") from error
+
+
+def stored_or_drawn(path: Path, table: Path, draw: Callable[[], Any]) -> Picture:
+    """The figure that was stored with its table; drawn anew where there is none as new as the table.
+
+    Raises:
+        InputError: what is stored is no figure.
+    """
+    stored = read_picture(path) if path.exists() and path.stat().st_mtime >= table.stat().st_mtime else None
+    return stored or picture_of(svg_of(draw()))
+
+
+def read_figures(results: Path) -> dict[str, Any]:
+    """``made``: the paper's figures in a results folder; ``missing``: names of those that are not there.
+
+    A figure's title is the first paragraph of its module's docstring.
 
     Raises:
         InputError: one is damaged.
     """
     made, missing = [], []
-    for name, words in WORDS.items():
-        svg = read_svg(results / f"{name}.svg", name)
-        if not svg:
+    for name in (module.name for module in iter_modules(figures.__path__) if module.name.startswith("fig")):
+        picture = read_picture(results / f"{name}.svg")
+        if picture is None:
             missing.append(name)
             continue
-        title = f"Fig. {name.removeprefix('fig')}: {words}"
-        made.append(Figure(name, title, f"{title}, drawn from the runs", svg, read_beside(results, name)))
-    return made, missing
+        title, _, _ = (import_module(f"{figures.__name__}.{name}").__doc__ or name).partition("\n\n")
+        made.append(Figure(BLANKS.sub(" ", title).strip(". "), picture, read_beside(results, name)))
+    return {"made": made, "missing": missing}
 
 
-def read_beside(results: Path, name: str) -> str:
-    """The chains of a figure in space and time; empty where that was not made."""
-    return read_svg(results / f"{name}-{SPACETIME}.svg", f"{name}-{SPACETIME}")
+def read_beside(results: Path, name: str) -> Picture | None:
+    """The chains of a figure in space and time; None where that was not made."""
+    return read_picture(results / f"{name}-{SPACETIME}.svg")
 
 
 def read_table1(results: Path) -> dict[str, Any]:

@@ -1,10 +1,16 @@
 """What the page says of one scene."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from drivers.base import paths
+from drivers.chain.case import Case
+from drivers.chain.contact_law import hertz_force
 from drivers.chain.elements import Element
+from drivers.chain.trace import Trace
 from drivers.engines import in_order, load_engine
 from postproc.read.observables import observe
 from postproc.read.residual import REFERENCE
@@ -12,10 +18,11 @@ from validation.accuracy.parts import PARTS
 from validation.compare.compared_scenes import ComparedScene
 from validation.compare.departure import DepartureRow, departure_rows
 from validation.compare.verdict import FAIL
-from validation.report.charts import Chart, chart_of
-from validation.report.failed_runs import failed_label, failed_runs
+from validation.report.charts import Chart, chart_of, failed_label
 from validation.report.spacetime_raster import Raster, raster_of
 from validation.report.verdict_table import QUANTITIES, Row, number
+
+FORCE_RANGE = 2.0  # times the largest force of the runs that finished: what is larger would flatten their curves
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,7 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
     observed = {engine: observe(scene.runs[engine].layout, scene.runs[engine].trace) for engine in engines}
     names = list(next(iter(observed.values()), {}))
     traces = {engine: scene.runs[engine].trace for engine in engines}
-    refused = failed_runs(case, {name: scene.refused[name] for name in in_order(scene.refused)}, traces)
+    refused = {engine: part_in_range(case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
     chart = chart_of(case.layout, traces, refused) if traces or refused else None
     shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
     return SceneSection(
@@ -82,6 +89,23 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
         decks=_decks(scene, row),
         folders=[(engine, paths.shown(scene.runs[engine].folder)) for engine in engines],
     )
+
+
+def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> Trace:
+    """Forces of a run that failed, at all sample times of its scene; NaN where it has no sample that can be shown.
+
+    Args:
+        case: that was run.
+        failed: maybe only the first samples, maybe no numbers.
+        finished: by engine; where there is none, forces at overlaps of a radius are the largest.
+    """
+    chain = case.chain
+    largest_N = max((float(np.abs(trace.force_N).max()) for trace in finished.values()), default=0.0)
+    limit_N = FORCE_RANGE * (largest_N or float(hertz_force(chain.stiffness, chain.smaller_radius_m).max()))
+    in_range = np.all(np.abs(failed.force_N) <= limit_N, axis=1)  # not so of NaN
+    force_N = np.full((len(case.sample_times_s), failed.force_N.shape[1]), np.nan)
+    force_N[: len(in_range)][in_range] = failed.force_N[in_range]
+    return replace(failed, time_s=case.sample_times_s, force_N=force_N)
 
 
 def _timing(scene: ComparedScene) -> str:

@@ -1,21 +1,27 @@
-"""Puts the report together and writes its three files."""
+"""``python -m validation report``: compares scenes, running what is not done, and writes the page with JSON and XML."""
 
+import shlex
+import sys
 from collections import Counter
+from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from drivers.base import decks as deck
 from drivers.base import paths
+from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.engines import in_order
 from validation.claims.claims_section import read_section as read_claims
-from validation.compare.compared_scenes import ComparedScene
+from validation.compare.compared_scenes import ComparedScene, run_and_compare
+from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.elements.elements_section import read_section as read_elements
 from validation.independent.independent_section import read_section as read_independent
 from validation.independent.independent_table import read_verdicts
-from validation.report.inline_figures import DARK, WORDS
 from validation.report.machine_readable import as_json, as_junit
-from validation.report.made_with import made_with, tables_made
+from validation.report.made_with import made_with, when_made
 from validation.report.page_figures import read_figures, read_table1
 from validation.report.scene_section import section_of
 from validation.report.spacetime_raster import PLACES
@@ -23,13 +29,74 @@ from validation.report.verdict_table import case_rows, counted, scene_row, short
 from validation.stability.stability_section import read_section as read_stability
 from validation.trade.trade_section import read_section as read_trade
 
+PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 AGAIN = "make report"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of the page, made of what is in the results folder by the template and ``make`` target of its name.
+
+    Attributes:
+        link: what the contents call it.
+        table: the file whose date is told; empty where each file is its own.
+        read: from the results folder; empty where nothing has been made. Raises an InputError if that is damaged.
+    """
+
+    link: str
+    heading: str
+    table: str
+    read: Callable[[Path], Any]
+
+
+SECTIONS = {
+    "independent": Section(
+        "Independent cases", "Independent cases: are the codes right beyond the paper?", paths.INDEPENDENT_TABLE,
+        read_independent,
+    ),
+    "table1": Section("Table 1", "Table 1 of the paper", "table1.csv", read_table1),
+    "claims": Section("Claims", "The paper's statements, computed", paths.CLAIMS_TABLE, read_claims),
+    "figures": Section("Figures", "The paper's figures, computed", "", read_figures),
+    "trade": Section("Cost of accuracy", "What accuracy costs", "trade.csv", read_trade),
+    "stability": Section("Stability", "Where it breaks", "stability.csv", read_stability),
+    "elements": Section("Elements", "What each element adds", "elements.csv", read_elements),
+}  # fmt: skip
+
+
+def report(sources: list[str], out: Path | None, runs: Path | None) -> int:
+    """Runs and compares scenes and writes the report; the exit code is 1 where a verdict is a failure.
+
+    Raises:
+        InputError: a scene is wrong, a scene is named twice, or the page would take its own files' names.
+    """
+    page = out or paths.RESULTS / "report.html"
+    if page.suffix in (".json", ".xml"):
+        raise InputError(f"--out {page}", "", page.suffix, "another ending: JSON and XML are written beside the page")
+    compared = []
+    for source in sources or PAPER:
+        print(f"{source} ...", file=sys.stderr, flush=True)
+        compared.append(run_and_compare(source, runs=runs or paths.RUNS))
+    names = Counter(scene.case.scene.name for scene in compared)
+    for name in (name for name, count in names.items() if count > 1):
+        raise InputError("report", "", f"two scenes named {name}", "scenes of different names")
+    counts = write_report(compared, page, _command(sources, out, runs), runs)
+    print(f"{paths.shown(page)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run")
+    return 1 if counts[FAIL] else 0
+
+
+def _command(sources: list[str], out: Path | None, runs: Path | None) -> str:
+    """The command that makes the same page again."""
+    if not sources and out is None and runs is None:
+        return AGAIN
+    options = [("--out", out), ("--runs", runs)]
+    words = [*sources, *(word for name, value in options if value is not None for word in (name, str(value)))]
+    return shlex.join(["python", "-m", "validation", "report", *words])
 
 
 def write_report(
     scenes: list[ComparedScene], path: Path, command: str = AGAIN, runs: Path | None = None
 ) -> Counter[str]:
-    """Writes the page, and JSON and JUnit XML of its name beside it.
+    """Writes the page, and JSON and JUnit XML of its name beside it; none is replaced before all are written.
 
     Args:
         scenes: those that get a section each.
@@ -45,11 +112,10 @@ def write_report(
     """
     results = path.parent
     made = made_with(scenes, command)
-    independent = read_independent(results)
-    titles = {case["id"]: case["title"] for case in independent.get("cases", [])}
+    sections = {name: section.read(results) for name, section in SECTIONS.items()}
+    titles = {case["id"]: case["title"] for case in sections["independent"].get("cases", [])}
     rows, reasons = with_reasons([scene_row(scene, runs) for scene in scenes])
     cases = case_rows(read_verdicts(results), titles)
-    figures, missing = read_figures(results)
     page = deck.render(
         "report/report.html.j2",
         made=made,
@@ -61,33 +127,18 @@ def write_report(
         case_counts=counted(cases),
         tolerances=tolerances(scenes),
         scenes=[section_of(scene, row) for scene, row in zip(scenes, rows, strict=True)],
-        independent=independent,
-        table1=read_table1(results),
-        figures=figures,
-        missing=missing,
-        claims=read_claims(results / paths.CLAIMS_TABLE),
-        trade=read_trade(results),
-        stability=read_stability(results),
-        elements=read_elements(results),
-        dark=DARK,
-        words=WORDS,
-        dates=tables_made(results),
+        sections=[(name, section, sections[name]) for name, section in SECTIONS.items()],
+        dates=when_made(results),
         short=short,
         places=PLACES,
     )
+    texts = {
+        path: page,
+        path.with_suffix(".json"): as_json(made, scenes, rows, cases),
+        path.with_suffix(".xml"): as_junit(made, rows, cases),
+    }
     results.mkdir(parents=True, exist_ok=True)
-    _write_all(
-        {
-            path: page,
-            path.with_suffix(".json"): as_json(made, scenes, rows, cases),
-            path.with_suffix(".xml"): as_junit(made, rows, cases),
-        }
-    )
-    return counted((*rows, *cases))
-
-
-def _write_all(texts: dict[Path, str]) -> None:
-    """All files, each whole; none is replaced before every one is written."""
     with ExitStack() as drafts:
-        for path, text in texts.items():
-            drafts.enter_context(whole_file(path)).write_text(text, encoding="utf-8")
+        for file, text in texts.items():
+            drafts.enter_context(whole_file(file)).write_text(text, encoding="utf-8")
+    return counted((*rows, *cases))

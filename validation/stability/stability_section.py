@@ -9,7 +9,7 @@ import pandas as pd
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.limits.criteria import CRITERIA
-from validation.report.inline_figures import stored_or_drawn
+from validation.report.page_figures import Picture, stored_or_drawn
 from validation.stability.measured_limits import CRITERION_KEYS
 from validation.stability.stability_maps import draw_horizons, draw_limits, draw_rounding
 from validation.stability.stability_sentences import LIMITS, TABLES, WASTEFUL, read_tables, sentences
@@ -49,9 +49,9 @@ def read_section(results: Path) -> dict[str, Any]:
         ) from error
 
 
-def _figure(results: Path, table: pd.DataFrame, name: str) -> str:
+def _figure(results: Path, table: pd.DataFrame, name: str) -> Picture:
     stored = results / f"stability-{name}.svg"
-    return stored_or_drawn(stored, results / TABLES[name], lambda: FIGURES[name][0](table), f"stability-{name}")
+    return stored_or_drawn(stored, results / TABLES[name], lambda: FIGURES[name][0](table))
 
 
 def _limits(limits: pd.DataFrame) -> list[dict[str, Any]]:

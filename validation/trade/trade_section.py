@@ -7,7 +7,7 @@ import pandas as pd
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from validation.report.inline_figures import stored_or_drawn
+from validation.report.page_figures import Picture, stored_or_drawn
 from validation.trade.advice import QUANTITIES, TARGETS, cheapest
 from validation.trade.trade_sentences import sentences
 from validation.trade.trade_study import LEVERS, TABLE
@@ -39,9 +39,9 @@ def read_section(results: Path) -> dict[str, Any]:
         raise InputError(paths.shown(table), "", "a damaged table", "the tables that make trade writes") from error
 
 
-def _figure(results: Path, rows: pd.DataFrame, scene: str) -> str:
+def _figure(results: Path, rows: pd.DataFrame, scene: str) -> Picture:
     stored = results / f"trade-{scene}.svg"
-    return stored_or_drawn(stored, results / TABLE, lambda: draw_scene(rows, scene), f"trade-{scene}")
+    return stored_or_drawn(stored, results / TABLE, lambda: draw_scene(rows, scene))
 
 
 def _line(rows: pd.DataFrame, scene: str, quantity: str) -> dict[str, Any]:

@@ -16,6 +16,23 @@ function openAll() {
   document.querySelectorAll("details").forEach((each) => { each.open = true; });
 }
 
+// images of SVG files made part of the page, so that their words can be asked for; they keep the images' filter
+function unpackPictures() {
+  for (const image of document.querySelectorAll('img[src^="data:image/svg+xml"]')) {
+    const bytes = Uint8Array.from(atob(image.src.split(",")[1]), (c) => c.charCodeAt(0));
+    const text = new TextDecoder().decode(bytes);
+    const { width, height } = image.getBoundingClientRect();
+    const holder = document.createElement("div");
+    holder.innerHTML = text.slice(text.indexOf("<svg"));
+    const picture = holder.querySelector("svg");
+    picture.dataset.filter = getComputedStyle(image).filter;
+    picture.style.fill = "#000";  // what the page gives its own pictures does not reach into an image
+    picture.setAttribute("width", width);
+    picture.setAttribute("height", height);
+    image.replaceWith(picture);
+  }
+}
+
 // a horizontal scroll of the page, tried as a reader would; and what reaches past its edge where nothing scrolls
 function tooWide(width) {
   const root = document.scrollingElement;
@@ -186,6 +203,12 @@ const rgba = (colour) => {
   const [r, g, b, a] = paint.getImageData(0, 0, 1, 1).data;
   return [r, g, b, a / 255];
 };
+const filtered = (colour, filter) => {
+  paint.filter = filter;
+  const shown = rgba(`rgb(${colour.slice(0, 3)})`);
+  paint.filter = "none";
+  return shown.slice(0, 3);
+};
 const over = (top, below) => [0, 1, 2].map((i) => top[3] * top[i] + (1 - top[3]) * below[i]);
 // WCAG 2.2, relative luminance and contrast ratio
 const luminance = (colour) => colour
@@ -234,7 +257,9 @@ function contrasts() {
     const below = background(element);
     const faded = ancestors(element).reduce((share, each) => share * getComputedStyle(each).opacity, 1);
     const ink = rgba(element.ownerSVGElement ? style.fill : style.color);
-    const value = ratio(over([...ink.slice(0, 3), ink[3] * faded], below), below);
+    const filter = element.ownerSVGElement?.dataset.filter ?? "none";
+    const shown = [over([...ink.slice(0, 3), ink[3] * faded], below), below].map((each) => filtered(each, filter));
+    const value = ratio(...shown);
     const kind = `${element.localName}.${element.getAttribute("class") || ""} rgb(${ink.slice(0, 3)}) on rgb(${below.map(Math.round)})`;
     if (!found.has(kind)) found.set(kind, [value, element.textContent.trim().slice(0, 30)]);
   }

@@ -23,7 +23,7 @@ from validation.claims.judged_claims import (
     read_claims,
     write_claims,
 )
-from validation.report import write_report
+from validation.report.write_report import write_report
 from validation.tests.helpers.runs import need
 
 pytestmark = pytest.mark.long
@@ -157,7 +157,7 @@ def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], 
     assert {"reference", "liggghts", "yade"} <= set(table.columns)
     assert table.loc["energy-in-five", "reference"] == pytest.approx(99.9999955, abs=5e-8)
     assert len(claims_table(judged)) == len(judged)
-    section = read_section(tmp_path / "claims.csv")
+    section = read_section(tmp_path)
     assert sum(len(rows) for rows in section["rows"].values()) == len(judged)
     assert section["engines"] == ["liggghts", "reference", "yade"]
 
@@ -170,7 +170,7 @@ def test_a_damaged_table_is_not_shown_as_if_whole(damage: str, judged: list[Judg
     damaged = {"cut": whole[: len(whole) // 2], "verdict": whole.replace(",reproduced,", ",great,")}.get(damage, damage)
     path.write_bytes(damaged.encode("latin-1", errors="replace") if damage == "\x00\xff" else damaged.encode())
     with pytest.raises(InputError) as caught:
-        read_section(path)
+        read_section(tmp_path)
     assert "claims.csv" in str(caught.value)
     assert "make claims" in str(caught.value)
 

@@ -22,7 +22,7 @@ from validation.compare.verdict import FAIL, PASS
 from validation.independent.independent_table import write_lines
 from validation.independent.judged_cases import Line
 from validation.independent.posed_cases import read_independent
-from validation.report import write_report
+from validation.report.write_report import write_report
 from validation.tests.helpers.browser import (
     PRINTED_HIGH_PX,
     PRINTED_PX,
@@ -145,6 +145,27 @@ def test_nothing_is_said_and_nothing_is_asked_for(shown: Shown) -> None:
     assert [address for address in asked if not address.startswith("data:") and address != shown.file.as_uri()] == []
 
 
+def test_a_hostile_figure_stays_in_its_picture(driver: Chrome, tmp_path: Path) -> None:
+    """The browser shows it, runs nothing of it, and asks for nothing that it names."""
+    (tmp_path / "fig4.svg").write_text(
+        """<?xml version="1.0"?><?xml-stylesheet href="http://localhost:9/a.css"?>
+        <svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="90pt" height="90pt"
+            onload="throw 1"><script>throw 2</script><script href="http://localhost:9/a.js"/>
+        <style>@import "http://localhost:9/b.css"; * { fill: url(http://localhost:9/c.svg#a) }</style>
+        <image xlink:href="http://localhost:9/d.png"/><a xlink:href="javascript:throw 3"><path d="M0 0h90v90z"/></a>
+        <foreignObject><img xmlns="http://www.w3.org/1999/xhtml" src="x" onerror="throw 4"/></foreignObject></svg>"""
+    )
+    write_report([], tmp_path / "report.html")
+    said(driver), requests(driver)
+    driver.get((tmp_path / "report.html").as_uri())
+    ask(driver, "touchAll")
+    picture = driver.find_element("css selector", "#figures img")
+    assert picture.get_property("naturalWidth") == 120
+    picture.click()
+    assert said(driver) == []
+    assert [address for address in requests(driver) if not address.startswith(("data:", "file:"))] == []
+
+
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("width_px", WIDTHS_PX)
 def test_the_page_scrolls_one_way_only(page: Shown, width_px: int, scheme: str) -> None:
@@ -154,6 +175,7 @@ def test_the_page_scrolls_one_way_only(page: Shown, width_px: int, scheme: str) 
     assert ask(page.driver, "tooWide", width_px) == []
     ask(page.driver, "openAll")
     assert ask(page.driver, "tooWide", width_px) == []
+    ask(page.driver, "unpackPictures")
     assert ask(page.driver, "torn") == []
     assert ask(page.driver, "colliding") == []
 
@@ -169,6 +191,7 @@ def test_the_first_screen_says_what_matters(page: Shown) -> None:
 def test_every_text_can_be_read(page: Shown, scheme: str) -> None:
     view(page.driver, WIDTHS_PX[0], scheme)
     ask(page.driver, "openAll")
+    ask(page.driver, "unpackPictures")
     found = ask(page.driver, "contrasts")
     assert len(found) > 10
     assert [kind for kind in found if kind[1] < LEGIBLE] == []

@@ -25,10 +25,10 @@ from validation.compare.compared_scenes import ComparedScene
 from validation.compare.comparison import compare_case, model_tolerance, shipped_name
 from validation.compare.departure import NONE, departure
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
-from validation.report import write_report
-from validation.report.charts import MOST_SAMPLES, Panel, chart_of
+from validation.report.charts import MAX_SAMPLES, Panel, chart_of
 from validation.report.scene_section import section_of
 from validation.report.verdict_table import scene_row, short
+from validation.report.write_report import write_report
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import blown_up, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -256,9 +256,9 @@ def test_long_records_are_thinned_and_say_their_times(compared: ComparedScene) -
     time_s = np.arange(repeats * len(run.trace.time_s), dtype=float) * 1e-6
     long = replace(run.trace, time_s=time_s, force_N=np.tile(run.trace.force_N, (repeats, 1)))
     chart = chart_of(run.layout, {"verlet": long})
-    every = -(-len(time_s) // MOST_SAMPLES)
+    every = -(-len(time_s) // MAX_SAMPLES)
     assert every > 1
-    assert chart.count <= MOST_SAMPLES
+    assert chart.count <= MAX_SAMPLES
     assert chart.spacing == pytest.approx(time_s[every] * 1e6)
     assert chart.spacing * chart.last == pytest.approx(time_s[-1] * 1e6)
 

@@ -17,7 +17,7 @@ from drivers.limits.stable_step import predicted_limit
 from drivers.run.run import run_case
 from validation.accuracy.error_measures import verlet_of
 from validation.compare.compared_scenes import run_and_compare
-from validation.report import write_report
+from validation.report.write_report import write_report
 from validation.stability.extremes import Extreme, extremes, run_extreme
 from validation.stability.height_rounding import by_build, in_repo, pressed
 from validation.stability.long_runs import energy_of
