@@ -141,13 +141,12 @@ def _engines(asked: list[str] | None, *, automatic: bool = False) -> tuple[list[
 
 
 def _render(arguments: argparse.Namespace) -> int:
-    from drivers.chain.case import build_case
     from drivers.engines import load_engine
     from drivers.limits.refusal import refuse
-    from drivers.scene.read_scene import read_scene
+    from validation.accuracy.plan import planned_case
 
     (name,), _ = _engines([arguments.engine])
-    case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
+    case = planned_case(arguments.scene, *arguments.settings)
     if not arguments.unsafe:
         refuse(case, name)
     deck = load_engine(name).render(case)
@@ -161,16 +160,16 @@ def _render(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from drivers.base import paths
-    from drivers.chain.case import build_case
     from drivers.limits.refusal import inability, refuse
     from drivers.run.run import run_case
-    from drivers.scene.read_scene import read_scene
+    from validation.accuracy.assess import assess
     from validation.accuracy.costs import cheapest
+    from validation.accuracy.plan import planned_case
 
     asked = arguments.engine or []
     named = [name for name in asked if name != AUTO]
     _engines(named, automatic=True)  # a wrong name is wrong before anything is planned
-    case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
+    case = planned_case(arguments.scene, *arguments.settings)
     names, missing = _engines([*named, cheapest(case)] if AUTO in asked else named)
     refusals = {} if asked else {name: error for name in names if (error := inability(case, name))}
     names = [name for name in names if name not in refusals]
@@ -181,20 +180,20 @@ def _run(arguments: argparse.Namespace) -> int:
     failures = 0
     for name in names:
         try:
-            limit_s, unsafe = arguments.time_limit, arguments.unsafe
-            finished = run_case(case, name, runs, rerun=arguments.rerun, limit_s=limit_s, unsafe=unsafe)
+            ended = run_case(case, name, runs, rerun=arguments.rerun, limit_s=arguments.time_limit)
+            ended = assess(ended, case)
         except (RunError, OSError) as error:
             print(f"{case.scene.name}: {name}: {error}", file=sys.stderr)
             failures += 1
             continue
-        print(paths.shown(finished.folder), flush=True)
-        for warning in finished.record.warnings:
+        print(paths.shown(ended.folder), flush=True)
+        for warning in ended.record.warnings or ():
             print(f"{case.scene.name}: {name} warning: {warning}", file=sys.stderr)
-        if finished.missed:
-            print(f"{case.scene.name}: {name} missed the accuracy: {finished.missed}", file=sys.stderr)
+        if ended.missed:
+            print(f"{case.scene.name}: {name} missed the accuracy: {ended.missed}", file=sys.stderr)
             failures += 1
-        if not finished.done:
-            print(f"{case.scene.name}: {name} {finished.record.status}: {finished.record.reason}", file=sys.stderr)
+        if not ended.done:
+            print(f"{case.scene.name}: {name} {ended.record.status}: {ended.record.reason}", file=sys.stderr)
             failures += 1
     for name, refusal in refusals.items():
         print(f"not run on {name}: {refusal}", file=sys.stderr)

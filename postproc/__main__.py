@@ -10,7 +10,7 @@ from drivers.base.command_line import Parser, must_be_folder, run_main
 from drivers.base.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from drivers.run.finished import FinishedRun
+    from drivers.run.finished import EndedRun
 
 FIGURES = tuple(sorted(file.stem for file in (Path(__file__).parent / "figures").glob("[a-z]*.py")))
 
@@ -80,13 +80,12 @@ def _add_out(parser: argparse.ArgumentParser) -> None:
 
 def _draw(arguments: argparse.Namespace) -> int:
     from drivers.base import paths
-    from drivers.chain.case import build_case
-    from drivers.scene.read_scene import read_scene
     from postproc.draw.product import Product, write_product
     from postproc.draw.scene_drawing import draw_scene
+    from validation.accuracy.plan import planned_case
 
     must_be_folder("--out", arguments.out)
-    case = build_case(read_scene(arguments.scene, tuple(arguments.settings)))
+    case = planned_case(arguments.scene, *arguments.settings)
     product = Product(*draw_scene(case.scene, case.chain))
     for path in write_product(product, f"scene-{case.scene.name}", arguments.out or paths.RESULTS):
         print(paths.shown(path))
@@ -182,12 +181,12 @@ def _spacetime(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _name_of(run: "FinishedRun") -> str:
+def _name_of(run: "EndedRun") -> str:
     """What is made of a run is named after its engine and its folder."""
     return f"{run.record.engine}-{run.folder.resolve().name}"
 
 
-def _title_of(run: "FinishedRun") -> str:
+def _title_of(run: "EndedRun") -> str:
     return f"{run.record.scene.get('title') or run.record.scene_name} ({run.record.engine})"
 
 

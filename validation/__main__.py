@@ -211,9 +211,9 @@ def _print_budgets(compared: "ComparedScene") -> None:
 
     print(f"\n{'error budget':<23} {'quantity':<24} " + " ".join(f"{part:>10}" for part in PARTS))
     for engine, run in compared.runs.items():
-        for quantity, numbers in for_terminal(run.record.error_budget):
+        for quantity, numbers in for_terminal(run.record.error_budget or ()):
             print(f"{compared.case.scene.name:<12} {engine:<10} {quantity:<24} {numbers}")
-        for warning in run.record.warnings:
+        for warning in run.record.warnings or ():
             print(f"{compared.case.scene.name:<12} {engine:<10} warning: {warning}")
         if run.record.error_note:
             print(f"{compared.case.scene.name:<12} {engine:<10} {run.record.error_note}")

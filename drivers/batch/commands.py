@@ -150,7 +150,6 @@ def status(
 def show(source: str, number: int, runs: Path, engines: Sequence[str]) -> int:
     """Lays a case out as run folders with their decks, and says whether they are what the batch found."""
     from drivers.chain.trace import digest_of
-    from drivers.run.finished import open_run
     from drivers.run.run import run_case
 
     study, store = read_study(source), Store(runs)
@@ -166,16 +165,18 @@ def show(source: str, number: int, runs: Path, engines: Sequence[str]) -> int:
             print(f"{name}: not installed", file=sys.stderr)
             code = 1
             continue
-        ended = run_case(planned.case, name, runs, limit_s=study.limit_s, unsafe=study.unsafe)
+        from validation.accuracy.assess import assess  # until it is handed in
+
+        ended = assess(run_case(planned.case, name, runs, limit_s=study.limit_s), planned.case)
         row = store.rows.get(planned.identities[name])
-        for warning in ended.record.warnings:
+        for warning in ended.record.warnings or ():
             print(f"{name} warning: {warning}", file=sys.stderr)
         if not ended.done:
             print(f"{paths.shown(ended.folder)}  {ended.record.status}: {ended.record.reason}", file=sys.stderr)
             code = 1
         elif row is None or not row.done:
             print(f"{paths.shown(ended.folder)}  {'not run yet' if row is None else row.status} in the batch")
-        elif digest_of(open_run(ended.folder).trace) == row.trace_sha256:
+        elif digest_of(ended.trace) == row.trace_sha256:
             print(f"{paths.shown(ended.folder)}  as in the batch, bit for bit")
         else:
             print(f"{paths.shown(ended.folder)}  differs from what the batch found", file=sys.stderr)

@@ -1,5 +1,6 @@
 """What a study asks for: its cases with their decks, and the identities by which finished rows are found."""
 
+import ast
 import hashlib
 from dataclasses import dataclass
 from functools import cache
@@ -17,10 +18,7 @@ from drivers.run.run import known_version, run_identity
 REFERENCE = "reference"
 SMALL = 1000  # bodies
 ENGINES = paths.ROOT / "drivers" / "engines"
-OBSERVING = (  # what makes a row of raw output
-    *(f"drivers/{name}.py" for name in ("chain", "face", "guard", "lateral", "session", "stability", "trace")),
-    *(f"postproc/{name}.py" for name in ("electronics", "observables", "pulse", "residual", "sensors", "signals")),
-)
+OBSERVING = ("drivers.run.guard", "drivers.run.session", "postproc.read.observables", "postproc.read.residual")
 
 
 @dataclass(frozen=True)
@@ -77,13 +75,15 @@ def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
     Raises:
         InputError: the case makes no scene, or none that can end well on an engine (``drivers.limits.refusal``).
     """
-    case = study.case(number)
+    from validation.accuracy import plan  # until it is handed in
+
+    case = plan.plan_case(study.case(number))
     # exact forces, by which errors are counted, are known of straight chains only
     names = [name for name in versions if name in study.engines or inability(case, name) is None]
     if not study.unsafe:
         for name in names:
             refuse(case, name, override="unsafe = true in the study")
-    gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_digest_of(OBSERVING)}\0{_guards()}"
+    gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_digest_of(sources_of(OBSERVING))}\0{_guards()}"
     decks = {name: load_engine(name).render(case) for name in names}
     runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
     identities = {
@@ -98,6 +98,26 @@ def _guards() -> str:
     return " ".join(
         str(tolerance("guard", each).limit) for each in ("energy", "impacts", "rounding", "friction", "least")
     )
+
+
+@cache
+def sources_of(modules: tuple[str, ...]) -> tuple[str, ...]:
+    """Source files of modules of this project, and of all that they import, wherever in the file."""
+    found: set[str] = set()
+    waiting = [*modules]
+    while waiting:
+        path = paths.ROOT / waiting.pop().replace(".", "/")
+        file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+        name = str(file.relative_to(paths.ROOT))
+        if name in found or not file.is_file():
+            continue
+        found.add(name)
+        for node in ast.walk(ast.parse(file.read_bytes())):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                waiting += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            elif isinstance(node, ast.Import):
+                waiting += [alias.name for alias in node.names]
+    return tuple(sorted(found))
 
 
 @cache

@@ -1,7 +1,6 @@
 """A case: one scene made ready for any engine."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,8 +13,25 @@ from drivers.scene.model import RIGID, Scene
 from drivers.scene.scene_rules import impossible
 from drivers.scene.tube_rules import tube_impossible
 
-if TYPE_CHECKING:
-    from validation.accuracy.plan import Plan
+
+@dataclass(frozen=True)
+class Plan:
+    """What was asked for and what is predicted, by quantity; errors as in ``validation.accuracy.error_measures``.
+
+    Attributes:
+        predicted: the error of the codes' scheme at the chosen step, measured with it on this very case.
+        rounding_share: what rounding of absolute heights may add on engines that hold them, of the largest force.
+        refused_steps: the largest step found too coarse, in steps a sample; 0 where none was.
+        trials: runs of the in-repo scheme that it took.
+        seconds: what the plan cost.
+    """
+
+    asked: dict[str, float]
+    predicted: dict[str, float]
+    rounding_share: float
+    refused_steps: int
+    trials: int
+    seconds: float
 
 
 @dataclass(frozen=True)
@@ -23,14 +39,14 @@ class Case:
     """What every engine's deck is rendered from, and what its raw output is read with.
 
     Attributes:
-        plan: how the time step was chosen, where the scene asks for an accuracy instead.
+        plan: how the time step was chosen, where the scene asks for an accuracy (``validation.accuracy.plan``).
         full: the case with all that the scene has, where that accuracy lets some of it be left out.
     """
 
     scene: Scene
     chain: Chain
     elements: tuple[Element, ...]
-    plan: "Plan | None" = None
+    plan: Plan | None = None
     full: "Case | None" = None
 
     def at(self, steps_per_sample: int) -> "Case":
@@ -82,10 +98,10 @@ class Case:
 
 
 def build_case(scene: Scene) -> Case:
-    """The case of a scene; with the largest time step that keeps the accuracy where the scene asks for one.
+    """The case of a scene; where it asks for an accuracy, the time step is still to be planned.
 
     Raises:
-        InputError: its masses or loads make no chain, or its accuracy cannot be had.
+        InputError: its masses or loads make no chain.
     """
     chain = build_chain(scene)
     for complaint in impossible(scene, chain):
@@ -96,9 +112,4 @@ def build_case(scene: Scene) -> Case:
         from drivers.chain.lateral_start import with_lateral  # scipy: only where it is needed
 
         chain = with_lateral(scene, chain)
-    case = Case(scene, chain, choose_elements(scene, chain))
-    if scene.run.accuracy is None:
-        return case
-    from validation.accuracy.plan import planned  # runs the in-repo scheme: only where it is needed
-
-    return planned(case)
+    return Case(scene, chain, choose_elements(scene, chain))

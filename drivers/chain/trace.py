@@ -17,7 +17,7 @@ from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 if TYPE_CHECKING:
     import pandas as pd
 
-FORCES, STATE = "forces.parquet", "state.parquet"
+FORCES, STATE, SENSORS = "forces.parquet", "state.parquet", "sensors.csv"  # of a run folder
 CONTACT, BORE, BORE_FRICTION = "contact_{}_N", "bore_{}_N", "bore_friction_N"
 BALANCES = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
 PLACES = ("body_{}_x_m", "body_{}_y_m", "body_{}_height_m")

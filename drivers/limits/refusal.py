@@ -9,8 +9,8 @@ from drivers.chain.case import Case
 from drivers.chain.chain import energy_put_in
 from drivers.chain.contact_law import overlap_of_energy
 from drivers.engines import EXACT, engine_names, load_engine
+from drivers.limits.attainable import refuse_beyond_rounding
 from drivers.limits.energy_bounds import at_most, certainly_stable
-from validation.accuracy.plan import refuse_beyond_rounding
 
 ON_COMMAND = "--unsafe"
 
@@ -20,8 +20,11 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
 
     Raises:
         InputError: the time step is beyond the stability limit; contacts would be pressed deeper than Hertz's law can
-            mean; the engine's coordinates cannot give the accuracy asked for; the engine cannot take the case.
+            mean; the engine's coordinates cannot give the accuracy asked for; the engine cannot take the case; nobody
+            has planned the time step of a scene that asks for an accuracy.
     """
+    if case.scene.run.accuracy is not None and case.plan is None:
+        raise InputError(case.scene.file, "run.accuracy", "an accuracy", "a run.time_step: nothing plans one here")
     refuse_beyond_rounding(case, engine)
     cannot = inability(case, engine)
     if cannot is not None:

@@ -1,6 +1,6 @@
-"""Finished runs, read back from their folders."""
+"""Runs that ended, found or read back from their folders."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -14,16 +14,40 @@ from drivers.run.record import FILE, RunRecord, read_record
 
 
 @dataclass(frozen=True)
-class FinishedRun:
-    """A run that is done, with its numbers."""
+class EndedRun:
+    """A run that ended, well or badly, and its folder.
+
+    Attributes:
+        partial_trace: what there is of the trace of a run that just failed, which no folder keeps.
+    """
 
     folder: Path
     record: RunRecord
-    layout: Layout
+    partial_trace: Trace | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def done(self) -> bool:
+        """Whether its numbers count."""
+        return self.record.status == "done"
+
+    @property
+    def missed(self) -> str | None:
+        """What it missed of the accuracy its scene asks for; None before it is assessed."""
+        beyond = [
+            f"{name} is off by {each['measured']:.3g}, asked were {each['asked']:g}"
+            for name, each in (self.record.accuracy or {}).items()
+            if not each["measured"] <= each["asked"]
+        ]
+        return "; ".join(beyond) or None
+
+    @cached_property
+    def layout(self) -> Layout:
+        """What post-processing needs to know of the chain."""
+        return read_layout(self.record.layout)
 
     @cached_property
     def trace(self) -> Trace:
-        """The force trace; the state is not in it.
+        """The force trace of a run that is done; the state is not in it.
 
         Raises:
             InputError: the file is missing or damaged.
@@ -39,7 +63,7 @@ class FinishedRun:
             raise InputError(paths.shown(path), "", found, "the forces of a run (run it again with --rerun)") from error
 
 
-def open_run(folder: Path) -> FinishedRun:
+def open_run(folder: Path) -> EndedRun:
     """The run in a folder.
 
     Raises:
@@ -53,8 +77,18 @@ def open_run(folder: Path) -> FinishedRun:
         raise InputError(str(folder), FILE, found, allowed)
     if record.status != "done":
         raise InputError(str(folder), FILE, f"a run that {record.status}: {record.reason}", "a run that is done")
+    run = EndedRun(folder, record)
     try:
-        layout = read_layout(record.layout)
+        run.layout  # noqa: B018 - read once here, so that a damaged one is told at once
     except (TypeError, KeyError) as error:
         raise InputError(str(folder), FILE, "a damaged record", allowed) from error
-    return FinishedRun(folder, record, layout)
+    return run
+
+
+def find_run(home: Path, identity: str) -> EndedRun | None:
+    """A run that ended, looked up by its hash alone, under whatever name."""
+    for folder in home.glob(f"[!.]*-{identity}"):
+        record = read_record(folder)
+        if record is not None:
+            return EndedRun(folder, record)
+    return None

@@ -12,11 +12,15 @@ from drivers.base import paths
 from drivers.base.files import sha256_of, whole_file
 
 FILE = "run.json"
+UNASSESSED: dict[str, Any] = dict.fromkeys(("error_budget", "error_note", "warnings", "step_limit_s", "accuracy"))
 
 
 @dataclass(frozen=True)
 class RunRecord:
     """The record of one run; times in seconds.
+
+    What ``validation.accuracy.assess`` adds is None until a run that is done has been assessed: ``error_budget``,
+    ``error_note``, ``warnings``, ``step_limit_s``, ``accuracy``.
 
     Attributes:
         status: ``done``, ``failed`` or ``timeout``; ``reason`` says why in the latter cases.
@@ -28,8 +32,8 @@ class RunRecord:
         error_budget: parts of the error of the force and of what gauges show (``validation.accuracy.budget.Parts``).
         error_note: what of it could not be measured, and why.
         warnings: of a run that is done and of little use.
-        step_limit_s: the predicted stability limit of the time step; None where no contact closes.
-        accuracy: by quantity what was ``asked``, ``predicted`` and ``measured``, where the scene asks for it.
+        step_limit_s: the predicted stability limit of the time step; None too where no contact closes.
+        accuracy: by quantity what was ``asked``, ``predicted`` and ``measured``; None too where none is asked for.
         forces_sha256: of ``forces.parquet``, so that a damaged one is not taken for done; empty where there is none.
     """
 
@@ -51,9 +55,9 @@ class RunRecord:
     loop_s: float | None
     memory_bytes: int
     forces_sha256: str
-    error_budget: list[dict[str, Any]]
-    error_note: str
-    warnings: list[str]
+    error_budget: list[dict[str, Any]] | None
+    error_note: str | None
+    warnings: list[str] | None
     step_limit_s: float | None
     accuracy: dict[str, dict[str, float]] | None
     host: str
@@ -71,7 +75,7 @@ def read_record(folder: Path) -> RunRecord | None:
     """The record of a run folder; None where there is none that can be read."""
     try:
         record = RunRecord(**json.loads((folder / FILE).read_text()))
-        for part in record.error_budget:
+        for part in record.error_budget or ():
             shares = [share for key, share in part.items() if key not in ("quantity", "where")]
             if not (isinstance(part["quantity"], str) and all(isinstance(share, float | int) for share in shares)):
                 raise ValueError("an error budget of something else")

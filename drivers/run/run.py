@@ -2,14 +2,13 @@
 
 import hashlib
 import json
-import math
 import os
 import shutil
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,44 +18,15 @@ from drivers.base.errors import RunError
 from drivers.base.files import sha256_of, whole_file
 from drivers.base.processes import UNKNOWN_VERSION, Outcome, run_command
 from drivers.chain.case import Case
-from drivers.chain.trace import FORCES, STATE, Trace, read_forces, write_forces, write_state
+from drivers.chain.trace import FORCES, SENSORS, STATE, write_forces, write_state
 from drivers.engines import Engine, load_engine
-from drivers.limits.refusal import refuse
+from drivers.run.finished import EndedRun, find_run
 from drivers.run.guard import checked_trace
-from drivers.run.record import RunRecord, provenance, read_record
+from drivers.run.record import UNASSESSED, RunRecord, provenance, read_record
 
 LEAST_LIMIT_S = 60.0
-LATER = "not measured yet"
 _asking_version = threading.Lock()
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: beyond it, a run hangs
-
-
-@dataclass(frozen=True)
-class EndedRun:
-    """A run that ended, well or badly, and its folder.
-
-    Attributes:
-        refused: what there is of the trace of a run that just failed, which no folder keeps.
-    """
-
-    folder: Path
-    record: RunRecord
-    refused: Trace | None = field(default=None, compare=False, repr=False)
-
-    @property
-    def missed(self) -> str | None:
-        """What it missed of the accuracy its scene asks for."""
-        beyond = [
-            f"{name} is off by {each['measured']:.3g}, asked were {each['asked']:g}"
-            for name, each in (self.record.accuracy or {}).items()
-            if not each["measured"] <= each["asked"]
-        ]
-        return "; ".join(beyond) or None
-
-    @property
-    def done(self) -> bool:
-        """Whether its numbers count."""
-        return self.record.status == "done"
 
 
 def default_limit_s(case: Case) -> float:
@@ -65,27 +35,16 @@ def default_limit_s(case: Case) -> float:
 
 
 def run_case(
-    case: Case,
-    engine_name: str,
-    runs: Path = paths.RUNS,
-    *,
-    rerun: bool = False,
-    limit_s: float | None = None,
-    unsafe: bool = False,
-    measured: bool = True,
+    case: Case, engine_name: str, runs: Path = paths.RUNS, *, rerun: bool = False, limit_s: float | None = None
 ) -> EndedRun:
-    """Runs a case, or finds it done; its errors are measured and recorded.
+    """Runs a case, or finds it done.
 
-    A run that failed before is tried again; ``unsafe`` runs what guards refuse. The folder appears under its name only
-    when it is complete. Without ``measured`` errors are left for whoever asks for the run next: of three-dimensional
-    runs they cost more than the run.
+    A run that failed before is tried again. The folder appears under its name only when it is complete. A run found
+    for another scene of the same physics gets the record of this one, to be assessed anew.
 
     Raises:
         RunError: the engine is not installed.
-        InputError: it cannot end well (``drivers.limits.refusal``).
     """
-    if not unsafe:
-        refuse(case, engine_name)
     engine = load_engine(engine_name)
     executable = engine.find()
     if executable is None:
@@ -95,8 +54,8 @@ def run_case(
     version = known_version(engine, executable, home)
     identity = run_identity(engine_name, version, deck)
     found = find_run(home, identity)
-    if found and found.done and not rerun and _has_all(found, case):
-        return _told_again(found, case, measured)
+    if found and not rerun and _is_whole(found, case):
+        return refresh_record(found, case)
     with _workplace(home, identity) as folder:
         for name, text in deck.files.items():
             (folder / name).write_text(text)
@@ -104,28 +63,29 @@ def run_case(
             deck.command_with(executable), folder, limit_s or default_limit_s(case), **engine.variables
         )
         record = _record(case, engine_name, engine, version, deck, outcome, folder)
-        trace = refused = None
+        partial_trace = None
         try:
             trace = checked_trace(case, engine, outcome, folder)
         except RunError as error:
-            refused = error.trace
+            partial_trace = error.trace
             record = replace(record, status=error.status, reason=str(error))
+        else:
+            write_forces(trace, folder / FORCES)
+            if "state" in case.scene.run.record:
+                write_state(trace, folder / STATE)
+            record = replace(record, forces_sha256=sha256_of(folder / FORCES))
         for name in deck.raw:
             _remove(folder / name)
-        if trace is not None:
-            _write_products(case, trace, folder)
-            errors = _errors(case, engine_name, trace) if measured else {"error_note": LATER}
-            record = replace(record, forces_sha256=sha256_of(folder / FORCES), **errors)
         record.write(folder)
         faster = find_run(home, identity)  # another process may have been
-        if faster and faster.done and not rerun and _has_all(faster, case):
-            return _told_again(faster, case, measured)
+        if faster and not rerun and _is_whole(faster, case):
+            return refresh_record(faster, case)
         target = home / f"{case.scene.name}-{identity}"
         spared = faster and faster.done and record.status != "done"
         if spared:  # what is done stays
             target = target.with_name(f"{target.name}-failed")
         _move_into_place(folder, target, None if spared or not faster else faster.folder)
-    return EndedRun(target, record, refused)
+    return EndedRun(target, record, partial_trace)
 
 
 def run_identity(engine_name: str, version: str, deck: Deck) -> str:
@@ -133,32 +93,13 @@ def run_identity(engine_name: str, version: str, deck: Deck) -> str:
     return hashlib.sha256(f"{engine_name}\0{version}\0{deck.sha256}".encode()).hexdigest()[:12]
 
 
-def find_run(home: Path, identity: str) -> EndedRun | None:
-    """A run that ended, looked up by its hash alone, under whatever name."""
-    for folder in home.glob(f"[!.]*-{identity}"):
-        record = read_record(folder)
-        if record is not None:
-            return EndedRun(folder, record)
-    return None
-
-
-def _told_again(found: EndedRun, case: Case, measured: bool) -> EndedRun:
-    """A run found for a scene of the same physics: its record and its sensors become those of the scene asked for."""
-    told = json.loads(json.dumps(_description(case)))
-    asked = case.plan.asked if case.plan else None
-    before = found.record.accuracy
-    asked_before = {name: share["asked"] for name, share in before.items()} if before else None
-    same = all(getattr(found.record, key) == value for key, value in told.items()) and asked == asked_before
-    if same and not (measured and found.record.error_note == LATER):
+def refresh_record(found: EndedRun, case: Case) -> EndedRun:
+    """A run found for a scene of the same physics, with the record of the scene asked for, which nobody assessed."""
+    described = json.loads(json.dumps(_description(case)))
+    if all(getattr(found.record, key) == value for key, value in described.items()):
         return found
-    from postproc.read.sensors import write_sensors
-
-    trace = read_forces(found.folder / FORCES)
-    unmeasured: dict[str, Any] = {"error_budget": [], "error_note": LATER, "accuracy": None}
-    errors = _errors(case, found.record.engine, trace) if measured else unmeasured
-    record = replace(found.record, **told, **errors)
-    with whole_file(found.folder / "sensors.csv") as draft:
-        write_sensors(case.layout, trace, draft)
+    record = replace(found.record, **described, **UNASSESSED)
+    (found.folder / SENSORS).unlink(missing_ok=True)
     record.write(found.folder)
     return EndedRun(found.folder, record)
 
@@ -175,44 +116,11 @@ def _description(case: Case) -> dict[str, Any]:
     }
 
 
-def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
-    """The error budget, what was kept of the accuracy asked for, and what to be warned of."""
-    from drivers.limits.stable_step import predicted_limit
-    from validation.accuracy.budget import error_budget, measured_errors
-    from validation.accuracy.run_warnings import warnings_of
-
-    parts, note = error_budget(case, engine, trace)
-    accuracy: dict[str, dict[str, float]] | None = None
-    if case.plan:
-        measured = measured_errors(case, trace, case.plan.asked)
-        accuracy = {
-            name: {"asked": share, "predicted": case.plan.predicted[name], "measured": measured[name]}
-            for name, share in case.plan.asked.items()
-        }
-    limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
-    return {
-        "error_budget": parts,
-        "error_note": note,
-        "warnings": warnings_of(case, engine, trace),
-        "step_limit_s": limit if math.isfinite(limit) else None,
-        "accuracy": accuracy,
-    }
-
-
-def _has_all(found: EndedRun, case: Case) -> bool:
-    """Whether the run's files are there and its forces as they were written."""
-    wanted = [FORCES, "sensors.csv"] + ([STATE] if "state" in case.scene.run.record else [])
-    there = all((found.folder / name).exists() for name in wanted)
+def _is_whole(found: EndedRun, case: Case) -> bool:
+    """Whether the run is done, its files are there and its forces as they were written."""
+    wanted = [FORCES, STATE] if "state" in case.scene.run.record else [FORCES]
+    there = found.done and all((found.folder / name).exists() for name in wanted)
     return there and sha256_of(found.folder / FORCES) == found.record.forces_sha256
-
-
-def _write_products(case: Case, trace: Trace, folder: Path) -> None:
-    from postproc.read.sensors import write_sensors
-
-    write_forces(trace, folder / FORCES)
-    write_sensors(case.layout, trace, folder / "sensors.csv")
-    if "state" in case.scene.run.record:
-        write_state(trace, folder / STATE)
 
 
 def _remove(path: Path) -> None:
@@ -238,11 +146,7 @@ def _record(
         loop_s=engine.loop_seconds(_text(folder / "stdout.txt")),
         memory_bytes=outcome.memory_bytes,
         forces_sha256="",
-        error_budget=[],
-        error_note="",
-        warnings=[],
-        step_limit_s=None,
-        accuracy=None,
+        **UNASSESSED,
         **_description(case),
         **provenance(),
     )

@@ -167,7 +167,7 @@ class SceneFile(Part):
 class Scene(SceneFile):
     """A scene ready to be built: ``materials`` holds all that it names, ``run.time_step`` divides the interval.
 
-    A scene that asks for an accuracy gets its time step when its case is built, and has the interval until then.
+    A scene that asks for an accuracy gets its time step when its case is planned, and has the interval until then.
 
     Attributes:
         name: the scene file's name without its ending.

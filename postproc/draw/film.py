@@ -12,7 +12,7 @@ import pandas as pd
 
 from drivers.base.files import whole_file
 from drivers.chain.chain import Array
-from drivers.run.finished import FinishedRun
+from drivers.run.finished import EndedRun
 from postproc.draw.product import Product
 from postproc.draw.scene_drawing import WALL, flat_size
 from postproc.draw.spacetime import GAMMA, LEAST, MICRO
@@ -69,7 +69,7 @@ class Film:
         return max(reach, 1.1 * (self.bore_m or 0.0))
 
 
-def film_of(run: FinishedRun, frames: int, sideways: float = 1.0) -> Film:
+def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     """So many times of a run, evenly spread; its bodies where they were at time 0 if it kept no positions.
 
     Args:

@@ -15,7 +15,7 @@ from drivers.chain.chain import Array, Chain
 from drivers.chain.mesh_files import write_mesh
 from drivers.chain.trace import FORCES, read_bore_forces
 from drivers.chain.tube_mesh import tube_mesh
-from drivers.run.finished import FinishedRun
+from drivers.run.finished import EndedRun
 from drivers.scene.model import Scene
 from postproc.read.motion import chain_of, mean_forces, read_motion, spread
 
@@ -39,7 +39,7 @@ class Frame:
     fields: dict[str, Field]
 
 
-def frames_of(run: FinishedRun, scene: Scene, chain: Chain, frames: int) -> list[Frame]:
+def frames_of(run: EndedRun, scene: Scene, chain: Chain, frames: int) -> list[Frame]:
     """Frames spread evenly over a run, each value as the run's files hold it.
 
     A flat striker has no radius and its position is that of its face. It is shown as a sphere of a bead's size that
@@ -66,7 +66,7 @@ def frames_of(run: FinishedRun, scene: Scene, chain: Chain, frames: int) -> list
     return found
 
 
-def write_series(run: FinishedRun, folder: Path, frames: int = FRAMES) -> list[Path]:
+def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path]:
     """Writes ``chain.pvd`` with its frames, and ``tube.vtu`` where the scene has a tube.
 
     All is written beside the folder first. The index goes first and comes last, so that it never names a frame that

@@ -6,15 +6,16 @@ from functools import cached_property
 from pathlib import Path
 
 from drivers.base import paths
-from drivers.base.errors import InputError, RunError
+from drivers.base.errors import InputError
+from drivers.base.files import whole_file
 from drivers.chain.case import Case, build_case
 from drivers.chain.integrator_arrays import arrays_of
-from drivers.chain.trace import Trace, make_trace
+from drivers.chain.trace import SENSORS, Trace, make_trace
 from drivers.engines import installed_codes
-from drivers.run.finished import open_run
-from drivers.run.many import run_many
+from drivers.run.many import run_all_done
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe
+from postproc.read.sensors import write_sensors
 from validation.reference.adaptive import integrate_adaptive
 
 REFERENCE = "reference"
@@ -63,20 +64,19 @@ def exact(case: Case, tolerance: float = TOLERANCE) -> Simulation:
 def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
     """Cases by code, run side by side, each code's in their order; what is done is not run again.
 
+    What gauges show is written into each run folder.
+
     Raises:
+        InputError: a case cannot end well on its code.
         RunError: one of them failed; the others are done all the same.
     """
     jobs = [(case, code) for code in cases for case in cases[code]]
     found: dict[str, list[Simulation]] = {code: [] for code in cases}
-    failures = []
-    for (case, code), ended in zip(jobs, run_many(jobs, runs), strict=True):
-        if ended.done:
-            found[code].append(Simulation(case, code, open_run(ended.folder).trace))
-        else:
-            failures.append(f"{case.scene.file}: {code} {ended.record.status}: {ended.record.reason}")
-    if failures:
-        more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
-        raise RunError(failures[0] + more)
+    for (case, code), ended in zip(jobs, run_all_done(jobs, runs), strict=True):
+        if not (ended.folder / SENSORS).exists():
+            with whole_file(ended.folder / SENSORS) as draft:
+                write_sensors(case.layout, ended.trace, draft)
+        found[code].append(Simulation(case, code, ended.trace))
     return found
 
 

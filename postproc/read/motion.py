@@ -7,12 +7,12 @@ from drivers.base.errors import InputError
 from drivers.chain.chain import Array, Chain, build_chain
 from drivers.chain.lateral_start import with_lateral
 from drivers.chain.trace import FORCES, STATE, State, read_state
-from drivers.run.finished import FinishedRun
+from drivers.run.finished import EndedRun
 from drivers.scene.model import Scene
 from drivers.scene.stored_scene import stored_scene
 
 
-def chain_of(run: FinishedRun) -> tuple[Scene, Chain]:
+def chain_of(run: EndedRun) -> tuple[Scene, Chain]:
     """The scene of a run and its chain at time 0.
 
     Raises:
@@ -32,12 +32,12 @@ def chain_of(run: FinishedRun) -> tuple[Scene, Chain]:
     return scene, chain
 
 
-def keeps_motion(run: FinishedRun) -> bool:
+def keeps_motion(run: EndedRun) -> bool:
     """Whether it kept positions."""
     return (run.folder / STATE).is_file()
 
 
-def read_motion(run: FinishedRun) -> State:
+def read_motion(run: EndedRun) -> State:
     """Positions and velocities of a run, bit for bit.
 
     Raises:

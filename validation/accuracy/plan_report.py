@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from drivers.base.errors import InputError
-from drivers.chain.case import Case, build_case
+from drivers.chain.case import Case
 from drivers.engines import installed, load_engine
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.stable_step import predicted_limit
-from drivers.scene.read_scene import read_scene
 from validation.accuracy.costs import able, cheapest, cost_on
 from validation.accuracy.error_measures import FORCE
-from validation.accuracy.plan import asked_of
+from validation.accuracy.plan import asked_of, planned_case
 from validation.accuracy.rounding import HORIZON, ROUNDING_MARGIN
 from validation.accuracy.step_choice import Chooser, Rounding
 from validation.accuracy.tube_budget import sideways_error, sideways_rods, why_unmeasured
@@ -31,7 +30,7 @@ def outlook(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]
     Raises:
         InputError: anything wrong with the scene or its accuracy.
     """
-    case = build_case(read_scene(source, settings))
+    case = planned_case(source, *settings)
     if case.chain.lateral is not None:
         yield from _sideways(case)
         return

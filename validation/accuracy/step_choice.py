@@ -6,7 +6,7 @@ the accuracy asks.
 """
 
 from dataclasses import dataclass
-from math import ceil, floor, inf, log10, sqrt
+from math import ceil, inf, sqrt
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.integrator_arrays import arrays_of
+from drivers.limits.attainable import ROOM, unattainable
 from drivers.limits.stable_step import predicted_limit
 from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.residual import residual, share_of_largest
@@ -33,7 +34,6 @@ MOST_WORK = 4e9  # bodies times steps of one trial: some seconds
 LONGEST = 4e6  # bodies times duration over the time scale of a contact: some seconds of following the exact motion
 LARGE = 0.1  # errors beyond it tell nothing of the order: the step is halved
 SCALED = 4.0  # times the rounding predicted: it is scaled, and a random walk
-ROOM = 1.3  # times the rounding that is predicted, where a step has to leave room for it
 AFFORDABLE = 400_000  # bodies times steps of which rounding is measured, some milliseconds; beyond, it is scaled
 
 
@@ -229,20 +229,3 @@ def _next(refused: int, taken: int, guess: int) -> int:
     if guess <= refused:
         return refused + max(1, round((taken - refused) / 2))
     return min(guess, taken - 1)
-
-
-def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:
-    """What to say of an accuracy that nothing gives; the least that something does is rounded up."""
-    key = "run.accuracy" if name == FORCE else f"run.accuracy.{name}"
-    if not least < 1:
-        return InputError(case.scene.file, key, f"{asked:g}", f"none here, {why}")
-    digits = 10.0 ** (floor(log10(least)) - 1)
-    return InputError(case.scene.file, key, f"{asked:g}", f"at least {ceil(least / digits) * digits:.2g} here, {why}")
-
-
-def attainable_in_heights(asked: float, rounding: float) -> float:
-    """The accuracy that leaves room for the rounding of heights, from what rounding leaves at the accuracy asked for.
-
-    Steps go with accuracy^(-1/2), and rounding with the root of the steps: ``2.6 rounding (asked / a)^(1/4) = a``.
-    """
-    return 1.5 * float((2 * ROOM * rounding * asked**0.25) ** 0.8)

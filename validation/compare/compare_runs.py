@@ -91,7 +91,7 @@ def _explained(pair: Pair) -> Iterator[str]:
 
 def _budgets(pair: Pair) -> Iterator[str]:
     """The parts of each run's errors, as signed shares; they add up to the whole."""
-    budgets = {name: dict(for_terminal(opened.run.record.error_budget)) for name, opened in _both(pair)}
+    budgets = {name: dict(for_terminal(opened.run.record.error_budget or ())) for name, opened in _both(pair)}
     quantities = dict.fromkeys(quantity for budget in budgets.values() for quantity in budget)
     if quantities:
         yield f"\n{'error budget':<24} {'':<7} " + " ".join(f"{part:>10}" for part in PARTS)
@@ -106,7 +106,7 @@ def _budgets(pair: Pair) -> Iterator[str]:
 
 def _warnings(pair: Pair) -> Iterator[str]:
     for name, opened in _both(pair):
-        for warning in opened.run.record.warnings:
+        for warning in opened.run.record.warnings or ():
             yield f"{name:<7} warning: {warning}"
         if changed_since(opened.run):
             yield f"{name:<7} warning: its forces are not those that its record was written for"

@@ -4,13 +4,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers.base import paths
-from drivers.chain.case import Case, build_case
+from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import engine_names, in_order, load_engine
-from drivers.limits.refusal import inability
-from drivers.run.finished import FinishedRun, open_run
+from drivers.limits.refusal import inability, refuse
+from drivers.run.finished import EndedRun
 from drivers.run.run import run_case
-from drivers.scene.read_scene import read_scene
+from validation.accuracy.assess import assess
+from validation.accuracy.plan import planned_case
 from validation.compare.comparison import NOT_INSTALLED, REFUSED, compare_case
 from validation.compare.departure import Departure, departure
 from validation.compare.verdict import FAIL, Verdict
@@ -29,7 +30,7 @@ class ComparedScene:
     """
 
     case: Case
-    runs: dict[str, FinishedRun]
+    runs: dict[str, EndedRun]
     absent: dict[str, str]
     verdicts: list[Verdict]
     departures: dict[str, Departure] = field(default_factory=dict)
@@ -45,8 +46,8 @@ def run_and_compare(
     Raises:
         InputError: the scene is wrong, or cannot end well and is not to be run all the same.
     """
-    case = build_case(read_scene(source, settings))
-    finished: dict[str, FinishedRun] = {}
+    case = planned_case(source, *settings)
+    finished: dict[str, EndedRun] = {}
     absent: dict[str, str] = {}
     refused: dict[str, Trace] = {}
     for engine in engine_names():
@@ -57,13 +58,15 @@ def run_and_compare(
         if cannot is not None:
             absent[engine] = f"{REFUSED}: {cannot}"
             continue
-        result = run_case(case, engine, runs, unsafe=unsafe)
+        if not unsafe:
+            refuse(case, engine)
+        result = assess(run_case(case, engine, runs), case)
         if result.done:
-            finished[engine] = open_run(result.folder)
+            finished[engine] = result
         else:
             absent[engine] = f"{result.record.status}: {result.record.reason}"
-            if result.refused is not None:
-                refused[engine] = result.refused
+            if result.partial_trace is not None:
+                refused[engine] = result.partial_trace
     verdicts = compare_case(case, finished, absent)
     traces = {engine: run.trace for engine, run in finished.items()} | refused
     departures = {engine: departure(case, engine, traces[engine]) for engine in in_order(traces)}

@@ -11,7 +11,7 @@ from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine
-from drivers.run.finished import FinishedRun
+from drivers.run.finished import EndedRun
 from drivers.run.guard import energy_error
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe, of_kind
@@ -27,7 +27,7 @@ ROUNDING_REASON = (
 )
 
 
-def compare_case(case: Case, runs: dict[str, FinishedRun], absent: dict[str, str]) -> list[Verdict]:
+def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) -> list[Verdict]:
     """Verdicts on all runs of a case.
 
     Args:
@@ -49,7 +49,7 @@ def compare_case(case: Case, runs: dict[str, FinishedRun], absent: dict[str, str
     return verdicts
 
 
-def _force_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[str, FinishedRun]) -> list[Verdict]:
+def _force_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, EndedRun]) -> list[Verdict]:
     verdicts = []
     if "verlet" in runs and engine not in ("verlet", "reference"):
         verlet = _same_scheme(case, engine, runs["verlet"].trace)
@@ -115,7 +115,7 @@ def shipped_name(case: Case) -> str | None:
     return case.scene.name if path.is_file() and read_scene(path).model_dump() == case.scene.model_dump() else None
 
 
-def _observable_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[str, FinishedRun]) -> list[Verdict]:
+def _observable_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, EndedRun]) -> list[Verdict]:
     """The worst relative error of peaks and of speeds against the reference's."""
     if "reference" not in runs or engine == "reference":
         return []
@@ -135,7 +135,7 @@ def _observable_verdicts(case: Case, engine: str, run: FinishedRun, runs: dict[s
     return verdicts
 
 
-def _balance_verdicts(case: Case, engine: str, run: FinishedRun) -> list[Verdict]:
+def _balance_verdicts(case: Case, engine: str, run: EndedRun) -> list[Verdict]:
     """Energy and impulse; the latter no finer than the samples of the wall's force allow."""
     name, values = shipped_name(case), observe(run.layout, run.trace)
     energy = float(energy_error(case.chain, run.trace).max())

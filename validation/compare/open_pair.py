@@ -14,7 +14,7 @@ from drivers.chain.chain import Array
 from drivers.chain.elements import choose_elements
 from drivers.chain.trace import FORCES, Trace, part_of
 from drivers.engines import engine_names
-from drivers.run.finished import FinishedRun, open_run
+from drivers.run.finished import EndedRun, open_run
 from drivers.run.record import FILE
 from postproc.read.motion import chain_of
 
@@ -31,7 +31,7 @@ class Opened:
         trace: likewise.
     """
 
-    run: FinishedRun
+    run: EndedRun
     case: Case
     trace: Trace
 
@@ -60,7 +60,7 @@ def open_pair(first: Path, second: Path) -> tuple[Opened, Opened]:
     return _at_every(one, every[0], samples), _at_every(other, every[1], samples)
 
 
-def _open(folder: Path) -> FinishedRun:
+def _open(folder: Path) -> EndedRun:
     if not (folder / FILE).exists():
         if next(folder.glob(f"*{ENDING}"), None) or next(folder.glob(f"batch/*{ENDING}"), None):
             lay_out = "run folders (python -m drivers show STUDY CASE lays a case out as one)"
@@ -94,7 +94,7 @@ def _interval(time_s: Array) -> float:
     return float(time_s[1] - time_s[0]) if len(time_s) > 1 else float("nan")
 
 
-def _at_every(run: FinishedRun, every: int, samples: int) -> Opened:
+def _at_every(run: EndedRun, every: int, samples: int) -> Opened:
     """A run at each so many-th of its samples."""
     scene, chain = chain_of(run)
     timing = scene.run.model_copy(update={"sample_interval": every * scene.run.sample_interval})
@@ -105,6 +105,6 @@ def _at_every(run: FinishedRun, every: int, samples: int) -> Opened:
     return Opened(run, Case(scene, chain, choose_elements(scene, chain)), trace)
 
 
-def changed_since(run: FinishedRun) -> bool:
+def changed_since(run: EndedRun) -> bool:
     """Whether the forces are no longer those that the record was written for."""
     return sha256_of(run.folder / FORCES) != run.record.forces_sha256

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import ks_2samp
 
-from drivers.base.errors import RunError
-from drivers.run.finished import FinishedRun, open_run
-from drivers.run.many import run_many
+from drivers.run.finished import EndedRun
+from drivers.run.many import run_all_done
 from postproc.read.observables import observe
 from postproc.read.residual import residual
 from validation.elements.switch_effects import observables_of
@@ -63,18 +62,14 @@ def compare_codes(
             say(f"{subject.name} {friction}: {seeds} seeds on {' and '.join(codes)}")
             cases = [case_on(subject, side, seed) for seed in range(1, seeds + 1)]
             jobs = [(case, code) for code in codes for case in cases]
-            ended = run_many(jobs, runs, measured=False)
-            for (case, code), run in zip(jobs, ended, strict=True):
-                if not run.done:
-                    raise RunError(f"{case.scene.file}: {code} {run.record.status}: {run.record.reason}")
-            opened = [open_run(run.folder) for run in ended]
-            first, second = opened[:seeds], opened[seeds:]
+            ended = run_all_done(jobs, runs)
+            first, second = ended[:seeds], ended[seeds:]
             found += _compared(subject.name, friction, " ".join(codes), observables_of(cases[0]), first, second)
     return found
 
 
 def _compared(
-    scene: str, friction: str, codes: str, names: dict[str, str], first: list[FinishedRun], second: list[FinishedRun]
+    scene: str, friction: str, codes: str, names: dict[str, str], first: list[EndedRun], second: list[EndedRun]
 ) -> list[Between]:
     apart = [residual(other.trace, one.trace) for one, other in zip(first, second, strict=True)]
     values = [[observe(run.layout, run.trace) for run in side] for side in (first, second)]

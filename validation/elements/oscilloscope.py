@@ -6,11 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.base.errors import RunError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.run.finished import open_run
-from drivers.run.many import run_many
+from drivers.run.many import run_all_done
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_signals
 from validation.elements.switches import Side, Subject, case_on
@@ -78,12 +76,9 @@ def vary(
 
 def _shown(scene: str, step: str, cases: list[Case], engine: str, runs: Path) -> Shown:
     traces, values = [], []
-    for case, ended in zip(cases, run_many([(case, engine) for case in cases], runs, measured=False), strict=True):
-        if not ended.done:
-            raise RunError(f"{case.scene.file}: {engine} {ended.record.status}: {ended.record.reason}")
-        trace = open_run(ended.folder).trace
-        traces.append(sensor_signals(case.layout, trace))
-        values.append(observe(case.layout, trace))
+    for case, ended in zip(cases, run_all_done([(case, engine) for case in cases], runs), strict=True):
+        traces.append(sensor_signals(case.layout, ended.trace))
+        values.append(observe(case.layout, ended.trace))
     signals = {name: np.array([each[name] for each in traces]) for name in traces[0]}
     return Shown(
         scene,

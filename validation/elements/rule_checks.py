@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.base.errors import RunError
 from drivers.chain.elements import Element
-from drivers.run.finished import open_run
-from drivers.run.many import run_many
-from postproc.paper.simulate import case_of
+from drivers.run.many import run_all_done
+from validation.accuracy.assess import assess
+from validation.accuracy.plan import planned_case
 from validation.elements.switches import Side, Subject, case_on
 
 STRAIGHT = Side(tube=True, set=("chain.lateral_offset=0 um",))
@@ -63,8 +62,7 @@ def nothing_changes(subjects: Iterable[Subject], engines: Iterable[str], runs: P
     for engine in engines:
         for subject in subjects:
             cases = [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
-            straight, free = (run.folder for run in run_many([(case, engine) for case in cases], runs))
-            one, other = open_run(straight).trace.force_N, open_run(free).trace.force_N
+            one, other = (run.trace.force_N for run in run_all_done([(case, engine) for case in cases], runs))
             found.append(Nothing(subject.name, engine, float(np.abs(other - one).max() / one.max())))
     return found
 
@@ -82,12 +80,11 @@ def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> list[Aske
     """
     found = []
     for accuracy in ASKED:
-        case = case_of(scene, *ALL, "run.time_step=", f"run.accuracy={accuracy}")
+        case = planned_case(scene, *ALL, "run.time_step=", f"run.accuracy={accuracy}")
         jobs = [(case, engine) for engine in engines]
-        for (_, engine), ended in zip(jobs, run_many(jobs, runs), strict=True):
-            kept = ended.record.accuracy
-            if not ended.done or kept is None:
-                raise RunError(f"{case.scene.file}: {engine} {ended.record.status}: {ended.record.reason}")
+        for (_, engine), ended in zip(jobs, run_all_done(jobs, runs), strict=True):
+            kept = assess(ended, case).record.accuracy
+            assert kept is not None
             worst = max(kept, key=lambda name: kept[name]["measured"] / kept[name]["asked"])
             names = ", ".join(each.name for each in case.elements if left_out(each))
             step = case.scene.time_step_s

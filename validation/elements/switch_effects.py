@@ -9,9 +9,9 @@ import numpy as np
 from drivers.base.errors import RunError
 from drivers.chain.case import Case
 from drivers.engines import load_engine
-from drivers.run.finished import open_run
-from drivers.run.many import run_many
-from drivers.run.run import EndedRun, run_case
+from drivers.run.finished import EndedRun, open_run
+from drivers.run.many import run_all_done
+from drivers.run.run import run_case
 from postproc.read.observables import observe
 from validation.elements.switches import Pair
 
@@ -53,10 +53,7 @@ def measure(
     for engine in engines:
         say(f"{engine}: {len(pairs)} switches")
         jobs = [(case, engine) for pair in pairs for case in (pair.without, pair.with_)]
-        ended = run_many(jobs, runs, measured=False)
-        for (case, _), run in zip(jobs, ended, strict=True):
-            if not run.done:
-                raise RunError(f"{case.scene.file}: {engine} {run.record.status}: {run.record.reason}")
+        ended = run_all_done(jobs, runs)
         seen = {id(case): observed(run) for (case, _), run in zip(jobs, ended, strict=True)}
         say(f"{engine}: costs, {repeats} times one after the other")
         costs = _costs([pair for pair in pairs if pair.scene == pairs[0].scene], engine, repeats, runs)
@@ -74,7 +71,7 @@ def _costs(pairs: list[Pair], engine: str, repeats: int, runs: Path) -> dict[str
     least = dict.fromkeys(cases, float("inf"))
     for _ in range(repeats):
         for deck, case in cases.items():
-            ended = run_case(case, engine, runs, rerun=True, measured=False)
+            ended = run_case(case, engine, runs, rerun=True)
             if not ended.done or ended.record.loop_s is None:
                 raise RunError(f"{case.scene.file}: {engine} {ended.record.status}: {ended.record.reason}")
             cost = ended.record.loop_s / (case.chain.bodies * case.scene.steps) * 1e9

@@ -9,10 +9,9 @@ from drivers.base import paths
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import engine_names, load_engine
-from drivers.limits.refusal import inability
-from drivers.run.finished import open_run
+from drivers.limits.refusal import inability, refuse
+from drivers.run.finished import EndedRun, open_run
 from drivers.run.many import run_many
-from drivers.run.run import EndedRun
 from postproc.paper.simulate import REFERENCE, exact
 from postproc.read.motion import read_motion
 from validation.accuracy.error_measures import verlet_of
@@ -73,7 +72,9 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
                 jobs[one.entry.id, label, engine] = (case, engine)
     # of equal decks the last is run: one that keeps its state serves the others too
     order = sorted(jobs, key=lambda job: "state" in jobs[job][0].scene.run.record)
-    ended = dict(zip(order, run_many([jobs[job] for job in order], runs, measured=False), strict=True))
+    for job in order:
+        refuse(*jobs[job])
+    ended = dict(zip(order, run_many([jobs[job] for job in order], runs), strict=True))
     lines = []
     for one, label, case in _each(posed):
         expected = one.theory[label]

@@ -12,10 +12,11 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten, validate
 from drivers.batch.study import read_study
-from drivers.chain.case import Case, build_case
+from drivers.chain.case import Case
 from drivers.scene.model import Name, Part
 from drivers.scene.overrides import lay_over
-from drivers.scene.read_scene import read_scene, read_toml
+from drivers.scene.read_scene import read_toml
+from validation.accuracy.plan import plan_case, planned_case
 from validation.independent.measures import MEASURES
 
 Words = Annotated[str, Field(min_length=1)]
@@ -133,7 +134,7 @@ def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> Posed:
     where, key = paths.shown(path), f"case {entry.id}"
     cases: dict[str, Case] = {}
     if entry.scene is not None:
-        cases[""] = build_case(read_scene(_source(entry.scene, path), entry.set))
+        cases[""] = planned_case(_source(entry.scene, path), *entry.set)
     else:
         assert entry.study is not None
         study = read_study(_source(entry.study, path))
@@ -141,7 +142,7 @@ def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> Posed:
         for setting in entry.set:
             lay_over(base, setting)
         study = replace(study, base=base)
-        cases = {study.label(number): study.case(number) for number in range(1, study.count + 1)}
+        cases = {study.label(number): plan_case(study.case(number)) for number in range(1, study.count + 1)}
     try:
         theory = {label: MEASURES[entry.measure].theory(case) for label, case in cases.items()}
     except (ValueError, ArithmeticError) as error:

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 from drivers.base import paths
 from drivers.chain.case import Case
-from drivers.run.finished import FinishedRun
+from drivers.run.finished import EndedRun
 from validation.compare.compared_scenes import ComparedScene
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
 from validation.report.verdict_table import Cell, Row, counted, source_of
@@ -101,7 +101,7 @@ def _scene(scene: ComparedScene, row: Row) -> dict[str, Any]:
     return told
 
 
-def _run(run: FinishedRun) -> dict[str, Any]:
+def _run(run: EndedRun) -> dict[str, Any]:
     record = run.record
     names = ("status", "engine_version", "deck_sha256", "commit", "dirty", "host", "time_step_s", "steps", "bodies",
              "wall_s", "cpu_s", "loop_s", "memory_bytes", "step_limit_s", "warnings", "error_budget",

@@ -78,12 +78,12 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
         curves=[each.label for each in chart.engines] if chart else [],
         row=row,
         judged=_judged(scene, engines),
-        warnings=[(engine, words) for engine in engines for words in scene.runs[engine].record.warnings],
+        warnings=[(engine, words) for engine in engines for words in scene.runs[engine].record.warnings or ()],
         chart=chart if chart and chart.panels else None,
         raster=raster_of(traces[shown], shown) if traces else None,
         departures=_departures(scene),
         budget=_budget(scene, engines),
-        budget_notes=[(e, scene.runs[e].record.error_note) for e in engines if scene.runs[e].record.error_note],
+        budget_notes=[(engine, note) for engine in engines if (note := scene.runs[engine].record.error_note)],
         observables=[(name, [number(observed[engine][name], 6) for engine in engines]) for name in names],
         elements=case.elements,
         decks=_decks(scene, row),
@@ -151,7 +151,7 @@ def _budget(scene: ComparedScene, engines: list[str]) -> list[tuple[str, str, li
     lines = [
         (part["quantity"], engine, [f"{part[key]:.1e}" for key in PARTS])
         for engine in engines
-        for part in scene.runs[engine].record.error_budget
+        for part in scene.runs[engine].record.error_budget or ()
     ]
     order = list(dict.fromkeys(quantity for quantity, _, _ in lines))
     return sorted(lines, key=lambda line: order.index(line[0]))

@@ -16,12 +16,13 @@ from drivers.chain.trace import Trace
 from drivers.engines import codes, installed
 from drivers.limits.refusal import refuse
 from drivers.limits.stable_step import predicted_limit
-from drivers.run.finished import open_run
 from drivers.run.many import run_many
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
-from postproc.paper.simulate import REFERENCE, case_of
+from postproc.paper.simulate import REFERENCE
 from postproc.read.residual import residual
+from validation.accuracy.assess import assess
+from validation.accuracy.plan import planned_case
 from validation.accuracy.rounding import HORIZON
 
 VERLET = "verlet"
@@ -100,7 +101,7 @@ def run_all(some: list[Extreme], runs: Path, say: Callable[[str], object] = prin
 
 def run_extreme(extreme: Extreme, runs: Path) -> list[Outcome]:
     """One scene on every engine, side by side, against the reference and Verlet."""
-    case = case_of(extreme.scene, *extreme.set)
+    case = planned_case(extreme.scene, *extreme.set)
     names = (REFERENCE, VERLET, *codes())
     verdicts = dict.fromkeys(names, (NOT_RUN, "not installed"))
     for name in installed(names):
@@ -110,8 +111,9 @@ def run_extreme(extreme: Extreme, runs: Path) -> list[Outcome]:
         except InputError as refusal:
             verdicts[name] = (REFUSED, str(refusal))
     running = [name for name in names if verdicts[name][0] == DONE]
-    ended = dict(zip(running, run_many([(case, name) for name in running], runs), strict=True))
-    traces = {name: open_run(run.folder).trace for name, run in ended.items() if run.done}
+    found = run_many([(case, name) for name in running], runs)
+    ended = {name: assess(run, case) for name, run in zip(running, found, strict=True)}
+    traces = {name: run.trace for name, run in ended.items() if run.done}
     limit_s = predicted_limit(case.chain, float(case.sample_times_s[-1]))
     outcomes = []
     for name in names:
@@ -119,7 +121,7 @@ def run_extreme(extreme: Extreme, runs: Path) -> list[Outcome]:
         if name in ended:
             record = ended[name].record
             verdict = "warned" if record.status == DONE and record.warnings else record.status
-            reason = record.reason or "; ".join(record.warnings)
+            reason = record.reason or "; ".join(record.warnings or ())
         error, leaves_reference = _apart(traces, name, REFERENCE, LEFT)
         model, leaves_verlet = _apart(traces, name, VERLET, HORIZON)
         outcomes.append(

@@ -205,7 +205,7 @@ def start_up(name: str, case: Case, folder: Path) -> float:
         RunError: it failed.
     """
     times = 2 if load_engine(name).in_repository else 1
-    records = [run_case(case, name, folder / "single", unsafe=True, rerun=True).record for _ in range(times)]
+    records = [run_case(case, name, folder / "single", rerun=True).record for _ in range(times)]
     return min(record.wall_s - (record.loop_s or 0.0) for record in records)
 
 

@@ -10,9 +10,11 @@ import pytest
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine
-from drivers.run.finished import FinishedRun, open_run
+from drivers.limits.refusal import refuse
+from drivers.run.finished import EndedRun
 from drivers.run.record import read_record
 from drivers.run.run import run_case
+from validation.accuracy.assess import assess
 from validation.tests.helpers.scenes import case_of
 
 
@@ -24,12 +26,18 @@ def need(engine: str) -> None:
         pytest.skip(f"{engine} is not installed")
 
 
-def finished(case: Case, engine: str, runs: Path) -> FinishedRun:
+def finished(case: Case, engine: str, runs: Path) -> EndedRun:
     """The run of a case on an engine, which has to be done."""
     need(engine)
-    result = run_case(case, engine, runs)
+    result = assessed(case, engine, runs)
     assert result.done, result.record.reason
-    return open_run(result.folder)
+    return result
+
+
+def assessed(case: Case, engine: str, runs: Path) -> EndedRun:
+    """A case that is refused, or run and assessed."""
+    refuse(case, engine)
+    return assess(run_case(case, engine, runs), case)
 
 
 def blown_up(trace: Trace, sample: int) -> Trace:

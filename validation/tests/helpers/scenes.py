@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from drivers.chain.case import Case, build_case
-from drivers.scene.read_scene import read_scene
+from drivers.chain.case import Case
+from validation.accuracy.plan import planned_case
 
 BASE = """
 [chain]
@@ -31,5 +31,5 @@ StandIn = Callable[[str, str], None]
 
 
 def case_of(scene: str | Path, *settings: str) -> Case:
-    """The case of a scene with settings."""
-    return build_case(read_scene(scene, settings))
+    """The planned case of a scene with settings."""
+    return planned_case(scene, *settings)

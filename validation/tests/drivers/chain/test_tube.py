@@ -17,7 +17,7 @@ from drivers.chain.contact_law import conformity, hertz_stiffness
 from drivers.chain.lateral_start import with_lateral
 from drivers.chain.packing import Column, find_rest
 from drivers.engines import load_engine
-from drivers.run.finished import FinishedRun
+from drivers.run.finished import EndedRun
 from drivers.run.run import run_case
 from postproc.draw.film import film_of, sheet
 from postproc.draw.product import write_product
@@ -40,13 +40,13 @@ SLIPPERY = ("contact.friction=0", "tube.friction=0")
 ROUNDED = 1e-9  # of the largest force: as tolerances model.force
 
 
-def state_of(run: FinishedRun, name: str) -> Array:
+def state_of(run: EndedRun, name: str) -> Array:
     """Columns of the state file, such as ``x_m``. Shape (samples, bodies)."""
     table = pd.read_parquet(run.folder / "state.parquet")
     return table[[f"body_{j}_{name}" for j in range(1, run.record.bodies + 1)]].to_numpy()
 
 
-def bore_of(run: FinishedRun) -> Array:
+def bore_of(run: EndedRun) -> Array:
     """What the bore presses with. Shape (samples, bodies)."""
     table = pd.read_parquet(run.folder / "forces.parquet")
     return table[[f"bore_{j}_N" for j in range(1, run.record.bodies + 1)]].to_numpy()

@@ -21,7 +21,6 @@ from drivers.limits.energy_bounds import certainly_stable, late_damping
 from drivers.limits.refusal import inability
 from drivers.limits.stable_step import linear_limit, predicted_limit
 from drivers.run.guard import energy_error, reason_to_fail
-from drivers.run.run import run_case
 from postproc.read.attenuation import transmissions
 from postproc.read.observables import observe
 from validation.accuracy.error_measures import truth_of, verlet_of
@@ -33,7 +32,7 @@ from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, record_contacts
 from validation.stability.measured_limits import WITHIN, measure
 from validation.stability.subjects import Subject
-from validation.tests.helpers.runs import finished, need
+from validation.tests.helpers.runs import assessed, finished, need
 from validation.tests.helpers.scenes import case_of
 
 ENGINES = ("verlet", "liggghts", "yade", "reference")
@@ -220,7 +219,7 @@ def test_limits_of_damped_chains(ratio: float) -> None:
 def test_an_accuracy_is_kept_by_a_code(shared_runs: Path) -> None:
     need("yade")
     case = case_of("fig4", DAMPED, "run.time_step=", "run.accuracy={force=1e-3, energy=1e-3, wall_peak=1e-3}")
-    ended = run_case(case, "yade", shared_runs)
+    ended = assessed(case, "yade", shared_runs)
     assert ended.done
     assert ended.missed is None
     with pytest.raises(InputError, match="at least"):

@@ -17,7 +17,7 @@ from drivers.engines import load_engine
 from drivers.run.finished import open_run
 from drivers.run.run import run_case
 from validation.tests.helpers.commands import command_line
-from validation.tests.helpers.runs import failing_run, finished, need
+from validation.tests.helpers.runs import assessed, failing_run, finished, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 
@@ -63,9 +63,9 @@ def test_what_a_run_folder_holds(scene_file: SceneWriter, tmp_path: Path) -> Non
 
 def test_a_sensor_that_moves_reads_another_contact_of_the_same_run(scene_file: SceneWriter, tmp_path: Path) -> None:
     case, runs = case_of(scene_file(chain="sensors = [{ from_wall = 2 }]")), tmp_path / "runs"
-    first = run_case(case, "verlet", runs)
+    first = assessed(case, "verlet", runs)
     stamp = (first.folder / "forces.parquet").stat().st_mtime_ns
-    moved = run_case(case_of(scene_file(), "chain.sensors=[{from_wall=4}]"), "verlet", runs)
+    moved = assessed(case_of(scene_file(), "chain.sensors=[{from_wall=4}]"), "verlet", runs)
     assert moved.folder == first.folder
     assert (moved.folder / "forces.parquet").stat().st_mtime_ns == stamp
     assert list(pd.read_csv(moved.folder / "sensors.csv").columns) == ["time_s", "bead_4_N", "wall_N"]

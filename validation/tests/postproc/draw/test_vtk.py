@@ -12,7 +12,7 @@ import pytest
 
 from drivers.chain.chain import Array
 from drivers.chain.tube_mesh import tube_mesh
-from drivers.run.finished import FinishedRun, open_run
+from drivers.run.finished import EndedRun, open_run
 from postproc.draw import vtk
 from postproc.draw.vtk import write_series
 from validation.tests.helpers.commands import command_line
@@ -58,7 +58,7 @@ def read_index(path: Path) -> list[tuple[float, Path]]:
     return [(float(each.attrib["timestep"]), path.parent / each.attrib["file"]) for each in found]
 
 
-def a_run(scene: Path, runs: Path, engine: str = "verlet") -> FinishedRun:
+def a_run(scene: Path, runs: Path, engine: str = "verlet") -> EndedRun:
     return finished(case_of(scene, KEPT), engine, runs)
 
 

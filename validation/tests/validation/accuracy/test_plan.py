@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from drivers.base.errors import InputError
+from drivers.limits.attainable import beyond_rounding, refuse_beyond_rounding
 from drivers.limits.stable_step import linear_limit
 from drivers.run.record import RunRecord
-from drivers.run.run import run_case
 from validation.accuracy.budget import parts_of, yardsticks
 from validation.accuracy.costs import cheapest
 from validation.accuracy.error_measures import errors_of, truth_of, verlet_of
-from validation.accuracy.plan import beyond_rounding, refuse_beyond_rounding
 from validation.tests.helpers.commands import command_line
-from validation.tests.helpers.runs import finished
+from validation.tests.helpers.runs import assessed, finished
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
 
 FREE = "run.time_step="
@@ -95,6 +94,7 @@ def test_budgets_add_up(engine: str, shared_runs: Path) -> None:
     case = case_of("fig4", FREE, "run.accuracy={force = 1e-4, wall_peak = 1e-3}")
     run = finished(case, engine, shared_runs)
     budget = run.record.error_budget
+    assert budget is not None
     assert {"force", "bead_9_peak", "bead_5_arrival", "wall_peak", "speed_9_to_5"} <= {p["quantity"] for p in budget}
     for part in budget:
         parts = sum(part[name] for name in ("model", "rounding", "truncation", "sampling"))
@@ -118,7 +118,7 @@ def test_a_wrong_law_shows_as_model_error(shared_runs: Path) -> None:
 
 def test_a_miss_is_a_failure_of_the_command(shared_runs: Path) -> None:
     case = case_of("fig4", FREE, "run.accuracy=1e-2")
-    ended = run_case(case, "verlet", shared_runs)
+    ended = assessed(case, "verlet", shared_runs)
     record = json.loads((ended.folder / "run.json").read_text())
     record["accuracy"]["force"]["measured"] = 0.5
     assert "force is off by 0.5" in str(type(ended)(ended.folder, RunRecord(**record)).missed)

@@ -9,7 +9,7 @@ import pytest
 from drivers.chain.case import Case
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace, make_trace
-from drivers.run.finished import FinishedRun
+from drivers.run.finished import EndedRun
 from validation.accuracy.error_measures import trace_of, verlet_of
 from validation.accuracy.rounding import comparable, rounding_error, verlet_in_heights
 from validation.compare.comparison import compare_case
@@ -158,9 +158,9 @@ def test_velocities_half_a_step_off_turn_a_row_red(scene_file: SceneWriter, shar
     assert said["yade"].startswith("matches velocities half a step (0.05 us) early to ")
 
 
-def with_trace(run: FinishedRun, trace: Trace) -> FinishedRun:
+def with_trace(run: EndedRun, trace: Trace) -> EndedRun:
     """A run with another trace than its folder's."""
-    other = FinishedRun(run.folder, run.record, run.layout)
+    other = EndedRun(run.folder, run.record)
     other.__dict__["trace"] = trace
     return other
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.run.run import run_case
-from validation.tests.helpers.runs import failing_run, need
+from validation.tests.helpers.runs import failing_run, finished, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 UNSTABLE = "^unstable at t = "
@@ -64,7 +63,9 @@ def test_a_run_at_another_step_is_told_apart(
     engine: str, good: str, bad: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
 ) -> None:
     sabotage(engine, good, bad, stand_in, tmp_path)
-    (warning,) = run_case(case_of(scene_file()), engine, tmp_path / "runs").record.warnings
+    warnings = finished(case_of(scene_file()), engine, tmp_path / "runs").record.warnings
+    assert warnings is not None
+    (warning,) = warnings
     assert "what ran is not what the scene says" in warning
 
 

@@ -75,7 +75,7 @@ def test_the_in_repo_engines_pass(name: str) -> None:
 @pytest.mark.parametrize("engine", installed_codes())
 def test_the_codes_pass(engine: str, name: str, shared_runs: Path) -> None:
     need(engine)
-    ended = run_case(posed(name), engine, shared_runs, measured=False)
+    ended = run_case(posed(name), engine, shared_runs)
     assert ended.done, ended.record.reason
     assert not red(CASES[name], posed(name), trace_of(posed(name), ended.folder))
 

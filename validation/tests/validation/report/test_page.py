@@ -14,7 +14,7 @@ from selenium.webdriver import Chrome, Keys
 from drivers.base import paths
 from drivers.chain.trace import until
 from drivers.engines import engine_names
-from drivers.run.finished import FinishedRun
+from drivers.run.finished import EndedRun
 from validation.compare.compared_scenes import ComparedScene, run_and_compare
 from validation.compare.comparison import compare_case
 from validation.compare.departure import departure
@@ -248,12 +248,12 @@ def test_it_reads_without_scripts(page: Shown) -> None:
         allow_scripts(page.driver, allowed=True)
 
 
-def contact(run: FinishedRun, j: int) -> np.ndarray:
+def contact(run: EndedRun, j: int) -> np.ndarray:
     """The force in a contact, from the run's own file."""
     return np.asarray(pd.read_parquet(run.folder / "forces.parquet")[f"contact_{j}_N"])
 
 
-def of_panels(runs: dict[str, FinishedRun]) -> list[dict[str, np.ndarray]]:
+def of_panels(runs: dict[str, EndedRun]) -> list[dict[str, np.ndarray]]:
     """What the curves of Fig. 4's chart are, panel by panel: gauges at beads 9 and 5 (Eq. 5), the wall, differences."""
     beads = [{engine: (contact(run, j) + contact(run, j + 1)) / 2 for engine, run in runs.items()} for j in (9, 5)]
     wall = {engine: contact(run, 1) for engine, run in runs.items()}

@@ -1,0 +1,52 @@
+"""Assessment of a run: what gauges show, its error budget, what it keeps of an accuracy, and warnings."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from drivers.base.files import whole_file
+from drivers.chain.case import Case
+from drivers.chain.trace import SENSORS, Trace
+from drivers.run.finished import EndedRun
+
+
+def assess(ended: EndedRun, case: Case) -> EndedRun:
+    """The run with its errors measured; ``sensors.csv`` and the record are written, unless both are there already.
+
+    The record says whether it is: a run found for another scene of the same physics has lost its assessment. A run
+    that is not done has nothing to assess.
+    """
+    record, sensors = ended.record, ended.folder / SENSORS
+    if not ended.done or (record.error_budget is not None and sensors.exists()):
+        return ended
+    from postproc.read.sensors import write_sensors
+
+    with whole_file(sensors) as draft:
+        write_sensors(case.layout, ended.trace, draft)
+    record = replace(record, **_errors(case, record.engine, ended.trace))
+    record.write(ended.folder)
+    return replace(ended, record=record)
+
+
+def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
+    """The error budget, what was kept of the accuracy asked for, and what to be warned of."""
+    from drivers.limits.stable_step import predicted_limit
+    from validation.accuracy.budget import error_budget, measured_errors
+    from validation.accuracy.run_warnings import warnings_of
+
+    parts, note = error_budget(case, engine, trace)
+    accuracy: dict[str, dict[str, float]] | None = None
+    if case.plan:
+        measured = measured_errors(case, trace, case.plan.asked)
+        accuracy = {
+            name: {"asked": share, "predicted": case.plan.predicted[name], "measured": measured[name]}
+            for name, share in case.plan.asked.items()
+        }
+    limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
+    return {
+        "error_budget": parts,
+        "error_note": note,
+        "warnings": warnings_of(case, engine, trace),
+        "step_limit_s": limit if math.isfinite(limit) else None,
+        "accuracy": accuracy,
+    }
