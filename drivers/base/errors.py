@@ -1,9 +1,9 @@
-"""What can be wrong, told in one line."""
+"""Errors that end a command or a run, told in one line."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from typing import Any
 
-if TYPE_CHECKING:
-    from drivers.chain.trace import Trace
+InputProblem = tuple[str, str, str]  # key, found, allowed
 
 
 class InputError(Exception):
@@ -26,19 +26,29 @@ class InputError(Exception):
         return f"{place}: found {found}; allowed: {allowed}".replace("\n", " ")
 
 
+def refuse_any(where: str, problems: Iterable[InputProblem]) -> None:
+    """Refuses an input for the first of its problems.
+
+    Raises:
+        InputError: there is one.
+    """
+    for problem in problems:
+        raise InputError(where, *problem)
+
+
 class RunError(Exception):
     """A run that cannot count as done; the message is the reason that its record keeps.
 
     Args:
         reason: why.
         status: ``failed`` or ``timeout``.
-        trace: what there is of one, for whoever asks what went wrong: it is kept in memory alone.
+        partial: what there is of its result, for whoever asks what went wrong; kept in memory alone.
     """
 
-    def __init__(self, reason: str, status: str = "failed", trace: "Trace | None" = None) -> None:
+    def __init__(self, reason: str, status: str = "failed", partial: Any = None) -> None:
         super().__init__(reason, status)
         self.status = status
-        self.trace = trace
+        self.partial = partial
 
     def __str__(self) -> str:
         """The reason."""

@@ -10,11 +10,10 @@ from drivers.base.errors import InputError
 from drivers.base.units import NotAllowedError
 
 Model = TypeVar("Model", bound=BaseModel)
-Complaint = tuple[str, str, str]  # key, found, allowed
 
 
 def validate(model: type[Model], data: object, where: str, prefix: str = "") -> Model:
-    """``data`` as a ``model``; the first complaint becomes an InputError."""
+    """``data`` as a ``model``; its first problem becomes an InputError."""
     try:
         return model.model_validate(data)
     except ValidationError as failure:

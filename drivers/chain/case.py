@@ -4,14 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivers.base.errors import InputError
+from drivers.base.errors import refuse_any
 from drivers.chain.chain import Array, Chain, build_chain
+from drivers.chain.chain_rules import impossible
 from drivers.chain.contact_law import restitution
 from drivers.chain.elements import Element, choose_elements
 from drivers.chain.layout import Layout, make_layout
 from drivers.scene.model import RIGID, Scene
-from drivers.scene.scene_rules import impossible
-from drivers.scene.tube_rules import tube_impossible
 
 
 @dataclass(frozen=True)
@@ -104,10 +103,7 @@ def build_case(scene: Scene) -> Case:
         InputError: its masses or loads make no chain.
     """
     chain = build_chain(scene)
-    for complaint in impossible(scene, chain):
-        raise InputError(scene.file, *complaint)
-    for complaint in tube_impossible(scene, chain):
-        raise InputError(scene.file, *complaint)
+    refuse_any(scene.file, impossible(scene, chain))
     if scene.three_dimensional:
         from drivers.chain.lateral_start import with_lateral  # scipy: only where it is needed
 

@@ -6,7 +6,7 @@ all arrays have one entry a body. A contact that does not exist (under bead 1 of
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf, pi
+from math import inf, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from drivers.scene.model import RIGID, Contact, Scene
 from validation.reference.hertz_chain import ENERGY_SHARE
 
 Array = NDArray[np.float64]
+LEVEL_M = 10.0  # places 0.1 mm off the axis are level to 1e-5, and heights round to 1e-15 m
 AT_REST = 1e-9  # of the whole load: forces that a packing may leave on a bead
 
 
@@ -218,6 +219,28 @@ def moving_at_start(chain: Chain) -> float:
 def free_fall(chain: Chain) -> float:
     """Acceleration of a free chain as a whole, in m/s^2, upwards positive."""
     return float(chain.load_N.sum() / chain.mass_kg.sum())
+
+
+def furthest_m(chain: Chain) -> float:
+    """The largest coordinate that a code may hold, of which heights are rounded."""
+    height = float(np.abs(chain.height_m).max())
+    return height + LEVEL_M if chain.lateral is not None and np.isinf(chain.radius_m[-1]) else height
+
+
+def sphere_for_face(scene: Scene, chain: Chain) -> tuple[float, float]:
+    """Radius and Young's modulus, in SI units, of the sphere whose contact is that of the striker's flat face.
+
+    With the flat contact's ``1/E* = c_bead + c_face`` the sphere's radius S and its compliance c have
+    ``c_bead + c = sqrt(S / (S + R)) / E*``. c is above zero for ``S > R c_bead / (2 c_face)``; S is about twice that,
+    since the heights of larger ones round more. Where beads move sideways it is a large one, which they find level.
+    """
+    bead, face = (scene.materials[name] for name in chain.materials[-2:])
+    under = float(chain.radius_m[-2])
+    radius = float(f"{under * bead.compliance / face.compliance:.1g}")
+    if chain.lateral is not None:
+        radius = max(radius, LEVEL_M)
+    compliance = (bead.compliance + face.compliance) * sqrt(radius / (radius + under)) - bead.compliance
+    return radius, (1 - face.poisson_ratio**2) / compliance
 
 
 def _unbalanced(chain: Chain) -> Array:

@@ -7,8 +7,7 @@ from math import pi, tan
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.chain.mesh_files import stl_text
-from drivers.chain.tube_mesh import tube_mesh
+from drivers.chain.mesh import stl_text, tube_mesh
 
 Array = NDArray[np.float64]
 CELL = 4.0  # height over width of a mesh's cells: as few as are no slivers
@@ -74,7 +73,7 @@ class Bore:
 
 
 def side_normals(sides: int) -> Array:
-    """Directions in which the flat sides of ``drivers.chain.tube_mesh`` stand. Shape (sides, 2)."""
+    """Directions in which the flat sides of ``drivers.chain.mesh`` stand. Shape (sides, 2)."""
     angle = 2 * pi * (np.arange(sides) + 0.5) / sides
     return np.column_stack([np.cos(angle), np.sin(angle)])
 

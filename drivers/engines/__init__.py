@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.base.decks import Deck
-from drivers.base.messages import Complaint
+from drivers.base.errors import InputProblem
 from drivers.chain.case import Case
 from drivers.chain.elements import STRAIGHT
 from drivers.chain.trace import Trace
@@ -91,7 +91,7 @@ class Engine:
     shear: str = TOTAL
     models: frozenset[str] = STRAIGHT
     variables: Mapping[str, str] = field(default_factory=dict)
-    refusal: Callable[[Case], Complaint | None] = lambda case: None
+    refusal: Callable[[Case], InputProblem | None] = lambda case: None
     partial_trace: Callable[[Case, Path], Trace | None] = lambda case, folder: None
     failure_reason: Callable[[str, str], str] = last_line
     loss_message: str = ""

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.decks import Deck
-from drivers.base.messages import Complaint
+from drivers.base.errors import InputProblem
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, _in_repo_tube
@@ -65,7 +65,7 @@ def read(case: Case, folder: Path) -> Trace:
     return make_trace(case.chain, case.sample_times_s, force, height, velocity)
 
 
-def refusal(case: Case) -> Complaint | None:
+def refusal(case: Case) -> InputProblem | None:
     """A three-dimensional chain in a bore of flat sides; it takes every straight one."""
     return _in_repo_tube.refusal(case)
 

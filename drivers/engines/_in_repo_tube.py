@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base.messages import Complaint
+from drivers.base.errors import InputProblem
 from drivers.chain.case import Case
 from drivers.chain.lateral import Lateral
 from drivers.chain.trace import Sideways, Trace, make_sideways_trace
@@ -33,7 +33,7 @@ def values_of(case: Case, lateral: Lateral) -> dict[str, Any]:
     }
 
 
-def refusal(case: Case) -> Complaint | None:
+def refusal(case: Case) -> InputProblem | None:
     """A bore of flat sides."""
     bore = case.chain.lateral.bore if case.chain.lateral else None
     if bore is None or bore.sides is None:

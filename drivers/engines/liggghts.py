@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
-from drivers.base.errors import RunError
-from drivers.base.messages import Complaint
+from drivers.base.errors import InputProblem, RunError
 from drivers.base.processes import find_program, version_in_words
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, energy_put_in, free_fall
+from drivers.chain.chain import Array, Chain, energy_put_in, free_fall, sphere_for_face
 from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, restitution_with_attraction
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
-from drivers.chain.flat_face import sphere_for_face
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import IN_HEIGHTS, TOTAL, Engine, Style, last_line
 from drivers.engines import _liggghts_tube as sideways
@@ -58,7 +56,7 @@ class Box:
     skin: float
 
 
-def refusal(case: Case) -> Complaint | None:
+def refusal(case: Case) -> InputProblem | None:
     """Too much damping, too fine a mesh, or a box too high for its neighbour search, whose bins are half a cutoff."""
     chain, radius = case.chain, _radii(case)
     if restitution_with_attraction(chain.damping_ratio) <= LEAST_COEFFICIENT:

@@ -7,8 +7,7 @@ import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
-from drivers.base.errors import RunError
-from drivers.base.messages import Complaint
+from drivers.base.errors import InputProblem, RunError
 from drivers.base.processes import find_program, version_in_words
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
@@ -89,7 +88,7 @@ def _straight(case: Case, folder: Path) -> Trace:
     return make_trace(chain, case.sample_times_s, force, height, velocity)
 
 
-def refusal(case: Case) -> Complaint | None:
+def refusal(case: Case) -> InputProblem | None:
     """Damped contacts that are pressed and moving at time 0: its velocities begin half a step before."""
     chain = case.chain
     closing = np.append(0.0, chain.velocity_m_s[:-1]) - chain.velocity_m_s

@@ -44,10 +44,10 @@ def inability(case: Case, engine: str) -> InputError | None:
         return InputError(
             case.scene.file, "", where, f"an engine that models it: {able}" if able else "nothing: none models it"
         )
-    complaint = load_engine(engine).refusal(case)
-    if complaint is None:
+    problem = load_engine(engine).refusal(case)
+    if problem is None:
         return None
-    key, found, allowed = complaint
+    key, found, allowed = problem
     return InputError(case.scene.file, key, found, f"on {engine} {allowed}")
 
 

@@ -11,9 +11,8 @@ from drivers.base.errors import RunError
 from drivers.base.processes import Outcome
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, energy_put_in
+from drivers.chain.chain import Array, Chain, energy_put_in, furthest_m
 from drivers.chain.contact_law import hertz_energy, hertz_force
-from drivers.chain.flat_face import furthest_m
 from drivers.chain.trace import Trace, energy_error_J
 from drivers.engines import Engine
 from drivers.limits.energy_bounds import share_at_most
@@ -37,15 +36,15 @@ def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) ->
         words = "".join(c if c.isprintable() else " " for c in engine.failure_reason(stdout, stderr))
         before = engine.partial_trace(case, folder)
         blown_up = _blown_up(case, engine, words, before)
-        raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:LONGEST_COMPLAINT]}"))), trace=before)
+        raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:LONGEST_COMPLAINT]}"))), partial=before)
     try:
         trace = engine.read(case, folder)
     except RunError as error:
-        error.trace = engine.partial_trace(case, folder)
+        error.partial = engine.partial_trace(case, folder)
         raise
     reason = reason_to_fail(case, trace) or wrong_start(case, trace) or not_modelled(case.chain, trace)
     if reason:
-        raise RunError(reason, trace=trace)
+        raise RunError(reason, partial=trace)
     return trace
 
 

@@ -67,7 +67,7 @@ def run_case(
         try:
             trace = checked_trace(case, engine, outcome, folder)
         except RunError as error:
-            partial_trace = error.trace
+            partial_trace = error.partial
             record = replace(record, status=error.status, reason=str(error))
         else:
             write_forces(trace, folder / FORCES)

@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
-from drivers.base.errors import InputError
+from drivers.base.errors import InputError, refuse_any
 from drivers.base.messages import shorten, validate
 from drivers.scene.model import RIGID, Material, Scene, SceneFile
 from drivers.scene.overrides import lay_over
-from drivers.scene.sampling import steps_per_sample
 from drivers.scene.scene_rules import choices, contradictions
 
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
+WHOLE = 1e-9  # relative: a step written with ten digits still divides its interval
 MAX_STEPS = 2**31 - 1  # LIGGGHTS counts no further
 MAX_VALUES = 200_000_000  # samples x contacts: 1.6 GB of doubles
 
@@ -51,10 +51,9 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
     """
     _complete_own_materials(data, library)
     file = validate(SceneFile, data, where)
-    for complaint in choices(file):
-        raise InputError(where, *complaint)
+    refuse_any(where, choices(file))
     materials = _materials(file, library, where)
-    every, time_step = steps_per_sample(file.run.sample_interval, file.run.time_step, where)
+    every, time_step = _steps_per_sample(file.run.sample_interval, file.run.time_step, where)
     samples = _whole_samples(file, where)
     scene = Scene.model_construct(
         **{key: getattr(file, key) for key in SceneFile.model_fields}
@@ -74,8 +73,7 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
             f"{time_step:g} s, which makes {scene.steps:.3g} steps",
             f"at most {MAX_STEPS:.3g} steps",
         )
-    for complaint in contradictions(scene):
-        raise InputError(where, *complaint)
+    refuse_any(where, contradictions(scene))
     return scene
 
 
@@ -153,6 +151,29 @@ def _materials(file: SceneFile, library: dict[str, Any], where: str) -> dict[str
             known = sorted({*library, *file.materials} | ({RIGID} if key == "wall.material" else set()))
             raise InputError(where, key, f'"{name}"', f"{', '.join(known)}, or a [materials.{name}] of the scene's own")
     return materials
+
+
+def _steps_per_sample(interval_s: float, step_s: float | None, where: str) -> tuple[int, float]:
+    """Steps from one sample to the next, and the time step as the exact part of the interval.
+
+    Without a time step, which is then to be chosen, the interval itself.
+
+    Raises:
+        InputError: the step does not divide the interval; the nearest that does is named.
+    """
+    if step_s is None:
+        return 1, interval_s
+    ratio = interval_s / step_s
+    every = max(1, round(ratio))
+    if abs(ratio - every) > WHOLE * every:
+        nearest = f'"{interval_s / every * 1e6:.12g} us"'
+        raise InputError(
+            where,
+            "run.time_step",
+            f"{step_s:g} s, which does not divide run.sample_interval = {interval_s:g} s",
+            f"for instance {nearest}",
+        )
+    return every, step_s if step_s * every == interval_s else interval_s / every
 
 
 def _whole_samples(file: SceneFile, where: str) -> int:

@@ -1,18 +1,16 @@
 """Rules between the parts of a scene; those on single values stand in the model itself."""
 
 from collections.abc import Iterator
+from math import acos, ceil, pi
 
-import numpy as np
-
-from drivers.base.messages import Complaint, shorten
-from drivers.chain.chain import Chain
+from drivers.base.errors import InputProblem
+from drivers.base.messages import shorten
 from drivers.scene.model import RIGID, Bead, Scene, SceneFile, Sensor
-from drivers.scene.tube_rules import tube_contradictions
 
-MAX_OVERLAP = 0.5  # of the radius, at rest: far beyond Hertz, and close to where engines lose a contact
+ROUNDED = 1e-6  # of the play, the difference of two diameters
 
 
-def choices(file: SceneFile) -> Iterator[Complaint]:
+def choices(file: SceneFile) -> Iterator[InputProblem]:
     """Keys of which a scene gives one."""
     run = file.run
     if RIGID in file.materials:
@@ -24,7 +22,7 @@ def choices(file: SceneFile) -> Iterator[Complaint]:
         yield "contact", "both restitution and damping_ratio", "one of the two: either gives the other"
 
 
-def contradictions(scene: Scene) -> Iterator[Complaint]:
+def contradictions(scene: Scene) -> Iterator[InputProblem]:
     """Parts of the scene that do not go together."""
     chain, striker, wall, tube = scene.chain, scene.striker, scene.wall, scene.tube
     count = chain.count
@@ -73,10 +71,10 @@ def contradictions(scene: Scene) -> Iterator[Complaint]:
         widest = max([chain.diameter, *(bead.diameter for bead in chain.bead if bead.diameter)])
         if count and tube.inner_diameter < widest:
             yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"at least the beads' {widest:g} m"
-    yield from tube_contradictions(scene)
+    yield from _tube_contradictions(scene)
 
 
-def _striker_contradictions(scene: Scene) -> Iterator[Complaint]:
+def _striker_contradictions(scene: Scene) -> Iterator[InputProblem]:
     striker = scene.striker
     assert striker is not None
     if striker.shape == "flat":
@@ -93,14 +91,35 @@ def _striker_contradictions(scene: Scene) -> Iterator[Complaint]:
         yield "striker.mass", "nothing", f"a mass, or a density in [materials.{striker.material}]"
 
 
-def impossible(scene: Scene, chain: Chain) -> Iterator[Complaint]:
-    """What shows only in the chain as built: masses drawn below zero, beads pressed into each other."""
-    if (chain.mass_kg <= 0).any():
-        place = int(np.argmin(chain.mass_kg)) + 1
-        yield "chain.mass_scatter", f"{scene.chain.mass_scatter:g} kg, which leaves bead {place} no mass", "less"
-    deepest = chain.overlap_m / chain.smaller_radius_m
-    if (deepest > MAX_OVERLAP).any():
-        contact = int(np.argmax(deepest)) + 1
-        key = "chain.precompression" if chain.precompression_N else "gravity"
-        found = f"a load that presses {chain.overlap_m[contact - 1]:g} m deep at contact {contact}"
-        yield key, found, f"overlaps of at most {MAX_OVERLAP:g} of the radius"
+def _tube_contradictions(scene: Scene) -> Iterator[InputProblem]:
+    """What of a three-dimensional scene does not go together."""
+    chain, tube, offset = scene.chain, scene.tube, scene.chain.lateral_offset
+    if not scene.three_dimensional:
+        return
+    if scene.run.accuracy is not None:
+        allowed = "a run.time_step: the exact motion is known of straight chains only"
+        yield "run.accuracy", "an accuracy for beads that move sideways", allowed
+    if tube is None:
+        if offset is not None:
+            yield "chain.lateral_offset", f"{offset:g} m without a tube", "a [tube] to hold the beads"
+        return
+    if chain.count == 0:
+        yield "chain.count", "0 with beads to move sideways", "1 or more"
+        return
+    widest = max([chain.diameter, *(bead.diameter for bead in chain.bead if bead.diameter)])
+    play = (tube.inner_diameter - widest) / 2
+    if play <= 0:
+        yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"more than the beads' {widest:g} m"
+    elif offset is not None and offset > play * (1 + ROUNDED):
+        yield "chain.lateral_offset", f"{offset:g} m", f"at most the play of {play:.4g} m"
+    elif tube.sides is not None and tube.sides < (least := _least_sides(tube.inner_diameter / 2, play)):
+        yield (
+            "tube.sides",
+            str(tube.sides),
+            f"at least {least}: the edges of fewer lie off the bore by more than its play",
+        )
+
+
+def _least_sides(radius_m: float, play_m: float) -> int:
+    """Sides whose edges are off the bore by its play at most: ``R (1 / cos(pi / n) - 1) <= play``."""
+    return ceil(pi / acos(radius_m / (radius_m + play_m)))

@@ -12,9 +12,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from drivers.chain.chain import Array, Chain
-from drivers.chain.mesh_files import write_mesh
+from drivers.chain.mesh import tube_mesh, write_mesh
 from drivers.chain.trace import FORCES, read_bore_forces
-from drivers.chain.tube_mesh import tube_mesh
 from drivers.run.finished import EndedRun
 from drivers.scene.model import Scene
 from postproc.read.motion import chain_of, mean_forces, read_motion, spread

@@ -3,8 +3,7 @@
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
-from drivers.chain.flat_face import sphere_for_face
+from drivers.chain.chain import Array, sphere_for_face
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace
 from validation.accuracy.error_measures import trace_of, verlet_of

@@ -7,8 +7,7 @@ import numpy as np
 
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
-from drivers.chain.flat_face import furthest_m
+from drivers.chain.chain import Array, furthest_m
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, IN_HEIGHTS, IN_OVERLAPS
 from drivers.run.guard import ROUNDINGS

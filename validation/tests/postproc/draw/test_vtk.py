@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from drivers.chain.chain import Array
-from drivers.chain.tube_mesh import tube_mesh
+from drivers.chain.mesh import tube_mesh
 from drivers.run.finished import EndedRun, open_run
 from postproc.draw import vtk
 from postproc.draw.vtk import write_series

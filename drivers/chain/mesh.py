@@ -1,16 +1,21 @@
-"""The bore of a tube as triangles: for decks that take a mesh, and for pictures."""
+"""Meshes: the bore of a tube as triangles, for decks and pictures, and mesh files, by meshio."""
 
+import io
 from math import pi, tan
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+Points = NDArray[np.float64]
+Cells = NDArray[np.int64]
 LEAST_SIDES = 3
 
 
 def tube_mesh(
     inner_radius_m: float, low_m: float, high_m: float, sides: int, rings: int | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[Points, Cells]:
     """The bore as a prism of flat sides about the z axis, open at both ends.
 
     The middle of every side touches the bore from outside: no bead finds less room than in the round bore, and
@@ -51,3 +56,19 @@ def tube_mesh(
     up, up_next = low + sides, low_next + sides
     halves = np.stack([np.stack([low, up_next, low_next], -1), np.stack([low, up, up_next], -1)], axis=2)
     return points, halves.reshape(-1, 3)
+
+
+def write_mesh(path: Path, points: Points, kind: str, cells: Cells, **fields: NDArray[Any]) -> None:
+    """Writes cells of one kind, named as meshio does, in the format of the file's ending; fields are of points."""
+    import meshio
+
+    meshio.write(path, meshio.Mesh(points, [(kind, cells)], point_data=fields))
+
+
+def stl_text(points: Points, triangles: Cells) -> str:
+    """Triangles as the text of an STL file, with all digits of their corners."""
+    import meshio
+
+    buffer = io.StringIO()
+    meshio.write(buffer, meshio.Mesh(points, [("triangle", triangles)]), file_format="stl", binary=False)
+    return buffer.getvalue()
