@@ -2,8 +2,9 @@
 
 import argparse
 import sys
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivers.base.command_line import Parser, must_be_file, must_be_folder, run_main, seconds
 from drivers.base.errors import InputError
@@ -11,6 +12,24 @@ from drivers.base.errors import InputError
 if TYPE_CHECKING:
     from validation.compare.compared_scenes import ComparedScene
     from validation.compare.verdict import Verdict
+
+# what each study is and its options beside --results; validation.studies has the rest
+STUDIES = {
+    "trade": ("errors against cost, for all engines and steps, and what to use", "--budget"),
+    "stability": ("limits of the time step, extremes, long runs, rounding", "--quick", "--runs"),
+    "elements": ("what each modelling element adds and costs, step by step", "--quick", "--runs"),
+}
+OPTIONS: dict[str, dict[str, Any]] = {
+    "--budget": {
+        "type": seconds,
+        "metavar": "S",
+        "dest": "budget_s",
+        "help": "engine time of all runs (default: 300 s)",
+    },
+    "--quick": {"action": "store_true", "help": "the short study: fewer scenes and seeds, no long runs"},
+    "--results": {"type": Path, "metavar": "DIR", "help": "default: results/"},
+    "--runs": {"type": Path, "metavar": "DIR", "help": "where run folders are (default: runs/)"},
+}
 
 
 def main() -> int:
@@ -41,22 +60,11 @@ def _parser() -> Parser:
     claims.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
     claims.set_defaults(action=_claims)
 
-    trade = commands.add_parser("trade", help="errors against cost, for all engines and steps, and what to use")
-    trade.add_argument("--budget", type=seconds, metavar="S", help="engine time of all runs (default: 300 s)")
-    trade.add_argument("--results", type=Path, metavar="DIR", help="default: results/")
-    trade.set_defaults(action=_trade)
-
-    stability = commands.add_parser("stability", help="limits of the time step, extremes, long runs, rounding")
-    stability.add_argument("--quick", action="store_true", help="shipped scenes, sweeps and some extremes only")
-    stability.add_argument("--results", type=Path, metavar="DIR", help="default: results/")
-    stability.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
-    stability.set_defaults(action=_stability)
-
-    elements = commands.add_parser("elements", help="what each modelling element adds and costs, step by step")
-    elements.add_argument("--quick", action="store_true", help="the first scene and few seeds only")
-    elements.add_argument("--results", type=Path, metavar="DIR", help="default: results/")
-    elements.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
-    elements.set_defaults(action=_elements)
+    for name, (summary, *options) in STUDIES.items():
+        study = commands.add_parser(name, help=summary)
+        for option in (*options, "--results"):
+            study.add_argument(option, **OPTIONS[option])
+        study.set_defaults(action=_study, study=name)
 
     independent = commands.add_parser(
         "independent", help="cases beyond the paper, against published numbers and theory"
@@ -66,40 +74,19 @@ def _parser() -> Parser:
     independent.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
     independent.set_defaults(action=_independent)
 
-    bench = commands.add_parser("bench", help="what the integrators and engines cost, as ratios taken in one run")
-    bench.set_defaults(action=_bench)
-
     wave = commands.add_parser("wave", help="constants of the exact solitary wave of the discrete chain")
     wave.set_defaults(action=_wave)
     return parser
 
 
-def _trade(arguments: argparse.Namespace) -> int:
-    from drivers.base import paths
-    from validation.trade.ladder import BUDGET_S
-    from validation.trade.trade_study import trade
+def _study(arguments: argparse.Namespace) -> int:
+    from validation.studies import Options, load_study, run_study
 
-    must_be_folder("--results", arguments.results)
-    trade(arguments.budget or BUDGET_S, arguments.results or paths.RESULTS)
-    return 0
-
-
-def _stability(arguments: argparse.Namespace) -> int:
-    from drivers.base import paths
-    from validation.stability.stability_study import stability
-
-    must_be_folder("--results", arguments.results)
-    must_be_folder("--runs", arguments.runs)
-    return stability(arguments.results or paths.RESULTS, arguments.runs or paths.RUNS, quick=arguments.quick)
-
-
-def _elements(arguments: argparse.Namespace) -> int:
-    from drivers.base import paths
-    from validation.elements.elements_study import elements
-
-    must_be_folder("--results", arguments.results)
-    must_be_folder("--runs", arguments.runs)
-    return elements(arguments.results or paths.RESULTS, arguments.runs or paths.RUNS, quick=arguments.quick)
+    given = {key: value for key, value in vars(arguments).items() if value is not None}
+    for option in ("results", "runs"):
+        must_be_folder(f"--{option}", given.get(option))
+    options = Options(**{field.name: given[field.name] for field in fields(Options) if field.name in given})
+    return run_study(load_study(arguments.study), options)
 
 
 def _independent(arguments: argparse.Namespace) -> int:
@@ -150,15 +137,6 @@ def _claims(arguments: argparse.Namespace) -> int:
     for each in faults:
         print(f"{each.claim.id}: {each.fault}", file=sys.stderr)
     return 1 if faults else 0
-
-
-def _bench(_: argparse.Namespace) -> int:
-    from validation.tests.bench.bench import bench
-    from validation.tests.bench.bench_batch import bench_batch
-
-    bench()
-    bench_batch()
-    return 0
 
 
 def _compare(arguments: argparse.Namespace) -> int:

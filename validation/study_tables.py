@@ -33,10 +33,15 @@ def frame_of(kind: type[Row], rows: Iterable[Row]) -> pd.DataFrame:
 
 
 def write_table(path: Path, kind: type[Row], rows: Iterable[Row]) -> None:
+    """Writes rows, whole or not at all."""
+    write_frame(path, frame_of(kind, rows))
+
+
+def write_frame(path: Path, table: pd.DataFrame) -> None:
     """Writes a table, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as draft:
-        frame_of(kind, rows).to_csv(draft, index=False)
+        table.to_csv(draft, index=False)
 
 
 def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:

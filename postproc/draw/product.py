@@ -31,16 +31,22 @@ class Product:
 
 def write_product(product: Product, name: str, folder: Path) -> list[Path]:
     """Writes ``name.csv``, ``name.png`` and ``name.svg``, each whole or not at all, and what goes beside them."""
-    plt = pyplot()
     folder.mkdir(parents=True, exist_ok=True)
-    written = [folder / f"{name}.{ending}" for ending in ("csv", *METADATA)]
-    with whole_file(written[0]) as draft:
+    table = folder / f"{name}.csv"
+    with whole_file(table) as draft:
         product.table.to_csv(draft, index=False)
-    for path in written[1:]:
-        ending = path.suffix[1:]
-        with whole_file(path) as draft, plt.rc_context({"svg.hashsalt": name}):
-            product.figure.savefig(draft, format=ending, dpi=DPI, bbox_inches="tight", metadata=METADATA[ending])
-    plt.close(product.figure)
+    written = [table, *write_figure(product.figure, name, folder)]
     for ending, other in product.beside.items():
         written += write_product(other, f"{name}-{ending}", folder)
+    return written
+
+
+def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
+    """Writes ``name.png`` and ``name.svg``, each whole or not at all, and closes the figure."""
+    plt = pyplot()
+    written = [folder / f"{name}.{ending}" for ending in METADATA]
+    for path, (ending, metadata) in zip(written, METADATA.items(), strict=True):
+        with whole_file(path) as draft, plt.rc_context({"svg.hashsalt": name}):
+            figure.savefig(draft, format=ending, dpi=DPI, bbox_inches="tight", metadata=metadata)
+    plt.close(figure)
     return written

@@ -1,28 +1,30 @@
 """The codes against each other in the tube: seed by seed until they part, and as distributions over the seeds."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from math import nan
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import ks_2samp
 
-from drivers.run.finished import EndedRun
-from drivers.run.many import run_all_done
-from postproc.read.observables import observe
+from postproc.paper.simulate import Simulation, run_codes
 from postproc.read.residual import residual
-from validation.elements.switch_effects import observables_of
-from validation.elements.switches import Side, Subject, case_on
+from validation.elements.switches import Side, Subject, observables_of, seeded, spread_of
+from validation.studies import progress
 
 PARTED = 1e-2  # of the largest force
-FRICTIONLESS = Side(tube=True, set=("contact.friction=0", "tube.friction=0"))
-TUBES = {"without friction": FRICTIONLESS, "with friction": Side(tube=True)}
+WITHOUT_FRICTION = "without friction"
+TUBES = {
+    WITHOUT_FRICTION: Side(tube=True, set=("contact.friction=0", "tube.friction=0")),
+    "with friction": Side(tube=True),
+}
 
 
 @dataclass(frozen=True)
 class Between:
-    """Two codes on a scene in its tube.
+    """Two codes on a scene in its tube; a single row without seeds, which says why, where there are no two.
 
     Attributes:
         before_wall: largest force difference until the wave reaches the wall, over the largest force; the worst seed.
@@ -35,60 +37,46 @@ class Between:
     friction: str
     codes: str
     seeds: int
-    before_wall: float
-    earliest_parted_s: float
-    median_parted_s: float
-    observable: str
-    first_mean: float
-    first_spread: float
-    second_mean: float
-    second_spread: float
-    same: float
+    before_wall: float = nan
+    earliest_parted_s: float = nan
+    median_parted_s: float = nan
+    observable: str = "not compared: fewer than two codes are installed"
+    first_mean: float = nan
+    first_spread: float = nan
+    second_mean: float = nan
+    second_spread: float = nan
+    same: float = nan
 
 
-def compare_codes(
-    subjects: Iterable[Subject], seeds: int, codes: Sequence[str], runs: Path, say: Callable[[str], None]
-) -> list[Between]:
-    """Both codes on all scenes in their tubes; nothing where there are not two.
+def compare_codes(subjects: Iterable[Subject], seeds: int, codes: Sequence[str], runs: Path) -> Iterator[Between]:
+    """Every two codes on all scenes in their tubes.
 
     Raises:
         RunError: a run failed.
     """
-    found: list[Between] = []
-    if len(codes) != 2:
-        return found
+    if len(codes) < 2:
+        yield Between("any", "any", " ".join(codes), 0)
+        return
     for subject in subjects:
         for friction, side in TUBES.items():
-            say(f"{subject.name} {friction}: {seeds} seeds on {' and '.join(codes)}")
-            cases = [case_on(subject, side, seed) for seed in range(1, seeds + 1)]
-            jobs = [(case, code) for code in codes for case in cases]
-            ended = run_all_done(jobs, runs)
-            first, second = ended[:seeds], ended[seeds:]
-            found += _compared(subject.name, friction, " ".join(codes), observables_of(cases[0]), first, second)
-    return found
+            progress(f"{subject.name} {friction}: {seeds} seeds on {' and '.join(codes)}")
+            cases = seeded(subject, side, seeds)
+            done = run_codes(dict.fromkeys(codes, cases), runs)
+            for one, other in combinations(codes, 2):
+                yield from _compared(subject.name, friction, done[one], done[other])
 
 
-def _compared(
-    scene: str, friction: str, codes: str, names: dict[str, str], first: list[EndedRun], second: list[EndedRun]
-) -> list[Between]:
-    apart = [residual(other.trace, one.trace) for one, other in zip(first, second, strict=True)]
-    values = [[observe(run.layout, run.trace) for run in side] for side in (first, second)]
+def _compared(scene: str, friction: str, first: list[Simulation], second: list[Simulation]) -> Iterator[Between]:
     time = first[0].trace.time_s
-    quiet = [time < each["wall_arrival_s"] for each in values[0]]
-    before = max(float(share[before].max()) for share, before in zip(apart, quiet, strict=True))
+    apart = [residual(other.trace, one.trace) for one, other in zip(first, second, strict=True)]
+    before = max(
+        float(share[time < one.values["wall_arrival_s"]].max()) for share, one in zip(apart, first, strict=True)
+    )
     parted = np.array([time[int(np.argmax(share > PARTED))] if (share > PARTED).any() else np.inf for share in apart])
-    earliest, median = (value if np.isfinite(value) else nan for value in (parted.min(), np.median(parted)))
-    rows = []
-    for word, name in names.items():
-        one, other = (np.array([each[name] for each in side]) for side in values)
-        rows.append(
-            Between(
-                scene, friction, codes, len(first), before, float(earliest), float(median), word, *_spread(one),
-                *_spread(other), float(ks_2samp(one, other).pvalue),
-            )
+    earliest, median = (float(value) if np.isfinite(value) else nan for value in (parted.min(), np.median(parted)))
+    for word, name in observables_of(first[0].case).items():
+        one, other = (np.array([run.values[name] for run in runs]) for runs in (first, second))
+        yield Between(
+            scene, friction, f"{first[0].engine} {second[0].engine}", len(first), before, earliest, median, word,
+            *spread_of(one), *spread_of(other), float(ks_2samp(one, other).pvalue),
         )  # fmt: skip
-    return rows
-
-
-def _spread(values: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> tuple[float, float]:
-    return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else nan

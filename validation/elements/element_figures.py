@@ -1,15 +1,20 @@
-"""Pictures of elements: effect against cost, and what gauges show step by step."""
+"""Figures of elements: effect against cost, and what gauges show step by step."""
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from postproc.draw.style import FAINT, line_of, pyplot
+from validation.elements.elements_sentences import EFFECTS, NUMBERS, Quote
 from validation.elements.oscilloscope import STEPS, Shown
+from validation.studies import Picture, Tables
 
 LEAST = 1e-6  # of a change: what is smaller is drawn there
-NUMBERS = {
+SHAPES = "os^vDPX<>ph*d"
+WATCHED = {
     "sensor peak": ("bead_{upper}_peak_N", 1.0, "N"),
     "speed": ("speed_{upper}_to_{lower}_m_s", 1.0, "m/s"),
     "wall peak": ("wall_peak_N", 1.0, "N"),
@@ -17,14 +22,22 @@ NUMBERS = {
 }
 
 
+def figures(tables: Tables) -> dict[str, Picture]:
+    """Effects against cost, and for each scene what its gauges show, which is drawn when it is measured."""
+    effects, numbers = tables[EFFECTS], tables[NUMBERS]
+    words = "what the gauges show, from the elastic line to the gauge's electronics"
+    return {"elements": Picture("Effect of each element against its cost", partial(draw_effects, effects))} | {
+        f"oscilloscope-{scene}": Picture(f"{scene}: {words}", None, numbers[numbers["scene"] == scene])
+        for scene in effects["scene"].unique()
+    }
+
+
 def draw_effects(effects: pd.DataFrame) -> Any:
     """Largest change of an observable over the scenes against what the element costs, a point for each code."""
-    plt = pyplot()
-    figure, axis = plt.subplots(figsize=(7.0, 4.2))
+    figure, axis = pyplot().subplots(figsize=(7.0, 4.2))
     worst = effects.assign(size=effects["change"].abs()).groupby(["element", "engine"], sort=False)
     table = worst.agg(size=("size", "max"), cost=("cost_ratio", "median")).reset_index()
-    shapes = ["o", "s", "^", "v", "D", "P", "X", "<", ">", "p", "h", "*", "d"]
-    for shape, (element, rows) in zip(shapes * 2, table.groupby("element", sort=False), strict=False):
+    for shape, (element, rows) in zip(SHAPES * 2, table.groupby("element", sort=False), strict=False):
         for _, row in rows.iterrows():
             colour = line_of(row["engine"]).colour
             axis.plot(max(row["size"], LEAST), row["cost"], shape, ms=6, mfc="none", mec=colour, mew=1.2)
@@ -40,13 +53,12 @@ def draw_effects(effects: pd.DataFrame) -> Any:
     return figure
 
 
-def draw_oscilloscope(shown: list[Shown], quoted: dict[str, tuple[float, str]]) -> Any:
+def draw_oscilloscope(shown: Sequence[Shown], quotes: Sequence[Quote]) -> Any:
     """One scene: its gauges against time for all steps, and beside them their numbers with what the paper quotes."""
     plt = pyplot()
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.8, len(STEPS)))
     gauges = list(shown[0].signals)
-    numbers = [(word, *_values(shown, word, gauges)) for word in NUMBERS]
-    numbers = [each for each in numbers if np.isfinite(each[1]).any()]
+    numbers = _numbers(shown, *(gauge.removeprefix("bead_") for gauge in gauges[:2]))
     figure = plt.figure(figsize=(7.2, 1.55 * len(gauges) + 0.6), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(3, 2))
     axes = np.atleast_1d(left.subplots(len(gauges), 1, sharex=True))
@@ -59,29 +71,35 @@ def draw_oscilloscope(shown: list[Shown], quoted: dict[str, tuple[float, str]]) 
         axis.set_ylabel(f"{gauge.replace('_', ' ')}, N")
     axes[-1].set_xlabel("time, µs")
     panels = np.atleast_1d(right.subplots(len(numbers), 1, sharex=True))
-    for axis, (word, mean, spread, unit) in zip(panels, numbers, strict=True):
-        place = np.arange(len(shown))
-        for colour, x, y, dy in zip(colours, place, mean, spread, strict=True):
-            axis.errorbar(x, y, yerr=dy, fmt="o", ms=4, color=colour, capsize=2)
-        if word in quoted:
-            value, words = quoted[word]
-            axis.axhline(value, color=FAINT, lw=0.8, ls="--")
-            axis.annotate(
-                words, (0.02, value), xycoords=("axes fraction", "data"), fontsize=6, va="bottom", color=FAINT
+    for axis, (name, (label, values)) in zip(panels, numbers.items(), strict=True):
+        for place, (colour, each) in enumerate(zip(colours, values, strict=True)):
+            axis.errorbar(place, each.mean(), yerr=each.std(), fmt="o", ms=4, color=colour, capsize=2)
+        for quote in (quote for quote in quotes if (quote.scene, quote.observable) == (shown[0].scene, name)):
+            axis.axhline(quote.value, color=FAINT, lw=0.8, ls="--")
+            axis.text(
+                0.02,
+                quote.value,
+                quote.label,
+                transform=axis.get_yaxis_transform(),
+                fontsize=6,
+                color=FAINT,
+                va="bottom",
             )
-        axis.set_ylabel(f"{word}\n{unit}")
+        axis.set_ylabel(label)
         axis.margins(x=0.15, y=0.25)
     panels[-1].set_xticks(range(len(shown)), [each.step for each in shown], rotation=35, ha="right", fontsize=7)
-    for colour, label in zip(colours, panels[-1].get_xticklabels(), strict=True):
-        label.set_color(0.55 * colour[:3])  # words need more contrast than lines
-        label.set_fontweight("bold")
+    for colour, tick in zip(colours, panels[-1].get_xticklabels(), strict=True):
+        tick.set_color(0.55 * colour[:3])  # words need more contrast than lines
+        tick.set_fontweight("bold")
     return figure
 
 
-def _values(shown: list[Shown], word: str, gauges: list[str]) -> tuple[Any, Any, str]:
-    """Means and standard deviations of a number, step by step, and its unit."""
-    pattern, scale, unit = NUMBERS[word]
-    upper, lower = (gauge.removeprefix("bead_") for gauge in gauges[:2])
-    name = pattern.format(upper=upper, lower=lower)
-    values = [scale * each.values[name] for each in shown]
-    return np.array([each.mean() for each in values]), np.array([each.std() for each in values]), unit
+def _numbers(shown: Sequence[Shown], upper: str, lower: str) -> dict[str, tuple[str, list[Any]]]:
+    """Label and values over the seeds, step by step, of the observables that are watched and seen."""
+    found = {}
+    for words, (pattern, scale, unit) in WATCHED.items():
+        name = pattern.format(upper=upper, lower=lower)
+        values = [scale * each.values[name] for each in shown]
+        if any(np.isfinite(each.mean()) for each in values):
+            found[name] = (f"{words}\n{unit}", values)
+    return found

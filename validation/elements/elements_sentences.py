@@ -1,58 +1,84 @@
-"""What the tables of elements say, in sentences, and where the rule does not hold."""
+"""Sentences of the study of elements, and where its rule does not hold, computed from its tables."""
 
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
 from drivers.base.tolerances import tolerance
-from postproc.paper.quoted import Quoted
+from postproc.paper.quoted import quoted
+from validation.elements.between import WITHOUT_FRICTION
 from validation.elements.oscilloscope import STEPS
+from validation.studies import Tables
 
-TABLES = {
-    "effects": "elements.csv",
-    "nothing": "elements-nothing.csv",
-    "accuracies": "elements-accuracies.csv",
-    "between": "elements-between.csv",
-    "steps": "oscilloscope.csv",
-    "ranges": "oscilloscope-ranges.csv",
-}
-WITHOUT_FRICTION = "without friction"
+EFFECTS, NOTHING, ACCURACIES = "elements", "elements-nothing", "elements-accuracies"
+BETWEEN, NUMBERS, RANGES = "elements-between", "oscilloscope", "oscilloscope-ranges"
 ROUNDING = 1e-6  # of a mean: where a spread is none
-ORDINARY = next(iter(STEPS))
+ELASTIC, *ADDED = STEPS
 
 
-def read_tables(results: Path) -> dict[str, pd.DataFrame]:
-    """All tables that are there."""
-    return {name: pd.read_csv(results / file) for name, file in TABLES.items() if (results / file).exists()}
+@dataclass(frozen=True)
+class Quote:
+    """A number that the paper quotes from its experiment on a scene.
+
+    Attributes:
+        value: in ``unit``, which is ``scale`` times that of the observable.
+        about: what its label in figures says before it.
+    """
+
+    scene: str
+    observable: str
+    words: str
+    unit: str
+    scale: float
+    value: float
+    about: str = ""
+
+    @property
+    def label(self) -> str:
+        """What stands beside it in a figure."""
+        return f"experiment: {self.about}{self.value:g} {self.unit}"
 
 
-def quoted_of(quoted: Quoted, scene: str) -> dict[str, tuple[float, str]]:
-    """What the paper quotes from its experiment on a scene, by the number it is drawn beside."""
-    if scene == "fig4":
-        return {
-            "sensor peak": (quoted.fig4.leading_force_N, "experiment: about 2 N"),
-            "speed": (quoted.fig4.speed_m_s, f"experiment: {quoted.fig4.speed_m_s:g} m/s"),
-        }
-    if scene == "fig5":
-        value = quoted.fig5.measured_envelope_per_us
-        return {"wall envelope": (value, f"experiment: {value:g} per µs")}
-    return {}
-
-
-def sentences(tables: dict[str, pd.DataFrame]) -> list[str]:
-    """What was found, each with its numbers; the effects themselves are a table."""
+def quotes() -> list[Quote]:
+    """What the paper quotes of the scenes that are watched."""
+    told = quoted()
+    envelope = told.fig5.measured_envelope_per_us
     return [
-        *_rule(tables["nothing"], tables["accuracies"]),
-        *_between(tables["between"]),
-        *_gaps(tables["steps"], tables["ranges"]),
+        Quote("fig4", "bead_9_peak_N", "leading force", "N", 1.0, told.fig4.leading_force_N, "about "),
+        Quote("fig4", "speed_9_to_5_m_s", "speed", "m/s", 1.0, told.fig4.speed_m_s),
+        Quote("fig5", "wall_envelope_per_s", "wall envelope", "per µs", 1e-6, envelope),
     ]
 
 
-def _rule(nothing: pd.DataFrame, accuracies: pd.DataFrame) -> list[str]:
+def sentences(tables: Tables) -> list[str]:
+    """What was found, each with its numbers; the effects themselves are a table."""
+    rule = _on_rule(tables[NOTHING], tables[ACCURACIES])
+    gaps = [line for quote in quotes() for line in _on_gap(quote, tables[NUMBERS], tables[RANGES])]
+    return [*rule, *_on_codes(tables[BETWEEN]), *gaps]
+
+
+def missed(tables: Tables) -> list[str]:
+    """Where the rule does not hold, or the codes differ where they must not."""
+    limit, codes = tolerance("elements", "nothing").limit, tolerance("elements", "codes").limit
+    nothing, accuracies, between = tables[NOTHING], tables[ACCURACIES], tables[BETWEEN]
+    without_friction = between[between["friction"] == WITHOUT_FRICTION].drop_duplicates(["scene", "codes"])
+    return [
+        *(f"{row['scene']} on {row['engine']}: what is always left out changes forces by {row['change']:.2g}, allowed"
+          f" {limit:g}" for _, row in nothing[~(nothing["change"] <= limit)].iterrows()),
+        *(f"accuracy {row['accuracy']} on {row['engine']}: {row['quantity']} is off by {row['error']:.2g}, asked were"
+          f" {row['asked']:g}" for _, row in accuracies[~(accuracies["error"] <= accuracies["asked"])].iterrows()),
+        *(f"{row['scene']} in its tube without friction: {row['codes'].replace(' ', ' and ')} differ by"
+          f" {row['before_wall']:.2g} before the wave reaches the wall, allowed {codes:g}"
+          for _, row in without_friction[~(without_friction["before_wall"] <= codes)].iterrows()),
+    ]  # fmt: skip
+
+
+def _on_rule(nothing: pd.DataFrame, accuracies: pd.DataFrame) -> list[str]:
     equal = int((nothing["change"] == 0).sum())
     kept = accuracies[accuracies["error"] <= accuracies["asked"]]
-    most = accuracies["left_out"].fillna("").map(lambda names: len(names.split(", ")) if names else 0).max()
+    most = accuracies["left_out"].map(lambda names: len(names.split(", ")) if names else 0).max()
     return [
         "What is always left out of straight chains changes nothing: beads free to move, turn and rub change forces by"
         f" {nothing['change'].max():.1e} of the largest at most; of {len(nothing)} runs {equal} are equal bit for bit.",
@@ -60,24 +86,12 @@ def _rule(nothing: pd.DataFrame, accuracies: pd.DataFrame) -> list[str]:
     ]
 
 
-def effects_of(effects: pd.DataFrame) -> list[str]:
-    """Each element's change of the wall's peak on the first scene, and its cost, code by code."""
-    found = []
-    first = effects["scene"].iloc[0]
-    for engine, own in effects[effects["scene"] == first].groupby("engine", sort=False):
-        found.append(f"{first} on {engine}: wall peak, nanoseconds per body and step, and their ratio")
-        for element, rows in own.groupby("element", sort=False):
-            wall = rows[rows["observable"] == "wall peak"].iloc[0]
-            spread = f" ± {100 * wall['spread']:.1g}" if wall["spread"] > ROUNDING else ""
-            change = f"{100 * wall['change']:+.3g}{spread} %"
-            found.append(f"  {element:<22} {change:>16} {wall['cost_ns']:8.3g} ns {wall['cost_ratio']:6.2f}")
-    return found
-
-
-def _between(between: pd.DataFrame) -> list[str]:
-    found = []
-    for (scene, friction), rows in between.groupby(["scene", "friction"], sort=False):
+def _on_codes(between: pd.DataFrame) -> Iterator[str]:
+    for (scene, friction, codes), rows in between.groupby(["scene", "friction", "codes"], sort=False):
         row = rows.iloc[0]
+        if not row["seeds"]:
+            yield f"Codes in the tube against each other: {row['observable']}."
+            continue
         parted = "they never differ by a per cent"
         if pd.notna(row["earliest_parted_s"]):
             median = f"{row['median_parted_s'] * 1e6:.0f} µs" if pd.notna(row["median_parted_s"]) else "never"
@@ -87,11 +101,33 @@ def _between(between: pd.DataFrame) -> list[str]:
         alike = f"equal distributions: p = {wall['same']:.2g}"
         if max(wall["first_spread"], wall["second_spread"]) < ROUNDING * wall["first_mean"]:  # seeds change nothing
             alike = f"the same for every seed, {wall['second_mean'] / wall['first_mean'] - 1:+.1e} apart"
-        found.append(
-            f"{scene} {friction}, {row['codes']}, {row['seeds']} seeds: until the wave reaches the wall they differ by"
+        yield (
+            f"{scene} {friction}, {codes}, {row['seeds']} seeds: until the wave reaches the wall they differ by"
             f" at most {row['before_wall']:.1e}; {parted}. Wall peak {first} and {second} N ({alike})."
         )
-    return found
+
+
+def _on_gap(quote: Quote, numbers: pd.DataFrame, ranges: pd.DataFrame) -> Iterator[str]:
+    """How much of the gap between the elastic line and the experiment each step explains."""
+    own, varied = (
+        table[(table["scene"] == quote.scene) & (table["observable"] == quote.observable)]
+        for table in (numbers, ranges)
+    )
+    steps = own.set_index("step")
+    if ELASTIC not in steps.index:
+        return
+    mean, spread = quote.scale * steps["mean"], quote.scale * steps["spread"]
+    elastic = mean[ELASTIC]
+    shares = (mean - elastic) / (quote.value - elastic)
+    parts = [f"{step} {_pm(mean[step], spread[step])} ({_percent(shares[step])})" for step in ADDED]
+    yield (
+        f"{quote.scene}, {quote.words}: elastic line {elastic:.4g} {quote.unit}, experiment {quote.value:g}; of the"
+        f" gap, step by step and all before it included: {', '.join(parts)}."
+    )
+    for name, rows in varied.groupby("step", sort=False):
+        shares = (quote.scale * rows["mean"] - elastic) / (quote.value - elastic)
+        values = ", ".join(f"{value}: {_percent(share)}" for value, share in zip(rows["value"], shares, strict=True))
+        yield f"{quote.scene}, {quote.words}: share of the gap for a {name} of {values}."
 
 
 def _pm(mean: float, spread: float) -> str:
@@ -100,71 +136,3 @@ def _pm(mean: float, spread: float) -> str:
 
 def _percent(share: float) -> str:
     return f"{100 * share:.0f} %" if np.isfinite(share) else "not seen"
-
-
-def _gaps(steps: pd.DataFrame, ranges: pd.DataFrame) -> list[str]:
-    """How much of the gap between the elastic line and the experiment each step explains."""
-    from postproc.paper.quoted import quoted
-
-    found, told = [], quoted()
-    wanted = {
-        "fig4": {"bead_9_peak_N": (1.0, "leading force", "N"), "speed_9_to_5_m_s": (1.0, "speed", "m/s")},
-        "fig5": {"wall_envelope_per_s": (1e-6, "wall envelope", "per µs")},
-    }
-    targets = {
-        "bead_9_peak_N": told.fig4.leading_force_N,
-        "speed_9_to_5_m_s": told.fig4.speed_m_s,
-        "wall_envelope_per_s": told.fig5.measured_envelope_per_us,
-    }
-    for scene, names in wanted.items():
-        for name, (scale, words, unit) in names.items():
-            own = steps[(steps["scene"] == scene) & (steps["observable"] == name)].set_index("step")
-            if ORDINARY not in own.index:
-                continue
-            means, spreads = (own[column].astype(float).to_dict() for column in ("mean", "spread"))
-            elastic, target = scale * float(means[ORDINARY]), targets[name]
-            parts = []
-            for step in list(STEPS)[1:]:
-                mean, spread = scale * float(means[step]), scale * float(spreads[step])
-                share = (mean - elastic) / (target - elastic)
-                parts.append(f"{step} {_pm(mean, spread)} ({_percent(share)})")
-            found.append(
-                f"{scene}, {words}: elastic line {elastic:.4g} {unit}, experiment {target:g}; of the gap, step by step"
-                f" and all before it included: {', '.join(parts)}."
-            )
-            found += _ranges(ranges, scene, name, scale, words, elastic, target)
-    return found
-
-
-def _ranges(
-    ranges: pd.DataFrame, scene: str, name: str, scale: float, words: str, elastic: float, target: float
-) -> list[str]:
-    found = []
-    own = ranges[(ranges["scene"] == scene) & (ranges["observable"] == name)]
-    for step, rows in own.groupby("step", sort=False):
-        shares = (scale * rows["mean"] - elastic) / (target - elastic)
-        values = ", ".join(f"{value:g}: {_percent(share)}" for value, share in zip(rows["value"], shares, strict=True))
-        found.append(f"{scene}, {words}: share of the gap for a {step} of {values}.")
-    return found
-
-
-def missed(tables: dict[str, pd.DataFrame]) -> list[str]:
-    """Where the rule does not hold, or the codes differ where they must not."""
-    limit, codes = tolerance("elements", "nothing").limit, tolerance("elements", "codes").limit
-    nothing, accuracies = tables["nothing"], tables["accuracies"]
-    between = tables["between"]
-    apart = (
-        pd.DataFrame()
-        if between.empty
-        else between[(between["friction"] == WITHOUT_FRICTION) & ~(between["before_wall"] <= codes)].drop_duplicates(
-            "scene"
-        )
-    )
-    return [
-        *(f"{row['scene']} on {row['engine']}: what is always left out changes forces by {row['change']:.2g}, allowed"
-          f" {limit:g}" for _, row in nothing[~(nothing["change"] <= limit)].iterrows()),
-        *(f"accuracy {row['accuracy']} on {row['engine']}: {row['quantity']} is off by {row['error']:.2g}, asked were"
-          f" {row['asked']:g}" for _, row in accuracies[~(accuracies["error"] <= accuracies["asked"])].iterrows()),
-        *(f"{row['scene']} in its tube without friction: the codes differ by {row['before_wall']:.2g} before the wave"
-          f" reaches the wall, allowed {codes:g}" for _, row in apart.iterrows()),
-    ]  # fmt: skip

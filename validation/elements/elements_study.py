@@ -1,96 +1,107 @@
-"""``python -m validation elements``: switches elements, checks the rule, and writes tables and figures."""
+"""The study of elements: what each adds and costs, whether the rule that leaves them out holds, and the experiment."""
 
-import sys
-from collections.abc import Sequence
-from dataclasses import asdict
-from pathlib import Path
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pandas as pd
 
-from drivers.base import paths
-from drivers.base.errors import RunError
-from drivers.base.files import whole_file
-from drivers.engines import installed_codes, missing_codes
-from postproc.draw.product import Product, write_product
-from postproc.paper.quoted import quoted
-from validation.elements import between, oscilloscope
-from validation.elements import rule_checks as rule
-from validation.elements import switch_effects as measure
-from validation.elements.element_figures import draw_effects, draw_oscilloscope
-from validation.elements.elements_sentences import TABLES, effects_of, missed, quoted_of, read_tables, sentences
+from drivers.engines import installed_codes
+from postproc.paper.simulate import case_of
+from validation.accuracy.costs import cost_on
+from validation.elements.between import Between, compare_codes
+from validation.elements.element_figures import draw_oscilloscope, figures
+from validation.elements.elements_sentences import (
+    ACCURACIES,
+    BETWEEN,
+    EFFECTS,
+    NOTHING,
+    NUMBERS,
+    RANGES,
+    missed,
+    quotes,
+    sentences,
+)
+from validation.elements.oscilloscope import Number, Shown, add_steps, vary
+from validation.elements.rule_checks import Asked, Nothing, accuracies_kept, nothing_changes
+from validation.elements.switch_effects import Effect, measure_effects
 from validation.elements.switches import pairs_of, read_elements
+from validation.studies import Measured, Options, Study, Tables
 
 REPEATS = 3  # runs from which a cost is the least
-CHEAPEST = "liggghts"  # for what needs many seeds
+VERLET = "verlet"  # where no code is installed
 
 
-def elements(results: Path, runs: Path, *, quick: bool = False) -> int:
-    """Runs everything; the exit code is 1 where the rule does not hold.
-
-    ``quick`` takes few seeds, and only the first scene where all are switched.
+def measure(options: Options) -> Measured:
+    """All of it; the short study takes few seeds, and only the first scene where all are switched.
 
     Raises:
-        RunError: no code is installed, or a run failed.
+        RunError: a run failed.
     """
+    asked, runs = read_elements(), options.runs
+    seeds = asked.quick_seeds if options.quick else asked.seeds
+    scenes = asked.scene[:1] if options.quick else asked.scene
     codes = installed_codes()
-    if not codes:
-        raise RunError(f"no code is installed that beads move sideways in: {', '.join(missing_codes())}")
-    asked = read_elements()
-    seeds = asked.quick_seeds if quick else asked.seeds
-    if quick:
-        asked = asked.model_copy(update={"scene": asked.scene[:1]})
-    code = CHEAPEST if CHEAPEST in codes else codes[0]
-    tables: dict[str, Sequence[Any]] = {
-        "effects": measure.measure(pairs_of(asked, seeds), codes, 1 if quick else REPEATS, runs, _say),
-        "nothing": rule.nothing_changes(asked.scene, codes, runs),
-        "accuracies": rule.accuracies_kept(asked.scene[0].name, codes, runs),
-        "between": between.compare_codes(asked.scene, seeds, codes, runs, _say),
+    engines = codes or [VERLET]
+    tube = case_of(f"{scenes[0].name}-tube")
+    fastest = min(engines, key=lambda name: cost_on(name).run_s(tube))
+    pairs = pairs_of(asked.model_copy(update={"scene": scenes}), seeds)
+    rows: dict[str, Sequence[Any]] = {
+        EFFECTS: list(measure_effects(pairs, engines, 1 if options.quick else REPEATS, runs)),
+        NOTHING: nothing_changes(scenes, engines, runs),
+        ACCURACIES: accuracies_kept(scenes[0].name, engines, runs),
+        BETWEEN: list(compare_codes(scenes, seeds, codes, runs)),
     }
-    shown = oscilloscope.watch(asked.scene, seeds, code, runs, _say)
-    varied = oscilloscope.vary(asked.scene[:2], seeds, code, runs, _say)
-    tables["steps"] = [line for each in shown for line in _lines(each.scene, each.step, "", each)]
-    tables["ranges"] = [line for name, value, each in varied for line in _lines(each.scene, name, f"{value:g}", each)]
-    write_tables(tables, results)
-    read = read_tables(results)
-    write_product(Product(draw_effects(read["effects"]), read["effects"]), "elements", results)
-    told = quoted()
-    for subject in asked.scene:
-        own = [each for each in shown if each.scene == subject.name]
-        numbers = read["steps"][read["steps"]["scene"] == subject.name]
-        product = Product(draw_oscilloscope(own, quoted_of(told, subject.name)), numbers)
-        write_product(product, f"oscilloscope-{subject.name}", results)
-    for line in (*effects_of(read["effects"]), *sentences(read)):
-        print(line)
-    print(f"{paths.shown(results / TABLES['effects'])}: {len(asked.element)} elements on {len(asked.scene)} scenes")
-    complaints = missed(read)
-    for complaint in complaints:
-        print(complaint, file=sys.stderr)
-    return 1 if complaints else 0
+    steps = list(add_steps(scenes, seeds, fastest, runs))
+    rows |= {NUMBERS: _numbers(steps), RANGES: _numbers(vary(scenes[:2], seeds, fastest, runs))}
+    by_scene = {scene.name: [each for each in steps if each.scene == scene.name] for scene in scenes}
+    drawn = {f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in by_scene.items()}
+    return Measured(rows, drawn)
 
 
-def write_tables(tables: dict[str, Sequence[Any]], results: Path) -> None:
-    """Writes each table whole."""
-    results.mkdir(parents=True, exist_ok=True)
-    for name, rows in tables.items():
-        with whole_file(results / TABLES[name]) as draft:
-            pd.DataFrame([row if isinstance(row, dict) else asdict(row) for row in rows]).to_csv(draft, index=False)
+def _numbers(shown: Iterable[Shown]) -> list[Number]:
+    return [number for each in shown for number in each.numbers]
 
 
-def _lines(scene: str, step: str, value: str, shown: oscilloscope.Shown) -> list[dict[str, Any]]:
-    return [
-        {
-            "scene": scene,
-            "step": step,
-            "value": value,
-            "observable": name,
-            "mean": float(values.mean()),
-            "spread": float(values.std(ddof=1)) if len(values) > 1 else float("nan"),
-            "seeds": len(values),
-        }
-        for name, values in shown.values.items()
-    ]
+def section(tables: Tables) -> dict[str, Any]:
+    """Effects by scene, and whether it is the short study."""
+    effects = tables[EFFECTS]
+    names = list(effects["observable"].unique())
+    return {
+        "short": not {scene.name for scene in read_elements().scene} <= set(effects["scene"]),
+        "observables": names,
+        "effects": {scene: _rows(own, names) for scene, own in effects.groupby("scene", sort=False)},
+    }
 
 
-def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
+def _rows(effects: pd.DataFrame, names: list[str]) -> list[dict[str, Any]]:
+    rows = []
+    for (element, engine), own in effects.groupby(["element", "engine"], sort=False):
+        by_name = own.set_index("observable").reindex(names)
+        cells = [_cell(change, spread) for change, spread in zip(by_name["change"], by_name["spread"], strict=True)]
+        cost, ratio = f"{own['cost_ns'].iloc[0]:.3g}", f"{own['cost_ratio'].iloc[0]:.2f}"
+        rows.append({"element": element, "engine": engine, "cells": cells, "cost": cost, "ratio": ratio})
+    return rows
+
+
+def _cell(change: float, spread: float) -> str:
+    if pd.isna(change):
+        return "–"
+    return f"{100 * change:+.3g}" + (f" ± {100 * spread:.1g}" if pd.notna(spread) else "")
+
+
+STUDY = Study(
+    name="elements",
+    tables={
+        EFFECTS: Effect,
+        NOTHING: Nothing,
+        ACCURACIES: Asked,
+        BETWEEN: Between,
+        NUMBERS: Number,
+        RANGES: Number,
+    },
+    measure=measure,
+    sentences=sentences,
+    figures=figures,
+    section=section,
+    missed=missed,
+)

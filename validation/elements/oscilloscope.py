@@ -1,6 +1,6 @@
 """What the experiment would have shown: from the elastic line to tube, friction, restitution and gauge."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,10 +8,10 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.run.many import run_all_done
-from postproc.read.observables import observe
+from postproc.paper.simulate import run_codes
 from postproc.read.sensors import sensor_signals
-from validation.elements.switches import Side, Subject, case_on
+from validation.elements.switches import Side, Subject, seeded, spread_of
+from validation.studies import progress
 
 FRICTIONLESS = ("contact.friction=0", "tube.friction=0")
 RESTITUTION = "contact.restitution=0.9"
@@ -32,8 +32,21 @@ RANGES = {
 
 
 @dataclass(frozen=True)
+class Number:
+    """One observable after one step, or at one value of a parameter: mean and spread over the seeds."""
+
+    scene: str
+    step: str
+    value: str
+    observable: str
+    mean: float
+    spread: float
+    seeds: int
+
+
+@dataclass(frozen=True)
 class Shown:
-    """What gauges show after one step, over the seeds.
+    """What gauges show after one step, or at one value of a parameter, over the seeds.
 
     Attributes:
         signals: by gauge, shape (seeds, samples).
@@ -42,48 +55,39 @@ class Shown:
 
     scene: str
     step: str
+    value: str
     time_s: Array
     signals: dict[str, Array]
     values: dict[str, Array]
 
+    @property
+    def numbers(self) -> Iterator[Number]:
+        """Its observables as rows."""
+        for name, values in self.values.items():
+            yield Number(self.scene, self.step, self.value, name, *spread_of(values), len(values))
 
-def watch(subjects: Iterable[Subject], seeds: int, engine: str, runs: Path, say: Callable[[str], None]) -> list[Shown]:
+
+def add_steps(subjects: Iterable[Subject], seeds: int, engine: str, runs: Path) -> Iterator[Shown]:
     """All steps of all scenes on one code."""
-    found = []
     for subject in subjects:
-        say(f"{subject.name}: {len(STEPS)} steps of {seeds} seeds on {engine}")
+        progress(f"{subject.name}: {len(STEPS)} steps of {seeds} seeds on {engine}")
         for step, side in STEPS.items():
-            count = seeds if side.tube else 1
-            cases = [case_on(subject, side, seed) for seed in range(1, count + 1)]
-            found.append(_shown(subject.name, step, cases, engine, runs))
-    return found
+            yield _shown(subject.name, step, "", seeded(subject, side, seeds if side.tube else 1), engine, runs)
 
 
-def vary(
-    subjects: Iterable[Subject], seeds: int, engine: str, runs: Path, say: Callable[[str], None]
-) -> list[tuple[str, float, Shown]]:
-    """One parameter at a time over its range: its name, its value, and what gauges show."""
-    found = []
+def vary(subjects: Iterable[Subject], seeds: int, engine: str, runs: Path) -> Iterator[Shown]:
+    """One parameter at a time over its range."""
     for subject in subjects:
         for name, (step, settings, values) in RANGES.items():
-            say(f"{subject.name}: {name} from {values[0]:g} to {values[-1]:g}")
+            progress(f"{subject.name}: {name} from {values[0]:g} to {values[-1]:g}")
             for value in values:
-                more = tuple(setting.format(value) for setting in settings)
-                cases = [case_on(subject, STEPS[step], seed, *more) for seed in range(1, seeds + 1)]
-                found.append((name, value, _shown(subject.name, name, cases, engine, runs)))
-    return found
+                cases = seeded(subject, STEPS[step], seeds, *(setting.format(value) for setting in settings))
+                yield _shown(subject.name, name, f"{value:g}", cases, engine, runs)
 
 
-def _shown(scene: str, step: str, cases: list[Case], engine: str, runs: Path) -> Shown:
-    traces, values = [], []
-    for case, ended in zip(cases, run_all_done([(case, engine) for case in cases], runs), strict=True):
-        traces.append(sensor_signals(case.layout, ended.trace))
-        values.append(observe(case.layout, ended.trace))
-    signals = {name: np.array([each[name] for each in traces]) for name in traces[0]}
-    return Shown(
-        scene,
-        step,
-        cases[0].sample_times_s,
-        signals,
-        {name: np.array([each[name] for each in values]) for name in values[0]},
-    )
+def _shown(scene: str, step: str, value: str, cases: list[Case], engine: str, runs: Path) -> Shown:
+    done = run_codes({engine: cases}, runs)[engine]
+    shown = [sensor_signals(case.layout, run.trace) for case, run in zip(cases, done, strict=True)]
+    signals = {name: np.array([each[name] for each in shown]) for name in shown[0]}
+    values = {name: np.array([run.values[name] for run in done]) for name in done[0].values}
+    return Shown(scene, step, value, cases[0].sample_times_s, signals, values)

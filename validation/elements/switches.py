@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cache
+from math import nan
 
 from pydantic import Field
 
 from drivers.base import paths
 from drivers.base.messages import validate
 from drivers.chain.case import Case
+from drivers.chain.chain import Array
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.simulate import case_of
@@ -49,7 +51,7 @@ class Elements(Part):
     element: tuple[Element, ...] = Field(strict=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pair:
     """The two sides of a switch, for one seed."""
 
@@ -58,6 +60,11 @@ class Pair:
     seed: int
     without: Case
     with_: Case
+
+    @property
+    def cases(self) -> tuple[Case, Case]:
+        """Both sides."""
+        return self.without, self.with_
 
 
 def read_elements() -> Elements:
@@ -88,3 +95,25 @@ def case_on(subject: Subject, side: Side, seed: int, *more: str) -> Case:
     settings = [setting.replace(f"={SCATTER}", f"={subject.scatter}") for setting in side.set]
     source = f"{subject.name}-tube" if side.tube else subject.name
     return case_of(source, f"chain.sensors={subject.gauges}", f"seed={seed}", *settings, *more)
+
+
+def seeded(subject: Subject, side: Side, seeds: int, *more: str) -> list[Case]:
+    """One side of a switch for the seeds from 1 on."""
+    return [case_on(subject, side, seed, *more) for seed in range(1, seeds + 1)]
+
+
+def observables_of(case: Case) -> dict[str, str]:
+    """What is looked at, by a word for it: speed, peak and width at the gauges, peak and arrival at the wall."""
+    upper, lower = (sensor.from_wall for sensor in case.layout.sensors)
+    return {
+        "speed": f"speed_{upper}_to_{lower}_m_s",
+        "sensor peak": f"bead_{upper}_peak_N",
+        "wall peak": "wall_peak_N",
+        "width": f"bead_{lower}_width_4pct_diameters",
+        "arrival": "wall_arrival_s",
+    }
+
+
+def spread_of(values: Array) -> tuple[float, float]:
+    """Mean and standard deviation over the seeds; that of a single one is NaN."""
+    return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else nan

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from drivers.engines import in_order
 from validation.claims.claims_section import read_section as read_claims
 from validation.compare.compared_scenes import ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
-from validation.elements.elements_section import read_section as read_elements
 from validation.independent.independent_section import read_section as read_independent
 from validation.independent.independent_table import read_verdicts
 from validation.report.machine_readable import as_json, as_junit
@@ -26,8 +26,7 @@ from validation.report.page_figures import read_figures, read_table1
 from validation.report.scene_section import section_of
 from validation.report.spacetime_raster import PLACES
 from validation.report.verdict_table import case_rows, counted, scene_row, short, tolerances, with_reasons
-from validation.stability.stability_section import read_section as read_stability
-from validation.trade.trade_section import read_section as read_trade
+from validation.studies import read_section
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 AGAIN = "make report"
@@ -57,9 +56,9 @@ SECTIONS = {
     "table1": Section("Table 1", "Table 1 of the paper", "table1.csv", read_table1),
     "claims": Section("Claims", "The paper's statements, computed", paths.CLAIMS_TABLE, read_claims),
     "figures": Section("Figures", "The paper's figures, computed", "", read_figures),
-    "trade": Section("Cost of accuracy", "What accuracy costs", "trade.csv", read_trade),
-    "stability": Section("Stability", "Where it breaks", "stability.csv", read_stability),
-    "elements": Section("Elements", "What each element adds", "elements.csv", read_elements),
+    "trade": Section("Cost of accuracy", "What accuracy costs", "trade.csv", partial(read_section, "trade")),
+    "stability": Section("Stability", "Where it breaks", "stability.csv", partial(read_section, "stability")),
+    "elements": Section("Elements", "What each element adds", "elements.csv", partial(read_section, "elements")),
 }  # fmt: skip
 
 

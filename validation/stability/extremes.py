@@ -1,7 +1,6 @@
 """Scenes at the edge, through scene files and all engines: verdicts, errors, and when a run leaves the reference."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
@@ -24,6 +23,7 @@ from postproc.read.residual import residual
 from validation.accuracy.assess import assess
 from validation.accuracy.plan import planned_case
 from validation.accuracy.rounding import HORIZON
+from validation.studies import progress
 
 VERLET = "verlet"
 LEFT = 1e-2  # of the largest force: a run that is further from the reference has left it
@@ -88,14 +88,14 @@ def extremes(*, quick: bool = False) -> list[Extreme]:
     return [each for each in file.extreme if each.quick or not quick]
 
 
-def run_all(some: list[Extreme], runs: Path, say: Callable[[str], object] = print) -> list[Outcome]:
+def run_all(some: list[Extreme], runs: Path) -> list[Outcome]:
     """Outcomes of extremes on every engine; what is done is not run again."""
     outcomes = []
     for extreme in some:
         began = time.perf_counter()
         outcomes += run_extreme(extreme, runs)
         verdicts = ", ".join(f"{each.engine} {each.verdict}" for each in outcomes if each.name == extreme.name)
-        say(f"{extreme.name}: {verdicts} ({time.perf_counter() - began:.1f} s)")
+        progress(f"{extreme.name}: {verdicts} ({time.perf_counter() - began:.1f} s)")
     return outcomes
 
 

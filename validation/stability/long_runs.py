@@ -1,12 +1,10 @@
 """Ten million steps, and the time after which engines can be compared in their statistics only."""
 
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
 from math import nan
-from pathlib import Path
 
 import numpy as np
 
@@ -14,14 +12,14 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, energy_put_in
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace
-from drivers.engines import installed_codes, load_engine
-from drivers.run.guard import checked_trace, energy_error
-from drivers.run.run import default_limit_s
-from drivers.run.session import served_by
+from drivers.engines import installed_codes
+from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
 from postproc.read.residual import residual
 from validation.accuracy.error_measures import trace_of, truth_of, verlet_of
 from validation.reference.symplectic import integrate_symplectic
+from validation.served_runs import serve, serving
+from validation.studies import progress
 
 # five beads whose contacts open and close under gravity, and five pressed together so that none ever opens
 SMALL = ("chain.count=5", "chain.sensors=[]", "run.sample_interval=1 ms", "run.time_step=1 us", "run.duration=10 s")
@@ -36,7 +34,6 @@ SETTLED_S = 0.2  # when statistics begin
 BLOCKS = 20  # parts of a run, for standard errors
 BEYOND_CHANCE = 3.0  # standard errors
 ORDER_4, EXACT, VERLET = "order 4", "adaptive", "verlet"
-EXACTLY = (VERLET, EXACT)
 
 
 @dataclass(frozen=True)
@@ -84,39 +81,38 @@ class Statistic:
     error: float
 
 
-def energies(say: Callable[[str], object] = print) -> list[Energy]:
+def energies() -> list[Energy]:
     """Energy errors over ten million steps, of every method."""
     found = []
     for name, settings in LONG.items():
         case = case_of("fig4", *settings)
         for method, trace in _by_all(case, also=(ORDER_4, EXACT)):
             found.append(energy_of(name, method, case, trace))
-        say(f"energy over {case.scene.steps:.0e} steps: {name}")
+        progress(f"energy over {case.scene.steps:.0e} steps: {name}")
     return found
 
 
-def horizons(say: Callable[[str], object] = print) -> list[Horizon]:
+def horizons() -> list[Horizon]:
     """How long methods agree point by point, by time step."""
-    found = []
+    found, names = [], installed_codes()
     for step in HORIZON_STEPS_US:
         case = case_of(BOUNCING, *HORIZON, f"run.time_step={step} us")
-        traces = dict(_by_all(case, also=(EXACT,)))
-        names = installed_codes()
-        for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), EXACTLY):
+        traces = dict(_by_all(case))
+        for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), (VERLET, EXACT)):
             apart = residual(traces[one], traces[other]) > AGREED
             until = float(case.sample_times_s[np.argmax(apart)]) if apart.any() else nan
             found.append(Horizon(case.scene.time_step_s, one, other, until, float(case.sample_times_s[-1])))
-    say(f"horizons at {len(HORIZON_STEPS_US)} time steps")
+    progress(f"horizons at {len(HORIZON_STEPS_US)} time steps")
     return found
 
 
-def statistics(say: Callable[[str], object] = print) -> list[Statistic]:
+def statistics() -> list[Statistic]:
     """Means that stay comparable past the horizon: wall force over weight, kinetic share of the energy."""
     case = case_of(BOUNCING, *STATISTICS)
     weight = float(np.abs(case.chain.load_N).sum())
     put_in = energy_put_in(case.chain, float(case.sample_times_s[-1]))
     found = []
-    for method, trace in _by_all(case, also=(EXACT,)):
+    for method, trace in _by_all(case):
         late = trace.time_s >= SETTLED_S
         means = {
             "wall force over weight": trace.force_N[late, 0] / weight,
@@ -124,11 +120,11 @@ def statistics(say: Callable[[str], object] = print) -> list[Statistic]:
             "energy gained over what was put in": (trace.total_energy_J[late] - trace.total_energy_J[0]) / put_in,
         }
         found += [Statistic(method, quantity, *_mean(values)) for quantity, values in means.items()]
-    say(f"statistics of {BOUNCING} over {case.scene.run.duration:g} s")
+    progress(f"statistics of {BOUNCING} over {case.scene.run.duration:g} s")
     return found
 
 
-def _by_all(case: Case, also: tuple[str, ...]) -> Iterator[tuple[str, Trace]]:
+def _by_all(case: Case, *, also: tuple[str, ...] = (EXACT,)) -> Iterator[tuple[str, Trace]]:
     """The case by every installed code, side by side, by Verlet, and by further integrators of this repository."""
     with ThreadPoolExecutor() as pool:
         traces = pool.map(lambda name: _by_code(case, name), names := installed_codes())
@@ -143,9 +139,8 @@ def _by_all(case: Case, also: tuple[str, ...]) -> Iterator[tuple[str, Trace]]:
 
 
 def _by_code(case: Case, name: str) -> Trace:
-    with tempfile.TemporaryDirectory() as folder, served_by(name, Path(folder)) as session:
-        outcome = session.run(load_engine(name).render(case), default_limit_s(case))
-        return checked_trace(case, session.engine, outcome, session.case)
+    with serving(name) as session:
+        return serve(session, case).trace
 
 
 def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:

@@ -3,37 +3,37 @@
 Stable windows interleave with unstable ones, so steps are tried one by one, each a per cent larger than the last.
 """
 
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
+from math import inf, nan
 
 import numpy as np
 
 from drivers.base.errors import RunError
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, energy_put_in
+from drivers.chain.chain import energy_put_in
 from drivers.chain.trace import Trace
 from drivers.engines import installed_codes
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.stable_step import reached_in, stable_step
 from drivers.run.run import default_limit_s
-from drivers.run.session import Session, served_by
+from drivers.run.session import Session
 from validation.accuracy.error_measures import truth_of, verlet_of
+from validation.served_runs import serving
 from validation.stability.subjects import RANDOM, SHIPPED, Subject
+from validation.studies import progress
 
 BLOWN_UP, BAD = 1.0, 0.1  # energy gained, over the kinetic energy at time 0
 LEAST_KINETIC = 0.01  # of the energy put in; where it is less, that is what gains are counted in
 FINENESS = 0.01
 LOWEST, HIGHEST = 0.15, 2.5  # shares of the predicted limit that are scanned
+SHARES = np.exp(np.arange(np.log(LOWEST), np.log(HIGHEST), np.log1p(FINENESS)))
 BELOW = 0.9  # where codes are scanned for the blow-up alone; Verlet, with the same errors, is scanned from ``LOWEST``
 VERLET = "verlet"
 CRITERION_KEYS = ("rayleigh_s", "hertz_s", "p_wave_s")
-JUDGED, WITHIN = (
-    (SHIPPED, RANDOM),
-    1.25,
-)  # where the measured limit has to lie from 1 to so many times the predicted one
+JUDGED = (SHIPPED, RANDOM)  # groups on which the measured limit has to lie from 1 to WITHIN times the predicted one
+WITHIN = 1.25
 
 
 @dataclass(frozen=True)
@@ -65,19 +65,17 @@ class Limit:
     steps: float
 
 
-def measure(
-    subjects: list[Subject], say: Callable[[str], object] = print, names: Sequence[str] | None = None
-) -> list[Limit]:
+def measure_limits(subjects: Sequence[Subject], names: Sequence[str] | None = None) -> list[Limit]:
     """Limits of all subjects by Verlet and codes, all installed ones by default; these run side by side."""
     names = installed_codes() if names is None else names
     limits = [_by_verlet(subject) for subject in subjects]
-    starts = {id(subject): limit for subject, limit in zip(subjects, limits, strict=True)}
-    say(f"limits: {len(subjects)} scenes by {VERLET}")
+    progress(f"limits: {len(subjects)} scenes by {VERLET}")
+    predicted_s = [limit.predicted_s for limit in limits]
     with ThreadPoolExecutor() as pool:
-        parts = pool.map(lambda name: list(_by_code(name, subjects, starts)), names)
+        parts = pool.map(lambda name: list(_by_code(name, subjects, predicted_s)), names)
         for name, part in zip(names, parts, strict=True):
             limits += part
-            say(f"limits: {len(part)} scenes by {name}")
+            progress(f"limits: {len(part)} scenes by {name}")
     return limits
 
 
@@ -98,40 +96,18 @@ def gain(case: Case, trace: Trace) -> float:
     return float(change.max() / (put_in if settles else kinetic or put_in))
 
 
-def _scan(case: Case, predicted_s: float, gain_at: Callable[[Case], float], lowest: float) -> tuple[float, float]:
-    """The smallest steps at which the energy blows up, and at which it is bad."""
-    bad = float("nan")
-    for share in _shares(lowest):
-        found = gain_at(case.sampled_at_every(share * predicted_s))
-        if found > BAD and not bad <= share * predicted_s:
-            bad = share * predicted_s
-        if found > BLOWN_UP:
-            return share * predicted_s, bad
-    return float("nan"), bad
-
-
-def _shares(lowest: float) -> Array:
-    shares = np.exp(np.arange(np.log(LOWEST), np.log(HIGHEST), np.log1p(FINENESS)))
-    return np.asarray(shares[shares >= lowest])
-
-
 def _by_verlet(subject: Subject) -> Limit:
-    predicted = prediction(subject.case)
-
     def gain_at(case: Case) -> float:
         with np.errstate(all="ignore"):
             return gain(case, verlet_of(case))
 
-    return _limit(subject, VERLET, predicted, *_scan(subject.case, predicted, gain_at, LOWEST))
+    return _scan(subject, VERLET, prediction(subject.case), gain_at)
 
 
-def _by_code(name: str, subjects: list[Subject], by_verlet: dict[int, Limit]) -> Iterator[Limit]:
-    with tempfile.TemporaryDirectory() as folder, served_by(name, Path(folder)) as session:
-        for subject in subjects:
-            predicted = by_verlet[id(subject)].predicted_s
-            lowest = LOWEST if subject.whole_scan else BELOW
-            measured, bad = _scan(subject.case, predicted, lambda case: _gain_in(session, case), lowest)
-            yield _limit(subject, name, predicted, measured, bad if subject.whole_scan else float("nan"))
+def _by_code(name: str, subjects: Sequence[Subject], predicted_s: Sequence[float]) -> Iterator[Limit]:
+    with serving(name) as session:
+        for subject, predicted in zip(subjects, predicted_s, strict=True):
+            yield _scan(subject, name, predicted, lambda case: _gain_in(session, case), whole=subject.whole_scan)
 
 
 def _gain_in(session: Session, case: Case) -> float:
@@ -139,16 +115,27 @@ def _gain_in(session: Session, case: Case) -> float:
     engine = session.engine
     outcome = session.run(engine.render(case), default_limit_s(case))
     if outcome.code != 0:
-        return float("inf")
+        return inf
     try:
         with np.errstate(all="ignore"):
             return gain(case, engine.read(case, session.case))
     except RunError:
-        return float("inf")
+        return inf
 
 
-def _limit(subject: Subject, method: str, predicted_s: float, measured_s: float, bad_s: float) -> Limit:
-    case = subject.case
+def _scan(
+    subject: Subject, method: str, predicted_s: float, gain_at: Callable[[Case], float], *, whole: bool = True
+) -> Limit:
+    """Tries larger and larger steps until the energy blows up; ``whole`` scans find where it is bad as well."""
+    case, measured_s, bad_s = subject.case, nan, nan
+    for step_s in predicted_s * SHARES[(LOWEST if whole else BELOW) <= SHARES]:
+        found = gain_at(case.sampled_at_every(step_s))
+        if whole and found > BAD and np.isnan(bad_s):
+            bad_s = step_s
+        if found > BLOWN_UP:
+            measured_s = step_s
+            break
+    criteria = {key: share * time(case) for key, (share, time) in zip(CRITERION_KEYS, CRITERIA.values(), strict=True)}
     return Limit(
         group=subject.group,
         scene=subject.name,
@@ -159,6 +146,6 @@ def _limit(subject: Subject, method: str, predicted_s: float, measured_s: float,
         measured_s=measured_s,
         bad_s=bad_s,
         ratio=measured_s / predicted_s,
-        **{key: fraction * time(case) for key, (fraction, time) in zip(CRITERION_KEYS, CRITERIA.values(), strict=True)},
+        **criteria,
         steps=float(case.sample_times_s[-1]) / measured_s,
     )

@@ -1,16 +1,34 @@
 """Maps of the limits, of horizons, and of what heights cost."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from drivers.engines import codes
 from drivers.limits.criteria import CRITERIA
-from postproc.draw.style import COLUMN_IN, marker_of, pyplot
-from validation.stability.measured_limits import CRITERION_KEYS
+from postproc.draw.style import COLUMN_IN, FAINT, marker_of, pyplot
+from validation.stability.measured_limits import CRITERION_KEYS, VERLET
+from validation.stability.stability_sentences import HORIZONS, LIMITS, ROUNDING
 from validation.stability.subjects import SWEEPS
+from validation.studies import Picture, Tables
 
 COLOURS = ("#cc79a7", "#e69f00", "#56b4e9")
+
+
+def figures(tables: Tables) -> dict[str, Picture]:
+    """Maps of the tables that are there."""
+    drawn = {
+        LIMITS: ("stability-limits", draw_limits, "Predicted steps and users' criteria over the measured limit"),
+        HORIZONS: (HORIZONS, draw_horizons, "How long two methods agree to a per cent, by time step"),
+        ROUNDING: (ROUNDING, draw_rounding, "Relative error of a contact's force against its overlap"),
+    }
+    return {
+        name: Picture(title, partial(draw, tables[table]))
+        for table, (name, draw, title) in drawn.items()
+        if table in tables
+    }
 
 
 def draw_limits(limits: pd.DataFrame) -> Any:
@@ -18,7 +36,7 @@ def draw_limits(limits: pd.DataFrame) -> Any:
     figure, grid = pyplot().subplots(2, 2, figsize=(2 * COLUMN_IN, 5.6), sharey=True, layout="constrained")
     for axis, group in zip(grid.flat, SWEEPS, strict=True):
         part = limits[limits["group"] == group].sort_values("value")
-        verlet = part[part["method"] == "verlet"]
+        verlet = part[part["method"] == VERLET]
         x, limit = verlet["value"], verlet["measured_s"]
         axis.fill_between(x, verlet["bad_s"] / limit, 1.0, color="0.85", lw=0, label="stable, worse than 10 %")
         axis.axhline(1.0, color="black", lw=0.8)
@@ -56,20 +74,23 @@ def draw_rounding(rounding: pd.DataFrame) -> Any:
     """Relative error of a contact's force against its overlap, for walls at several heights. Returns a figure."""
     figure, axis = pyplot().subplots(figsize=(COLUMN_IN * 1.7, 3.0), layout="constrained")
     few = rounding[rounding["beads"] == rounding["beads"].min()]
+    overlaps_m = np.array(sorted(few["overlap_m"].unique()))
+    engines = [name for name in codes() if (few["method"] == name).any()]
     shades = pyplot().get_cmap("viridis")
     heights = sorted(few["height_m"].unique())
     for place, height in enumerate(heights):
-        for method, style in (("liggghts", "o"), ("yade", "x")):
-            own = few[(few["method"] == method) & (few["height_m"] == height)].sort_values("overlap_m")
-            colour = shades(0.9 * place / max(len(heights) - 1, 1))
-            label = f"wall at {height:g} m" if method == "liggghts" else None
-            axis.plot(own["overlap_m"], own["error"], style, ms=4, mfc="none", color=colour, label=label)
-        bound = 1.5 * np.spacing(max(height, 0.01)) / np.array(sorted(few["overlap_m"].unique()))
-        axis.plot(sorted(few["overlap_m"].unique()), bound, lw=0.8, color=colour)
+        colour = shades(0.9 * place / max(len(heights) - 1, 1))
+        for engine in engines:
+            own = few[(few["method"] == engine) & (few["height_m"] == height)]
+            axis.plot(own["overlap_m"], own["error"], ls="", **marker_of(engine) | {"color": colour})
+        bound = 1.5 * np.spacing(max(height, 0.01)) / overlaps_m
+        axis.plot(overlaps_m, bound, lw=0.8, color=colour, label=f"wall at {height:g} m")
+    for engine in engines:
+        axis.plot([], [], ls="", label=engine, **marker_of(engine) | {"color": FAINT})
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.set_xlabel("overlap, m")
     axis.set_ylabel("relative error of the force")
-    axis.set_title("o LIGGGHTS, x YADE; lines: 3/2 of a unit in the last place over the overlap", fontsize="x-small")
+    axis.set_title("lines: 3/2 of a unit in the last place over the overlap", fontsize="x-small")
     figure.legend(fontsize="x-small", loc="outside right upper")
     return figure

@@ -1,38 +1,41 @@
-"""What the tables say in words a user can act on, all of it computed from them."""
+"""Sentences of the stability study that a user can act on, and what it requires, computed from its tables."""
 
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from drivers.limits.criteria import CRITERIA
 from validation.stability.long_runs import BEYOND_CHANCE
-from validation.stability.measured_limits import CRITERION_KEYS
+from validation.stability.measured_limits import CRITERION_KEYS, JUDGED, VERLET, WITHIN
 from validation.stability.subjects import BOUNCING, SHIPPED
+from validation.studies import Tables
 
-LIMITS = "stability.csv"
-TABLES = {"limits": LIMITS} | {
-    name: f"stability-{name}.csv" for name in ("extremes", "energy", "horizons", "statistics", "rounding")
-}
+LIMITS, EXTREMES, ENERGY = "stability", "stability-extremes", "stability-energy"
+HORIZONS, STATISTICS, ROUNDING = "stability-horizons", "stability-statistics", "stability-rounding"
 WASTEFUL = 0.1  # of the measured limit: steps below it buy accuracy that stability does not ask for
 
 
-def read_tables(results: Path) -> dict[str, pd.DataFrame]:
-    """The tables that are there."""
-    return {name: pd.read_csv(results / file) for name, file in TABLES.items() if (results / file).exists()}
-
-
-def sentences(tables: dict[str, pd.DataFrame]) -> list[str]:
+def sentences(tables: Tables) -> list[str]:
     """The sentences, most general first."""
-    said = [*_on_limits(tables["limits"]), *_on_criteria(tables["limits"]), *_on_extremes(tables["extremes"])]
-    for name, words in (("energy", _on_energy), ("horizons", _on_horizons), ("statistics", _on_statistics)):
-        if name in tables:
-            said += words(tables[name])
-    if "rounding" in tables:
-        said += _on_rounding(tables["rounding"])
+    limits, edge = tables[LIMITS], tables[EXTREMES]
+    said = [*_on_limits(limits), *_on_criteria(limits), *_on_extremes(edge)]
+    for name, write in OPTIONAL.items():
+        said += write(tables[name]) if name in tables else ()
     return said
+
+
+def missed(tables: Tables) -> list[str]:
+    """Where a prediction is wrong, or a scene at the edge fails."""
+    limits, edge = tables[LIMITS], tables[EXTREMES]
+    wrong = limits[limits["group"].isin(JUDGED) & ~limits["ratio"].between(1.0, WITHIN)]
+    failed = edge[edge["verdict"].isin(["failed", "timeout"])]
+    return [
+        *(f"{row['scene']} by {row['method']}: blows up at {row['ratio']:.3f} of the predicted limit, allowed 1 to"
+          f" {WITHIN}" for _, row in wrong.iterrows()),
+        *(f"{row['name']} on {row['engine']}: {row['verdict']}: {row['reason']}" for _, row in failed.iterrows()),
+    ]  # fmt: skip
 
 
 def _on_limits(limits: pd.DataFrame) -> Iterator[str]:
@@ -44,18 +47,18 @@ def _on_limits(limits: pd.DataFrame) -> Iterator[str]:
         f" {int((ratio < 1).sum())} of {len(ratio)}."
     )
     wide = limits.pivot_table(index="scene", columns="method", values="measured_s")
-    codes = [name for name in wide.columns if name != "verlet"]
+    codes = [name for name in wide.columns if name != VERLET]
     if codes:
-        same = int((wide[codes].sub(wide["verlet"], axis=0).abs().max(axis=1) < 1e-9 * wide["verlet"]).sum())
+        same = int((wide[codes].sub(wide[VERLET], axis=0).abs().max(axis=1) < 1e-9 * wide[VERLET]).sum())
         yield f"Codes and the in-repo scheme blow up at the very same step of the scan on {same} of {len(wide)} scenes."
-    bounces = limits[(limits["group"] == BOUNCING) & (limits["method"] == "verlet")]
+    bounces = limits[(limits["group"] == BOUNCING) & (limits["method"] == VERLET)]
     if not bounces.empty:
         said = [
             f"{row['scene']} blows up at {row['measured_s'] * 1e6:.3g} µs, {row['ratio']:.2f} of the prediction"
             for _, row in bounces.iterrows()
         ]
         yield f"Errors of impacts add up, so that limits fall with them: {'; '.join(said)}."
-    shipped = limits[(limits["group"] == SHIPPED) & (limits["method"] == "verlet")]
+    shipped = limits[(limits["group"] == SHIPPED) & (limits["method"] == VERLET)]
     share = shipped["bad_s"] / shipped["predicted_s"]
     yield (
         f"On the {SHIPPED} the energy gains a tenth from {share.min():.2f} to {share.max():.2f} of the predicted limit"
@@ -64,7 +67,7 @@ def _on_limits(limits: pd.DataFrame) -> Iterator[str]:
 
 
 def _on_criteria(limits: pd.DataFrame) -> Iterator[str]:
-    verlet = limits[limits["method"] == "verlet"]
+    verlet = limits[limits["method"] == VERLET]
     for key, label in zip(CRITERION_KEYS, CRITERIA, strict=True):
         share, band = verlet[key] / verlet["measured_s"], verlet["bad_s"] / verlet["measured_s"]
         wrong, useless, wasteful = share > 1, (share <= 1) & (share > band), share < WASTEFUL
@@ -132,6 +135,9 @@ def _on_rounding(rounding: pd.DataFrame) -> Iterator[str]:
         "Heights lose 3/2 of a unit in the last place over the overlap: six digits are left as long as the overlap is"
         f" above {1.5 * ulp * 1e6:.1g} of the height, {1.5 * ulp * 1e6 * 1e9:.1g} nm a metre up. Overlaps lose none."
     )
+
+
+OPTIONAL = {ENERGY: _on_energy, HORIZONS: _on_horizons, STATISTICS: _on_statistics, ROUNDING: _on_rounding}
 
 
 def _listed(names: list[str]) -> str:

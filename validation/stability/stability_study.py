@@ -1,83 +1,122 @@
-"""``python -m validation stability``: measures, and writes tables and maps."""
+"""The stability study: limits of the time step, scenes at the edge, long runs, rounding of heights."""
 
-import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pandas as pd
 
-from drivers.base import paths
-from drivers.base.files import whole_file
-from validation.stability import extremes, long_runs
-from validation.stability import height_rounding as rounding
-from validation.stability import measured_limits as limits
-from validation.stability.stability_maps import draw_horizons, draw_limits, draw_rounding
-from validation.stability.stability_sentences import LIMITS, TABLES, read_tables, sentences
-from validation.stability.subjects import at_random, bouncing, shipped, sweeps
+from drivers.limits.criteria import CRITERIA
+from validation.stability.extremes import Outcome, extremes, run_all
+from validation.stability.height_rounding import Rounded, measure_rounding
+from validation.stability.long_runs import Energy, Horizon, Statistic, energies, horizons, statistics
+from validation.stability.measured_limits import CRITERION_KEYS, VERLET, Limit, measure_limits
+from validation.stability.stability_maps import figures
+from validation.stability.stability_sentences import (
+    ENERGY,
+    EXTREMES,
+    HORIZONS,
+    LIMITS,
+    ROUNDING,
+    STATISTICS,
+    WASTEFUL,
+    missed,
+    sentences,
+)
+from validation.stability.subjects import SHIPPED, at_random, bouncing, shipped, sweeps
+from validation.studies import Measured, Options, Study, Tables
 
 RANDOM_SCENES = 100
-MAPS = {"limits": draw_limits, "horizons": draw_horizons, "rounding": draw_rounding}
+LONG: dict[str, Callable[[], Sequence[Any]]] = {
+    ENERGY: energies,
+    HORIZONS: horizons,
+    STATISTICS: statistics,
+    ROUNDING: measure_rounding,
+}
 
 
-def stability(results: Path, runs: Path, *, quick: bool = False) -> int:
-    """Measures limits, extremes, long runs and rounding; the exit code is 1 where a requirement is missed.
-
-    ``quick`` leaves out random scenes, most extremes, long runs and rounding.
-    """
+def measure(options: Options) -> Measured:
+    """All of it; the short study leaves out random scenes, most extremes, long runs and rounding."""
+    quick = options.quick
     subjects = [*shipped(), *sweeps(), *([] if quick else (*bouncing(), *at_random(RANDOM_SCENES)))]
-    measured: dict[str, Sequence[Any]] = {
-        "limits": limits.measure(subjects, _say),
-        "extremes": extremes.run_all(extremes.extremes(quick=quick), runs, _say),
+    rows: dict[str, Sequence[Any]] = {LIMITS: measure_limits(subjects)}
+    rows[EXTREMES] = run_all(extremes(quick=quick), options.runs)
+    return Measured(rows | ({} if quick else {name: run() for name, run in LONG.items()}))
+
+
+def section(tables: Tables) -> dict[str, Any]:
+    """Limits of the shipped scenes with users' criteria, verdicts at the edge, and whether it is the short study."""
+    return {
+        "short": not LONG.keys() <= tables.keys(),
+        "criteria": list(CRITERIA),
+        "methods": list(tables[LIMITS]["method"].unique()),
+        "limits": _limits(tables[LIMITS]),
+        "extremes": _extremes(tables[EXTREMES]),
     }
-    if not quick:
-        measured["energy"] = long_runs.energies(_say)
-        measured["horizons"] = long_runs.horizons(_say)
-        measured["statistics"] = long_runs.statistics(_say)
-        measured["rounding"] = rounding.measure(_say)
-    tables = write_study(measured, results)
-    for line in sentences(tables):
-        print(line)
-    print(f"{paths.shown(results / LIMITS)}: limits of {len(subjects)} scenes")
-    complaints = missed(tables)
-    for complaint in complaints:
-        print(complaint, file=sys.stderr)
-    return 1 if complaints else 0
 
 
-def write_study(measured: Mapping[str, Sequence[Any]], results: Path) -> dict[str, pd.DataFrame]:
-    """Writes tables and maps, and returns the tables; those of a former study that this one has not are removed."""
-    results.mkdir(parents=True, exist_ok=True)
-    for name, file in TABLES.items():
-        if name in measured:
-            with whole_file(results / file) as draft:
-                pd.DataFrame([asdict(row) for row in measured[name]]).to_csv(draft, index=False)
-        else:
-            (results / file).unlink(missing_ok=True)
-    tables = read_tables(results)
-    for name, draw in MAPS.items():
-        path = results / f"stability-{name}.svg"
-        if name not in tables:
-            path.unlink(missing_ok=True)
-            continue
-        with whole_file(path) as draft:
-            draw(tables[name]).savefig(draft, format="svg", metadata={"Date": None})
-    return tables
+def _limits(limits: pd.DataFrame) -> list[dict[str, Any]]:
+    """For each shipped scene the predicted step, the measured ones, and users' criteria as shares of Verlet's."""
+    lines = []
+    for scene, part in limits[limits["group"] == SHIPPED].groupby("scene", sort=False):
+        own = part.set_index("method")
+        verlet: dict[Any, Any] = own.loc[VERLET].to_dict()
+        measured_s = own["measured_s"].reindex(limits["method"].unique())
+        shares = [verlet[key] / verlet["measured_s"] for key in CRITERION_KEYS]
+        band = verlet["bad_s"] / verlet["measured_s"]
+        lines.append(
+            {
+                "scene": scene,
+                "predicted": _micro(verlet["predicted_s"]),
+                "measured": [_micro(step_s) for step_s in measured_s],
+                "bad": _micro(verlet["bad_s"]),
+                "criteria": [(f"{share:.2f}", _usefulness(share, band)) for share in shares],
+            }
+        )
+    return lines
 
 
-def missed(tables: dict[str, pd.DataFrame]) -> list[str]:
-    """Where a prediction is wrong, or a scene at the edge fails."""
-    limit, edge = tables["limits"], tables["extremes"]
-    judged = limit[limit["group"].isin(limits.JUDGED)]
-    wrong = judged[~judged["ratio"].between(1.0, limits.WITHIN)]
-    failed = edge[edge["verdict"].isin(["failed", "timeout"])]
-    return [
-        *(f"{row['scene']} by {row['method']}: blows up at {row['ratio']:.3f} of the predicted limit, allowed 1 to"
-          f" {limits.WITHIN}" for _, row in wrong.iterrows()),
-        *(f"{row['name']} on {row['engine']}: {row['verdict']}: {row['reason']}" for _, row in failed.iterrows()),
-    ]  # fmt: skip
+def _usefulness(share: float, band: float) -> str:
+    if share > 1:
+        return "wrong"
+    return "useless" if share > band else "wasteful" if share < WASTEFUL else "safe"
 
 
-def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
+def _micro(seconds: float) -> str:
+    return f"{seconds * 1e6:.4g}" if pd.notna(seconds) else "–"
+
+
+def _extremes(extremes: pd.DataFrame) -> list[dict[str, Any]]:
+    """For each scene its verdict and numbers on every engine."""
+    lines = []
+    for name, part in extremes.groupby("name", sort=False):
+        engines = [
+            {
+                "engine": row["engine"],
+                "verdict": row["verdict"],
+                "reason": row["reason"],
+                "numbers": [f"{row[key]:.0e}" for key in ("error", "model") if pd.notna(row[key])],
+                "leaves": f"{row['leaves_reference_s'] * 1e3:.3g} ms" if pd.notna(row["leaves_reference_s"]) else "",
+            }
+            for _, row in part.iterrows()
+        ]
+        lines.append({"name": name, "engines": engines, "share": f"{part['share_of_limit'].iloc[0]:.2g}"})
+    return lines
+
+
+STUDY = Study(
+    name="stability",
+    tables={
+        LIMITS: Limit,
+        EXTREMES: Outcome,
+        ENERGY: Energy,
+        HORIZONS: Horizon,
+        STATISTICS: Statistic,
+        ROUNDING: Rounded,
+    },
+    measure=measure,
+    sentences=sentences,
+    figures=figures,
+    section=section,
+    missed=missed,
+    optional=frozenset(LONG),
+)

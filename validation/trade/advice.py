@@ -1,20 +1,24 @@
-"""What the measurements say: orders of convergence with their range, the cheapest way to an error, in words."""
+"""What the measurements say: orders of convergence with their range, and the cheapest way to an error."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
+from math import nan
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from drivers.chain.chain import Array
+from validation.trade.climb import DONE
+from validation.trade.ladder import ADAPTIVE, ORDER_4, VERLET
 
 TARGETS = tuple(10.0**-k for k in range(2, 9))
 STRAIGHT = 0.15  # by how much the order between neighbouring steps may stray from the range's
-SMOOTH_ORDER, FLAT = 3.7, 0.5
+SMOOTH_ORDER, FLAT_ORDER = 3.7, 0.5
 BY_SAMPLING = "samples: the exact motion read from them errs as much"
 BY_SAMPLES = 30.0  # times what the exact motion errs by when read from samples: there these begin to count
-LEAST = 3  # points of a range
+LEAST_POINTS = 3  # of a range
 QUANTITIES = {
     "force": "the force trace",
     "sensor_peak": "a sensor's peak",
@@ -41,114 +45,112 @@ class Order:
     scene: str
     method: str
     quantity: str
-    order: float
-    from_share: float
-    to_share: float
-    above: float
-    below: float
-    why_bent: str
+    order: float = nan
+    from_share: float = nan
+    to_share: float = nan
+    above: float = nan
+    below: float = nan
+    why_bent: str = ""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """Cheapest way to an error of one quantity, among all methods or by one; empty where nothing reaches it."""
+
+    scene: str
+    quantity: str
+    error_at_most: float
+    among: str
+    cheapest_by: str
+    method: str = ""
+    time_step_s: float = nan
+    loop_s: float = nan
+    wall_s: float = nan
+    error: float = nan
 
 
 def done(rows: pd.DataFrame) -> pd.DataFrame:
     """The runs that ended well."""
-    return rows[rows["status"] == "done"]
+    return rows[rows["status"] == DONE]
 
 
-def orders(rows: pd.DataFrame) -> list[Order]:
+def orders(rows: pd.DataFrame) -> Iterator[Order]:
     """Orders of all fixed-step methods in all quantities."""
-    found = []
-    fixed = done(rows).dropna(subset=["time_step_s"])
-    for (scene, method), group in fixed.groupby(["scene", "method"], sort=False):
-        ordered = group.sort_values("time_step_s", ascending=False)
+    fixed = done(rows).dropna(subset=["time_step_s"]).sort_values("time_step_s", ascending=False)
+    for scene, method in rows[["scene", "method"]].drop_duplicates().itertuples(index=False):
+        own = fixed[(fixed["scene"] == scene) & (fixed["method"] == method)]
         for quantity in QUANTITIES:
-            errors = ordered[quantity].to_numpy()
-            good = np.isfinite(errors) & (errors > 0)
-            if good.sum() > LEAST:
-                shares = ordered["share_of_limit"].to_numpy()[good]
-                steps = ordered["time_step_s"].to_numpy()[good]
-                order = _order(str(scene), str(method), quantity, shares, steps, errors[good])
-                found.append(replace(order, why_bent=_why_bent(order, done(rows[rows["scene"] == scene]))))
-    return found
+            good = own[np.isfinite(own[quantity]) & (own[quantity] > 0)]
+            if len(good) > LEAST_POINTS:
+                columns = (good[name].to_numpy() for name in ("share_of_limit", "time_step_s", quantity))
+                order = _order(Order(scene, method, quantity), *columns)
+                yield replace(order, why_bent=_why_bent(order, done(rows[rows["scene"] == scene])))
 
 
-def _order(scene: str, method: str, quantity: str, shares: Array, steps: Array, errors: Array) -> Order:
+def _order(order: Order, shares: Array, steps: Array, errors: Array) -> Order:
+    """The same with its longest range within which the order between neighbouring steps hardly changes."""
     x, y = np.log(steps), np.log(errors)
     local = np.diff(y) / np.diff(x)
-    best = (0, 0)
-    for first in range(len(local)):
-        last = first
-        while last < len(local) and np.ptp(local[first : last + 1]) <= 2 * STRAIGHT:
-            last += 1
-        if last - first > best[1] - best[0]:
-            best = (first, last)
-    first, last = best
-    if last - first < LEAST - 1:
-        nothing = float("nan")
-        return Order(scene, method, quantity, nothing, nothing, nothing, nothing, nothing, "no straight range")
-    slope = float(np.polyfit(x[first : last + 1], y[first : last + 1], 1)[0])
-    above = float(local[first - 1]) if first else float("nan")
-    below = float(local[last]) if last < len(local) else float("nan")
-    return Order(scene, method, quantity, slope, float(shares[first]), float(shares[last]), above, below, "")
+    first = last = 0
+    for start, end in product(range(len(local)), range(1, len(local) + 1)):
+        if end - start > last - first and np.ptp(local[start:end]) <= 2 * STRAIGHT:
+            first, last = start, end
+    if last - first < LEAST_POINTS - 1:
+        return order
+    return replace(
+        order,
+        order=float(np.polyfit(x[first : last + 1], y[first : last + 1], 1)[0]),
+        from_share=float(shares[first]),
+        to_share=float(shares[last]),
+        above=float(local[first - 1]) if first else nan,
+        below=float(local[last]) if last < len(local) else nan,
+    )
 
 
 def _why_bent(order: Order, rows: pd.DataFrame) -> str:
     """Why errors stop falling as they did, by what else was measured on the scene at the same steps."""
     if not np.isfinite(order.order):
-        return order.why_bent
-    if order.order < FLAT:
+        return "no straight range"
+    if order.order < FLAT_ORDER:
         return BY_SAMPLING
-    if order.method == "order 4" and order.order < SMOOTH_ORDER:
+    if order.method == ORDER_4 and order.order < SMOOTH_ORDER:
         return "contacts that open and close, where the force is smooth once only"
     if not abs(order.below - order.order) > 2 * STRAIGHT:
         return ""
-    exact = rows[rows["method"] == "adaptive"][order.quantity].min()
-    own = rows[(rows["method"] == order.method) & (rows["share_of_limit"] < 0.99 * order.to_share)]
-    smooth = rows[(rows["method"] == "verlet") & (rows["share_of_limit"] < 0.99 * order.to_share)]
-    if own[order.quantity].min() < BY_SAMPLES * exact:
+    finer = rows[rows["share_of_limit"] < 0.99 * order.to_share]
+    exact, own, smooth = (
+        table.loc[table["method"] == method, order.quantity]
+        for table, method in ((rows, ADAPTIVE), (finer, order.method), (finer, VERLET))
+    )
+    if own.min() < BY_SAMPLES * exact.min():
         return BY_SAMPLING
-    if order.method not in ("verlet", "order 4") and own[order.quantity].max() > 1.1 * smooth[order.quantity].max():
+    if order.method not in (VERLET, ORDER_4) and own.max() > 1.1 * smooth.max():
         return "rounding of heights: the same scheme in overlaps errs less"
     return "a change of sign of the error" if order.below > order.order else "the error of other contacts or times"
 
 
-def front(errors: Array, times: Array) -> list[int]:
-    """Places of the Pareto front, from the cheapest on: nothing is both cheaper and more accurate."""
-    places = []
-    best = np.inf
-    for place in np.lexsort((errors, times)):
-        if errors[place] < best:
-            best = errors[place]
-            places.append(int(place))
-    return places
+def front(rows: pd.DataFrame, quantity: str, cost: str) -> pd.DataFrame:
+    """The Pareto front, from the cheapest on: nothing is both cheaper and more accurate."""
+    ordered = rows.sort_values([cost, quantity])
+    return ordered[ordered[quantity] < ordered[quantity].cummin().shift(fill_value=np.inf)]
 
 
 def cheapest(rows: pd.DataFrame, quantity: str, target: float, cost: str) -> Any:
     """The cheapest run with an error of at most the target that all finer steps keep too: none by chance."""
-    kept = []
-    for _, group in done(rows).groupby("method"):
-        ordered = group.sort_values("share_of_limit")
-        good = (ordered[quantity] <= target).to_numpy()
-        until = len(good) if good.all() else int(np.argmin(good))
-        kept.append(ordered.iloc[:until])
-    found = pd.concat(kept) if kept else rows.iloc[:0]
-    return None if found.empty else found.iloc[int(found[cost].to_numpy().argmin())]
+    ordered = done(rows).sort_values("share_of_limit")
+    good = (ordered[quantity] <= target).astype(int)
+    kept = ordered[good.groupby(ordered["method"]).cummin() == 1]
+    return None if kept.empty else kept.iloc[int(kept[cost].to_numpy().argmin())]
 
 
-def advice(rows: pd.DataFrame) -> pd.DataFrame:
+def advice(rows: pd.DataFrame) -> Iterator[Advice]:
     """For each scene, quantity and error the cheapest way of all, and by each method, with and without start-up."""
-    lines = []
     for scene, group in rows.groupby("scene", sort=False):
         among = {"any": group} | {str(name): part for name, part in group.groupby("method", sort=False)}
         for quantity, target, name, cost in product(QUANTITIES, TARGETS, among, ("loop_s", "wall_s")):
+            found = Advice(str(scene), quantity, target, name, cost)
             best = cheapest(among[name], quantity, target, cost)
-            line: dict[str, Any] = {
-                "scene": scene,
-                "quantity": quantity,
-                "error_at_most": target,
-                "among": name,
-                "cheapest_by": cost,
-            }
-            for key in ("method", "time_step_s", "loop_s", "wall_s", quantity):
-                line["error" if key == quantity else key] = None if best is None else best[key]
-            lines.append(line)
-    return pd.DataFrame(lines)
+            if best is not None:
+                measured = {key: best[key] for key in ("method", "time_step_s", "loop_s", "wall_s")}
+                found = replace(found, **measured, error=best[quantity])
+            yield found

@@ -2,33 +2,30 @@
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
-from math import sqrt
+from dataclasses import dataclass, replace
+from math import nan, sqrt
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
-from drivers.base.files import whole_file
 from drivers.base.processes import run_command
 from drivers.chain.case import Case
-from drivers.engines import load_engine
+from drivers.engines import installed_codes, load_engine
 from drivers.limits.criteria import rayleigh_time
 from drivers.run.run import default_limit_s
-from drivers.run.session import served_by
 from postproc.paper.simulate import case_of, exact
 from postproc.read.observables import of_kind
 from postproc.read.residual import residual
 from validation.accuracy.error_measures import errors_of, quantities, truth_of, verlet_of
-from validation.trade.climb import start_up, timed_in_session
+from validation.served_runs import serve, serving
+from validation.trade.climb import start_up
 
 PAIR_STEPS_US = (1.0, 0.5, 0.2, 0.1, 0.05)
 SOFTER = (10, 100, 1000)
 FRACTIONS = (0.1, 0.2, 0.4)
 MANY = 20
-ALONG = "processors      1 1 2\nboundary "  # two halves of the chain, one above the other
 
 
 @dataclass(frozen=True)
@@ -45,15 +42,14 @@ class Lever:
     engine: str
     setting: str
     quantity: str
-    error: float
-    gain: float
+    error: float = nan
+    gain: float = nan
 
 
 def pull_all() -> list[Lever]:
     """Every lever."""
-    return [
-        *sampling(), *extrapolation(), *rayleigh(), *softened(), *two_cores(), *precision(), *one_process(),
-    ]  # fmt: skip
+    levers = (sampling, extrapolation, rayleigh, softened, two_cores, precision, one_process)
+    return [measured for lever in levers for measured in lever()]
 
 
 def sampling() -> Iterator[Lever]:
@@ -64,7 +60,7 @@ def sampling() -> Iterator[Lever]:
         seen = quantities(case, exact(case, 1e-12).trace)
         for name in ("bead_5_peak", "wall_peak", "wall_arrival", "speed_9_to_5"):
             error = abs(seen[name] / fine.true[name] - 1)
-            yield Lever("sampling interval", "fig4", "any", interval, name, error, float("nan"))
+            yield Lever("sampling interval", "fig4", "any", interval, name, error)
 
 
 def extrapolation() -> Iterator[Lever]:
@@ -93,7 +89,7 @@ def rayleigh() -> Iterator[Lever]:
             truth = truth_of(case)
             names = ["force", *(name for name in of_kind(truth.true, "peak", "speed") if not name.startswith("bead"))]
             for name, error in errors_of(case, verlet_of(case), truth, names).items():
-                yield Lever("Rayleigh fraction", scene, "any", f"{fraction:g} of it", name, error, float("nan"))
+                yield Lever("Rayleigh fraction", scene, "any", f"{fraction:g} of it", name, error)
 
 
 def softened() -> Iterator[Lever]:
@@ -114,8 +110,8 @@ def softened() -> Iterator[Lever]:
             )  # fmt: skip
             soft = quantities(case, exact(case, 1e-11).trace)
             where = "with gravity" if gravity else "without gravity"
-            for name, power in (("speed_9_to_5", 1), ("bead_5_amplitude", 1), ("wall_amplitude", 1)):
-                error = abs(soft[name] * longer**power / hard[name] - 1)
+            for name in ("speed_9_to_5", "bead_5_amplitude", "wall_amplitude"):
+                error = abs(soft[name] * longer / hard[name] - 1)
                 yield Lever("softened modulus", "fig4", "any", f"E/{softer}, {where}", name, error, longer)
 
 
@@ -123,80 +119,57 @@ def two_cores() -> Iterator[Lever]:
     """The same run on two cores: how much faster its loop is."""
     for scene in ("fig4", "long-chain"):
         case = case_of(scene, "run.time_step=1 us")
-        for name in ("liggghts", "yade"):
-            one, two = (_loop(case, name, two=two) for two in (False, True))
-            if one and two:
-                yield Lever("two cores", scene, name, "2 cores", "loop", float("nan"), one / two)
-
-
-def _loop(case: Case, name: str, *, two: bool) -> float | None:
-    """Seconds of the loop on one or two cores; None where the engine is missing or fails."""
-    engine = load_engine(name)
-    executable = engine.find()
-    if executable is None:
-        return None
-    deck = engine.render(case)
-    command = deck.command_with(executable)
-    if two and name == "liggghts":
-        command = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-np", "2", *command)
-        files = {file: text.replace("boundary ", ALONG) for file, text in deck.files.items()}
-        deck = Deck(files, deck.command, deck.raw)
-    elif two:
-        command = (command[0], "-j2", *command[1:])
-    return _run(case, name, deck, command)[0]
-
-
-def _run(case: Case, name: str, deck: Deck, command: tuple[str, ...]) -> tuple[float | None, float | None]:
-    """Seconds of the loop, and the force error against the same scheme in overlaps where the output can be read."""
-    engine = load_engine(name)
-    with tempfile.TemporaryDirectory() as folder:
-        for file, text in deck.files.items():
-            Path(folder, file).write_text(text)
-        run_command(command, Path(folder), default_limit_s(case), **engine.variables)
-        loop = engine.loop_seconds(Path(folder, "stdout.txt").read_text(errors="replace"))
-        try:
-            error = float(residual(engine.read(case, Path(folder)), verlet_of(case)).max())
-        except RunError:
-            error = None
-    return loop, error
+        for name in installed_codes():
+            engine = load_engine(name)
+            if engine.on_two_cores:
+                deck = engine.render(case)
+                one, two = (_run(case, name, each)[0] for each in (deck, engine.on_two_cores(deck)))
+                if one and two:
+                    yield Lever("two cores", scene, name, "2 cores", "loop", gain=one / two)
 
 
 def precision() -> Iterator[Lever]:
-    """What YADE's builds of higher precision leave of the rounding of heights, also a kilometre up."""
-    double = load_engine("yade").find()
-    if double is None:
-        return
-    for origin in ("0 m", "1 km"):
-        case = case_of("fig4", f"chain.origin={origin}", "run.time_step=0.1 us", "run.sample_interval=2 us")
-        deck = load_engine("yade").render(case)
-        first: float | None = None
-        for build in ("yade", "yade-longdouble", "yade-float128"):
-            executable = double.with_name(build)
-            if not executable.exists():
-                continue
-            loop, error = _run(case, "yade", deck, (str(executable), *deck.command[1:]))
-            if loop is None or error is None:
-                continue
-            first = first or loop
-            at = "wall at height 0" if origin == "0 m" else f"wall at {origin}"
-            yield Lever("extended precision", "fig4", build, at, "rounding", error, first / loop)
+    """What builds of higher precision leave of the rounding of heights, also a kilometre up."""
+    for name in installed_codes():
+        builds = load_engine(name).precise_builds
+        for origin, wall in (("0 m", "wall at height 0"), ("1 km", "wall at 1 km")) if builds else ():
+            case = case_of("fig4", f"chain.origin={origin}", "run.time_step=0.1 us", "run.sample_interval=2 us")
+            deck = load_engine(name).render(case)
+            runs = {build: _run(case, name, deck, build) for build in ("", *builds)}
+            known = {build: (loop, error) for build, (loop, error) in runs.items() if loop and error is not None}
+            double_s = next((loop for loop, _ in known.values()), nan)
+            for build, (loop, error) in known.items():
+                yield Lever("extended precision", "fig4", build or name, wall, "rounding", error, double_s / loop)
+
+
+def _run(case: Case, name: str, deck: Deck, build: str = "") -> tuple[float | None, float | None]:
+    """Seconds of the loop and force error against the same scheme in overlaps; None what a build does not give."""
+    engine = load_engine(name)
+    own = engine.find()
+    assert own is not None
+    executable = own.with_name(build) if build else own
+    if not executable.exists():
+        return None, None
+    command = [str(executable) if word == str(own.absolute()) else word for word in deck.command_with(own)]
+    with tempfile.TemporaryDirectory() as folder:
+        for file, text in deck.files.items():
+            Path(folder, file).write_text(text)
+        run_command(tuple(command), Path(folder), default_limit_s(case), **engine.variables)
+        loop = engine.loop_seconds(Path(folder, "stdout.txt").read_text(errors="replace"))
+        try:
+            return loop, float(residual(engine.read(case, Path(folder)), verlet_of(case)).max())
+        except RunError:
+            return loop, None
 
 
 def one_process() -> Iterator[Lever]:
     """Many cases in one process against a process each."""
     case = case_of("fig4")
-    for name in ("liggghts", "yade"):
-        if load_engine(name).find() is None:
-            continue
-        with tempfile.TemporaryDirectory() as folder, served_by(name, Path(folder)) as session:
-            alone = start_up(name, case, Path(folder))
-            cases = [timed_in_session(name, case, session, 1.0) for _ in range(MANY)]
-        loop = float(np.median([loop_s for _, loop_s, _ in cases]))
-        each = float(np.median([seconds for _, _, seconds in cases]))
-        yield Lever("one process for many", "fig4", name, f"{MANY} cases", "run", float("nan"), (alone + loop) / each)
-
-
-def write_levers(levers: list[Lever], path: Path) -> None:
-    """Writes ``trade-levers.csv``."""
-    with whole_file(path) as draft:
-        pd.DataFrame([asdict(lever) for lever in levers]).to_csv(draft, index=False)
+    for name in installed_codes():
+        alone = start_up(name, case)
+        with serving(name) as session:
+            runs = [serve(session, case) for _ in range(MANY)]
+        loop, each = (
+            float(np.median(times)) for times in zip(*((run.loop_s, run.case_s) for run in runs), strict=True)
+        )
+        yield Lever("one process for many", "fig4", name, f"{MANY} cases", "run", gain=(alone + loop) / each)

@@ -1,51 +1,51 @@
-"""What the measurements say in words a user can act on, all of it computed from the tables."""
+"""Sentences of the trade study that a user can act on, computed from its tables."""
 
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from validation.trade.advice import STRAIGHT, Order, cheapest, done, orders
+from drivers.engines import codes
+from validation.studies import Tables
+from validation.trade.advice import STRAIGHT, cheapest, done
+from validation.trade.climb import FAILED, NOT_RUN
+
+TABLE, LEVERS, ADVICE, ORDERS = "trade", "trade-levers", "trade-advice", "trade-orders"
 
 
-def sentences(rows: pd.DataFrame, levers: pd.DataFrame) -> list[str]:
+def sentences(tables: Tables) -> list[str]:
     """The sentences, most general first."""
-    return [_on_extent(rows), *_on_orders(rows), *_on_cost(rows), *_on_steps(levers), *_on_machines(levers)]
+    rows, levers = tables[TABLE], tables[LEVERS]
+    return [_on_extent(rows), *_on_orders(tables[ORDERS]), *_on_cost(rows), *_on_steps(levers), *_on_machines(levers)]
 
 
 def _on_extent(rows: pd.DataFrame) -> str:
-    left = rows[rows["status"] == "not run"]
+    left = rows[rows["status"] == NOT_RUN]
     said = f"{len(rows) - len(left)} of {len(rows)} runs were made"
     if not left.empty:
         said += f"; {len(left)}, most of them of {left['scene'].mode()[0]}, did not fit the budget of computing time"
-    unstable = rows[rows["status"] == "failed"]
+    unstable = rows[rows["status"] == FAILED]
     if not unstable.empty:
         said += f"; {len(unstable)} failed, at {unstable['share_of_limit'].min():.2g} of the stability limit or above"
     return said + "."
 
 
-def _on_orders(rows: pd.DataFrame) -> Iterator[str]:
-    own = [order for order in orders(rows) if order.quantity == "force" and np.isfinite(order.order)]
-    for method in dict.fromkeys(order.method for order in own):
-        known = [order for order in own if order.method == method]
-        slopes = [order.order for order in known]
-        bent = [f"{each.scene} from {each.to_share:.1g} ({each.why_bent})" for each in known if _falls(each)]
-        said = f"The force trace by {method} converges with order {min(slopes):.2f} to {max(slopes):.2f}"
-        said += f" ({len(known)} scenes), from {min(order.from_share for order in known):.2g} of the stability limit on"
-        if bent:
+def _on_orders(orders: pd.DataFrame) -> Iterator[str]:
+    known = orders[(orders["quantity"] == "force") & orders["order"].notna()]
+    for method, own in known.groupby("method", sort=False):
+        said = f"The force trace by {method} converges with order {own['order'].min():.2f} to {own['order'].max():.2f}"
+        said += f" ({len(own)} scenes), from {own['from_share'].min():.2g} of the stability limit on"
+        slower = own[own["below"] < own["order"] - 2 * STRAIGHT]
+        if not slower.empty:
+            bent = [f"{row['scene']} from {row['to_share']:.1g} ({row['why_bent']})" for _, row in slower.iterrows()]
             said += f". Below these shares of the limit errors fall more slowly: {', '.join(bent)}"
         yield said + "."
 
 
-def _falls(order: Order) -> bool:
-    return order.below < order.order - 2 * STRAIGHT
-
-
 def _on_cost(rows: pd.DataFrame) -> Iterator[str]:
     first = rows["scene"].iloc[0]
-    for code in [name for name in ("liggghts", "yade") if (rows["method"] == name).any()]:
+    for code in codes_in(rows):
         part = rows[(rows["scene"] == first) & (rows["method"] == code)]
         costs = []
         for target in (1e-2, 1e-4, 1e-6, 1e-8):
@@ -62,6 +62,11 @@ def _on_cost(rows: pd.DataFrame) -> Iterator[str]:
         if used:
             counted = ", ".join(f"{name} on {count} of {len(best_of)} scenes" for name, count in used.most_common())
             yield f"Cheapest loop for a force error of {target:.0e}: {counted}."
+
+
+def codes_in(rows: pd.DataFrame) -> list[str]:
+    """The codes that a table has measurements of."""
+    return [name for name in codes() if (rows["method"] == name).any()]
 
 
 def _on_steps(levers: pd.DataFrame) -> Iterator[str]:

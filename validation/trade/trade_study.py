@@ -1,38 +1,63 @@
-"""``python -m validation trade``: measures, and writes tables and diagrams."""
+"""The trade study: errors against cost, for every engine and step, and what to use."""
 
-import sys
-from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
-from drivers.base import paths
-from drivers.base.files import whole_file
-from validation.trade.advice import advice, orders
-from validation.trade.climb import climb, write_table
-from validation.trade.ladder import SCENES
-from validation.trade.levers import pull_all, write_levers
-from validation.trade.trade_sentences import sentences
-from validation.trade.work_precision import draw_quantities, draw_scene
+from validation.studies import Measured, Options, Study, Tables
+from validation.study_tables import frame_of
+from validation.trade.advice import QUANTITIES, TARGETS, Advice, Order, advice, cheapest, orders
+from validation.trade.climb import Row, climb
+from validation.trade.ladder import BUDGET_S
+from validation.trade.levers import Lever, pull_all
+from validation.trade.trade_sentences import ADVICE, LEVERS, ORDERS, TABLE, codes_in, sentences
+from validation.trade.work_precision import figures
 
-TABLE, LEVERS = "trade.csv", "trade-levers.csv"
+UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 
 
-def trade(budget_s: float, results: Path, scenes: tuple[str, ...] = SCENES) -> None:
-    """Measures the ladder within a budget and the levers; writes tables and diagrams, says what they mean."""
-    rows = climb(budget_s, scenes, lambda line: print(line, file=sys.stderr, flush=True))
-    levers = pull_all()
-    write_table(rows, results / TABLE)
-    write_levers(levers, results / LEVERS)
-    table = pd.read_csv(results / TABLE)
-    for name, made in (("trade-advice.csv", advice(table)), ("trade-orders.csv", pd.DataFrame(orders(table)))):
-        with whole_file(results / name) as draft:
-            made.to_csv(draft, index=False)
-    for scene in scenes:
-        with whole_file(results / f"trade-{scene}.svg") as draft:
-            draw_scene(table, scene).savefig(draft, format="svg", metadata={"Date": None})
-    with whole_file(results / "trade-quantities.svg") as draft:
-        draw_quantities(table, scenes[0]).savefig(draft, format="svg", metadata={"Date": None})
-    for line in sentences(table, pd.read_csv(results / LEVERS)):
-        print(line)
-    done = int((table["status"] == "done").sum())
-    print(f"{paths.shown(results / TABLE)}: {done} runs of {len(table)} within {budget_s:g} s of engine time")
+def measure(options: Options) -> Measured:
+    """The ladder within a budget of engine time, the levers, and what follows from the ladder."""
+    rows = climb(options.budget_s or BUDGET_S)
+    table = frame_of(Row, rows)
+    return Measured({TABLE: rows, LEVERS: pull_all(), ADVICE: list(advice(table)), ORDERS: list(orders(table))})
+
+
+def section(tables: Tables) -> dict[str, Any]:
+    """Cheapest code for each error: on the first scene in all quantities, on the others of the force."""
+    rows = tables[TABLE]
+    first, *others = rows["scene"].unique()
+    chosen = [*((first, quantity) for quantity in QUANTITIES), *((scene, "force") for scene in others)]
+    among = rows[rows["method"].isin(codes_in(rows))] if codes_in(rows) else rows
+    return {
+        "table": [_line(among[among["scene"] == scene], scene, quantity) for scene, quantity in chosen],
+        "targets": [f"{target:.0e}" for target in TARGETS],
+    }
+
+
+def _line(rows: pd.DataFrame, scene: str, quantity: str) -> dict[str, Any]:
+    """For each error the cheapest run: its code, or method where no code was run, step, and time of the loop."""
+    cells: list[tuple[str, ...]] = []
+    for target in TARGETS:
+        best = cheapest(rows, quantity, target, "loop_s")
+        cells.append(() if best is None else (best["method"], _time(best["time_step_s"]), _time(best["loop_s"])))
+    return {"scene": scene, "quantity": QUANTITIES[quantity], "cells": cells}
+
+
+def _time(seconds: float) -> str:
+    """Two digits, in the unit in which they are easily read."""
+    if pd.isna(seconds):
+        return "of its own"
+    two = float(f"{seconds:.2g}")
+    scale, unit = next(((each, name) for each, name in UNITS if two >= each), UNITS[-1])
+    return f"{two / scale:.3g} {unit}"
+
+
+STUDY = Study(
+    name="trade",
+    tables={TABLE: Row, LEVERS: Lever, ADVICE: Advice, ORDERS: Order},
+    measure=measure,
+    sentences=sentences,
+    figures=figures,
+    section=section,
+)

@@ -1,16 +1,28 @@
 """Work-precision diagrams: error against time, the Pareto front drawn through what nothing beats."""
 
+from functools import partial
 from typing import Any
 
 import pandas as pd
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from postproc.draw.style import COLUMN_IN, line_of, pyplot
+from drivers.engines import engine_names, in_order
+from postproc.draw.style import COLUMN_IN, line_of, marker_of, pyplot
+from validation.studies import Picture, Tables
 from validation.trade.advice import QUANTITIES, done, front
+from validation.trade.ladder import ADAPTIVE, ORDER_4
+from validation.trade.trade_sentences import TABLE
 
-OWN_COLOURS = {"order 4": "#56b4e9", "adaptive": "#999999"}
-MARKS = {"liggghts": "o", "yade": "s", "verlet": "^", "order 4": "D", "adaptive": "v"}
+METHODS = {ORDER_4: ("#56b4e9", "D"), ADAPTIVE: ("#999999", "v")}  # colours and markers of what is no engine
 COSTS = {"loop_s": "time in the loop, s", "wall_s": "time of a run by itself, s"}
+
+
+def figures(tables: Tables) -> dict[str, Picture]:
+    """The force error of every scene against both costs, and all quantities of the first scene."""
+    rows = tables[TABLE]
+    scenes = list(rows["scene"].unique())
+    pictures = {f"trade-{scene}": Picture(scene, partial(draw_scene, rows, scene)) for scene in scenes}
+    return pictures | {"trade-quantities": Picture("", partial(draw_quantities, rows, scenes[0]))}
 
 
 def draw_scene(rows: pd.DataFrame, scene: str) -> Any:
@@ -46,14 +58,13 @@ def draw_quantities(rows: pd.DataFrame, scene: str) -> Any:
 
 
 def _draw(axis: Any, part: pd.DataFrame, quantity: str, cost: str) -> None:
-    shown = part[(part[quantity] > 0) & part[quantity].notna()]
-    for method, mark in MARKS.items():
+    shown = part[part[quantity] > 0]
+    for method in in_order(shown["method"]):
         own = shown[shown["method"] == method].sort_values("share_of_limit")
-        colour = OWN_COLOURS.get(method) or line_of(method).colour
-        if not own.empty:
-            axis.plot(own[cost], own[quantity], marker=mark, ms=3.5, lw=0.8, label=method, color=colour)
-    places = front(shown[quantity].to_numpy(), shown[cost].to_numpy())
-    best = shown.iloc[places]
+        known = method in engine_names()
+        colour, mark = (line_of(method).colour, marker_of(method)["marker"]) if known else METHODS[method]
+        axis.plot(own[cost], own[quantity], marker=mark, ms=3.5, lw=0.8, label=method, color=colour)
+    best = front(shown, quantity, cost)
     axis.plot(best[cost], best[quantity], color="0.6", linewidth=4, alpha=0.4, zorder=0, label="Pareto front")
     axis.set_xscale("log")
     axis.set_yscale("log")

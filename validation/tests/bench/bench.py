@@ -1,4 +1,4 @@
-"""What things cost, as ratios taken in one run: the in-repo integrators, scipy's best, LIGGGHTS and YADE."""
+"""What things cost, as ratios taken in one run: the in-repo integrators, scipy's best, and the codes."""
 
 import resource
 import sys
@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from drivers.chain.case import Case, build_case
 from drivers.chain.integrator_arrays import arrays_of
-from drivers.engines import load_engine
+from drivers.engines import installed_codes, missing_codes
 from drivers.run.run import run_case
 from drivers.scene.read_scene import read_scene
 from validation.reference.adaptive import integrate_adaptive
@@ -117,14 +117,13 @@ def bench_long_chain() -> None:
 
 
 def bench_engines() -> dict[tuple[str, int], float]:
-    """LIGGGHTS and YADE on a chain: prints start-up, returns ns per bead and step in the engine's own loop."""
+    """The codes on a chain: prints start-up, returns ns per bead and step in the engine's own loop."""
     costs: dict[tuple[str, int], float] = {}
-    print("\nLIGGGHTS and YADE, one process: seconds outside the time loop (start-up, building the chain, writing)")
+    print("\nthe codes, one process: seconds outside the time loop (start-up, building the chain, writing)")
     with tempfile.TemporaryDirectory() as folder:
-        for engine in ("liggghts", "yade"):
-            if load_engine(engine).find() is None:
-                print(f"{engine}: not installed, not run")
-                continue
+        for engine in missing_codes():
+            print(f"{engine}: not installed, not run")
+        for engine in installed_codes():
             for bodies, steps in ENGINE_STEPS.items():
                 case = _compressed_chain(bodies, steps)
                 record = run_case(case, engine, Path(folder)).record
@@ -139,14 +138,15 @@ def bench_engines() -> dict[tuple[str, int], float]:
 def bench_fixed_step(engine_costs: dict[tuple[str, int], float]) -> None:
     """Velocity Verlet: ns per bead and step, in the repository and in the engines."""
     print("\nvelocity Verlet: ns per bead and step (in brackets: times the in-repo cost on one thread)")
-    print(f"{'bodies':>8} {'1 thread':>9} {'2 threads':>9} {'liggghts':>16} {'yade':>16}")
+    engines = list(dict.fromkeys(engine for engine, _ in engine_costs))
+    print(f"{'bodies':>8} {'1 thread':>9} {'2 threads':>9}", *(f"{engine:>16}" for engine in engines))
     for bodies, steps in IN_REPO_STEPS.items():
         one, two = (_own_cost(bodies, steps, threads) for threads in (1, 2))
         cells = [
             f"{cost:8.1f} ({cost / one:.0f})" if (cost := engine_costs.get((engine, bodies))) else "-"
-            for engine in ("liggghts", "yade")
+            for engine in engines
         ]
-        print(f"{bodies:>8} {one:9.2f} {two:9.2f} {cells[0]:>16} {cells[1]:>16}", flush=True)
+        print(f"{bodies:>8} {one:9.2f} {two:9.2f}", *(f"{cell:>16}" for cell in cells), flush=True)
 
 
 def _compressed_chain(bodies: int, steps: int) -> Case:

@@ -30,7 +30,7 @@ from validation.reference import damped
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, record_contacts
-from validation.stability.measured_limits import WITHIN, measure
+from validation.stability.measured_limits import WITHIN, measure_limits
 from validation.stability.subjects import Subject
 from validation.tests.helpers.runs import assessed, finished, need
 from validation.tests.helpers.scenes import case_of
@@ -40,10 +40,6 @@ DAMPED = "contact.restitution=0.9"
 ALONE = ("chain.sensors=[]", "gravity=", "run.duration=0.4 ms")
 PAIR, ON_WALL = (*ALONE, "chain.count=1", "wall="), (*ALONE, "chain.count=0")
 LONG = ("gravity=", "wall=", "chain.count=60", "chain.sensors=[{from_wall=40},{from_wall=30}]", "run.duration=2.5 ms")
-
-
-def quiet(line: str) -> None:
-    """Takes progress and says nothing."""
 
 
 @pytest.mark.parametrize("wanted", [1e-3, 0.05, 0.1353352832366127, 0.1354, 0.3, 0.5, 0.9, 0.99, 0.999999])
@@ -205,7 +201,7 @@ def test_limits_of_damped_chains(ratio: float) -> None:
     pressed = case_of("fig4", "chain.precompression=20 N", given)  # stiff all the time: the limit is sharp
     subjects = [Subject("damped", "struck", case_of("fig5", given)), Subject("damped", "pressed", pressed)]
     names = codes() if ratio == 0.6 else ()
-    limits = measure(subjects, quiet, names=[name for name in names if load_engine(name).find()])
+    limits = measure_limits(subjects, [name for name in names if load_engine(name).find()])
     for subject in subjects:
         own = [limit for limit in limits if limit.scene == subject.name]
         assert len({limit.measured_s for limit in own}) == 1

@@ -8,7 +8,7 @@ import pytest
 from drivers.chain.case import Case
 from postproc.read.residual import residual
 from validation.accuracy.error_measures import truth_of, verlet_of
-from validation.stability.measured_limits import WITHIN, measure
+from validation.stability.measured_limits import WITHIN, measure_limits
 from validation.stability.random_scenes import random_case
 from validation.stability.subjects import at_random, shipped
 from validation.tests.helpers.runs import finished
@@ -80,7 +80,7 @@ def test_both_codes_keep_it(number: int, shared_runs: Path) -> None:
 
 @pytest.mark.accuracy
 def test_limits_are_predicted_on_the_papers_scenes_and_100_random_ones() -> None:
-    limits = measure([*shipped(), *at_random(100)], lambda line: None)
+    limits = measure_limits([*shipped(), *at_random(100)])
     assert {limit.method for limit in limits} >= {"verlet"}
     outside = [limit for limit in limits if not 1 <= limit.ratio <= WITHIN]
     assert outside == []

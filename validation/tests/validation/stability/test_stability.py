@@ -21,11 +21,12 @@ from validation.report.write_report import write_report
 from validation.stability.extremes import Extreme, extremes, run_extreme
 from validation.stability.height_rounding import by_build, in_repo, pressed
 from validation.stability.long_runs import energy_of
-from validation.stability.measured_limits import WITHIN, gain, measure, prediction
+from validation.stability.measured_limits import WITHIN, gain, measure_limits, prediction
 from validation.stability.random_scenes import random_case
-from validation.stability.stability_section import read_section
-from validation.stability.stability_study import missed, write_study
+from validation.stability.stability_sentences import EXTREMES, LIMITS, missed
+from validation.stability.stability_study import STUDY
 from validation.stability.subjects import PAPER, RANDOM, SHIPPED, Subject, at_random, bouncing, sweeps
+from validation.studies import Measured, read_section, write_study
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -35,13 +36,9 @@ COARSE = ("run.time_step=8 us", "run.sample_interval=8 us")
 QUICK = {each.name: each for each in extremes(quick=True)}
 
 
-def quiet(line: str) -> None:
-    """Takes progress and says nothing."""
-
-
 def test_predictions_are_right_on_the_papers_scenes_and_at_random() -> None:
     subjects = [*(Subject(RANDOM, name, case_of(name)) for name in PAPER), *at_random(20)]
-    for limit in measure(subjects, quiet, names=()):
+    for limit in measure_limits(subjects, names=()):
         assert 1 <= limit.ratio <= WITHIN, limit
 
 
@@ -49,7 +46,7 @@ def test_codes_blow_up_where_the_in_repo_scheme_does() -> None:
     for name in codes():
         need(name)
     subjects = [Subject(RANDOM, "fig5", case_of("fig5"), whole_scan=True), *at_random(2)]
-    limits = measure(subjects, quiet, names=tuple(codes()))
+    limits = measure_limits(subjects, names=codes())
     for subject in subjects:
         own = {limit.method: limit for limit in limits if limit.scene == subject.name}
         assert len({limit.measured_s for limit in own.values()}) == 1
@@ -68,7 +65,7 @@ def test_the_cheap_bound_never_calls_a_step_stable_that_is_not() -> None:
 
 
 def test_many_impacts_lower_the_limit() -> None:
-    limits = measure([*bouncing()][:2], quiet, names=())
+    limits = measure_limits([*bouncing()][:2], names=())
     assert limits[1].measured_s < 0.85 * limits[0].measured_s
     assert all(1 <= limit.ratio <= WITHIN for limit in limits)
 
@@ -196,20 +193,24 @@ def test_heights_round_and_overlaps_do_not() -> None:
     assert errors["in-repo, heights", 1e3] > 1e3 * errors["in-repo, heights", 0.0]
     for name in codes():
         need(name)
-        for each in by_build(name, name, [near, far]):
+        for each in by_build(name, "", [near, far]):
             assert each.error == pytest.approx(errors["in-repo, heights", each.height_m], rel=1e-6)
 
 
 def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) -> None:
     chosen = [Subject(SHIPPED, "fig5", case_of("fig5")), *sweeps()][::4]
     edge = Extreme(name="beads <b>", scene="fig4", set=COARSE)
-    measured: dict[str, list[Any]] = {
-        "limits": measure(chosen, quiet, names=()),
-        "extremes": run_extreme(edge, shared_runs),
+    (tmp_path / "stability-energy.csv").write_text("of a former study\n")
+    (tmp_path / "stability-horizons.svg").write_text("of a former study\n")
+    rows: dict[str, list[Any]] = {
+        LIMITS: measure_limits(chosen, names=()),
+        EXTREMES: run_extreme(edge, shared_runs),
     }
-    tables = write_study(measured, tmp_path)
+    tables = write_study(STUDY, Measured(rows), tmp_path)
     assert missed(tables) == []
-    section = read_section(tmp_path)
+    written = ["stability-extremes.csv", "stability-limits.png", "stability-limits.svg", "stability.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == written
+    section = read_section("stability", tmp_path)
     assert any("the prediction lies above the measured limit on 0 of" in sentence for sentence in section["sentences"])
     assert len(section["figures"]) == 1
     write_report([], tmp_path / "report.html")
@@ -217,10 +218,10 @@ def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) ->
     assert "beads &lt;b&gt;" in page
     assert "Where it breaks" in page
     assert "the short study; <code>make stability</code> makes the whole" in page
-    table = tables["limits"]
+    table = tables[LIMITS]
     table["ratio"] = 0.99
     assert len(missed(tables)) == (table["group"] == SHIPPED).sum()
     (tmp_path / "stability.csv").write_text("group,scene\nshipped scenes,fig4\n")
     with pytest.raises(InputError, match="a damaged table"):
-        read_section(tmp_path)
-    assert read_section(tmp_path / "nowhere") == {}
+        read_section("stability", tmp_path)
+    assert read_section("stability", tmp_path / "nowhere") == {}

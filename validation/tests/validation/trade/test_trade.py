@@ -8,14 +8,17 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.limits.criteria import rayleigh_time
+from validation.studies import Measured, read_section, write_study
+from validation.study_tables import frame_of
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
-from validation.trade.advice import cheapest, front, orders
-from validation.trade.climb import climb, write_table
+from validation.trade.advice import advice, cheapest, front, orders
+from validation.trade.climb import Row, climb
 from validation.trade.ladder import Rung, affordable, at_step
-from validation.trade.levers import extrapolation, rayleigh, sampling, softened, write_levers
-from validation.trade.trade_section import read_section
+from validation.trade.levers import extrapolation, rayleigh, sampling, softened
+from validation.trade.trade_sentences import ADVICE, LEVERS, ORDERS, TABLE
+from validation.trade.trade_study import STUDY
 
 
 def table(errors: list[float], shares: list[float]) -> pd.DataFrame:
@@ -30,7 +33,7 @@ def table(errors: list[float], shares: list[float]) -> pd.DataFrame:
 def test_an_order_has_its_range_and_a_bend_is_seen() -> None:
     shares = [1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125]
     errors = [share**2 for share in shares[:4]] + [0.125**2, 0.125**2]
-    found = orders(table(errors, shares))[0]
+    found = next(orders(table(errors, shares)))
     assert found.order == pytest.approx(2)
     assert (found.from_share, found.to_share) == (1.0, 0.125)
     assert found.below == pytest.approx(0)
@@ -44,7 +47,8 @@ def test_the_cheapest_is_not_below_its_error_by_chance() -> None:
 
 
 def test_nothing_beats_the_front() -> None:
-    assert front(np.array([1.0, 0.5, 0.7, 0.1]), np.array([1.0, 2.0, 3.0, 4.0])) == [0, 1, 3]
+    rows = pd.DataFrame({"force": [0.1, 0.7, 1.0, 0.5], "loop_s": [4.0, 3.0, 1.0, 2.0]})
+    assert list(front(rows, "force", "loop_s")["force"]) == [1.0, 0.5, 0.1]
 
 
 def test_what_is_too_dear_is_left_out() -> None:
@@ -83,9 +87,8 @@ def test_extrapolation_pays() -> None:
 def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     need("liggghts")
     need("yade")
-    rows = climb(2.0, ("fig5",), lambda line: None)
-    write_table(rows, tmp_path / "trade.csv")
-    found = pd.read_csv(tmp_path / "trade.csv")
+    rows = climb(2.0, ("fig5",))
+    found = frame_of(Row, rows)
     slopes = {order.method: order.order for order in orders(found) if order.quantity == "force"}
     assert all(slopes[name] == pytest.approx(2, abs=0.05) for name in ("liggghts", "yade", "verlet"))
     left = found[found["status"] == "not run"]
@@ -94,16 +97,19 @@ def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     assert len(same) == 3
     assert np.ptp(same["force"].to_numpy()) < 1e-9
 
-    write_levers([*sampling(), *extrapolation(), *rayleigh(), *softened()], tmp_path / "trade-levers.csv")
-    section = read_section(tmp_path)
+    levers = [*sampling(), *extrapolation(), *rayleigh(), *softened()]
+    write_study(
+        STUDY, Measured({TABLE: rows, LEVERS: levers, ADVICE: [*advice(found)], ORDERS: [*orders(found)]}), tmp_path
+    )
+    section = read_section("trade", tmp_path)
     assert any(
         sentence.startswith("The force trace by liggghts converges with order 2.") for sentence in section["sentences"]
     )
     assert len(section["figures"]) == 1
     (tmp_path / "trade.csv").write_text("scene,method\nfig5,yade\n")
     with pytest.raises(InputError, match="a damaged table"):
-        read_section(tmp_path)
-    assert read_section(tmp_path / "nowhere") == {}
+        read_section("trade", tmp_path)
+    assert read_section("trade", tmp_path / "nowhere") == {}
 
 
 @pytest.mark.parametrize("budget", ["0", "-1", "nan", "x"])

@@ -1,0 +1,49 @@
+"""Cases run by one process of a code, one after another, in a folder that is gone afterwards."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from drivers.chain.case import Case
+from drivers.chain.trace import Trace
+from drivers.engines import load_engine
+from drivers.run.guard import checked_trace
+from drivers.run.run import default_limit_s
+from drivers.run.session import Session
+
+
+@dataclass(frozen=True)
+class Served:
+    """Trace of a case, with the seconds of its time loop and of the whole case."""
+
+    trace: Trace
+    loop_s: float
+    case_s: float
+
+
+@contextmanager
+def serving(name: str, build: str = "") -> Iterator[Session]:
+    """A session of an installed engine, or of another build that stands beside its executable."""
+    engine = load_engine(name)
+    executable = engine.find()
+    assert executable is not None
+    with TemporaryDirectory() as folder:
+        session = Session(engine, executable.with_name(build) if build else executable, Path(folder))
+        try:
+            yield session
+        finally:
+            session.close()
+
+
+def serve(session: Session, case: Case) -> Served:
+    """Runs a case in a session.
+
+    Raises:
+        RunError: it failed.
+    """
+    outcome = session.run(session.engine.render(case), default_limit_s(case))
+    trace = checked_trace(case, session.engine, outcome, session.case)
+    loop_s = session.engine.loop_seconds((session.case / "stdout.txt").read_text(errors="replace"))
+    return Served(trace, loop_s or 0.0, outcome.wall_s)

@@ -1,0 +1,161 @@
+"""Studies: what each measures, says, draws and shows in the report, behind one command.
+
+The study of the room ``validation/<name>`` is ``STUDY`` in its module ``<name>_study``.
+"""
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from drivers.base import paths
+from postproc.draw.product import write_figure
+from validation.report.page_figures import read_picture, stored_or_drawn
+from validation.study_tables import read_table, refused_if_damaged, write_frame, write_table
+
+STUDIES = ("trade", "stability", "elements")
+Tables = Mapping[str, pd.DataFrame]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the command; a study takes those that it names on the command line.
+
+    Attributes:
+        quick: the short study.
+        budget_s: engine time of all runs; None is the study's own.
+    """
+
+    results: Path = paths.RESULTS
+    runs: Path = paths.RUNS
+    quick: bool = False
+    budget_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Figure of a study, stored as SVG and PNG.
+
+    Attributes:
+        title: its heading in the report; empty where it is not shown there.
+        draw: makes it from the tables; None where it takes more than they hold, and comes with what was measured.
+        numbers: what is plotted, where it is stored beside the figure.
+    """
+
+    title: str
+    draw: Callable[[], Any] | None
+    numbers: pd.DataFrame | None = None
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Outcome of a study's runs: rows by table, and figures that take more than the tables hold, by name."""
+
+    rows: Mapping[str, Sequence[Any]]
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study, from its runs to its section of the report; tables and figures are known by their files' stems.
+
+    Attributes:
+        tables: dataclass of each table's rows; the first table is the one that the section stands on.
+        measure: runs everything.
+        sentences: what the tables say, computed from them.
+        figures: pictures by name.
+        section: what the report's template takes beside sentences and figures.
+        missed: requirements that are not met, a line each.
+        optional: tables that the short study leaves out.
+    """
+
+    name: str
+    tables: Mapping[str, type]
+    measure: Callable[[Options], Measured]
+    sentences: Callable[[Tables], Sequence[str]]
+    figures: Callable[[Tables], Mapping[str, Picture]]
+    section: Callable[[Tables], Mapping[str, Any]]
+    missed: Callable[[Tables], Sequence[str]] = lambda tables: ()
+    optional: frozenset[str] = frozenset()
+
+    @property
+    def main_table(self) -> str:
+        """Name of the table that the section stands on."""
+        return next(iter(self.tables))
+
+    def read(self, results: Path) -> Tables:
+        """Tables of a results folder.
+
+        Raises:
+            InputError: one is damaged, or missing and not optional.
+        """
+        there = [name for name in self.tables if name not in self.optional or (results / f"{name}.csv").exists()]
+        return {name: read_table(results / f"{name}.csv", self.tables[name], self.name) for name in there}
+
+
+def load_study(name: str) -> Study:
+    """The study of a room."""
+    study = import_module(f"validation.{name}.{name}_study").STUDY
+    assert isinstance(study, Study)
+    return study
+
+
+def progress(line: str) -> None:
+    """Tells how far a study is."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def run_study(study: Study, options: Options) -> int:
+    """Measures, writes tables and figures, says what they mean; the exit code is 1 where a requirement is missed."""
+    tables = write_study(study, study.measure(options), options.results)
+    for line in study.sentences(tables):
+        print(line)
+    print(f"{paths.shown(options.results / study.main_table)}.csv: {len(tables[study.main_table])} rows")
+    missed = study.missed(tables)
+    for line in missed:
+        progress(line)
+    return 1 if missed else 0
+
+
+def write_study(study: Study, measured: Measured, results: Path) -> Tables:
+    """Writes tables and figures, removes those of a former study that this one has not, and returns the tables."""
+    for name, kind in study.tables.items():
+        if name in measured.rows:
+            write_table(results / f"{name}.csv", kind, measured.rows[name])
+        else:
+            (results / f"{name}.csv").unlink(missing_ok=True)
+    tables = study.read(results)
+    pictures = study.figures(tables)
+    for name, picture in pictures.items():
+        write_figure(picture.draw() if picture.draw else measured.figures[name], name, results)
+        if picture.numbers is not None:
+            write_frame(results / f"{name}.csv", picture.numbers)
+    for path in (*results.glob(f"{study.name}-*.svg"), *results.glob(f"{study.name}-*.png")):
+        if path.stem not in pictures:
+            path.unlink()
+    return tables
+
+
+def read_section(name: str, results: Path) -> dict[str, Any]:
+    """Sentences, figures and rows of a study as the report shows them; empty without its tables.
+
+    Raises:
+        InputError: a table or a figure is damaged.
+    """
+    study = load_study(name)
+    main = results / f"{study.main_table}.csv"
+    if not main.exists():
+        return {}
+    tables = study.read(results)
+    with refused_if_damaged(main, name):
+        figures = []
+        for stem, picture in study.figures(tables).items():
+            stored = results / f"{stem}.svg"
+            image = stored_or_drawn(stored, main, picture.draw) if picture.draw else read_picture(stored)
+            if picture.title and image:
+                figures.append((picture.title, image))
+        return {"sentences": list(study.sentences(tables)), "figures": figures, **study.section(tables)}

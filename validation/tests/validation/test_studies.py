@@ -1,0 +1,97 @@
+"""Studies are registered once, and take any number of codes."""
+
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import drivers.engines
+from drivers.base import paths
+from drivers.engines import installed_codes, load_engine
+from validation.__main__ import STUDIES as IN_COMMAND_LINE
+from validation.stability.extremes import Extreme, run_extreme
+from validation.stability.measured_limits import measure_limits
+from validation.stability.stability_sentences import EXTREMES, LIMITS
+from validation.stability.stability_study import STUDY as STABILITY
+from validation.stability.subjects import SHIPPED, Subject, sweeps
+from validation.studies import STUDIES, Measured, load_study, read_section, write_study
+from validation.study_tables import frame_of
+from validation.tests.helpers.scenes import case_of
+from validation.trade.advice import advice, orders
+from validation.trade.climb import Row, climb
+from validation.trade.levers import Lever, extrapolation, rayleigh, sampling, softened
+from validation.trade.trade_sentences import ADVICE, LEVERS, ORDERS, TABLE
+from validation.trade.trade_study import STUDY as TRADE
+
+ADAPTER = """
+from dataclasses import replace
+from drivers.engines.verlet import ENGINE as VERLET
+ENGINE = replace(VERLET, in_repository=False, style=None)
+"""
+Installer = Callable[[int], list[str]]
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Installer:
+    """Leaves so many codes installed, adapters dropped into the folder of engines among them; returns their names."""
+
+    def leave(count: int) -> list[str]:
+        names = installed_codes()
+        more = [f"added{number}" for number in range(max(0, count - len(names)))]
+        for name in more:
+            (tmp_path / f"{name}.py").write_text(ADAPTER)
+            monkeypatch.delitem(sys.modules, f"drivers.engines.{name}", raising=False)
+        monkeypatch.setattr(drivers.engines, "__path__", [*drivers.engines.__path__, str(tmp_path)])
+        kept = [*names[:count], *more]
+        known = [name for name in drivers.engines.engine_names() if name in kept or load_engine(name).in_repository]
+        monkeypatch.setattr(drivers.engines, "engine_names", lambda: known)
+        assert installed_codes() == sorted(kept)
+        return kept
+
+    return leave
+
+
+@pytest.fixture(scope="module")
+def levers() -> list[Lever]:
+    """Levers of one code or none."""
+    return [*sampling(), *extrapolation(), *rayleigh(), *softened()]
+
+
+def test_studies_are_those_of_the_command_line_and_of_make() -> None:
+    assert set(STUDIES) == set(IN_COMMAND_LINE)
+    assert [load_study(name).name for name in STUDIES] == list(STUDIES)
+    measured = re.search(r"^MEASURED := (.*)$", (paths.ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert measured
+    assert set(STUDIES) <= set(measured[1].split())
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_trade_takes_any_number_of_codes(count: int, install: Installer, levers: list[Lever], tmp_path: Path) -> None:
+    names = install(count)
+    rows = climb(0.5, ("fig5",))
+    found = frame_of(Row, rows)
+    assert {*names, "verlet", "order 4", "adaptive"} == set(found["method"])
+    derived: dict[str, list[Any]] = {ADVICE: list(advice(found)), ORDERS: list(orders(found))}
+    write_study(TRADE, Measured({TABLE: rows, LEVERS: levers, **derived}), tmp_path / "results")
+    section = read_section("trade", tmp_path / "results")
+    assert {cell[0] for line in section["table"] for cell in line["cells"] if cell} <= set(names or found["method"])
+    for name in names:
+        assert any(f"fig5 by {name}: an error of" in sentence for sentence in section["sentences"])
+        assert f">{name}<" in (tmp_path / "results" / "trade-fig5.svg").read_text()
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_stability_takes_any_number_of_codes(count: int, install: Installer, tmp_path: Path) -> None:
+    names = install(count)
+    subjects = [Subject(SHIPPED, "fig5", case_of("fig5")), *{each.group: each for each in sweeps()}.values()]
+    edge = run_extreme(Extreme(name="as it is", scene="fig5"), tmp_path / "runs")
+    assert [each.engine for each in edge] == ["reference", "verlet", *sorted(names)]
+    write_study(STABILITY, Measured({LIMITS: measure_limits(subjects), EXTREMES: edge}), tmp_path / "results")
+    section = read_section("stability", tmp_path / "results")
+    assert section["methods"] == ["verlet", *sorted(names)]
+    assert len(section["limits"][0]["measured"]) == 1 + len(names)
+    for name in names:
+        assert f"predicted, {name}" in (tmp_path / "results" / "stability-limits.svg").read_text()
