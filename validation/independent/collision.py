@@ -17,29 +17,28 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.signals import first_peak, peaks
-from validation.independent.case_measure import Measure
-from validation.independent.exact_wave import led_to_wall
+from validation.independent.scipy_chain import led_to_wall
 
-READ = 40  # contacts above the middle: the secondary wave has settled to 1e-4 of itself from 30 on
-STANDS_OUT = 1e-3  # of the wave: the weakest secondary wave is 8.5e-3 of it
+DISTANCE = 40  # contacts above the middle: the secondary wave has settled to 1e-4 of itself from 30 on
+PROMINENCE = 1e-3  # of the wave: the weakest secondary wave is 8.5e-3 of it
 HALF_BEADS = 120
-START = READ + 20.5  # bead of the half chain at which the exact wave starts
+START = DISTANCE + 20.5  # bead of the half chain at which the exact wave starts
 LAST = 165.0  # beads that the wave travels until the secondary one has come by
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
-    """Peaks in the middle and ``READ`` contacts above it, over the incoming wave's there.
+    """Peaks in the middle and ``DISTANCE`` contacts above it, over the incoming wave's there.
 
     Raises:
         ValueError: the waves do not meet and pass, or the chain is too short.
     """
     chain = case.chain
     middle = middle_column(chain.beads)
-    if middle + READ >= chain.beads:
-        raise ValueError(f"{chain.beads} beads: none {READ} contacts above the middle")
+    if middle + DISTANCE >= chain.beads:
+        raise ValueError(f"{chain.beads} beads: none {DISTANCE} contacts above the middle")
     force = trace.force_N
-    values = shares(trace.time_s, force[:, middle], force[:, middle + READ])
-    incoming = force[:, middle + READ].max()
+    values = shares(trace.time_s, force[:, middle], force[:, middle + DISTANCE])
+    incoming = force[:, middle + DISTANCE].max()
     inner = force[:, 1:]  # contact 1 of a free chain is none
     put_in = float(chain.mass_kg @ np.abs(chain.velocity_m_s)) / 2
     return values | {
@@ -64,7 +63,7 @@ def shares(time_s: Array, middle_N: Array, beyond_N: Array) -> dict[str, float]:
     Raises:
         ValueError: fewer than three waves pass it.
     """
-    passing, together = peaks(time_s, beyond_N, prominence=STANDS_OUT), first_peak(time_s, middle_N)
+    passing, together = peaks(time_s, beyond_N, prominence=PROMINENCE), first_peak(time_s, middle_N)
     if len(passing) < 3 or together is None:
         raise ValueError(f"{len(passing)} waves within the run, three expected: incoming, outgoing, secondary")
     incoming, outgoing, secondary = passing[:3]
@@ -83,18 +82,14 @@ def theory(case: Case) -> dict[str, float]:
 @cache
 def _half(*, at_contact: bool) -> dict[str, float]:
     time, found = led_to_wall(HALF_BEADS, START, 2 * sqrt(2) if at_contact else 1.0, LAST)
-    return shares(time, found[:, 0], found[:, READ])
+    return shares(time, found[:, 0], found[:, DISTANCE])
 
 
-COLLISION = Measure(
-    quantities={
-        "middle_share": "largest force where the waves meet, over that of one wave",
-        "outgoing_share": "peak of the wave that leaves, over that of the one that came",
-        "secondary_share": "peak of the secondary wave, over that of the wave that came",
-        "asymmetry": "largest difference of mirrored contacts' forces, over the wave's",
-        "momentum_share": "largest momentum of the chain, over that of either half at first",
-    },
-    measure=measure,
-    theory=theory,
-    source="the exact solitary wave, integrated by scipy's DOP853 up to the wall that stands for the other half",
-)
+QUANTITIES = {
+    "middle_share": "largest force where the waves meet, over that of one wave",
+    "outgoing_share": "peak of the wave that leaves, over that of the one that came",
+    "secondary_share": "peak of the secondary wave, over that of the wave that came",
+    "asymmetry": "largest difference of mirrored contacts' forces, over the wave's",
+    "momentum_share": "largest momentum of the chain, over that of either half at first",
+}
+SOURCE = "the exact solitary wave, integrated by scipy's DOP853 up to the wall that stands for the other half"

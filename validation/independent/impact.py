@@ -17,7 +17,6 @@ from drivers.chain.chain import Array
 from drivers.chain.contact_law import hertz_force, restitution
 from drivers.chain.trace import Trace, overlaps
 from postproc.read.signals import first_peak
-from validation.independent.case_measure import Measure
 
 DURATION = 2 * sqrt(pi) * gamma(7 / 5) / gamma(9 / 10)  # in d_max / v: 2.94328
 
@@ -95,14 +94,10 @@ def _closing(velocity_m_s: Array, contact: int) -> float:
     return below - float(velocity_m_s[contact])
 
 
-IMPACT = Measure(
-    quantities={
-        "peak_force_N": "largest contact force",
-        "peak_overlap_m": "largest overlap, from the bodies' heights",
-        "duration_s": "time from closing to opening of the contact",
-        "restitution": "speed of parting over speed of meeting",
-    },
-    measure=measure,
-    theory=theory,
-    source="Hertz's impact in closed form (Johnson, Contact Mechanics, 11.4)",
-)
+QUANTITIES = {
+    "peak_force_N": "largest contact force",
+    "peak_overlap_m": "largest overlap, from the bodies' heights",
+    "duration_s": "time from closing to opening of the contact",
+    "restitution": "speed of parting over speed of meeting",
+}
+SOURCE = "Hertz's impact in closed form (Johnson, Contact Mechanics, 11.4)"

@@ -1,6 +1,6 @@
 """Runs the independent cases on every engine and judges what they show."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import nan
 from pathlib import Path
@@ -17,8 +17,7 @@ from postproc.read.motion import read_motion
 from validation.accuracy.error_measures import verlet_of
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
 from validation.compare.verdict import FAIL, NOT_RUN, Verdict, pass_or_fail
-from validation.independent.case_measure import unit_of
-from validation.independent.measures import MEASURES
+from validation.independent.measures import MEASURES, unit_of
 from validation.independent.posed_cases import Check, Independent, Posed, pose, read_independent
 
 RUN = "run"  # the quantity that a case without numbers fails, or is not run, in
@@ -60,35 +59,28 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
     Raises:
         InputError: the file, a scene or a study is wrong, or a scene cannot end well.
     """
-    posed = [pose(entry, path) for entry in read_independent(path)]
-    jobs: dict[tuple[str, str, str], tuple[Case, str]] = {}
-    absent: dict[tuple[str, str, str], str] = {}
-    for one, label, case in _each(posed):
+    posed = [(one, label) for one in (pose(entry, path) for entry in read_independent(path)) for label in one.cases]
+    absent, jobs = {}, {}
+    for one, label in posed:
         for engine in engine_names():
-            why = _absence(case, engine)
-            if why:
-                absent[one.entry.id, label, engine] = why
-            elif engine not in HERE:
-                jobs[one.entry.id, label, engine] = (case, engine)
+            key, case = (one.entry.id, label, engine), one.cases[label]
+            absent[key] = _absence(case, engine)
+            if not absent[key] and engine not in HERE:
+                jobs[key] = (case, engine)
     # of equal decks the last is run: one that keeps its state serves the others too
-    order = sorted(jobs, key=lambda job: "state" in jobs[job][0].scene.run.record)
-    for job in order:
-        refuse(*jobs[job])
-    ended = dict(zip(order, run_many([jobs[job] for job in order], runs), strict=True))
+    order = sorted(jobs, key=lambda key: "state" in jobs[key][0].scene.run.record)
+    for key in order:
+        refuse(*jobs[key])
+    ended = dict(zip(order, run_many([jobs[key] for key in order], runs), strict=True))
     lines = []
-    for one, label, case in _each(posed):
-        expected = one.theory[label]
+    for one, label in posed:
         for engine in engine_names():
             key = (one.entry.id, label, engine)
-            if key in absent:
+            if absent[key]:
                 lines.append(_without(one.entry, label, engine, NOT_RUN, absent[key]))
             else:
-                lines += _judged(one.entry, label, engine, case, ended.get(key), expected)
+                lines += _judged(one, label, engine, ended.get(key))
     return lines
-
-
-def _each(posed: list[Posed]) -> list[tuple[Posed, str, Case]]:
-    return [(one, label, case) for one in posed for label, case in one.cases.items()]
 
 
 def _absence(case: Case, engine: str) -> str:
@@ -99,17 +91,16 @@ def _absence(case: Case, engine: str) -> str:
     return f"{REFUSED}: {cannot}" if cannot is not None else ""
 
 
-def _judged(
-    entry: Independent, label: str, engine: str, case: Case, ended: EndedRun | None, theory: dict[str, float]
-) -> list[Line]:
+def _judged(one: Posed, label: str, engine: str, ended: EndedRun | None) -> list[Line]:
+    entry, case = one.entry, one.cases[label]
     if ended is not None and not ended.done:
-        why = f"{ended.record.status}: {ended.record.reason}"
-        return [_without(entry, label, engine, FAIL, why)]
+        return [_without(entry, label, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")]
     try:
         trace = HERE[engine](case) if ended is None else trace_of(case, ended.folder)
         found = MEASURES[entry.measure].measure(case, trace)
     except (ValueError, ArithmeticError, IndexError) as error:  # what the run does not show
         return [_without(entry, label, engine, FAIL, str(error))]
+    theory = one.theory[label]
     return [_line(entry, label, engine, check, found.get(check.quantity, nan), theory) for check in entry.check]
 
 
@@ -145,7 +136,7 @@ def _line(entry: Independent, label: str, engine: str, check: Check, found: floa
         verdict=pass_or_fail(error, check.limit),
         why="" if found == found else "the run does not show it",
         reason=check.reason,
-        source=MEASURES[entry.measure].source if check.expected is None else entry.source,
+        source=MEASURES[entry.measure].SOURCE if check.expected is None else entry.source,
     )
 
 
@@ -167,3 +158,17 @@ def verdict_of(line: Line) -> Verdict:
     if line.label:
         quantity += f" ({line.label})"
     return Verdict(line.id, line.engine, quantity, line.error, line.within, line.reason, where, line.verdict)
+
+
+def rows_of(lines: Iterable[Line]) -> list[dict[str, Line]]:
+    """A row for each number of each case: its lines by engine.
+
+    An engine without numbers has the line that says why in each row of its case; if none has any, it is the only row.
+    """
+    rows: dict[tuple[str, ...], dict[str, Line]] = {}
+    for line in sorted(lines, key=lambda each: each.quantity == RUN):
+        key = (line.id, line.label, line.quantity, line.against)
+        own = [row for other, row in rows.items() if other[:2] == key[:2]] if line.quantity == RUN else []
+        for row in own or [rows.setdefault(key, {})]:
+            row[line.engine] = line
+    return list(rows.values())

@@ -22,9 +22,8 @@ from drivers.chain.chain import Array
 from drivers.chain.contact_law import contact_stiffness_at
 from drivers.chain.trace import Trace
 from postproc.read.signals import first_peak
-from validation.independent.case_measure import Measure
 
-NEAR, FAR = 5, 30  # contacts below the top, between which the front is timed
+UPPER_CONTACT, LOWER_CONTACT = 5, 30  # contacts below the top, between which the front is timed
 LAST_TAU = 70.0  # of the top contact's record: some twenty periods
 ECHO = 4  # in tau, per bead of the chain: from the top to the wall and back, at the speed of long waves
 
@@ -98,11 +97,11 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
         ValueError: the signal does not come within the run, or comes back before it has passed.
     """
     beads = case.chain.beads
-    if ECHO * beads < LAST_TAU + 2 * FAR:
+    if ECHO * beads < LAST_TAU + 2 * LOWER_CONTACT:
         raise ValueError(f"{beads} beads: the signal is back before it has passed")
     top = fit(trace.time_s, _dynamic(case, trace, 1), 2, LAST_TAU)
-    near, far = (_arrival(case, trace, place) for place in (NEAR, FAR))
-    steps = first_maximum(2 * FAR) - first_maximum(2 * NEAR)
+    near, far = (_arrival(case, trace, place) for place in (UPPER_CONTACT, LOWER_CONTACT))
+    steps = first_maximum(2 * LOWER_CONTACT) - first_maximum(2 * UPPER_CONTACT)
     return {
         "cutoff_frequency_Hz": top.rate_per_s / (2 * pi),
         "sound_speed_m_s": float(case.chain.radius_m[-1]) * steps / (far - near),
@@ -147,14 +146,10 @@ def theory(case: Case) -> dict[str, float]:
     }
 
 
-LINEAR = Measure(
-    quantities={
-        "cutoff_frequency_Hz": "highest frequency that travels",
-        "sound_speed_m_s": "speed of long waves",
-        "impulse_share": "size of the top contact's record, over 4 v sqrt(K m)",
-        "misfit": "what of the top contact's record is not J_2(tau)/tau, over its peak",
-    },
-    measure=measure,
-    theory=theory,
-    source="K = (3/2) k^(2/3) F_0^(1/3), omega_c = 2 sqrt(K/m), c = 2 R sqrt(K/m), F - F_0 ~ J_2(omega_c t)/t",
-)
+QUANTITIES = {
+    "cutoff_frequency_Hz": "highest frequency that travels",
+    "sound_speed_m_s": "speed of long waves",
+    "impulse_share": "size of the top contact's record, over 4 v sqrt(K m)",
+    "misfit": "what of the top contact's record is not J_2(tau)/tau, over its peak",
+}
+SOURCE = "K = (3/2) k^(2/3) F_0^(1/3), omega_c = 2 sqrt(K/m), c = 2 R sqrt(K/m), F - F_0 ~ J_2(omega_c t)/t"

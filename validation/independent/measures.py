@@ -1,14 +1,56 @@
-"""All measures by name: a further one is a module of its own and a line here."""
+"""Measures by name: each reads the numbers of a case from a run, and says how large theory has them.
 
+A further measure is a module of the form of ``Measure`` and a line in ``MEASURES``.
+"""
+
+from typing import Protocol
+
+from drivers.chain.case import Case
+from drivers.chain.trace import Trace
 from validation.independent import collision, impact, linear, solitary, train, wall, weak
-from validation.independent.case_measure import Measure
+
+UNITS = (("_m_s", "m/s"), ("_N", "N"), ("_Hz", "Hz"), ("_s", "s"), ("_m", "m"), ("_diameters", "diameters"))
+
+
+class Measure(Protocol):
+    """Two pure functions of a case, in a module; names of quantities end with their unit, or have none.
+
+    Attributes:
+        QUANTITIES: what each quantity is, in words, by its name.
+        SOURCE: where the theory is from.
+    """
+
+    QUANTITIES: dict[str, str]
+    SOURCE: str
+
+    def measure(self, case: Case, trace: Trace) -> dict[str, float]:
+        """The quantities as a run shows them.
+
+        Raises:
+            ValueError: the run does not show them, and fails by it: a wave never comes, say.
+        """
+        ...
+
+    def theory(self, case: Case) -> dict[str, float]:
+        """The quantities by a closed form or a solver of its own, as many as it knows.
+
+        Raises:
+            ValueError: the case is none of its kind.
+        """
+        ...
+
 
 MEASURES: dict[str, Measure] = {
-    "collision": collision.COLLISION,
-    "impact": impact.IMPACT,
-    "small signal": linear.LINEAR,
-    "solitary wave": solitary.SOLITARY,
-    "train": train.TRAIN,
-    "wall": wall.WALL,
-    "weak strike": weak.WEAK,
+    "collision": collision,
+    "impact": impact,
+    "small signal": linear,
+    "solitary wave": solitary,
+    "train": train,
+    "wall": wall,
+    "weak strike": weak,
 }
+
+
+def unit_of(quantity: str) -> str:
+    """The unit at the end of a quantity's name; empty where it is a plain number."""
+    return next((unit for ending, unit in UNITS if quantity.endswith(ending)), "")

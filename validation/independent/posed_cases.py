@@ -108,7 +108,7 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
 
 
 def _check(entry: Independent, where: str, key: str) -> None:
-    known = MEASURES[entry.measure].quantities
+    known = MEASURES[entry.measure].QUANTITIES
     seen = set()
     for check in entry.check:
         place = f"{key}: check {check.quantity}"

@@ -7,12 +7,15 @@ In units of the first bead's mass, a stiffness and a time, bodies from the wall 
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 from drivers.chain.chain import Array, Chain
 from drivers.chain.contact_law import hertz_force
+from validation.reference.travelling_wave import solve_travelling_wave
 
 TOLERANCE = 1e-10  # of a step, relative: forces come out to 1e-8 of the largest
 SAMPLES_PER_UNIT = 16  # a solitary wave takes four units to pass: peaks of quintics through them are good to 1e-8
+REACH = 10.0  # beads from an exact wave's peak: beyond, it is less than the rounding of its largest force
 
 
 def forces(mass: Array, stiffness: Array, overlap: Array, velocity_down: Array, duration: float) -> tuple[Array, Array]:
@@ -65,3 +68,25 @@ def forces_of(chain: Chain, duration_s: float) -> tuple[Array, Array]:
         duration_s * speed / length,
     )
     return time * length / speed, hertz_force(force * stiffness, length)
+
+
+def led_to_wall(beads: int, start: float, wall_stiffness: float, duration: float) -> tuple[Array, Array]:
+    """Times and the forces in all contacts, shape (samples, beads), of an exact solitary wave that runs into a wall.
+
+    Masses and stiffnesses are 1; in these units the wave's speed is 1 bead per unit of time.
+
+    Args:
+        beads: how many, counted from 1 at the wall; contact j lies half a bead below bead j.
+        start: where the peak is at time 0, in beads.
+        wall_stiffness: of contact 1, over that of the others.
+        duration: in beads that the wave travels.
+    """
+    wave, place = solve_travelling_wave(), np.arange(1.0, beads + 1) - start
+
+    def at(values: Array, places: Array) -> Array:
+        return np.where(np.abs(places) <= REACH, CubicSpline(wave.place, values)(places), 0.0)
+
+    stiffness = np.ones(beads)
+    stiffness[0] = wall_stiffness
+    overlap = np.cbrt(np.maximum(at(wave.force, place - 0.5), 0.0)) ** 2
+    return forces(np.ones(beads), stiffness, overlap, at(wave.velocity, place), duration)

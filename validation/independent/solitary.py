@@ -15,7 +15,6 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import Peak, first_peak, rising_crossing
-from validation.independent.case_measure import Measure
 from validation.independent.scipy_chain import forces_of
 from validation.reference.travelling_wave import solve_travelling_wave
 
@@ -104,20 +103,16 @@ def _width_s(time_s: Array, values: Array, share: float) -> float:
 
 
 WORDS = {"contact": "a contact's force", "average": "a sensor's average", "4pct": "4 % of", "half": "half"}
-SOLITARY = Measure(
-    quantities={
-        "peak_velocity_over_strike": "largest bead velocity over the striker's",
-        "force_by_velocity": "F_m / (k^(2/5) m^(3/5) v_m^(6/5))",
-        "speed_by_force": "c / (k^(1/3) m^(-1/2) F_m^(1/6)), c in beads per second",
-        "speed_by_velocity": "c / ((k/m)^(2/5) v_m^(1/5)), c in beads per second",
-        "speed_below_long_wave": "by how much the speed is below that of the long-wave limit for the same velocity",
-        **{
-            f"{name}_width_{level}_diameters": f"full width of {WORDS[name]} at {WORDS[level]} its peak"
-            for name, _ in SIGNALS
-            for level, _ in WIDTHS
-        },
+QUANTITIES = {
+    "peak_velocity_over_strike": "largest bead velocity over the striker's",
+    "force_by_velocity": "F_m / (k^(2/5) m^(3/5) v_m^(6/5))",
+    "speed_by_force": "c / (k^(1/3) m^(-1/2) F_m^(1/6)), c in beads per second",
+    "speed_by_velocity": "c / ((k/m)^(2/5) v_m^(1/5)), c in beads per second",
+    "speed_below_long_wave": "by how much the speed is below that of the long-wave limit for the same velocity",
+    **{
+        f"{name}_width_{level}_diameters": f"full width of {WORDS[name]} at {WORDS[level]} its peak"
+        for name, _ in SIGNALS
+        for level, _ in WIDTHS
     },
-    measure=measure,
-    theory=theory,
-    source="the exact travelling wave of the discrete chain (English and Pego, Proc. AMS 133:1763, 2005)",
-)
+}
+SOURCE = "the exact travelling wave of the discrete chain (English and Pego, Proc. AMS 133:1763, 2005)"

@@ -8,12 +8,11 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.signals import peaks
-from validation.independent.case_measure import Measure
 from validation.independent.scipy_chain import forces_of
 
-BELOW = 30  # contacts below the striker's
+DISTANCE = 30  # contacts below the striker's
 WAVES = 5
-SMALL = 1e-3  # of the range: by so much a wave stands out
+PROMINENCE = 1e-3  # of the range: by so much a wave stands out
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
@@ -31,22 +30,18 @@ def theory(case: Case) -> dict[str, float]:
 
 
 def _ratios(case: Case, time_s: Array, force_N: Array) -> dict[str, float]:
-    column = case.chain.bodies - 1 - BELOW
+    column = case.chain.bodies - 1 - DISTANCE
     if case.scene.striker is None or column < 1:
-        raise ValueError(f"no contact {BELOW} below a striker's")
-    found = [peak.value for peak in peaks(time_s, force_N[:, column], SMALL)]
+        raise ValueError(f"no contact {DISTANCE} below a striker's")
+    found = [peak.value for peak in peaks(time_s, force_N[:, column], PROMINENCE)]
     if len(found) < 2:
         raise ValueError(f"{len(found)} waves at contact {column + 1} within run.duration")
     return {f"wave_{number}_over_first": value / found[0] for number, value in enumerate(found[1:WAVES], start=2)}
 
 
 ORDINALS = ("second", "third", "fourth", "fifth")
-TRAIN = Measure(
-    quantities={
-        f"wave_{number}_over_first": f"force of the {word} wave over the first's, {BELOW} contacts below the striker's"
-        for number, word in enumerate(ORDINALS, start=2)
-    },
-    measure=measure,
-    theory=theory,
-    source="the same chain by scipy's DOP853 to 1e-10 a step, which shares no line with the integrators judged",
-)
+QUANTITIES = {
+    f"wave_{number}_over_first": f"force of the {word} wave over the first's, {DISTANCE} contacts below the striker's"
+    for number, word in enumerate(ORDINALS, start=2)
+}
+SOURCE = "the same chain by scipy's DOP853 to 1e-10 a step, which shares no line with the integrators judged"

@@ -10,11 +10,10 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.signals import first_peak, peaks
-from validation.independent.case_measure import Measure
-from validation.independent.exact_wave import led_to_wall
+from validation.independent.scipy_chain import led_to_wall
 
-ABOVE = 10  # contacts above the sensor's at which the exact wave starts, and beads above that
-SMALL = 0.02  # of the range: by so much a wave stands out
+DISTANCE = 10  # contacts above the sensor's at which the exact wave starts, and beads above that
+PROMINENCE = 0.02  # of the range: by so much a wave stands out
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
@@ -40,9 +39,9 @@ def theory(case: Case) -> dict[str, float]:
 
 @cache
 def _reflected(place: int, wall_stiffness: float) -> dict[str, float]:
-    start = place + ABOVE
-    # it is back at the sensor after 2 place + ABOVE beads; those at the wall linger
-    return _ratios(place, *led_to_wall(start + ABOVE, start, wall_stiffness, 2.0 * place + ABOVE + 8.0))
+    start = place + DISTANCE
+    # it is back at the sensor after 2 place + DISTANCE beads; those at the wall linger
+    return _ratios(place, *led_to_wall(start + DISTANCE, start, wall_stiffness, 2.0 * place + DISTANCE + 8.0))
 
 
 def _ratios(place: int, time_s: Array, force_N: Array) -> dict[str, float]:
@@ -50,7 +49,7 @@ def _ratios(place: int, time_s: Array, force_N: Array) -> dict[str, float]:
     incident, wall = first_peak(time_s, force_N[:, place - 1]), first_peak(time_s, force_N[:, 0])
     if incident is None or wall is None:
         raise ValueError("no wave at the sensor or at the wall within run.duration")
-    back = [peak.value for peak in peaks(time_s, force_N[:, place - 1], SMALL) if peak.time_s > wall.time_s]
+    back = [peak.value for peak in peaks(time_s, force_N[:, place - 1], PROMINENCE) if peak.time_s > wall.time_s]
     if not back:
         raise ValueError(f"no wave comes back to contact {place} within run.duration")
     return {
@@ -70,12 +69,8 @@ def _place(case: Case) -> int:
     return min(sensor.from_wall for sensor in case.scene.chain.sensors)
 
 
-WALL = Measure(
-    quantities={
-        "wall_peak_over_incident": "largest force on the wall over that of the wave that comes",
-        "reflected_over_incident": "force of the wave that goes back over that of the wave that comes",
-    },
-    measure=measure,
-    theory=theory,
-    source="the exact solitary wave of the discrete chain, led to the wall by scipy's DOP853",
-)
+QUANTITIES = {
+    "wall_peak_over_incident": "largest force on the wall over that of the wave that comes",
+    "reflected_over_incident": "force of the wave that goes back over that of the wave that comes",
+}
+SOURCE = "the exact solitary wave of the discrete chain, led to the wall by scipy's DOP853"

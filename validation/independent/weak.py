@@ -24,11 +24,10 @@ from drivers.chain.chain import Array, Chain
 from drivers.chain.contact_law import contact_stiffness
 from drivers.chain.trace import Trace
 from postproc.read.signals import Peak, first_peak
-from validation.independent.case_measure import Measure
 
-SHOWN = (20, 100, 450)  # depths whose amplitudes are judged
-LAW = np.arange(200, 451, 10)  # depths that the power law is fitted to: there the published exponents hold
-TOP = 0.7  # of a peak: samples above it tell how high it is
+DEPTHS = (20, 100, 450)  # depths whose amplitudes are judged
+FIT_DEPTHS = np.arange(200, 451, 10)  # depths that the power law is fitted to: there the published exponents hold
+FITTED_SHARE = 0.7  # of a peak: samples above it tell how high it is
 DEGREE = 6  # of the polynomial through them
 
 
@@ -90,7 +89,7 @@ def leading_peak(time_s: Array, signal: Array) -> Peak:
     peak = first_peak(time_s, signal)
     if peak is None:
         raise missing
-    low = TOP * signal[peak.sample]
+    low = FITTED_SHARE * signal[peak.sample]
     first = peak.sample - int(np.argmax(signal[peak.sample :: -1] < low)) + 1
     last = peak.sample + int(np.argmax(signal[peak.sample :] < low)) - 1
     if last - first < DEGREE:
@@ -109,7 +108,7 @@ def _beads(case: Case) -> NDArray[np.int_]:
     Raises:
         ValueError: the chain is too short.
     """
-    depths = np.array([*SHOWN, *LAW])
+    depths = np.array([*DEPTHS, *FIT_DEPTHS])
     if depths.max() > case.chain.beads:
         raise ValueError(f"{case.chain.beads} beads: too few for a depth of {depths.max()}")
     return np.asarray(case.chain.beads - depths)
@@ -119,31 +118,25 @@ def _values(time_s: Array, velocity_m_s: Array, force_N: Array) -> dict[str, flo
     values: dict[str, float] = {}
     for name, unit, signals in (("velocity", "m_s", velocity_m_s), ("force", "N", force_N)):
         peaks = [leading_peak(time_s, column) for column in signals.T]
-        values |= {f"{name}_{depth}_deep_{unit}": peak.value for depth, peak in zip(SHOWN, peaks, strict=False)}
-        values[f"{name}_exponent"] = power_of_depth([peak.value for peak in peaks[len(SHOWN) :]])
-    values[f"arrival_{SHOWN[-1]}_deep_s"] = peaks[len(SHOWN) - 1].time_s  # of the force
-    values["arrival_exponent"] = power_of_depth([peak.time_s for peak in peaks[len(SHOWN) :]])
+        values |= {f"{name}_{depth}_deep_{unit}": peak.value for depth, peak in zip(DEPTHS, peaks, strict=False)}
+        values[f"{name}_exponent"] = power_of_depth([peak.value for peak in peaks[len(DEPTHS) :]])
+    values[f"arrival_{DEPTHS[-1]}_deep_s"] = peaks[len(DEPTHS) - 1].time_s  # of the force
+    values["arrival_exponent"] = power_of_depth([peak.time_s for peak in peaks[len(DEPTHS) :]])
     return values
 
 
 def power_of_depth(values: list[float]) -> float:
-    """The power of depth that values at the depths ``LAW`` go with, by least squares of logarithms."""
-    return float(np.polyfit(np.log(LAW), np.log(values), 1)[0])
+    """The power of depth that values at the depths ``FIT_DEPTHS`` go with, by least squares of logarithms."""
+    return float(np.polyfit(np.log(FIT_DEPTHS), np.log(values), 1)[0])
 
 
-WEAK = Measure(
-    quantities={
-        **{
-            f"velocity_{depth}_deep_m_s": f"leading peak of the velocity of bead {depth} from the top"
-            for depth in SHOWN
-        },
-        **{f"force_{depth}_deep_N": f"leading peak of the force under bead {depth} from the top" for depth in SHOWN},
-        f"arrival_{SHOWN[-1]}_deep_s": f"when the force under bead {SHOWN[-1]} from the top has its leading peak",
-        "velocity_exponent": f"power of depth that the velocity's peak goes with, {LAW[0]} to {LAW[-1]} deep",
-        "force_exponent": f"power of depth that the force's peak goes with, {LAW[0]} to {LAW[-1]} deep",
-        "arrival_exponent": f"power of depth that the time of the force's peak goes with, {LAW[0]} to {LAW[-1]} deep",
-    },
-    measure=measure,
-    theory=theory,
-    source="modes of the linearised chain, K = (3/2) k^(2/3) F^(1/3)",
-)
+FIT_RANGE = f"{FIT_DEPTHS[0]} to {FIT_DEPTHS[-1]} deep"
+QUANTITIES = {
+    **{f"velocity_{depth}_deep_m_s": f"leading peak of the velocity of bead {depth} from the top" for depth in DEPTHS},
+    **{f"force_{depth}_deep_N": f"leading peak of the force under bead {depth} from the top" for depth in DEPTHS},
+    f"arrival_{DEPTHS[-1]}_deep_s": f"when the force under bead {DEPTHS[-1]} from the top has its leading peak",
+    "velocity_exponent": f"power of depth that the velocity's peak goes with, {FIT_RANGE}",
+    "force_exponent": f"power of depth that the force's peak goes with, {FIT_RANGE}",
+    "arrival_exponent": f"power of depth that the time of the force's peak goes with, {FIT_RANGE}",
+}
+SOURCE = "modes of the linearised chain, K = (3/2) k^(2/3) F^(1/3)"

@@ -3,9 +3,10 @@
 import math
 import shlex
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from drivers.base import paths
 from drivers.engines import in_order
@@ -83,17 +84,17 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> Row:
     return Row(told.name, told.title or told.name, again, cells)
 
 
-def case_rows(verdicts: list[Verdict], titles: dict[str, str]) -> list[Row]:
-    """The rows of independent cases, in the order of ``titles``, by id."""
+def case_rows(independent: Mapping[str, Any]) -> list[Row]:
+    """The rows of independent cases, of the section on them."""
     rows = []
-    for name, title in titles.items():
-        of_case = [verdict for verdict in verdicts if verdict.scene == name]
+    for entry in (case["entry"] for case in independent.get("cases", [])):
+        of_case = [verdict for verdict in independent["verdicts"] if verdict.scene == entry.id]
         cells = {}
         for engine in in_order({verdict.engine for verdict in of_case}):
             own = [verdict for verdict in of_case if verdict.engine == engine]
             note = next((verdict.where for verdict in own if math.isnan(verdict.limit)), "")
             cells[engine] = _cell(engine, own, note)
-        rows.append(Row(name, title, "python -m validation independent", cells))
+        rows.append(Row(entry.id, entry.title, "python -m validation independent", cells))
     return rows
 
 

@@ -18,8 +18,7 @@ from drivers.engines import in_order
 from validation.claims.claims_section import read_section as read_claims
 from validation.compare.compared_scenes import ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
-from validation.independent.independent_section import read_section as read_independent
-from validation.independent.independent_table import read_verdicts
+from validation.independent.independent_study import read_section as read_independent
 from validation.report.machine_readable import as_json, as_junit
 from validation.report.made_with import made_with, when_made
 from validation.report.page_figures import read_figures, read_table1
@@ -112,9 +111,8 @@ def write_report(
     results = path.parent
     made = made_with(scenes, command)
     sections = {name: section.read(results) for name, section in SECTIONS.items()}
-    titles = {case["id"]: case["title"] for case in sections["independent"].get("cases", [])}
     rows, reasons = with_reasons([scene_row(scene, runs) for scene in scenes])
-    cases = case_rows(read_verdicts(results), titles)
+    cases = case_rows(sections["independent"])
     page = deck.render(
         "report/report.html.j2",
         made=made,

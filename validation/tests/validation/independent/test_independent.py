@@ -15,12 +15,12 @@ from drivers.chain.trace import Trace
 from drivers.engines import codes, load_engine
 from postproc.paper.simulate import exact
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
-from validation.independent.case_measure import unit_of
-from validation.independent.independent_section import read_section
-from validation.independent.independent_table import read_lines, read_verdicts, write_lines
+from validation.independent.independent_study import read_lines, read_section
 from validation.independent.judged_cases import HERE, RUN, Line, judge_all, verdict_of
-from validation.independent.measures import MEASURES
+from validation.independent.measures import MEASURES, unit_of
 from validation.independent.posed_cases import Posed, pose, read_independent
+from validation.report.write_report import write_report
+from validation.study_tables import write_table
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import StandIn
@@ -265,11 +265,11 @@ def whole_table() -> list[Line]:
 def test_the_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
     lines = whole_table()
     lines[0] = replace(lines[0], why='a "word", and\nanother', found=0.1 + 0.2, label="a=1, b=nan")
-    write_lines(lines, tmp_path / "independent.csv")
+    write_table(tmp_path / "independent.csv", Line, lines)
     assert read_lines(tmp_path / "independent.csv") == lines
-    assert read_verdicts(tmp_path) == [verdict_of(line) for line in lines]
+    assert read_section(tmp_path)["verdicts"] == [verdict_of(line) for line in lines]
     assert read_lines(tmp_path / "none.csv") == []
-    assert read_verdicts(tmp_path / "nowhere") == []
+    assert read_section(tmp_path / "nowhere") == {}
 
 
 @pytest.mark.parametrize("text", ["", "id,title\na,b\n", "\x00", "id\n"])
@@ -282,15 +282,15 @@ def test_a_damaged_table_is_told(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize("change", [{"error": 5.0}, {"error": math.nan}, {"found": math.nan}, {"verdict": FAIL}])
 def test_a_verdict_that_its_numbers_do_not_make_is_told(change: dict[str, Any], tmp_path: Path) -> None:
     lines = whole_table()
-    write_lines([replace(lines[0], **change), *lines[1:]], tmp_path / "independent.csv")
+    write_table(tmp_path / "independent.csv", Line, [replace(lines[0], **change), *lines[1:]])
     with pytest.raises(InputError, match=r"verdict: found (pass|fail) of"):
-        read_verdicts(tmp_path)
+        read_section(tmp_path)
 
 
 def test_a_table_of_other_cases_is_told(tmp_path: Path) -> None:
-    write_lines(whole_table()[:3], tmp_path / "independent.csv")
+    write_table(tmp_path / "independent.csv", Line, whole_table()[:3])
     with pytest.raises(InputError, match="not the cases"):
-        read_verdicts(tmp_path)
+        read_section(tmp_path)
 
 
 def test_the_section_has_engines_as_columns_and_says_why(tmp_path: Path) -> None:
@@ -300,17 +300,21 @@ def test_the_section_has_engines_as_columns_and_says_why(tmp_path: Path) -> None
     lost = [line for line in lines if (line.id, line.engine) == (first, "yade")]
     kept = [line for line in lines if line not in lost]
     broken = replace(lost[0], quantity=RUN, against="", verdict=FAIL, why="it blew up", found=math.nan, error=math.nan)
-    write_lines([*kept[:1], broken, *kept[1:]], tmp_path / "independent.csv")
+    write_table(tmp_path / "independent.csv", Line, [*kept[:1], broken, *kept[1:]])
     section = read_section(tmp_path)
     assert section["engines"] == ["liggghts", "yade", "reference"]
     assert section["counts"] == {PASS: len(kept), FAIL: 1}
     case = section["cases"][0]
-    assert case["id"] == first
+    assert case["entry"].id == first
     assert len(case["rows"]) == len(lost)
-    row = case["rows"][0]
-    assert row.quantity == MEASURES["impact"].quantities[row.name]
-    assert (row.cells["yade"].text, row.cells["yade"].verdict) == ("it blew up", FAIL)
-    assert (row.cells["liggghts"].error, row.cells["liggghts"].verdict) == ("1.0e-13", PASS)
+    words, one, row = case["rows"][0]
+    assert words == MEASURES["impact"].QUANTITIES[one.quantity]
+    assert (row["yade"].why, row["yade"].verdict) == ("it blew up", FAIL)
+    assert row["liggghts"] == one == replace(row["reference"], engine="liggghts")
+    write_report([], tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    assert "it blew up" in page
+    assert "off by 1.0e-13" in page
 
 
 @pytest.mark.long

@@ -153,7 +153,7 @@ def test_runs_that_show_nothing_say_so(name: str, settings: list[str], words: st
 
 def test_a_run_without_state_says_so() -> None:
     with pytest.raises(ValueError, match="no state was kept"):
-        weak.WEAK.measure(posed(WEAK), replace(exact_trace(WEAK), velocity_m_s=None))
+        weak.measure(posed(WEAK), replace(exact_trace(WEAK), velocity_m_s=None))
 
 
 @pytest.mark.parametrize("order", [2, 10, 60])
@@ -267,7 +267,7 @@ def test_waves_of_the_continuum_under_gravity(kind: Callable[[float, float], com
 
 
 def test_powers_of_depth_are_found() -> None:
-    assert weak.power_of_depth((3e-6 * weak.LAW**-0.25).tolist()) == pytest.approx(-0.25, rel=1e-12)
+    assert weak.power_of_depth((3e-6 * weak.FIT_DEPTHS**-0.25).tolist()) == pytest.approx(-0.25, rel=1e-12)
 
 
 def test_a_leading_peak_is_found_between_samples_and_through_rounding() -> None:

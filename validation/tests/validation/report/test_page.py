@@ -19,10 +19,10 @@ from validation.compare.compared_scenes import ComparedScene, run_and_compare
 from validation.compare.comparison import compare_case
 from validation.compare.departure import departure
 from validation.compare.verdict import FAIL, PASS
-from validation.independent.independent_table import write_lines
 from validation.independent.judged_cases import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.write_report import write_report
+from validation.study_tables import write_table
 from validation.tests.helpers.browser import (
     PRINTED_HIGH_PX,
     PRINTED_PX,
@@ -99,7 +99,7 @@ def write_independent(results: Path) -> None:
         for entry in read_independent(paths.INDEPENDENT) for engine in engine_names() for check in entry.check
     ]  # fmt: skip
     failed = replace(lines[-1], verdict=FAIL, error=2 * lines[-1].within, why=HOSTILE)
-    write_lines([*lines[:-1], failed], results / paths.INDEPENDENT_TABLE)
+    write_table(results / paths.INDEPENDENT_TABLE, Line, [*lines[:-1], failed])
 
 
 @pytest.fixture(scope="module")

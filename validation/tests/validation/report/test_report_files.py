@@ -19,7 +19,6 @@ from postproc.draw.style import pyplot, svg_of
 from validation.compare.compared_scenes import ComparedScene
 from validation.compare.comparison import compare_case
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
-from validation.independent.independent_table import write_lines
 from validation.independent.judged_cases import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.charts import chart_of
@@ -28,6 +27,7 @@ from validation.report.page_figures import picture_of
 from validation.report.spacetime_raster import PLACES
 from validation.report.verdict_table import share_of, worst_of
 from validation.report.write_report import write_report
+from validation.study_tables import write_table
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -88,7 +88,7 @@ def written(hostile: ComparedScene, tmp_path: Path) -> tuple[str, dict[str, Any]
              for entry in read_independent() for engine in ("yade", "reference")]  # fmt: skip
     lines[0] = replace(lines[0], verdict=FAIL, error=0.5)
     lines[2] = replace(lines[2], verdict=NOT_RUN, quantity="run", why="not installed", within=math.nan, error=math.nan)
-    write_lines(lines, folder / paths.INDEPENDENT_TABLE)
+    write_table(folder / paths.INDEPENDENT_TABLE, Line, lines)
     write_report([hostile], folder / "report.html", HOSTILE)
     page, data = (
         (folder / "report.html").read_text(),
