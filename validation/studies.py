@@ -14,7 +14,7 @@ import pandas as pd
 
 from drivers.base import paths
 from postproc.draw.product import write_figure
-from validation.report.page_figures import read_picture, stored_or_drawn
+from validation.report.page_figures import read_image, stored_or_drawn
 from validation.study_tables import read_table, refused_if_damaged, write_frame, write_table
 
 STUDIES = ("trade", "stability", "elements")
@@ -155,7 +155,7 @@ def read_section(name: str, results: Path) -> dict[str, Any]:
         figures = []
         for stem, picture in study.figures(tables).items():
             stored = results / f"{stem}.svg"
-            image = stored_or_drawn(stored, main, picture.draw) if picture.draw else read_picture(stored)
+            image = stored_or_drawn(stored, main, picture.draw) if picture.draw else read_image(stored)
             if picture.title and image:
                 figures.append((picture.title, image))
         return {"sentences": list(study.sentences(tables)), "figures": figures, **study.section(tables)}

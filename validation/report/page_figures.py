@@ -32,8 +32,8 @@ BLANKS = re.compile(r"\s+")
 
 
 @dataclass(frozen=True)
-class Picture:
-    """An SVG file within the page.
+class Image:
+    """An SVG file as it stands in the page.
 
     Attributes:
         address: a data address with the file's bytes.
@@ -53,12 +53,12 @@ class Figure:
     """
 
     title: str
-    picture: Picture
-    beside: Picture | None
+    image: Image
+    beside: Image | None
 
 
-def picture_of(svg: str) -> Picture:
-    """The text of a file of matplotlib's as a picture; digits that nobody sees are left out.
+def image_of(svg: str) -> Image:
+    """The text of a file of matplotlib's as an image; digits that nobody sees are left out.
 
     Raises:
         ValueError: it is no SVG with a width in points.
@@ -69,17 +69,17 @@ def picture_of(svg: str) -> Picture:
         raise ValueError(str(error)) from error
     small = TAG.sub(lambda tag: BLANKS.sub(" ", UNSEEN_DIGITS.sub("", tag[0])), svg)
     address = f"data:image/svg+xml;base64,{b64encode(small.encode()).decode()}"
-    return Picture(address, round(PX_PER_PT * float(root.attrib.get("width", "").removesuffix("pt"))))
+    return Image(address, round(PX_PER_PT * float(root.attrib.get("width", "").removesuffix("pt"))))
 
 
-def read_picture(path: Path) -> Picture | None:
+def read_image(path: Path) -> Image | None:
     """A figure's file; None where there is none.
 
     Raises:
         InputError: it is no figure.
     """
     try:
-        return picture_of(path.read_text())
+        return image_of(path.read_text())
     except FileNotFoundError:
         return None
     except (ValueError, OSError) as error:
@@ -87,14 +87,14 @@ def read_picture(path: Path) -> Picture | None:
         raise InputError(paths.shown(path), "", found, "an SVG that this project made") from error
 
 
-def stored_or_drawn(path: Path, table: Path, draw: Callable[[], Any]) -> Picture:
+def stored_or_drawn(path: Path, table: Path, draw: Callable[[], Any]) -> Image:
     """The figure that was stored with its table; drawn anew where there is none as new as the table.
 
     Raises:
         InputError: what is stored is no figure.
     """
-    stored = read_picture(path) if path.exists() and path.stat().st_mtime >= table.stat().st_mtime else None
-    return stored or picture_of(svg_of(draw()))
+    stored = read_image(path) if path.exists() and path.stat().st_mtime >= table.stat().st_mtime else None
+    return stored or image_of(svg_of(draw()))
 
 
 def read_figures(results: Path) -> dict[str, Any]:
@@ -107,18 +107,18 @@ def read_figures(results: Path) -> dict[str, Any]:
     """
     made, missing = [], []
     for name in (module.name for module in iter_modules(figures.__path__) if module.name.startswith("fig")):
-        picture = read_picture(results / f"{name}.svg")
-        if picture is None:
+        image = read_image(results / f"{name}.svg")
+        if image is None:
             missing.append(name)
             continue
         title, _, _ = (import_module(f"{figures.__name__}.{name}").__doc__ or name).partition("\n\n")
-        made.append(Figure(BLANKS.sub(" ", title).strip(". "), picture, read_beside(results, name)))
+        made.append(Figure(BLANKS.sub(" ", title).strip(". "), image, read_beside(results, name)))
     return {"made": made, "missing": missing}
 
 
-def read_beside(results: Path, name: str) -> Picture | None:
+def read_beside(results: Path, name: str) -> Image | None:
     """The chains of a figure in space and time; None where that was not made."""
-    return read_picture(results / f"{name}-{SPACETIME}.svg")
+    return read_image(results / f"{name}-{SPACETIME}.svg")
 
 
 def read_table1(results: Path) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from validation.independent.judged_cases import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.charts import chart_of
 from validation.report.made_with import cpu_name
-from validation.report.page_figures import picture_of
+from validation.report.page_figures import image_of
 from validation.report.spacetime_raster import PLACES
 from validation.report.verdict_table import share_of, worst_of
 from validation.report.write_report import write_report
@@ -187,7 +187,7 @@ def test_a_picture_is_its_file_without_digits_that_nobody_sees() -> None:
     axis.bar([0, 1], [1, 2], hatch="//")
     axis.legend()
     text = svg_of(figure)
-    picture = picture_of(text)
+    picture = image_of(text)
     kind, _, data = picture.address.partition(",")
     assert kind == "data:image/svg+xml;base64"
     shown = b64decode(data).decode()
