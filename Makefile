@@ -23,6 +23,8 @@ INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
+	@awk -F '[.]?"""|[.]$$' 'FNR == 1 {split(FILENAME, part, "[/.]"); printf "  make %-10s %s\n", part[3], $$2}' \
+	  $(FIGURES:%=postproc/figures/%.py)
 
 setup: .venv/.ready ## make .venv with the locked packages
 
@@ -31,13 +33,6 @@ cluster: .venv/.ready-cluster ## setup, and Dask for studies on many machines
 engines: ## install LIGGGHTS and YADE where they are missing
 	@$(MAKE) --no-print-directory .venv/.engines AGAIN=FORCE
 
-fig1: ## the set-up to scale
-fig2: ## sensor bead: free body, forces, the coefficient beta
-fig3: ## speed against amplitude, with scores of the moduli
-fig4: ## one solitary wave and its reflection
-fig5: ## a heavy striker's train, envelope and incident pulse
-fig6: ## small beads under a steel and a PTFE ball
-table1: ## speeds and widths, solved for by every engine
 figures: $(FIGURES) ## all figures and the table
 
 claims: ## every quantitative statement of the paper, computed

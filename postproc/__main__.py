@@ -3,16 +3,52 @@
 import argparse
 import json
 import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from math import isnan, nan
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from drivers.base import paths
 from drivers.base.command_line import Parser, must_be_folder, run_main
 from drivers.base.errors import InputError, RunError
+from postproc.figures import figures, make_figure
 
 if TYPE_CHECKING:
     from drivers.run.finished import EndedRun
+    from postproc.draw.product import Product
 
-FIGURES = tuple(sorted(file.stem for file in (Path(__file__).parent / "figures").glob("[a-z]*.py")))
+SHEET_IN = 6.4
+
+
+def _number(kind: Callable[[str], float], least: float, most: float, words: str) -> Callable[[str], float]:
+    """A reader of an option's number: above or at ``least``, below or at ``most``, which the words say."""
+
+    def read(text: str) -> float:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = nan
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"found {text}; allowed: {words}")
+        return value
+
+    return read
+
+
+@dataclass(frozen=True)
+class Command:
+    """One word of the command line.
+
+    Attributes:
+        words: what it does.
+        action: does it, and returns an exit code.
+        options: flags, with what ``argparse`` needs to know of them.
+    """
+
+    words: str
+    action: Callable[[argparse.Namespace], int]
+    options: dict[str, dict[str, Any]]
 
 
 def main() -> int:
@@ -21,196 +57,28 @@ def main() -> int:
         prog="python -m postproc", description="Figures, scenes drawn to scale, numbers from finished runs."
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    observables = commands.add_parser("observables", help="peaks, speeds, widths, reflections, energies of a run")
-    observables.add_argument("run", type=Path, metavar="RUN", help="a run folder")
-    observables.add_argument(
-        "--level",
-        type=_share,
-        action="append",
-        metavar="X",
-        help="cut widths at this share of the peak; repeatable (default: 0.002 and 0.04)",
-    )
-    observables.add_argument("--json", action="store_true", help="print JSON")
-    observables.set_defaults(action=_observables)
-
-    draw = commands.add_parser("draw", help="a scene drawn to scale")
-    draw.add_argument("scene", metavar="SCENE", help="a scene file, or the name of one in inputs/scenes")
-    draw.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
-    _add_out(draw)
-    draw.set_defaults(action=_draw)
-    study = commands.add_parser("study", help="the figure of a study that has been run: curves, or a tornado chart")
-    study.add_argument("study", metavar="STUDY", help="a study file, or the name of one in inputs/studies")
-    study.add_argument("--results", type=Path, metavar="DIR", help="where its table is (default: results/)")
-    _add_out(study)
-    study.set_defaults(action=_study)
-    _add_looks(commands)
-    for name in (*FIGURES, "figures"):
-        what = "all figures and the table" if name == "figures" else f"{name} of the paper, running what is not done"
-        figure = commands.add_parser(name, help=what)
-        figure.add_argument("--runs", type=Path, metavar="DIR", help="where run folders are (default: runs/)")
-        _add_out(figure)
-        figure.set_defaults(action=_figures, names=FIGURES if name == "figures" else (name,))
+    drawn = {name: Command(words, _figures, RUNS) for name, words in figures().items()}
+    for name, command in (COMMANDS | drawn).items():
+        added = commands.add_parser(name, help=command.words)
+        for option, look in command.options.items():
+            added.add_argument(option, **look)
+        added.set_defaults(action=command.action, command=name)
     arguments = parser.parse_args()
+    must_be_folder("--out", getattr(arguments, "out", None))
+    must_be_folder("--runs", getattr(arguments, "runs", None))
     return int(arguments.action(arguments))
 
 
-def _add_looks(commands: "argparse._SubParsersAction[Parser]") -> None:
-    """The commands that show a finished run."""
-    for name, what, action in (
-        ("vtk", "a run as a ParaView series; it has to keep positions (run.record)", _vtk),
-        ("film", "the chain of a run at some times: a contact sheet and an animation", _film),
-        ("spacetime", "the contact forces of a run over the whole chain against time", _spacetime),
-    ):
-        look = commands.add_parser(name, help=what)
-        look.add_argument("run", type=Path, metavar="RUN", help="a run folder")
-        if name != "spacetime":
-            default = "100 frames" if name == "vtk" else "a sheet of 12"
-            look.add_argument("--frames", type=_count, metavar="N", help=f"spread over the run (default: {default})")
-        if name == "film":
-            look.add_argument(
-                "--sideways", type=_factor, default=1.0, metavar="X", help="exaggerate sideways displacements X times"
-            )
-        _add_out(look)
-        look.set_defaults(action=action)
-
-
-def _add_out(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to write to (default: results/)")
-
-
-def _draw(arguments: argparse.Namespace) -> int:
-    from drivers.base import paths
-    from postproc.draw.product import Product, write_product
-    from postproc.draw.scene_drawing import draw_scene
-    from validation.accuracy.plan import planned_case
-
-    must_be_folder("--out", arguments.out)
-    case = planned_case(arguments.scene, *arguments.settings)
-    product = Product(*draw_scene(case.scene, case.chain))
-    for path in write_product(product, f"scene-{case.scene.name}", arguments.out or paths.RESULTS):
-        print(paths.shown(path))
-    return 0
-
-
-def _study(arguments: argparse.Namespace) -> int:
-    import pandas as pd
-
-    from drivers.base import paths
-    from drivers.batch.study import read_study
-    from postproc.draw.product import write_product
-    from postproc.draw.study_figure import draw_study, draw_tornado
-
-    must_be_folder("--out", arguments.out)
-    study = read_study(arguments.study)
-    results = arguments.results or paths.RESULTS
-    path = results / f"{study.name}.parquet"
-    if not path.is_file():
-        raise InputError(paths.shown(path), "", "no table", f"python -m drivers batch {arguments.study} makes it")
-    draw = draw_tornado if study.one_by_one else draw_study
-    product = draw(pd.read_parquet(path), study.title or study.name, study.figure, study.where)
-    for written in write_product(product, f"{study.name}-figure", arguments.out or results):
-        print(paths.shown(written))
-    return 0
-
-
-def _figures(arguments: argparse.Namespace) -> int:
-    from importlib import import_module
-
-    from drivers.base import paths
-    from drivers.engines import missing_codes
+def _write(arguments: argparse.Namespace, product: "Product", name: str, results: Path = paths.RESULTS) -> int:
     from postproc.draw.product import write_product
 
-    must_be_folder("--out", arguments.out)
-    must_be_folder("--runs", arguments.runs)
-    code = 0
-    for name in arguments.names:
-        try:
-            product = import_module(f"postproc.figures.{name}").make(arguments.runs or paths.RUNS)
-        except (RunError, InputError) as error:  # the other figures are made all the same
-            print(f"{name}: {error}", file=sys.stderr)
-            code = max(code, 2 if isinstance(error, InputError) else 1)
-            continue
-        for path in write_product(product, name, arguments.out or paths.RESULTS):
-            print(paths.shown(path), flush=True)
-    if missing_codes():
-        print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
-    return code
+    return _print_paths(write_product(product, name, arguments.out or results))
 
 
-def _vtk(arguments: argparse.Namespace) -> int:
-    from drivers.base import paths
-    from drivers.run.finished import open_run
-    from postproc.draw.vtk import FRAMES, write_series
-
-    must_be_folder("--out", arguments.out)
-    run = open_run(arguments.run)
-    folder = (arguments.out or paths.RESULTS) / f"vtk-{_name_of(run)}"
-    must_be_folder("--out", folder)
-    for written in write_series(run, folder, arguments.frames or FRAMES):
-        print(paths.shown(written))
+def _print_paths(written: Iterable[Path]) -> int:
+    for path in written:
+        print(paths.shown(path), flush=True)
     return 0
-
-
-def _film(arguments: argparse.Namespace) -> int:
-    from drivers.base import paths
-    from drivers.run.finished import open_run
-    from postproc.draw.film import ANIMATED, FRAMES, film_of, sheet, write_animation
-    from postproc.draw.product import write_product
-
-    must_be_folder("--out", arguments.out)
-    run, out = open_run(arguments.run), arguments.out or paths.RESULTS
-    name = f"film-{_name_of(run)}"
-    product = sheet(film_of(run, arguments.frames or FRAMES, arguments.sideways), _title_of(run))
-    for path in write_product(product, name, out):
-        print(paths.shown(path))
-    print(paths.shown(write_animation(film_of(run, ANIMATED, arguments.sideways), _title_of(run), out / f"{name}.gif")))
-    return 0
-
-
-def _spacetime(arguments: argparse.Namespace) -> int:
-    from drivers.base import paths
-    from drivers.run.finished import open_run
-    from postproc.draw.product import write_product
-    from postproc.draw.spacetime import Panel, spacetime_product
-
-    must_be_folder("--out", arguments.out)
-    run = open_run(arguments.run)
-    product = spacetime_product([Panel(_title_of(run), run.trace)], 6.4)
-    for path in write_product(product, f"spacetime-{_name_of(run)}", arguments.out or paths.RESULTS):
-        print(paths.shown(path))
-    return 0
-
-
-def _name_of(run: "EndedRun") -> str:
-    """What is made of a run is named after its engine and its folder."""
-    return f"{run.record.engine}-{run.folder.resolve().name}"
-
-
-def _title_of(run: "EndedRun") -> str:
-    return f"{run.record.scene.get('title') or run.record.scene_name} ({run.record.engine})"
-
-
-def _count(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or not 2 <= int(text) <= 10_000:
-        raise argparse.ArgumentTypeError(f"found {text}; allowed: whole numbers from 2 to 10000")
-    return int(text)
-
-
-def _factor(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value <= 1e6:
-        raise argparse.ArgumentTypeError(f"found {text}; allowed: a factor above 0, up to 1e6")
-    return value
-
-
-def _share(text: str) -> float:
-    value = float(text)
-    if not 0 < value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is no share of the peak: expected above 0 and below 1")
-    return value
 
 
 def _observables(arguments: argparse.Namespace) -> int:
@@ -220,13 +88,125 @@ def _observables(arguments: argparse.Namespace) -> int:
     run = open_run(arguments.run)
     values = observe(run.layout, run.trace, tuple(arguments.level or LEVELS))
     if arguments.json:
-        print(json.dumps({name: None if value != value else value for name, value in values.items()}, indent=2))
+        print(json.dumps({name: None if isnan(value) else value for name, value in values.items()}, indent=2))
         return 0
     width = max(map(len, values))
     for name, value in values.items():
-        print(f"{name:<{width}}  {'not seen' if value != value else format(value, '.6g')}")
+        print(f"{name:<{width}}  {'not seen' if isnan(value) else format(value, '.6g')}")
     return 0
 
+
+def _draw(arguments: argparse.Namespace) -> int:
+    from postproc.draw.product import Product
+    from postproc.draw.scene_drawing import draw_scene
+    from validation.accuracy.plan import planned_case
+
+    case = planned_case(arguments.scene, *arguments.settings)
+    return _write(arguments, Product(*draw_scene(case.scene, case.chain)), f"scene-{case.scene.name}")
+
+
+def _study(arguments: argparse.Namespace) -> int:
+    import pandas as pd
+
+    from drivers.batch.study import read_study
+    from postproc.draw.study_figure import draw_study, draw_tornado
+
+    study, results = read_study(arguments.study), arguments.results or paths.RESULTS
+    path = results / f"{study.name}.parquet"
+    if not path.is_file():
+        raise InputError(paths.shown(path), "", "no table", f"python -m drivers batch {arguments.study} makes it")
+    draw = draw_tornado if study.one_by_one else draw_study
+    product = draw(pd.read_parquet(path), study.title or study.name, study.figure, study.where)
+    return _write(arguments, product, f"{study.name}-figure", results)
+
+
+def _figures(arguments: argparse.Namespace) -> int:
+    """Makes one figure, or all: one that cannot be made leaves the others."""
+    from drivers.engines import missing_codes
+
+    code = 0
+    for name in figures() if arguments.command == "figures" else (arguments.command,):
+        try:
+            product = make_figure(name, arguments.runs or paths.RUNS)
+        except (RunError, InputError) as error:
+            print(f"{name}: {error}", file=sys.stderr)
+            code = max(code, 2 if isinstance(error, InputError) else 1)
+            continue
+        _write(arguments, product, name)
+    if missing_codes():
+        print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
+    return code
+
+
+def _vtk(arguments: argparse.Namespace) -> int:
+    from drivers.run.finished import open_run
+    from postproc.draw import vtk
+
+    run = open_run(arguments.run)
+    folder = (arguments.out or paths.RESULTS) / _name_of(run, "vtk")
+    must_be_folder("--out", folder)
+    return _print_paths(vtk.write_series(run, folder, arguments.frames or vtk.FRAMES))
+
+
+def _film(arguments: argparse.Namespace) -> int:
+    from drivers.run.finished import open_run
+    from postproc.draw import film
+
+    run, out = open_run(arguments.run), arguments.out or paths.RESULTS
+    name, title = _name_of(run, "film"), _title_of(run)
+    still = film.film_of(run, arguments.frames or film.FRAMES, arguments.sideways)
+    _write(arguments, film.sheet(still, title), name)
+    moving = film.film_of(run, film.ANIMATED, arguments.sideways)
+    return _print_paths([film.write_animation(moving, title, out / f"{name}.gif")])
+
+
+def _spacetime(arguments: argparse.Namespace) -> int:
+    from drivers.run.finished import open_run
+    from postproc.draw.product import spacetime_product
+
+    run = open_run(arguments.run)
+    return _write(arguments, spacetime_product({_title_of(run): run.trace}, SHEET_IN), _name_of(run, "spacetime"))
+
+
+def _name_of(run: "EndedRun", command: str) -> str:
+    """What is made of a run is named after its engine and its folder."""
+    return f"{command}-{run.record.engine}-{run.folder.resolve().name}"
+
+
+def _title_of(run: "EndedRun") -> str:
+    return f"{run.record.scene.get('title') or run.record.scene_name} ({run.record.engine})"
+
+
+Options = dict[str, dict[str, Any]]
+OUT: Options = {"--out": {"type": Path, "metavar": "DIR", "help": "folder to write to (default: results/)"}}
+RUN: Options = {"run": {"type": Path, "metavar": "RUN", "help": "a run folder"}}
+RUNS: Options = {"--runs": {"type": Path, "metavar": "DIR", "help": "where run folders are (default: runs/)"}} | OUT
+SCENE: dict[str, Any] = {"metavar": "SCENE", "help": "a scene file, or the name of one in inputs/scenes"}
+STUDY: dict[str, Any] = {"metavar": "STUDY", "help": "a study file, or the name of one in inputs/studies"}
+SETTINGS = {"action": "append", "default": [], "metavar": "KEY=VALUE", "dest": "settings"}
+RESULTS = {"type": Path, "metavar": "DIR", "help": "where its table is (default: results/)"}
+COUNT = {"type": _number(int, 2, 10_000, "whole numbers from 2 to 10000"), "metavar": "N"}
+FACTOR = {"type": _number(float, 1e-300, 1e6, "a factor above 0, up to 1e6"), "metavar": "X", "default": 1.0}
+SHARE = {"type": _number(float, 1e-300, 1 - 1e-16, "a share of the peak, above 0 and below 1"), "metavar": "X"}
+COMMANDS = {
+    "observables": Command("peaks, speeds, widths, reflections, energies of a run", _observables, RUN | {
+        "--level": {**SHARE, "action": "append",
+                    "help": "cut widths at this share of the peak; repeatable (default: 0.002 and 0.04)"},
+        "--json": {"action": "store_true", "help": "print JSON"},
+    }),
+    "draw": Command("a scene drawn to scale", _draw, {"scene": SCENE, "--set": SETTINGS} | OUT),
+    "study": Command("the figure of a study that has been run: curves, or a tornado chart", _study,
+                     {"study": STUDY, "--results": RESULTS} | OUT),
+    "vtk": Command("a run as a ParaView series; it has to keep positions (run.record)", _vtk, RUN | {
+        "--frames": {**COUNT, "help": "spread over the run (default: 100 frames)"},
+    } | OUT),
+    "film": Command("the chain of a run at some times: a contact sheet and an animation", _film, RUN | {
+        "--frames": {**COUNT, "help": "spread over the run (default: a sheet of 12)"},
+        "--sideways": {**FACTOR, "help": "exaggerate sideways displacements X times"},
+    } | OUT),
+    "spacetime": Command("the contact forces of a run over the whole chain against time", _spacetime, RUN | OUT),
+    "figures": Command("all figures and the table", _figures, RUNS),
+}  # fmt: skip
 
 if __name__ == "__main__":
     run_main(main)

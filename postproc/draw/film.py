@@ -15,8 +15,8 @@ from drivers.chain.chain import Array
 from drivers.run.finished import EndedRun
 from postproc.draw.product import Product
 from postproc.draw.scene_drawing import WALL, flat_size
-from postproc.draw.spacetime import GAMMA, LEAST, MICRO
-from postproc.draw.style import FAINT, force_colours, pyplot
+from postproc.draw.spacetime import GAMMA, LEAST
+from postproc.draw.style import FAINT, MICRO, finish_bar, force_colours, pyplot
 from postproc.read.motion import chain_of, keeps_motion, mean_forces, read_motion, spread
 
 FRAMES, ANIMATED = 12, 80
@@ -121,10 +121,7 @@ def sheet(film: Film, title: str) -> Product:
         axis.text(i * pitch, axis.get_ylim()[0], f"{time_s * MICRO:.0f} µs", ha="center", va="top", fontsize=7)
     bar_in = min(2.0, height_in)
     bar = figure.colorbar(_colours(film), cax=_axis(figure, (WIDTH_IN + 0.2, 0.35, 0.1, bar_in), framed=True))
-    bar.set_label("mean of the contact forces (N);\ngrey: none")
-    bar.outline.set_linewidth(0.5)
-    bar.solids.set_rasterized(True)
-    bar.ax.grid(visible=False)
+    finish_bar(bar, "mean of the contact forces (N);\ngrey: none")
     figure.text(0.1 / (WIDTH_IN + 0.9), 1 - 0.05 / page_in, "\n".join(words), va="top")
     return Product(figure, _table(film))
 

@@ -8,7 +8,9 @@ from typing import Any
 import pandas as pd
 
 from drivers.base.files import whole_file
-from postproc.draw.style import pyplot
+from drivers.chain.trace import Trace
+from postproc.draw.spacetime import SPACETIME, draw_spacetime, spacetime_table
+from postproc.draw.style import COLUMN_IN, pyplot
 
 DPI = 200
 METADATA = {"png": {"Software": None}, "svg": {"Date": None}}  # nothing that changes from day to day
@@ -21,23 +23,28 @@ class Product:
     Attributes:
         figure: of matplotlib.
         table: the plotted numbers, units in the column names.
-        beside: further figures that go with it, by what their names end in.
+        chains: by title, what is drawn beside it against time and place.
     """
 
     figure: Any
     table: pd.DataFrame
-    beside: Mapping[str, "Product"] = field(default_factory=dict)
+    chains: Mapping[str, Trace] = field(default_factory=dict)
+
+
+def spacetime_product(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> Product:
+    """Forces of chains by title against time and place, with the numbers in the cells."""
+    return Product(draw_spacetime(chains, width_in), spacetime_table(chains))
 
 
 def write_product(product: Product, name: str, folder: Path) -> list[Path]:
-    """Writes ``name.csv``, ``name.png`` and ``name.svg``, each whole or not at all, and what goes beside them."""
+    """Writes ``name.csv``, ``name.png`` and ``name.svg``, each whole or not at all, and its chains beside them."""
     folder.mkdir(parents=True, exist_ok=True)
     table = folder / f"{name}.csv"
     with whole_file(table) as draft:
         product.table.to_csv(draft, index=False)
     written = [table, *write_figure(product.figure, name, folder)]
-    for ending, other in product.beside.items():
-        written += write_product(other, f"{name}-{ending}", folder)
+    if product.chains:
+        written += write_product(spacetime_product(product.chains), f"{name}-{SPACETIME}", folder)
     return written
 
 

@@ -9,47 +9,47 @@ import pandas as pd
 from drivers.chain.chain import Array
 from drivers.chain.layout import Layout
 from drivers.chain.trace import Trace
-from postproc.draw.style import FAINT, drawing_order, line_of, pyplot
-from postproc.read.residual import REFERENCE, residual, residuals
+from postproc.draw.style import COLUMN_IN, FAINT, MICRO, drawing_order, line_of, pyplot
+from postproc.read.residual import REFERENCE, residual
 from postproc.read.sensors import sensor_signals
 
-MICRO = 1e6
+GAUGE_IN, RESIDUAL_IN = 1.126, 1.426  # heights of panels
 
 
-def draw_stack(layout: Layout, traces: Mapping[str, Trace], *, width_in: float) -> tuple[Any, dict[str, Any]]:
+def draw_stack(layout: Layout, traces: Mapping[str, Trace]) -> tuple[Any, dict[str, Any]]:
     """One panel a gauge in the order in which a wave meets them, and one with the residuals.
 
     Args:
         layout: of the chain.
         traces: by engine, of equal sample times.
-        width_in: width of the figure in inches.
 
     Returns:
         The figure, and its axes by gauge name with that of the residuals under ``residual``.
     """
-    plt = pyplot()
     signals = {engine: sensor_signals(layout, trace) for engine, trace in traces.items()}
     gauges, time_s = list(next(iter(signals.values()))), next(iter(traces.values())).time_s
-    heights = [1.5] * len(gauges) + [1.9]
-    scale = min(1.0, 0.45 + 0.55 * width_in / 6.4)
-    figure, grid = plt.subplots(
-        len(heights), 1, sharex=True, figsize=(width_in, 0.6 + scale * sum(heights)), height_ratios=heights,
-        squeeze=False,
-    )  # fmt: skip
+    heights = [GAUGE_IN] * len(gauges) + [RESIDUAL_IN]
+    figure, grid = pyplot().subplots(
+        len(heights), 1, sharex=True, figsize=(COLUMN_IN, 0.6 + sum(heights)), height_ratios=heights, squeeze=False
+    )
     axes = dict(zip([*gauges, "residual"], grid[:, 0], strict=True))
     for gauge in gauges:
         draw_lines(axes[gauge], time_s, {engine: own[gauge] for engine, own in signals.items()})
-        axes[gauge].set_ylabel("force (N)")
+        axes[gauge].set(ylabel="force (N)", xlim=(0, float(time_s[-1]) * MICRO))
         axes[gauge].set_title(gauge_title(layout, gauge), loc="left")
-        axes[gauge].set_xlim(0, float(time_s[-1]) * MICRO)
     if gauges:
         figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="lower left", ncols=4, columnspacing=1.2,
                       borderaxespad=0, bbox_to_anchor=(0.02, 1.3), bbox_transform=grid[0, 0].transAxes)  # fmt: skip
     draw_residuals(axes["residual"], traces)
     axes["residual"].set_xlabel("time since impact (µs)")
     figure.align_ylabels()
-    figure.subplots_adjust(hspace=0.38 if width_in < 5 else 0.32)
+    figure.subplots_adjust(hspace=0.38)
     return figure, axes
+
+
+def chain_of_reference(traces: Mapping[str, Trace]) -> dict[str, Trace]:
+    """The reference's forces by their title, for a space-time figure beside a stack."""
+    return {f"every contact of the chain ({REFERENCE})": traces[REFERENCE]}
 
 
 def draw_lines(axis: Any, time_s: Array, forces: Mapping[str, Array]) -> None:
@@ -65,6 +65,17 @@ def gauge_title(layout: Layout, gauge: str) -> str:
     name = "wall" if gauge == "wall" else f"sensor bead {gauge.removeprefix('bead_')}: mean of its two contact forces"
     constant_s = layout.time_constant_s
     return name if constant_s is None else f"{name}, behind electronics of {constant_s * 1e3:g} ms"
+
+
+def residuals(traces: Mapping[str, Trace], baseline: str) -> dict[str, Array]:
+    """Deviation of each engine but the exact one from a baseline at each sample, in the order of drawing.
+
+    Args:
+        traces: by engine, of equal sample times.
+        baseline: one of the engines.
+    """
+    others = [engine for engine in drawing_order(list(traces)) if engine not in (baseline, REFERENCE)]
+    return {engine: residual(traces[engine], traces[baseline]) for engine in others}
 
 
 def draw_residuals(axis: Any, traces: Mapping[str, Trace]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from drivers.engines import Style, engine_names, load_engine
 
+MICRO = 1e6
 COLUMN_IN = 3.5  # a journal's column
 FAINT = "#555555"
 OPEN = "#e4e7ea"  # where there is no contact
@@ -49,6 +50,24 @@ def force_colours() -> Any:
     from matplotlib.colors import ListedColormap
 
     return ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.92, 256)), "force", bad=OPEN)
+
+
+def finish_bar(bar: Any, label: str) -> None:
+    """Labels a colour bar of forces, with a thin frame."""
+    bar.set_label(label)
+    bar.outline.set_linewidth(0.5)
+    bar.solids.set_rasterized(True)
+    bar.ax.grid(visible=False)
+
+
+def draw_table(axis: Any, rows: list[list[str]], headings: list[str], fontsize: float, **look: Any) -> None:
+    """Fills axes with a table of words, thinly ruled."""
+    axis.axis("off")
+    drawn = axis.table(rows, colLabels=headings, cellLoc="center", **look)
+    drawn.auto_set_font_size(False)
+    drawn.set_fontsize(fontsize)
+    for cell in drawn.get_celld().values():
+        cell.set_linewidth(0.3)
 
 
 @cache

@@ -1,15 +1,13 @@
-"""Fig. 1: the set-up, drawn to scale from Fig. 4's scene."""
+"""Fig. 1: the set-up to scale."""
 
 from pathlib import Path
 
 from postproc.draw.product import Product
 from postproc.draw.scene_drawing import draw_scene
+from postproc.paper.simulate import case_of
 
 
-def make(runs: Path) -> Product:
-    """Draws it; nothing is run."""
-    from drivers.chain.case import build_case
-    from drivers.scene.read_scene import read_scene
-
-    case = build_case(read_scene("fig4"))
+def make(_: Path) -> Product:
+    """Draws it from Fig. 4's scene; nothing is run."""
+    case = case_of("fig4")
     return Product(*draw_scene(case.scene, case.chain))

@@ -1,37 +1,40 @@
-"""Fig. 2: (a) the sensor bead as a free body; (b) its contact forces and their average; (c) the coefficient beta.
+"""Fig. 2: a sensor bead: free body, forces, the coefficient β.
 
-(c) is the solitary wave's on a chain under a static force F_0, from its exact travelling wave, with points from
-full simulations of a striker on such a chain. A point counts as a solitary wave if its amplitude no longer changes
-from one sensor to the next, ten beads on.
+(a) is the bead as a free body, (b) shows its contact forces and their average, (c) the coefficient beta: that of the
+solitary wave on a chain under a static force F_0, from its exact travelling wave, with points from full simulations
+of a striker on such a chain. A point counts as a solitary wave if its amplitude no longer changes from one sensor to
+the next, ten beads on.
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from drivers.chain.chain import Array
 from postproc.draw.product import Product
-from postproc.draw.stack import MICRO, draw_lines
-from postproc.draw.style import COLUMN_IN, FAINT, drawing_order, marker_of, pyplot
+from postproc.draw.stack import draw_lines
+from postproc.draw.style import COLUMN_IN, FAINT, MICRO, drawing_order, marker_of, pyplot
 from postproc.paper.quoted import quoted
+from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, simulate, simulate_one
+from postproc.paper.strikes import contact_peak, sensor_pair, static_force, strike_for
+from postproc.read.residual import REFERENCE
 from postproc.read.sensors import sensor_average
-
-if TYPE_CHECKING:
-    from postproc.paper.simulate import Simulation
+from validation.reference.precompressed_wave import solve_at_amplitude
+from validation.reference.travelling_wave import solve_travelling_wave
 
 CURVE = np.geomspace(0.1, 1e4, 31)
 STRIKES = (1.0, 10.0, 100.0, 1e3, 1e4)  # amplitudes (F_m - F_0)/F_0 of the simulations
 CHAIN = ("chain.count=60", "chain.sensors=[{ from_wall = 20 }, { from_wall = 10 }]", "gravity=")
 STEADY = 1e-3  # relative change of the amplitude between the sensors
+FACE, FACE_WORDS = "#d55e00", "#a34800"  # colours of the forces on the gauge's faces, and of their names
 SENSOR = 5  # bead of Fig. 4's chain shown in (b)
 
 
 def make(runs: Path) -> Product:
     """Runs Fig. 4's scene for (b) and strikes on a precompressed chain for (c)."""
-    plt = pyplot()
-    figure, axes = plt.subplots(3, 1, figsize=(COLUMN_IN, 7.2), height_ratios=[0.95, 1.25, 1.6])
+    figure, axes = pyplot().subplots(3, 1, figsize=(COLUMN_IN, 7.2), height_ratios=[0.95, 1.25, 1.6])
     _draw_free_body(axes[0])
     forces = _draw_forces(axes[1], runs)
     waves = _waves()
@@ -43,9 +46,6 @@ def make(runs: Path) -> Product:
 
 def _chains() -> dict[float, tuple[str, ...]]:
     """Settings of the precompressed chain by modulus in MPa; the static force is Table 1's between its sensors."""
-    from postproc.paper.simulate import case_of
-    from postproc.paper.strikes import static_force
-
     pressed = (*CHAIN, f"chain.precompression={static_force(case_of('table1'))!r} N")
     return {modulus: (*pressed, f"materials.ptfe.youngs_modulus={modulus} MPa") for modulus in quoted().ptfe.moduli_MPa}
 
@@ -58,28 +58,25 @@ def _draw_free_body(axis: Any) -> None:
     axis.set(xlim=(-3.4, 3.4), ylim=(-1.15, 1.3), aspect="equal")
     axis.axis("off")
     axis.set_title("(a) the sensor bead", loc="left")
-    look: dict[str, Any] = {"facecolor": "#f2f2f2", "edgecolor": "black", "lw": 0.8}
-    for side, name in ((-1, "1"), (1, "2")):
+    for side, outer, inner in ((-1, "$F_1$", "$F_3$"), (1, "$F_2$", "$F_4$")):
         centre = 0.12 * side
-        axis.add_patch(Wedge((centre, 0), 1, -90 * side, -90 * side + 180, **look))
+        cap = Wedge((centre, 0), 1, -90 * side, -90 * side + 180, facecolor="#f2f2f2", edgecolor="black", lw=0.8)
+        axis.add_patch(cap)
         axis.text(centre + 0.45 * side, 0.2, "M", ha="center", va="center")
-        axis.annotate(
-            "", (centre + side, 0), (centre + 2.1 * side, 0), arrowprops={"arrowstyle": "-|>", "color": "black"}
-        )
-        axis.text(centre + 1.8 * side, 0.14, f"$F_{name}$", ha="center")
-        inner = "3" if side < 0 else "4"
-        axis.annotate(
-            "", (0.14 * side, -0.5), (0.75 * side, -0.5), arrowprops={"arrowstyle": "-|>", "color": "#d55e00"}
-        )
-        axis.text(0.6 * side, -0.45, f"$F_{inner}$", color="#a34800", ha="center", va="bottom")
+        _draw_arrow(axis, (centre + 2.1 * side, 0), (centre + side, 0), "black")
+        axis.text(centre + 1.8 * side, 0.14, outer, ha="center")
+        _draw_arrow(axis, (0.75 * side, -0.5), (0.14 * side, -0.5), FACE)
+        axis.text(0.6 * side, -0.45, inner, color=FACE_WORDS, ha="center", va="bottom")
     axis.add_patch(Rectangle((-0.12, -0.85), 0.24, 1.7, facecolor="#e69f00", edgecolor="black", lw=0.8))
     axis.text(0, 1.08, f"gauge, m = {sensor.gauge_g:g} g; caps, 2M = {sensor.caps_g:g} g", ha="center", va="bottom")
 
 
-def _draw_forces(axis: Any, runs: Path) -> pd.DataFrame:
-    from postproc.paper.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
+def _draw_arrow(axis: Any, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
+    axis.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": colour})
 
-    found = {engine: one for engine, (one,) in simulate([case_of("fig4", UNTIL_REFLECTED)], runs).items()}
+
+def _draw_forces(axis: Any, runs: Path) -> pd.DataFrame:
+    found = simulate_one(case_of("fig4", UNTIL_REFLECTED), runs)
     time = found[REFERENCE].trace.time_s
     near = np.abs(time - found[REFERENCE].values[f"bead_{SENSOR}_arrival_s"]) < 90e-6
     forces = {engine: _sensor_forces(one.trace.force_N[near]) for engine, one in found.items()}
@@ -110,9 +107,6 @@ def _sensor_forces(force_N: Array) -> Array:
 
 def _waves() -> pd.DataFrame:
     """Beta of the travelling wave for each modulus, in SI units throughout: that it is the same is a result."""
-    from postproc.paper.simulate import case_of
-    from validation.reference.precompressed_wave import solve_at_amplitude
-
     tables = []
     for modulus, settings in _chains().items():
         chain = case_of("table1", *settings).chain
@@ -123,25 +117,23 @@ def _waves() -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
+def _dynamic_peak(simulation: Simulation) -> float:
+    return contact_peak(simulation) - static_force(simulation.case)
+
+
 def _points(runs: Path) -> pd.DataFrame:
     """Beta from full simulations by every engine."""
-    from postproc.paper.simulate import case_of, simulate
-    from postproc.paper.strikes import contact_peak, sensor_pair, static_force, strike_for
-
-    def dynamic_peak(simulation: "Simulation") -> float:
-        return contact_peak(simulation) - static_force(simulation.case)
-
     cases = {}
     for modulus, settings in _chains().items():
         static = static_force(case_of("table1", *settings))
         for amplitude in STRIKES:
-            cases[modulus, amplitude] = strike_for(amplitude * static, dynamic_peak, *settings).case
+            cases[modulus, amplitude] = strike_for(amplitude * static, _dynamic_peak, *settings).case
     rows = []
     for engine, simulations in simulate(list(cases.values()), runs).items():
         for (modulus, _), simulation in zip(cases, simulations, strict=True):
             beads = sensor_pair(simulation.case)
             upper, lower = (simulation.values[f"bead_{bead}_amplitude_N"] for bead in beads)
-            peak = dynamic_peak(simulation)
+            peak = _dynamic_peak(simulation)
             rows.append({
                 "panel": "c", "engine": engine, "modulus_MPa": modulus,
                 "amplitude_over_static": peak / static_force(simulation.case),
@@ -152,8 +144,6 @@ def _points(runs: Path) -> pd.DataFrame:
 
 
 def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
-    from validation.reference.travelling_wave import solve_travelling_wave
-
     moduli = ", ".join(f"{modulus:g}" for modulus in sorted(waves["modulus_MPa"].unique()))
     limit = solve_travelling_wave().contact_over_average
     first = waves[waves["modulus_MPa"] == waves["modulus_MPa"].min()]
@@ -164,7 +154,7 @@ def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
             some, look = own[own["solitary"] == solitary], marker_of(engine)
             alpha = 1.0 if solitary else 0.35
             axis.plot(some["amplitude_over_static"], some["beta"], ls="", label=label, alpha=alpha, **look)
-    for _, row in points[(points["engine"] == "reference") & ~points["solitary"].astype(bool)].iloc[:1].iterrows():
+    for _, row in points[(points["engine"] == REFERENCE) & ~points["solitary"].astype(bool)].iloc[:1].iterrows():
         axis.annotate("not a solitary wave\n(still changes)", (row["amplitude_over_static"], row["beta"]), (0.11, 1.27),
                       color=FAINT, arrowprops={"arrowstyle": "-", "lw": 0.5, "color": FAINT})  # fmt: skip
     axis.axhline(limit, color=FAINT, lw=0.7, ls=(0, (2, 2)))
@@ -182,7 +172,5 @@ def _spread(waves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
     both["amplitude"] = both["amplitude_over_static"].map(lambda value: float(f"{value:.2g}"))
     beta = both.groupby(["engine", "amplitude"], sort=False)["beta"]
     spread = (beta.max() - beta.min()) / beta.mean()
-    table = (
-        spread.rename("beta_spread_over_moduli_share").rename_axis(["engine", "amplitude_over_static"]).reset_index()
-    )
+    table = spread.rename_axis(["engine", "amplitude_over_static"]).reset_index(name="beta_spread_over_moduli_share")
     return table.assign(panel="c, all moduli")

@@ -1,4 +1,6 @@
-"""Fig. 3: speed of a solitary wave against its amplitude: Eqs. (3) and (4), discrete chains, experiment.
+"""Fig. 3: speed against amplitude, with scores of the moduli.
+
+Of a solitary wave, by Eqs. (3) and (4), discrete chains and the experiment.
 
 Every number of a discrete chain is a full simulation of a strike: the speed from sensor to sensor, the amplitude
 the mean peak of the contact forces between them, static part included (F_m of Eq. 6). The curves' numbers are the
@@ -12,10 +14,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from drivers.chain.trace import Trace
 from postproc.draw.product import Product
-from postproc.draw.spacetime import SPACETIME, Panel, spacetime_product
-from postproc.draw.style import COLUMN_IN, FAINT, drawing_order, line_of, marker_of, pyplot
+from postproc.draw.style import COLUMN_IN, FAINT, draw_table, drawing_order, line_of, marker_of, pyplot
+from postproc.paper.modulus_scores import measured_points, scores
 from postproc.paper.quoted import quoted
+from postproc.paper.simulate import Simulation, case_of, run_codes_on
+from postproc.paper.strikes import contact_peak, sensor_amplitude, speed_between_sensors, static_force, strike_for
+from postproc.paper.theory import particles_of, precompressed_speed, speed_from_force
+from postproc.read.residual import REFERENCE
 
 FORCES_N = np.geomspace(0.03, 20, 13)
 BY_CODES = slice(0, 13, 4)  # the amplitudes that the codes run as well
@@ -45,8 +52,6 @@ def curves() -> list[Curve]:
 
 def make(runs: Path) -> Product:
     """Runs the strikes and draws them over the theory, with the codes' differences and the scores below."""
-    from postproc.paper.modulus_scores import measured_points, scores
-
     points = _points(runs)
     theory = _theory(points)
     experiment, score = measured_points(), scores()
@@ -56,45 +61,39 @@ def make(runs: Path) -> Product:
     _draw_scores(axes[2], score)
     figure.subplots_adjust(hspace=0.45)
     tables = [points, theory, experiment.assign(source="experiment"), score.assign(source="score")]
-    return Product(figure, pd.concat(tables, ignore_index=True), {SPACETIME: _chains()})
+    return Product(figure, pd.concat(tables, ignore_index=True), _chains())
 
 
-def _chains() -> Product:
+def _chains() -> dict[str, Trace]:
     """The chain under the weakest and the strongest strike, by the reference: the stiffest beads, with gravity."""
-    from postproc.paper.simulate import REFERENCE
-    from postproc.paper.strikes import contact_peak, strike_for
-
     curve = max(curves(), key=lambda curve: (curve.modulus_MPa, curve.gravity))
-    panels = [
-        Panel(f"{force:g} N, {curve.modulus_MPa:g} MPa, with gravity ({REFERENCE})",
-              strike_for(float(force), contact_peak, *curve.settings).trace)
+    return {
+        f"{force:g} N, {curve.modulus_MPa:g} MPa, with gravity ({REFERENCE})":
+            strike_for(float(force), contact_peak, *curve.settings).trace
         for force in FORCES_N[[0, -1]]
-    ]  # fmt: skip
-    return spacetime_product(panels, COLUMN_IN)
+    }  # fmt: skip
 
 
 def _points(runs: Path) -> pd.DataFrame:
     """A row per strike and engine."""
-    from postproc.paper.simulate import REFERENCE, run_codes_on
-    from postproc.paper.strikes import contact_peak, sensor_amplitude, speed_between_sensors, static_force, strike_for
-
-    exact_ones = {curve: [strike_for(force, contact_peak, *curve.settings) for force in FORCES_N] for curve in curves()}
-    chosen = [(curve, simulation.case) for curve, some in exact_ones.items() for simulation in some[BY_CODES]]
-    found = {code: list(zip([curve for curve, _ in chosen], simulations, strict=True))
-             for code, simulations in run_codes_on([case for _, case in chosen], runs).items()}  # fmt: skip
-    found[REFERENCE] = [(curve, simulation) for curve, some in exact_ones.items() for simulation in some]
+    exact = {curve: [strike_for(force, contact_peak, *curve.settings) for force in FORCES_N] for curve in curves()}
+    chosen = [(curve, simulation.case) for curve, some in exact.items() for simulation in some[BY_CODES]]
     rows = []
-    for engine, pairs in found.items():
-        for curve, simulation in pairs:
-            striker = simulation.case.scene.striker
-            assert striker is not None
-            rows.append({
-                "source": "simulated", "engine": engine, "curve": _number(curve, theory=False),
-                "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "striker_m_s": striker.speed,
-                "force_N": contact_peak(simulation), "static_N": static_force(simulation.case),
-                "sensor_amplitude_N": sensor_amplitude(simulation), "speed_m_s": speed_between_sensors(simulation),
-            })  # fmt: skip
+    for code, simulations in run_codes_on([case for _, case in chosen], runs).items():
+        rows += [_row(code, curve, one) for (curve, _), one in zip(chosen, simulations, strict=True)]
+    rows += [_row(REFERENCE, curve, one) for curve, some in exact.items() for one in some]
     return pd.DataFrame(rows)
+
+
+def _row(engine: str, curve: Curve, simulation: Simulation) -> dict[str, Any]:
+    striker = simulation.case.scene.striker
+    assert striker is not None
+    return {
+        "source": "simulated", "engine": engine, "curve": _number(curve, theory=False),
+        "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "striker_m_s": striker.speed,
+        "force_N": contact_peak(simulation), "static_N": static_force(simulation.case),
+        "sensor_amplitude_N": sensor_amplitude(simulation), "speed_m_s": speed_between_sensors(simulation),
+    }  # fmt: skip
 
 
 def _number(curve: Curve, *, theory: bool) -> int | None:
@@ -105,9 +104,6 @@ def _number(curve: Curve, *, theory: bool) -> int | None:
 
 def _theory(points: pd.DataFrame) -> pd.DataFrame:
     """Eqs. (3) and (4) at the same amplitudes; the static force of Eq. (4) is that between the sensors."""
-    from postproc.paper.simulate import case_of
-    from postproc.paper.theory import particles_of, precompressed_speed, speed_from_force
-
     static = float(points.loc[points["gravity"], "static_N"].iloc[0])
     rows = []
     for curve in curves():
@@ -130,14 +126,14 @@ def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experime
             own = theory[(theory["modulus_MPa"] == modulus) & (theory["source"] == source)]
             label = source if modulus == min(PRINTED) else None
             axis.plot(own["force_N"], own["speed_m_s"], color="black", lw=0.9, ls=dashes, label=label)
-    for _, own in points[points["engine"] == "reference"].groupby(["modulus_MPa", "gravity"]):
-        axis.plot(own["force_N"], own["speed_m_s"], color=line_of("reference").colour, lw=0.8)
+    for _, own in points[points["engine"] == REFERENCE].groupby(["modulus_MPa", "gravity"]):
+        axis.plot(own["force_N"], own["speed_m_s"], color=line_of(REFERENCE).colour, lw=0.8)
     for engine in drawing_order(list(points["engine"].unique())):
         own = points[points["engine"] == engine]
-        look = marker_of(engine) | ({"ms": 4.5} if engine == "reference" else {"ms": 2.6, "mew": 0.8})
+        look = marker_of(engine) | ({"ms": 4.5} if engine == REFERENCE else {"ms": 2.6, "mew": 0.8})
         axis.plot(own["force_N"], own["speed_m_s"], ls="", label=engine, **look)
     for modulus in quoted().ptfe.moduli_MPa:
-        own = points[(points["engine"] == "reference") & (points["modulus_MPa"] == modulus)]
+        own = points[(points["engine"] == REFERENCE) & (points["modulus_MPa"] == modulus)]
         end = own[~own["gravity"]].iloc[-1]
         axis.annotate(
             f"{modulus:g} MPa", (end["force_N"], end["speed_m_s"]), xytext=(7, -2), textcoords="offset points"
@@ -161,9 +157,9 @@ def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experime
 
 
 def _draw_differences(axis: Any, points: pd.DataFrame) -> None:
-    exact = points[points["engine"] == "reference"].set_index("striker_m_s")["speed_m_s"]
+    exact = points[points["engine"] == REFERENCE].set_index("striker_m_s")["speed_m_s"]
     for engine in drawing_order(list(points["engine"].unique())):
-        if engine != "reference":
+        if engine != REFERENCE:
             own = points[points["engine"] == engine]
             share = own["speed_m_s"].to_numpy() / exact.loc[own["striker_m_s"]].to_numpy() - 1
             axis.plot(own["force_N"], 1e6 * share, ls="", **marker_of(engine))
@@ -172,19 +168,14 @@ def _draw_differences(axis: Any, points: pd.DataFrame) -> None:
 
 
 def _draw_scores(axis: Any, score: pd.DataFrame) -> None:
-    axis.axis("off")
     rows = []
     for (reading, modulus), some in score.groupby(["force_read_as", "modulus_MPa"]):
         large = some["force_N"] >= LARGE_N
         rms = (np.sqrt((some["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large))
         deviations = (f"{value:+.0f}" for value in some["deviation_pct"])
         rows.append([str(reading).split()[0], f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
-    forces = (f"{force:g} N" for force in score["force_N"].unique())
+    forces = [f"{force:g} N" for force in score["force_N"].unique()]
     headings = ["$F_m$ as", "MPa", *forces, f"≥ {LARGE_N:g} N", f"< {LARGE_N:g} N"]
-    drawn = axis.table(rows, colLabels=headings, cellLoc="center", bbox=[0, 0, 1, 0.88],
-                       colWidths=[0.14, 0.1, *([0.105] * 5), 0.12, 0.12])  # fmt: skip
-    drawn.auto_set_font_size(False)
-    drawn.set_fontsize(6.5)
-    for cell in drawn.get_celld().values():
-        cell.set_linewidth(0.3)
+    widths = [0.14, 0.1, *([0.105] * len(forces)), 0.12, 0.12]
+    draw_table(axis, rows, headings, 6.5, bbox=[0, 0, 1, 0.88], colWidths=widths)
     axis.set_title("measured off simulated speed, %; right: rms in standard errors", loc="left", fontsize=7, y=0.92)

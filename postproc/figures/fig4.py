@@ -1,23 +1,22 @@
-"""Fig. 4: a single solitary wave on 21 beads, reflected by the wall; sensor averages and the wall's force."""
+"""Fig. 4: one solitary wave and its reflection."""
 
 from pathlib import Path
 
 from postproc.draw.product import Product
-from postproc.draw.spacetime import SPACETIME, Panel, spacetime_product
-from postproc.draw.stack import draw_stack, stack_table
-from postproc.draw.style import COLUMN_IN, FAINT
+from postproc.draw.stack import chain_of_reference, draw_stack, stack_table
+from postproc.draw.style import FAINT
 from postproc.paper.quoted import quoted
+from postproc.paper.simulate import UNTIL_REFLECTED, case_of, simulate_one
+from postproc.paper.strikes import sensor_pair, speed_between_sensors
+from postproc.read.residual import REFERENCE
 
 
 def make(runs: Path) -> Product:
     """Runs Fig. 4's scene and draws it as in the paper's (b), what is quoted of (a) as notes."""
-    from postproc.paper.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
-    from postproc.paper.strikes import sensor_pair, speed_between_sensors
-
     case = case_of("fig4", UNTIL_REFLECTED)
-    found = {engine: one for engine, (one,) in simulate([case], runs).items()}
+    found = simulate_one(case, runs)
     traces = {engine: simulation.trace for engine, simulation in found.items()}
-    figure, axes = draw_stack(case.layout, traces, width_in=COLUMN_IN)
+    figure, axes = draw_stack(case.layout, traces)
     experiment = quoted().fig4
     upper, lower = (f"bead_{bead}" for bead in sensor_pair(case))
     for name in (upper, lower):
@@ -29,5 +28,4 @@ def make(runs: Path) -> Product:
     speed = speed_between_sensors(found[REFERENCE])
     words = f"from one to the next\n{speed:.1f} m/s,\nexper. {experiment.speed_m_s:g} m/s"
     axes[lower].text(0.015, 0.97, words, transform=axes[lower].transAxes, va="top", color=FAINT, fontsize=7)
-    chain = spacetime_product([Panel(f"every contact of the chain ({REFERENCE})", traces[REFERENCE])], COLUMN_IN)
-    return Product(figure, stack_table(case.layout, traces), {SPACETIME: chain})
+    return Product(figure, stack_table(case.layout, traces), chain_of_reference(traces))

@@ -1,24 +1,26 @@
-"""Fig. 5: a heavy flat striker on 11 beads: a train of solitary waves at the wall, and the pulse that enters."""
+"""Fig. 5: a heavy striker's train, its envelope and the incident pulse.
+
+A heavy flat striker on 11 beads: a train of solitary waves at the wall, and the pulse that enters.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
 from drivers.base.errors import InputError
+from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from postproc.draw.product import Product
-from postproc.draw.spacetime import SPACETIME, Panel, spacetime_product
-from postproc.draw.stack import MICRO, draw_stack, stack_table
-from postproc.draw.style import COLUMN_IN, FAINT
+from postproc.draw.stack import chain_of_reference, draw_stack, stack_table
+from postproc.draw.style import FAINT, MICRO
 from postproc.paper.quoted import quoted
+from postproc.paper.simulate import case_of, simulate_one
 from postproc.read.pulse import ENVELOPE_MAXIMA, Envelope, PulseShape, incident_pulse, train_envelope
+from postproc.read.residual import REFERENCE
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import peaks
-
-if TYPE_CHECKING:
-    from drivers.chain.case import Case
 
 PLACES = ("top bead", "second bead")  # where the pulse enters
 
@@ -28,7 +30,8 @@ class Shapes:
     """What a trace shows of the two.
 
     Attributes:
-        wall: envelope of the force on the wall, and when its first maximum beyond the envelope comes.
+        wall: envelope of the force on the wall.
+        until_s: when its first maximum beyond the envelope comes.
         entrance: the pulse in each of ``PLACES``.
     """
 
@@ -39,23 +42,20 @@ class Shapes:
 
 def make(runs: Path) -> Product:
     """Runs Fig. 5's scene and draws the entrance, the wall with its envelope, and what is quoted of both."""
-    from postproc.paper.simulate import REFERENCE, case_of, simulate
-
     top = case_of("fig5").chain.beads
     # gauges without a mass of their own only change what is read, not what is run
     case = case_of("fig5", f"chain.sensors=[{{ from_wall = {top} }}, {{ from_wall = {top - 1} }}]")
-    traces = {engine: one.trace for engine, (one,) in simulate([case], runs).items()}
+    traces = {engine: one.trace for engine, one in simulate_one(case, runs).items()}
     shapes = {engine: _shapes(case, trace) for engine, trace in traces.items()}
-    figure, axes = draw_stack(case.layout, traces, width_in=COLUMN_IN)
+    figure, axes = draw_stack(case.layout, traces)
     for bead, place, shape in zip((top, top - 1), PLACES, shapes[REFERENCE].entrance, strict=True):
         _note_entrance(axes[f"bead_{bead}"], place, shape)
     _draw_envelope(axes["wall"], traces[REFERENCE], shapes[REFERENCE])
-    table = [_table(shapes).assign(part="shape"), stack_table(case.layout, traces).assign(part="trace")]
-    chain = spacetime_product([Panel(f"every contact of the chain ({REFERENCE})", traces[REFERENCE])], COLUMN_IN)
-    return Product(figure, pd.concat(table, ignore_index=True), {SPACETIME: chain})
+    tables = [_table(shapes).assign(part="shape"), stack_table(case.layout, traces).assign(part="trace")]
+    return Product(figure, pd.concat(tables, ignore_index=True), chain_of_reference(traces))
 
 
-def _shapes(case: "Case", trace: Trace) -> Shapes:
+def _shapes(case: Case, trace: Trace) -> Shapes:
     """Envelope and entrance of a trace.
 
     Raises:
@@ -96,19 +96,15 @@ def _draw_envelope(axis: Any, trace: Trace, shapes: Shapes) -> None:
 
 def _table(shapes: dict[str, Shapes]) -> pd.DataFrame:
     """A row per engine and place, and the paper's numbers."""
-    rows = []
-    for engine, own in shapes.items():
-        for place, shape in zip(PLACES, own.entrance, strict=True):
-            rows.append({
-                "engine": engine, "place": place, "wall_envelope_per_us": own.wall.rate_per_s / MICRO,
-                "rise_us": shape.rise_s * MICRO, "decay_per_us": shape.decay_per_s / MICRO,
-                "duration_us": shape.duration_s * MICRO,
-            })  # fmt: skip
     paper = quoted().fig5
-    rows.append({"engine": "paper, computed", "wall_envelope_per_us": paper.computed_envelope_per_us})
-    rows.append({
-        "engine": "paper, measured", "place": "entrance", "wall_envelope_per_us": paper.measured_envelope_per_us,
-        "rise_us": paper.incident_rise_us, "decay_per_us": paper.incident_decay_per_us,
-        "duration_us": paper.incident_duration_us,
-    })  # fmt: skip
-    return pd.DataFrame(rows)
+    names = ("engine", "place", "wall_envelope_per_us", "rise_us", "decay_per_us", "duration_us")
+    rows: list[tuple[Any, ...]] = [
+        (engine, place, own.wall.rate_per_s / MICRO, shape.rise_s * MICRO, shape.decay_per_s / MICRO,
+         shape.duration_s * MICRO)
+        for engine, own in shapes.items()
+        for place, shape in zip(PLACES, own.entrance, strict=True)
+    ]  # fmt: skip
+    incident = (paper.incident_rise_us, paper.incident_decay_per_us, paper.incident_duration_us)
+    rows.append(("paper, computed", None, paper.computed_envelope_per_us, None, None, None))
+    rows.append(("paper, measured", "entrance", paper.measured_envelope_per_us, *incident))
+    return pd.DataFrame(rows, columns=names)

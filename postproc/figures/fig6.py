@@ -1,43 +1,44 @@
-"""Fig. 6 (b) and (d): 18 small beads under a steel ball and under a large PTFE ball; the force on the wall."""
+"""Fig. 6: small beads under a steel and a PTFE ball.
+
+(b) and (d): 18 small beads under a steel ball and under a large PTFE ball; the force on the wall.
+"""
 
 from pathlib import Path
 
+import pandas as pd
+
 from drivers.scene.model import Scene
 from postproc.draw.product import Product
-from postproc.draw.spacetime import SPACETIME, Panel, spacetime_product
 from postproc.draw.stack import draw_lines, draw_residuals, stack_table
-from postproc.draw.style import COLUMN_IN, pyplot
+from postproc.draw.style import COLUMN_IN, MICRO, pyplot
+from postproc.paper.simulate import UNTIL_REFLECTED, case_of, simulate
+from postproc.read.residual import REFERENCE
 
 PANELS = {"fig6b": "(b)", "fig6d": "(d)"}
 
 
 def make(runs: Path) -> Product:
     """Runs both scenes and draws the wall's force over its residual for each."""
-    import pandas as pd
-
-    from postproc.paper.simulate import REFERENCE, UNTIL_REFLECTED, case_of, simulate
-
     cases = [case_of(scene, UNTIL_REFLECTED) for scene in PANELS]
     found = simulate(cases, runs)
     figure, axes = pyplot().subplots(4, 1, sharex=True, figsize=(COLUMN_IN, 5.8), height_ratios=[1.6, 0.8, 1.6, 0.8])
-    tables, chains = [], []
+    tables, chains = [], {}
     for place, (case, letter) in enumerate(zip(cases, PANELS.values(), strict=True)):
         traces = {engine: simulations[place].trace for engine, simulations in found.items()}
         force, difference = axes[2 * place : 2 * place + 2]
-        time_s = case.sample_times_s
+        title, time_s = f"{letter} {_striker(case.scene)}", case.sample_times_s
         draw_lines(force, time_s, {engine: trace.force_N[:, 0] for engine, trace in traces.items()})
-        draw_residuals(difference, traces)
-        force.set(ylabel="wall force (N)", xlim=(0, float(time_s[-1]) * 1e6))
-        title = f"{letter} {_striker(case.scene)}"
+        force.set(ylabel="wall force (N)", xlim=(0, float(time_s[-1]) * MICRO))
         force.set_title(title, loc="left")
+        draw_residuals(difference, traces)
         difference.set_ylabel("|ΔF| / largest")
         tables.append(stack_table(case.layout, traces).assign(scene=case.scene.name))
-        chains.append(Panel(title, traces[REFERENCE]))
+        chains[title] = traces[REFERENCE]
     axes[0].legend(loc="upper right")
     axes[-1].set_xlabel("time since impact (µs)")
     figure.align_ylabels()
     figure.subplots_adjust(hspace=0.5)
-    return Product(figure, pd.concat(tables, ignore_index=True), {SPACETIME: spacetime_product(chains, COLUMN_IN)})
+    return Product(figure, pd.concat(tables, ignore_index=True), chains)
 
 
 def _striker(scene: Scene) -> str:

@@ -15,10 +15,10 @@ from drivers.engines import installed_codes
 from drivers.run.many import run_all_done
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe
+from postproc.read.residual import REFERENCE
 from postproc.read.sensors import write_sensors
 from validation.reference.adaptive import integrate_adaptive
 
-REFERENCE = "reference"
 UNTIL_REFLECTED = "run.duration=0.9 ms"  # until the reflected wave has come by, in Figs. 4 and 6
 TOLERANCE = 1e-11  # of the largest force: far below the truncation error of any code's run
 
@@ -83,6 +83,11 @@ def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path = paths.RUNS) -> d
 def run_codes_on(cases: Sequence[Case], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
     """The same cases on every installed code."""
     return run_codes(dict.fromkeys(installed_codes(), cases), runs)
+
+
+def simulate_one(case: Case, runs: Path = paths.RUNS) -> dict[str, Simulation]:
+    """A case by every installed code and the reference."""
+    return {engine: one for engine, (one,) in simulate([case], runs).items()}
 
 
 def simulate(cases: Sequence[Case], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:

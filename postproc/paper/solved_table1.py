@@ -9,8 +9,8 @@ from pathlib import Path
 import pandas as pd
 
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import REFERENCE
 from postproc.paper.strikes import sensor_amplitude, sensor_pair, speed_between_sensors, strike_for, strikes_by_codes
+from postproc.read.residual import REFERENCE
 
 COLUMNS = ("speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters")
 STRIKER = "_striker_m_s"

@@ -1,12 +1,9 @@
 """How far two traces are from each other."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
-from postproc.draw.style import drawing_order
 
 REFERENCE = "reference"  # the engine whose forces are exact
 
@@ -19,14 +16,3 @@ def share_of_largest(difference_N: Array, reference: Trace) -> Array:
 def residual(trace: Trace, reference: Trace) -> Array:
     """Largest difference over all contacts at each sample, over the reference's largest force. Shape (samples,)."""
     return share_of_largest(np.abs(trace.force_N - reference.force_N).max(axis=1), reference)
-
-
-def residuals(traces: Mapping[str, Trace], yardstick: str) -> dict[str, Array]:
-    """What each engine but the yardstick and the exact one differs from the yardstick by, in the order of drawing.
-
-    Args:
-        traces: by engine, of equal sample times.
-        yardstick: one of the engines.
-    """
-    others = [engine for engine in drawing_order(list(traces)) if engine not in (yardstick, REFERENCE)]
-    return {engine: residual(traces[engine], traces[yardstick]) for engine in others}

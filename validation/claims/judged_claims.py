@@ -19,7 +19,8 @@ from drivers.engines import installed_codes
 from drivers.run.many import workers
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
-from postproc.paper.simulate import REFERENCE, Simulation, exact, run_codes
+from postproc.paper.simulate import Simulation, exact, run_codes
+from postproc.read.residual import REFERENCE
 from validation.claims import (
     conservation,
     equations,

@@ -12,8 +12,9 @@ from drivers.engines import engine_names, load_engine
 from drivers.limits.refusal import inability, refuse
 from drivers.run.finished import EndedRun, open_run
 from drivers.run.many import run_many
-from postproc.paper.simulate import REFERENCE, exact
+from postproc.paper.simulate import exact
 from postproc.read.motion import read_motion
+from postproc.read.residual import REFERENCE
 from validation.accuracy.error_measures import verlet_of
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
 from validation.compare.verdict import FAIL, NOT_RUN, Verdict, pass_or_fail

@@ -14,9 +14,9 @@ import numpy as np
 from drivers.chain.chain import Array
 from drivers.chain.layout import Layout
 from drivers.chain.trace import Trace
-from postproc.draw.stack import gauge_title
+from postproc.draw.stack import gauge_title, residuals
 from postproc.draw.style import drawing_order, line_of
-from postproc.read.residual import REFERENCE, residuals
+from postproc.read.residual import REFERENCE
 from postproc.read.sensors import sensor_signals
 
 WIDTH, LEFT, RIGHT, TOP = 720.0, 62.0, 712.0, 24.0

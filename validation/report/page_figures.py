@@ -7,9 +7,7 @@ import re
 from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import Any
 from xml.etree import ElementTree
 
@@ -17,9 +15,9 @@ import pandas as pd
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from postproc import figures
 from postproc.draw.spacetime import SPACETIME
 from postproc.draw.style import svg_of
+from postproc.figures import figures
 from postproc.paper.solved_table1 import COLUMNS, engines_of
 
 TABLE = "table1.csv"
@@ -100,19 +98,20 @@ def stored_or_drawn(path: Path, table: Path, draw: Callable[[], Any]) -> Image:
 def read_figures(results: Path) -> dict[str, Any]:
     """``made``: the paper's figures in a results folder; ``missing``: names of those that are not there.
 
-    A figure's title is the first paragraph of its module's docstring.
+    A figure's title is the first line of its module.
 
     Raises:
         InputError: one is damaged.
     """
     made, missing = [], []
-    for name in (module.name for module in iter_modules(figures.__path__) if module.name.startswith("fig")):
+    for name, title in figures().items():
+        if f"{name}.csv" == TABLE:
+            continue
         image = read_image(results / f"{name}.svg")
         if image is None:
             missing.append(name)
             continue
-        title, _, _ = (import_module(f"{figures.__name__}.{name}").__doc__ or name).partition("\n\n")
-        made.append(Figure(BLANKS.sub(" ", title).strip(". "), image, read_beside(results, name)))
+        made.append(Figure(title, image, read_beside(results, name)))
     return {"made": made, "missing": missing}
 
 

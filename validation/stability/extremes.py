@@ -18,8 +18,7 @@ from drivers.limits.stable_step import predicted_limit
 from drivers.run.many import run_many
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
-from postproc.paper.simulate import REFERENCE
-from postproc.read.residual import residual
+from postproc.read.residual import REFERENCE, residual
 from validation.accuracy.assess import assess
 from validation.accuracy.plan import planned_case
 from validation.accuracy.rounding import HORIZON

@@ -17,8 +17,9 @@ from drivers.chain.trace import Trace
 from drivers.engines import load_engine
 from drivers.run.run import run_case
 from drivers.run.session import Session
-from postproc.paper.simulate import REFERENCE, case_of
+from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
+from postproc.read.residual import REFERENCE
 from validation.accuracy.error_measures import (
     ENERGY,
     FORCE,

@@ -7,7 +7,8 @@ from math import ceil, inf
 from drivers.chain.case import Case
 from drivers.engines import codes, installed_codes
 from drivers.limits.stable_step import predicted_limit
-from postproc.paper.simulate import REFERENCE, case_of
+from postproc.paper.simulate import case_of
+from postproc.read.residual import REFERENCE
 from validation.accuracy.costs import cost_on
 from validation.reference.adaptive import LEAST_TOLERANCE
 

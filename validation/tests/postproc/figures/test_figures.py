@@ -1,6 +1,7 @@
 """The paper's figures and its table, made by all engines."""
 
-from importlib import import_module
+import re
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from postproc.__main__ import FIGURES
 from postproc.draw.product import Product, write_product
+from postproc.figures import figures, make_figure
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import contact_peak, strike_for
 from postproc.read.pulse import envelope, incident_pulse
@@ -20,6 +21,7 @@ from validation.tests.helpers.runs import need
 
 CODES = ("liggghts", "yade")
 ENGINES = (*CODES, "reference")
+CHAINS = ("fig3", "fig4", "fig5", "fig6", "table1")  # that are drawn against time and place as well
 
 
 @pytest.fixture(scope="module")
@@ -27,30 +29,26 @@ def made(shared_runs: Path) -> dict[str, Product]:
     """Every product, made once."""
     for code in CODES:
         need(code)
-    return {name: import_module(f"postproc.figures.{name}").make(shared_runs) for name in FIGURES}
+    return {name: make_figure(name, shared_runs) for name in figures()}
 
 
-def test_make_knows_every_figure_and_the_scenes_it_takes() -> None:
-    makefile = (paths.ROOT / "Makefile").read_text()
-    for name in FIGURES:
-        assert f"\n{name}: ## " in makefile
-        line = next(text for text in makefile.splitlines() if text.startswith(f"SCENES_{name} := "))
-        said = set(line.partition(":= ")[2].split())
-        module = (paths.ROOT / "postproc" / "figures" / f"{name}.py").read_text()
-        scenes = {scene.stem for scene in paths.SCENES.glob("*.toml")}
-        assert said <= scenes
-        assert {scene for scene in scenes if f'"{scene}"' in module} <= said
+def test_a_figure_is_known_by_its_file() -> None:
+    """``make help`` and the command line take its first line."""
+    assert list(figures()) == sorted(file.stem for file in (paths.ROOT / "postproc" / "figures").glob("[a-z]*.py"))
+    said = command_line("postproc", "--help").stdout.split()
+    listed = subprocess.run(["make", "help"], cwd=paths.ROOT, capture_output=True, text=True, check=True).stdout
+    for name, words in figures().items():
+        assert name in said
+        assert words.split()[0] in ("Fig.", "Table")
+        assert re.search(f"make {name} +{re.escape(words)}\n", listed)
 
 
 @pytest.mark.long
 @pytest.mark.timeout(400)
 def test_all_are_made_and_written_whole(made: dict[str, Product], tmp_path: Path) -> None:
-    makefile = (paths.ROOT / "Makefile").read_text()
-    chains = next(line for line in makefile.splitlines() if line.startswith("CHAINS := ")).split()[2:]
-    assert {"fig4", "fig5", "fig6"} <= set(chains)
     for name, product in made.items():
         written = write_product(product, name, tmp_path)
-        names = [name, *([f"{name}-spacetime"] if name in chains else [])]
+        names = [name, *([f"{name}-spacetime"] if name in CHAINS else [])]
         assert {path.name for path in written} == {f"{each}.{kind}" for each in names for kind in ("svg", "png", "csv")}
         assert all(path.stat().st_size > 200 for path in written)
         assert "<svg" in (tmp_path / f"{name}.svg").read_text()
@@ -201,7 +199,7 @@ def test_a_figure_without_an_engine_says_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["fig4", "fig5", "table1"])
 def test_a_figure_of_the_reference_alone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    product = import_module(f"postproc.figures.{name}").make(tmp_path / "runs")
+    product = make_figure(name, tmp_path / "runs")
     assert len(write_product(product, name, tmp_path / "out")) == 6  # with the chain's space-time plot
 
 
@@ -252,7 +250,7 @@ def test_a_scene_without_the_sensors_is_told(monkeypatch: pytest.MonkeyPatch, tm
     monkeypatch.setenv("PATH", str(tmp_path))
     for name in ("fig4", "table1", "fig3"):
         with pytest.raises(InputError, match=r"chain\.sensors"):
-            import_module(f"postproc.figures.{name}").make(tmp_path / "runs")
+            make_figure(name, tmp_path / "runs")
 
 
 def test_a_figure_whose_run_fails_leaves_nothing(tmp_path: Path) -> None:
