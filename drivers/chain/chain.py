@@ -19,7 +19,7 @@ from drivers.chain.contact_law import (
     hertz_overlap,
     hertz_stiffness,
 )
-from drivers.chain.lateral import Lateral
+from drivers.chain.lateral import Bore, Lateral
 from drivers.scene.model import RIGID, Contact, Scene
 from validation.reference.hertz_chain import ENERGY_SHARE
 
@@ -72,6 +72,11 @@ class Chain:
     def slips(self) -> bool:
         """Whether contacts have friction."""
         return self.lateral is not None and self.lateral.slips
+
+    @property
+    def bore(self) -> Bore | None:
+        """Inside of the tube that a three-dimensional chain moves in; None where there is none."""
+        return self.lateral.bore if self.lateral else None
 
     @cached_property
     def height_m(self) -> Array:

@@ -135,7 +135,7 @@ def make_sideways_trace(
         along = np.diff(height_m, axis=1, prepend=chain.wall_height_m)
         overlap = radius + np.append(0.0, radius[:-1]) - np.sqrt((across**2).sum(axis=2) + along**2)
         hertz = hertz_energy(1.0, np.maximum(overlap, 0.0)) @ chain.stiffness
-        bore = chain.lateral.bore if chain.lateral else None
+        bore = chain.bore
         if bore is not None:
             pressed = bore.overlaps(radius, sideways.place_m)
             hertz = hertz + ENERGY_SHARE * (np.maximum(pressed, 0.0) ** (1 + EXPONENT)).sum(axis=2) @ bore.stiffness

@@ -35,7 +35,7 @@ def values_of(case: Case, lateral: Lateral) -> dict[str, Any]:
 
 def refusal(case: Case) -> InputProblem | None:
     """A bore of flat sides."""
-    bore = case.chain.lateral.bore if case.chain.lateral else None
+    bore = case.chain.bore
     if bore is None or bore.sides is None:
         return None
     return "tube.sides", str(bore.sides), "a true cylinder: leave them out"

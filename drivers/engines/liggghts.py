@@ -64,7 +64,7 @@ def refusal(case: Case) -> InputProblem | None:
         if case.scene.contact.restitution is None:
             return "contact.damping_ratio", f"{chain.damping_ratio:g}", f"below {most:.4g}"
         return "contact.restitution", f"{case.scene.contact.restitution:g}", f"above {restitution(most):.4g}"
-    bore = chain.lateral.bore if chain.lateral else None
+    bore = chain.bore
     if bore is not None and bore.sides and bore.triangles > MOST_TRIANGLES:
         return "tube.sides", f"{bore.sides}, {bore.triangles:.2g} triangles", f"at most {MOST_TRIANGLES:,}: fewer sides"
     if not _binned(chain):
@@ -81,7 +81,7 @@ def refusal(case: Case) -> InputProblem | None:
 
 def _binned(chain: Chain) -> bool:
     """Whether neighbours are searched in bins: where there are many, and where a mesh asks for it."""
-    bore = chain.lateral.bore if chain.lateral else None
+    bore = chain.bore
     return chain.bodies > FEW or (bore is not None and bore.sides is not None)
 
 

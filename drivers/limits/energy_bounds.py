@@ -1,4 +1,4 @@
-"""What bounds the time step: the frequencies that contacts can reach, from energy alone.
+"""Bounds of the time step by the frequencies that contacts can reach, from energy alone.
 
 A contact's overlap cannot exceed what all the energy that turns into motion could press into it, so its stiffness and
 the chain's highest frequency are bounded without following the motion. The bound is within a tenth of the limit for
@@ -22,22 +22,33 @@ SPARED, WALK = 3.0, 0.2
 
 @dataclass(frozen=True)
 class Reached:
-    """What each contact reaches in a motion; arrays of shape (bodies,).
+    """Extremes of a motion; arrays of shape (bodies,).
 
     Attributes:
-        overlap_m: the largest overlap.
+        overlap_m: the largest overlap of each contact.
         closing_m_s: the largest speed at which it closes: one step of it is an overlap, however small the exact one.
         impacts: how many there are in all, each by the square of its energy over the largest one's.
+        bore_overlap_m: the largest overlap of each body with the bore; 0 where there is none.
+        bore_closing_m_s: likewise the speed at which it meets the bore.
     """
 
     overlap_m: Array
     closing_m_s: Array
     impacts: float
+    bore_overlap_m: Array
+    bore_closing_m_s: Array
+
+    def deepest_m(self, time_step_s: float) -> Array:
+        """Largest overlap of each contact with steps of that size."""
+        return np.maximum(self.overlap_m, OVERSHOOT * self.closing_m_s * time_step_s)
+
+    def deepest_in_bore_m(self, time_step_s: float) -> Array:
+        """Largest overlap of each body with the bore, with steps of that size."""
+        return np.maximum(np.maximum(self.bore_overlap_m, OVERSHOOT * self.bore_closing_m_s * time_step_s), 0.0)
 
     def spring(self, chain: Chain, time_step_s: float) -> Array:
-        """The stiffest each contact gets with steps of that size, in N/m. Shape (bodies,)."""
-        stepped = OVERSHOOT * self.closing_m_s * time_step_s
-        return contact_stiffness(chain.stiffness, np.maximum(self.overlap_m, stepped))
+        """Largest stiffness of each contact with steps of that size, in N/m. Shape (bodies,)."""
+        return contact_stiffness(chain.stiffness, self.deepest_m(time_step_s))
 
 
 def late_damping(chain: Chain, spring_N_m: Array, time_step_s: float) -> Array:
@@ -58,7 +69,7 @@ def wear(impacts: float) -> float:
 
 
 def at_most(chain: Chain, duration_s: float) -> Reached:
-    """Bounds of what contacts reach, by energy; impacts are not bounded so.
+    """Bounds of what contacts and the bore reach, by energy; impacts are not bounded so.
 
     About equilibrium, a contact that takes up the energy E by a further overlap x has ``E >= (2/5) k x^(5/2)`` and
     ``E >= K x^2 / 2`` with its stiffness K at rest, since Hertz's force curves upwards.
@@ -71,7 +82,21 @@ def at_most(chain: Chain, duration_s: float) -> Reached:
     further = np.where(chain.stiffness > 0, np.fmin(by_hertz, by_spring), 0.0)
     inverse = 1 / chain.mass_kg
     closing = np.sqrt(2 * energy * (inverse + np.append(0.0, inverse[:-1])))
-    return Reached(resting + further, np.where(chain.stiffness > 0, closing, 0.0), impacts=0.0)
+    bore = bore_stiffness(chain)
+    with np.errstate(divide="ignore"):
+        deepest = np.where(bore > 0, overlap_of_energy(bore, energy), 0.0)
+    return Reached(
+        overlap_m=resting + further,
+        closing_m_s=np.where(chain.stiffness > 0, closing, 0.0),
+        impacts=0.0,
+        bore_overlap_m=deepest,
+        bore_closing_m_s=np.where(bore > 0, np.sqrt(2 * energy / chain.mass_kg), 0.0),
+    )
+
+
+def bore_stiffness(chain: Chain) -> Array:
+    """Hertz stiffness of each body's contact with the bore; 0 where there is none."""
+    return np.zeros(chain.bodies) if chain.bore is None else chain.bore.stiffness
 
 
 def share_at_most(chain: Chain, duration_s: float, time_step_s: float) -> tuple[float, float]:
@@ -80,24 +105,16 @@ def share_at_most(chain: Chain, duration_s: float, time_step_s: float) -> tuple[
     The highest frequency is bounded by rows of the matrix of springs and masses (Gershgorin). An impact lasts longer
     than ``4 / omega``, and only one at a time has all the energy.
     """
-    spring = at_most(chain, duration_s).spring(chain, time_step_s)
-    highest = float(np.sqrt(_rows(chain, spring).max() + _in_bore(chain, duration_s)))
+    bounds = at_most(chain, duration_s)
+    spring = bounds.spring(chain, time_step_s)
+    # the highest K / m of a body that presses into the bore with all the energy; eigenvalues of both add up
+    in_bore = float((contact_stiffness(bore_stiffness(chain), bounds.bore_overlap_m) / chain.mass_kg).max())
+    highest = float(np.sqrt(_rows(chain, spring).max() + in_bore))
     impacts = duration_s * highest / 4
     if chain.damping_ratio:  # 1 / limit is where limit^2 (K + b / limit) = 4, row by row
         late = _rows(chain, late_damping(chain, spring, 1.0) - spring)
         highest = float((late + np.sqrt(late**2 + 16 * _rows(chain, spring))).max()) / 4
     return time_step_s * highest / 2 / SAFETY, impacts
-
-
-def _in_bore(chain: Chain, duration_s: float) -> float:
-    """The highest ``K / m`` of a body that presses into the bore with all the energy; eigenvalues of both add up."""
-    if chain.lateral is None or chain.lateral.bore is None:
-        return 0.0
-    stiffness = chain.lateral.bore.stiffness
-    deepest = np.zeros(chain.bodies)
-    pressed = stiffness > 0
-    deepest[pressed] = overlap_of_energy(stiffness[pressed], energy_put_in(chain, duration_s))
-    return float((contact_stiffness(stiffness, deepest) / chain.mass_kg).max())
 
 
 def _rows(chain: Chain, spring_N_m: Array) -> Array:

@@ -6,11 +6,10 @@ import numpy as np
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from drivers.chain.chain import energy_put_in
-from drivers.chain.contact_law import overlap_of_energy
+from drivers.chain.chain import Array, Chain
 from drivers.engines import EXACT, engine_names, load_engine
 from drivers.limits.attainable import refuse_beyond_rounding
-from drivers.limits.energy_bounds import at_most, certainly_stable
+from drivers.limits.energy_bounds import Reached, at_most, certainly_stable
 
 ON_COMMAND = "--unsafe"
 
@@ -30,7 +29,6 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
     if cannot is not None:
         raise cannot
     _refuse_depth(case, override)
-    _refuse_depth_in_bore(case, override)
     if load_engine(engine).scheme != EXACT:
         _refuse_step(case, override)
 
@@ -71,34 +69,24 @@ def _refuse_step(case: Case, override: str) -> None:
 
 
 def _refuse_depth(case: Case, override: str) -> None:
+    """Contacts, with the bore too, that are pressed deeper than Hertz's law can mean."""
     chain, duration = case.chain, float(case.sample_times_s[-1])
-    if (at_most(chain, duration).overlap_m < chain.smaller_radius_m).all():
+    if (_depths(chain, at_most(chain, duration)) < 1).all():
         return
     from drivers.limits.stable_step import reached
 
-    depth = reached(chain, duration).overlap_m / chain.smaller_radius_m
-    if (depth >= 1).any():
-        place = int(np.argmax(depth))
-        key = "striker.speed" if case.scene.striker else "chain"
-        found = f"a motion that presses contact {place + 1} {depth[place]:.3g} radii deep"
-        allowed = f"overlaps below a radius: beyond, Hertz's law means nothing ({override} runs it)"
-        raise InputError(case.scene.file, key, found, allowed)
+    between, in_bore = _depths(chain, reached(chain, duration))
+    for key, what, depth, where in (
+        ("striker.speed" if case.scene.striker else "chain", "contact", between, ""),
+        ("chain", "body", in_bore, " into the bore"),
+    ):
+        if (depth >= 1).any():
+            place = int(np.argmax(depth))
+            found = f"a motion that presses {what} {place + 1} {depth[place]:.3g} radii deep{where}"
+            allowed = f"overlaps below a radius: beyond, Hertz's law means nothing ({override} runs it)"
+            raise InputError(case.scene.file, key, found, allowed)
 
 
-def _refuse_depth_in_bore(case: Case, override: str) -> None:
-    """Bodies that are thrown into the bore by more than their radius."""
-    chain, duration = case.chain, float(case.sample_times_s[-1])
-    if chain.lateral is None or chain.lateral.bore is None:
-        return
-    held = chain.lateral.bore.guided
-    stiffness, radius = chain.lateral.bore.stiffness[held], chain.radius_m[held]
-    if (overlap_of_energy(stiffness, energy_put_in(chain, duration)) < radius).all():
-        return
-    from drivers.limits.stable_step_in_tube import sideways_reached
-
-    depth = sideways_reached(chain, duration).bore.overlap_m[held] / radius
-    if (depth >= 1).any():
-        place = int(np.argmax(depth))
-        found = f"a motion that presses body {held[place] + 1} {depth[place]:.3g} radii deep into the bore"
-        allowed = f"overlaps below a radius: beyond, Hertz's law means nothing ({override} runs it)"
-        raise InputError(case.scene.file, "chain", found, allowed)
+def _depths(chain: Chain, reached: Reached) -> Array:
+    """Overlaps of contacts, and with the bore, over the smaller radius. Shape (2, bodies)."""
+    return np.array([reached.overlap_m / chain.smaller_radius_m, reached.bore_overlap_m / chain.radius_m])

@@ -125,7 +125,7 @@ def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]
 
 def not_modelled(chain: Chain, trace: Trace) -> str | None:
     """When a striker above the tube comes down onto its end, which no deck models; None where it does not."""
-    bore = chain.lateral.bore if chain.lateral else None
+    bore = chain.bore
     if bore is None or chain.bodies - 1 in bore.guided or trace.height_m is None:
         return None
     radius = float(chain.radius_m[-1])

@@ -15,8 +15,7 @@ from drivers.chain.trace import until
 from drivers.engines import INCREMENTAL, TOTAL, load_engine
 from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import refuse
-from drivers.limits.stable_step import linear_limit, predicted_limit
-from drivers.limits.stable_step_in_tube import linear_sideways_limit
+from drivers.limits.stable_step import linear_limit, linear_sideways_limit, predicted_limit
 from postproc.read.residual import residual
 from validation.accuracy.budget import error_budget
 from validation.accuracy.run_warnings import warnings_of
