@@ -185,7 +185,7 @@ def _print_departures(compared: "ComparedScene") -> None:
 
 def _print_budgets(compared: "ComparedScene") -> None:
     """The parts of each run's errors, as signed shares; they add up to the whole."""
-    from validation.accuracy.parts import PARTS, for_terminal
+    from validation.accuracy.budget import PARTS, for_terminal
 
     print(f"\n{'error budget':<23} {'quantity':<24} " + " ".join(f"{part:>10}" for part in PARTS))
     for engine, run in compared.runs.items():

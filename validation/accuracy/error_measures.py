@@ -13,19 +13,20 @@ from functools import cached_property
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, energy_put_in, moving_at_start
+from drivers.chain.chain import energy_put_in, moving_at_start
 from drivers.chain.integrator_arrays import arrays_of
-from drivers.chain.trace import Trace, make_trace
+from drivers.chain.trace import Trace
+from drivers.limits.attainable import FORCE
 from drivers.run.guard import energy_error
 from postproc.read.observables import describe, observe, without_unit
 from postproc.read.residual import residual
+from validation.accuracy.schemes import trace_of
 from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import Motion
-from validation.reference.velocity_verlet import integrate_verlet
 
-FORCE, ENERGY = "force", "energy"
+ENERGY = "energy"
 FINER = 4  # times the samples that true peaks are read from: quintics leave 4^-6 of the error of sampling
-MOST_FINE = 4_000_000  # values of the finer record; beyond it the error of sampling is not measured
+MAX_FINE_VALUES = 4_000_000  # values of the finer record; beyond it the error of sampling is not measured
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def truth_of(case: Case, tolerance: float = LEAST_TOLERANCE, *, finer: bool = Tr
     Raises:
         ArithmeticError: it cannot be followed.
     """
-    factor = FINER if finer and FINER * case.scene.samples * case.chain.bodies <= MOST_FINE else 1
+    factor = FINER if finer and FINER * case.scene.samples * case.chain.bodies <= MAX_FINE_VALUES else 1
     spacing = case.scene.steps_per_sample * case.scene.time_step_s / factor
     time = np.arange(factor * (case.scene.samples - 1) + 1, dtype=float) * spacing
     motion = integrate_adaptive(arrays_of(case.chain), time, tolerance)
@@ -72,19 +73,6 @@ def truth_of(case: Case, tolerance: float = LEAST_TOLERANCE, *, finer: bool = Tr
         return Truth(case, fine, fine)
     kept = Motion(*(values[::factor] for values in (motion.force_N, motion.displacement_m, motion.velocity_m_s)))
     return Truth(case, trace_of(case, case.sample_times_s, kept), fine)
-
-
-def trace_of(case: Case, time_s: Array, motion: Motion) -> Trace:
-    """An in-repo motion as a trace."""
-    height = case.chain.height_m + motion.displacement_m
-    return make_trace(case.chain, time_s, motion.force_N, height, motion.velocity_m_s)
-
-
-def verlet_of(case: Case) -> Trace:
-    """The case by the scheme of the codes at its step, in overlaps."""
-    scene = case.scene
-    motion = integrate_verlet(arrays_of(case.chain), scene.time_step_s, scene.steps_per_sample, scene.samples)
-    return trace_of(case, case.sample_times_s, motion)
 
 
 def quantities(case: Case, trace: Trace) -> dict[str, float]:

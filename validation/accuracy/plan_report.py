@@ -11,12 +11,12 @@ from drivers.chain.case import Case
 from drivers.engines import installed, load_engine
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.stable_step import predicted_limit
+from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of
 from validation.accuracy.costs import able, cheapest, cost_on
-from validation.accuracy.error_measures import FORCE
+from drivers.limits.attainable import FORCE
 from validation.accuracy.plan import asked_of, planned_case
-from validation.accuracy.rounding import HORIZON, ROUNDING_MARGIN
+from validation.accuracy.run_warnings import predicted_error
 from validation.accuracy.step_choice import Chooser, Rounding
-from validation.accuracy.tube_budget import sideways_error, sideways_rods, why_unmeasured
 
 TENFOLD = 10.0
 MOST_WORK = 5e7  # bodies times steps of a line of the table that nobody asked for
@@ -75,17 +75,16 @@ def _sideways(case: Case) -> Iterator[str]:
     if case.scene.time_step_s > limit:
         return
     yield f"engine     {_engines(case)}"
-    why = why_unmeasured(case)
-    if why:
-        yield f"predicted  {why}"
+    if baseline_of(case).unknown:
+        yield f"predicted  {baseline_of(case).unknown}"
         return
     by_law: dict[str, list[str]] = {}
     for name in able(case):
         by_law.setdefault(load_engine(name).shear, []).append(name)
-    for law, names in by_law.items():
-        error, rods = float(sideways_error(case, law).max()), sideways_rods(case, law)
-        yield f"predicted  force {error:.3g} on {', '.join(names)}, which converges with order {rods.order:.2g}"
-        end = case.sample_times_s[rods.samples - 1]
+    for names in by_law.values():
+        error, baseline = float(predicted_error(case, names[0]).max()), baseline_of(case, names[0])
+        yield f"predicted  force {error:.3g} on {', '.join(names)}, which converges with order {baseline.order:.2g}"
+        end = case.sample_times_s[baseline.samples - 1]
         yield f"horizon    engines with that law of friction can be compared point by point until {end * 1e3:.4g} ms"
 
 

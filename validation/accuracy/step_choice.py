@@ -18,9 +18,12 @@ from drivers.limits.attainable import ROOM, unattainable
 from drivers.limits.stable_step import predicted_limit
 from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.residual import residual, share_of_largest
-from validation.accuracy.error_measures import ENERGY, FORCE, Truth, errors_of, truth_of, verlet_of
-from validation.accuracy.rounding import rounding_error
+from validation.accuracy.baseline import Baseline
+from drivers.limits.attainable import FORCE
+from validation.accuracy.error_measures import ENERGY, Truth, errors_of, truth_of
+from validation.accuracy.schemes import verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE, scales
+from validation.reference.tube import TOTAL
 
 LEAST_ACCURACY = 10 * LEAST_TOLERANCE
 TRUTH_SHARE = 1e-3  # of the accuracy: how exact the exact motion has to be
@@ -207,7 +210,7 @@ class Chooser:
         first = ceil(min(0.5 * self.case.scene.run.sample_interval / self.stable_s, 1e9))
         affordable = AFFORDABLE // (self.case.chain.bodies * self.case.scene.samples)
         measured = min(steps_per_sample, max(first, affordable, 1))
-        error = share_of_largest(rounding_error(self.case.at(measured)), self.truth.trace)
+        error = share_of_largest(Baseline(self.case.at(measured), TOTAL).rounding_N, self.truth.trace)
         return Rounding(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured), measured)
 
     def _give_up(self, wanted: dict[str, float], steps: int) -> None:

@@ -2,14 +2,19 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from drivers.base import paths
-from validation.accuracy.parts import PARTS, for_terminal
-from validation.compare.open_pair import Opened, changed_since, open_pair
+from drivers.base.files import sha256_of
+from drivers.batch.columns import unit_of
+from drivers.chain.trace import FORCES
+from validation.accuracy.budget import PARTS, for_terminal
+from validation.compare.open_pair import PairedRun, open_pair
 from validation.compare.pair import Pair, compare_pair
 from validation.compare.verdict import FAIL
 
-NAMES = ("first", "second")
+DERIVED = ("units", "name", "steps_per_sample", "samples")  # no keys of a scene file
+FREE_TEXT = ("source",)
 
 
 def compare_runs(first: Path, second: Path) -> int:
@@ -19,41 +24,36 @@ def compare_runs(first: Path, second: Path) -> int:
         InputError: they cannot be compared.
     """
     pair = compare_pair(*open_pair(first, second))
-    for part in (_runs, _keys, _table, _reasons, _times, _explained, _budgets, _warnings):
-        for line in part(pair):
-            print(line)
+    both = (("first", pair.first), ("second", pair.second))
+    for line in (*_runs(*both), "", *_keys(pair), "", *_table(pair), "", *_reasons(pair), "", *_times(pair)):
+        print(line)
+    for line in (*_budgets(*both), *_warnings(*both)):
+        print(line)
     missed = [verdict.quantity for verdict in pair.verdicts if verdict.verdict == FAIL]
     print(f"\nFAIL: {', '.join(missed)}" if missed else "\npass")
     return 1 if missed else 0
 
 
-def _both(pair: Pair) -> Iterator[tuple[str, Opened]]:
-    yield from zip(NAMES, (pair.first, pair.second), strict=True)
-
-
-def _runs(pair: Pair) -> Iterator[str]:
+def _runs(*both: tuple[str, PairedRun]) -> Iterator[str]:
     """What the runs are."""
-    for name, opened in _both(pair):
-        record = opened.run.record
-        step = f"time step {record.time_step_s:g} s, {record.steps} steps, {len(opened.run.trace.time_s)} samples"
+    for name, each in both:
+        record = each.run.record
+        step = f"time step {record.time_step_s:g} s, {record.steps} steps, {len(each.run.trace.time_s)} samples"
         commit = f"commit {record.commit[:10]}{' and changes' if record.dirty else ''}"
-        yield f"{name:<7} {paths.shown(opened.run.folder)}"
+        yield f"{name:<7} {paths.shown(each.run.folder)}"
         yield f"        {record.scene_name} on {record.engine} ({record.engine_version}), {step}, {commit}"
-    samples, interval = len(pair.first.trace.time_s), pair.first.case.scene.run.sample_interval
-    if any(len(opened.run.trace.time_s) != samples for _, opened in _both(pair)):
+    compared = both[0][1]
+    samples, interval = len(compared.trace.time_s), compared.case.scene.run.sample_interval
+    if any(len(each.run.trace.time_s) != samples for _, each in both):
         yield f"        compared at the {samples} sample times that both have, {interval:g} s apart"
 
 
-def _keys(pair: Pair) -> Iterator[str]:
-    yield ""
-    if not pair.keys:
-        yield "the scenes are the same"
-    for line in pair.keys:
-        yield f"differs {line}"
+def _keys(pair: Pair) -> list[str]:
+    lines = different_keys(*(each.run.record.scene for each in (pair.first, pair.second)))
+    return [f"differs {line}" for line in lines] or ["the scenes are the same"]
 
 
 def _table(pair: Pair) -> Iterator[str]:
-    yield ""
     yield f"{'quantity':<24} {'difference':>10} {'allowed':>9}  verdict"
     for each in pair.verdicts:
         yield f"{each.quantity:<24} {each.value:10.2e} {each.limit:9.2e}  {each.verdict}: {each.where}"
@@ -66,32 +66,26 @@ def _reasons(pair: Pair) -> Iterator[str]:
     used: dict[tuple[float, str], list[str]] = {}
     for each in pair.verdicts:
         used.setdefault((each.limit, each.reason), []).append(each.quantity)
-    yield ""
     for (limit, reason), quantities in used.items():
         names = quantities if len(quantities) < 4 else [quantities[0], "...", quantities[-1]]
         yield f"allowed {limit:.2g} ({', '.join(names)}): {reason}"
 
 
 def _times(pair: Pair) -> Iterator[str]:
-    """When the runs part, and when each leaves the exact motion of its own scene."""
-    yield ""
+    """When the runs part, when each leaves the exact motion of its own scene, and what a miss looks like."""
     for level, found in pair.parted.items():
         place = f"at {found.time_s * 1e6:.6g} µs in contact {found.contact}" if found else "never"
         yield f"parted by {level:g} of the largest force {place}"
-    for (name, _), first in zip(_both(pair), pair.departures, strict=True):
+    for name, first in zip(("first", "second"), pair.departures, strict=True):
         for each in (first, *first.later):
             yield f"{name:<7} {each.words}"
-
-
-def _explained(pair: Pair) -> Iterator[str]:
-    """What a miss looks like: the second run taken for one of the first's scene."""
     if pair.missed and pair.taken_for.words != pair.departures[1].words:
         yield f"second, taken for a run of the first's scene: {pair.taken_for.words}"
 
 
-def _budgets(pair: Pair) -> Iterator[str]:
+def _budgets(*both: tuple[str, PairedRun]) -> Iterator[str]:
     """The parts of each run's errors, as signed shares; they add up to the whole."""
-    budgets = {name: dict(for_terminal(opened.run.record.error_budget or ())) for name, opened in _both(pair)}
+    budgets = {name: dict(for_terminal(each.run.record.error_budget or ())) for name, each in both}
     quantities = dict.fromkeys(quantity for budget in budgets.values() for quantity in budget)
     if quantities:
         yield f"\n{'error budget':<24} {'':<7} " + " ".join(f"{part:>10}" for part in PARTS)
@@ -99,14 +93,49 @@ def _budgets(pair: Pair) -> Iterator[str]:
         for name, budget in budgets.items():
             if quantity in budget:
                 yield f"{quantity:<24} {name:<7} {budget[quantity]}"
-    for name, opened in _both(pair):
-        if opened.run.record.error_note:
-            yield f"{name:<7} {opened.run.record.error_note}"
+    for name, each in both:
+        if each.run.record.error_note:
+            yield f"{name:<7} {each.run.record.error_note}"
 
 
-def _warnings(pair: Pair) -> Iterator[str]:
-    for name, opened in _both(pair):
-        for warning in opened.run.record.warnings or ():
+def _warnings(*both: tuple[str, PairedRun]) -> Iterator[str]:
+    for name, each in both:
+        for warning in each.run.record.warnings or ():
             yield f"{name:<7} warning: {warning}"
-        if changed_since(opened.run):
+        if sha256_of(each.run.folder / FORCES) != each.run.record.forces_sha256:
             yield f"{name:<7} warning: its forces are not those that its record was written for"
+
+
+def different_keys(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
+    """A line for each key that differs, such as ``run.time_step: 1e-07 s against 1e-06 s``.
+
+    Args:
+        one: the scene of a run record, in SI units.
+        other: another.
+    """
+    return [f"{path}: {_shown(path, a)} against {_shown(path, b)}" for path, a, b in _different(one, other, "")]
+
+
+def _different(one: Any, other: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
+    """Paths with both values; of what one of both lacks as a whole: one line."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        for key in dict.fromkeys([*one, *other]):
+            if key not in (FREE_TEXT if path else DERIVED):
+                yield from _different(one.get(key), other.get(key), f"{path}.{key}" if path else key)
+    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        for place, values in enumerate(zip(one, other, strict=True)):
+            yield from _different(*values, f"{path}.{place}")
+    elif one != other:
+        yield path, one, other
+
+
+def _shown(path: str, value: Any) -> str:
+    if value is None or value == []:
+        return "none"
+    if isinstance(value, dict):
+        return ", ".join(
+            f"{key} {_shown(f'{path}.{key}', each)}" for key, each in value.items() if key not in FREE_TEXT
+        )
+    if isinstance(value, list):
+        return "; ".join(_shown(f"{path}.{place}", each) for place, each in enumerate(value))
+    return f"{value!r} {unit_of(path)}".strip() if isinstance(value, float) else str(value)

@@ -6,25 +6,26 @@ Against ``verlet`` at the same step a run shows its modelling error, which shoul
 
 import numpy as np
 
-from drivers.base import paths
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
-from drivers.engines import load_engine
 from drivers.run.finished import EndedRun
 from drivers.run.guard import energy_error
-from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe, of_kind
-from postproc.read.residual import share_of_largest
-from validation.accuracy.deviation import Deviation, deviation, motion_deviation
-from validation.accuracy.rounding import HORIZON, ROUNDING_MARGIN, comparable, rounding_error, verlet_in_heights
-from validation.accuracy.tube_budget import model_quantity, sideways_rounding, tube_verlet_of, why_unmeasured
+from postproc.read.residual import REFERENCE
+from validation.accuracy.baseline import (
+    HORIZON,
+    ROUNDING_MARGIN,
+    ROUNDING_REASON,
+    VERLET,
+    Baseline,
+    baseline_of,
+    shipped_name,
+)
+from validation.compare.deviation import Deviation, deviation, motion_deviation
 from validation.compare.verdict import FAIL, NOT_RUN, Verdict, judged
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
-ROUNDING_REASON = (
-    f"{ROUNDING_MARGIN:g} times what rounding absolute coordinates does to this very scene, measured in-repo"
-)
 
 
 def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) -> list[Verdict]:
@@ -39,9 +40,8 @@ def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) 
     verdicts = []
     for engine, why in absent.items():
         verdict = NOT_RUN if why.startswith((NOT_INSTALLED, REFUSED)) else FAIL
-        verdicts.append(
-            Verdict(case.scene.name, engine, "run", float("nan"), float("nan"), "a run has to be done", why, verdict)
-        )
+        nan = float("nan")
+        verdicts.append(Verdict(case.scene.name, engine, "run", nan, nan, "a run has to be done", why, verdict))
     for engine, run in runs.items():
         verdicts += _force_verdicts(case, engine, run, runs)
         verdicts += _observable_verdicts(case, engine, run, runs)
@@ -51,76 +51,53 @@ def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) 
 
 def _force_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, EndedRun]) -> list[Verdict]:
     verdicts = []
-    if "verlet" in runs and engine not in ("verlet", "reference"):
-        verlet = _same_scheme(case, engine, runs["verlet"].trace)
-        limit, samples = model_tolerance(case, verlet)
+    if VERLET in runs and engine not in (VERLET, REFERENCE):
+        baseline = baseline_of(case)
+        verlet, limit, samples = _same_scheme(case, engine, runs[VERLET].trace), baseline.allowed, baseline.samples
         found = deviation(run.trace, verlet, samples)
         until = ""
         if samples < case.scene.samples:
             until = f"; judged until {run.trace.time_s[samples] * 1e6:g} µs, where rounding alone passes {HORIZON:g}"
         verdicts.append(_judge(case, engine, "force against verlet", found, limit, until))
-        verdicts.append(_motion_verdict(case, engine, run.trace, verlet, limit, samples))
-    if "reference" in runs and engine != "reference":
-        found = deviation(run.trace, runs["reference"].trace)
+        verdicts.append(_motion_verdict(baseline, engine, run.trace, verlet))
+    if REFERENCE in runs and engine != REFERENCE:
+        found = deviation(run.trace, runs[REFERENCE].trace)
         limit = tolerance("truncation", "force", shipped_name(case))
         verdicts.append(_judge(case, engine, "force against reference", found, limit))
     others = [name for name in runs if name != engine]
-    if others and not {"verlet", "reference"} & set(runs):  # a bore of flat sides: only the codes have it
+    if others and not {VERLET, REFERENCE} & set(runs):  # a bore of flat sides: only the codes have it
         found = deviation(run.trace, runs[others[0]].trace)
         verdicts.append(_judge(case, engine, f"force against {others[0]}", found, tolerance("model", "sides")))
     return verdicts
 
 
-def _motion_verdict(case: Case, engine: str, trace: Trace, verlet: Trace, forces: Tolerance, samples: int) -> Verdict:
+def _same_scheme(case: Case, engine: str, verlet: Trace) -> Trace:
+    """The run of engine ``verlet``, or where friction's law is another the same with that of the engine in question."""
+    baseline = baseline_of(case, engine)
+    return verlet if baseline.law == baseline_of(case).law or baseline.unknown else baseline.plain
+
+
+def _motion_verdict(baseline: Baseline, engine: str, trace: Trace, verlet: Trace) -> Verdict:
     """Kinetic energy and momentum: recorded velocities that are off change no force.
 
     Where the forces are allowed more, by rounding or by a sphere for a face, so are they.
     """
-    found = motion_deviation(case.chain, trace, verlet, samples)
-    stated = tolerance("model", "motion")
-    limit = stated if forces.limit <= stated.limit else forces
-    if found.share > limit.limit and case.chain.lateral is None:
-        rounded = motion_deviation(case.chain, verlet_in_heights(case), verlet, samples).share
-        if ROUNDING_MARGIN * rounded > limit.limit:
-            limit = Tolerance(ROUNDING_MARGIN * rounded, ROUNDING_REASON)
+    chain, samples = baseline.case.chain, baseline.samples
+    found = motion_deviation(chain, trace, verlet, samples)
+    limit = max(tolerance("model", "motion"), baseline.allowed, key=lambda each: each.limit)
+    if found.share > limit.limit:
+        rounded = ROUNDING_MARGIN * motion_deviation(chain, baseline.rounded, baseline.plain, samples).share
+        limit = max(limit, Tolerance(rounded, ROUNDING_REASON), key=lambda each: each.limit)
     where = f"{found.quantity} at {found.time_s * 1e6:g} µs"
-    return judged(case.scene.name, engine, "motion against verlet", found.share, limit, where)
-
-
-def _same_scheme(case: Case, engine: str, verlet: Trace) -> Trace:
-    """The run of engine ``verlet``, or where friction's law is another the same with that of the engine in question."""
-    law = load_engine(engine).shear
-    if case.chain.lateral is None or law == load_engine("verlet").shear or why_unmeasured(case):
-        return verlet
-    return tube_verlet_of(case, law)
-
-
-def model_tolerance(case: Case, verlet: Trace) -> tuple[Tolerance, int]:
-    """The tolerance of the modelling error, and how many samples it is good for.
-
-    It is wider than stated only where rounding by itself is measured to exceed it, and ends where that grows
-    beyond ``HORIZON``: a chain that bounces on is chaotic.
-    """
-    stated = tolerance("model", model_quantity(case), shipped_name(case))
-    rounding = rounding_error if case.chain.lateral is None else sideways_rounding
-    allowed, samples = comparable(share_of_largest(rounding(case), verlet))
-    if allowed <= stated.limit:
-        return stated, samples
-    return Tolerance(allowed, ROUNDING_REASON), samples
-
-
-def shipped_name(case: Case) -> str | None:
-    """The scene's name if it is one of ``inputs/scenes`` just as shipped: only then do that scene's tolerances hold."""
-    path = paths.SCENES / f"{case.scene.name}.toml"
-    return case.scene.name if path.is_file() and read_scene(path).model_dump() == case.scene.model_dump() else None
+    return judged(baseline.case.scene.name, engine, "motion against verlet", found.share, limit, where)
 
 
 def _observable_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, EndedRun]) -> list[Verdict]:
     """The worst relative error of peaks and of speeds against the reference's."""
-    if "reference" not in runs or engine == "reference":
+    if REFERENCE not in runs or engine == REFERENCE:
         return []
     values = observe(run.layout, run.trace)
-    exact = observe(runs["reference"].layout, runs["reference"].trace)
+    exact = observe(runs[REFERENCE].layout, runs[REFERENCE].trace)
     verdicts = []
     for label, kind in (("peak of a gauge", "peak"), ("speed between gauges", "speed")):
         errors = {

@@ -1,6 +1,6 @@
 """When a run first leaves the exact motion, and why: a fault shows at once, truncation with the wave, chaos after it.
 
-A run is held against two yardsticks, the exact motion and its own scheme at the same step. Leaves it the latter by
+A run is held against the exact motion and against its own scheme at the same step. If it deviates from the latter by
 more than rounding, something is wrong: ``set-up`` where it does so before a wave comes, ``another step`` where the
 scheme at another step explains it, else ``model``. Where it leaves the exact motion together with its scheme, that is
 ``truncation``; or ``chaos``, once the chain has multiplied whatever there was, as it has multiplied rounding alone.
@@ -12,17 +12,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.chain.case import Case
+from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, load_engine
-from validation.accuracy.deviation import first_beyond, shares_apart
-from validation.accuracy.rounding import HORIZON
-from validation.compare.expected import Expected, expected_of, why_not_known
-from validation.compare.first_fault import MODEL, first_fault
+from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, Baseline, baseline_of
+from validation.compare.deviation import first_beyond, motion_scales, shares_apart
 
 # of the largest force: where rounding ends comparisons, what good steps keep, what experiments could resolve
 LEVELS = (HORIZON, 1e-4, 1e-2)
 NONE, UNKNOWN = "none", "not known"
 TRUNCATION, ROUNDING, CHAOS = "truncation", "rounding", "chaos"
+SET_UP, MODEL, ANOTHER_STEP = FAULTS = ("set-up", "model", "another step")
+START_SHARE = 1e-9  # of the largest energy and momentum: what runs may differ by at time 0; measured up to 3e-16
+STILL_SHARE = 1e-3  # of what is allowed: a contact whose force has changed by less has not felt the wave yet
+FITTED_SHARE = 0.05  # of its difference from the scheme: what may be left of it at the step that is said to explain it
+ENERGY_FACTOR = 10.0  # times what forces may differ by: the energy goes with the velocity squared, 2.3 times measured
+TRIALS = 5  # of other steps
+TRIAL_WORK = 2e7  # bodies times steps of a scheme tried at another step
 
 
 @dataclass(frozen=True)
@@ -32,9 +38,9 @@ class Departure:
     Attributes:
         time_s: of that sample; NaN where there is none.
         contact: which is furthest off then; 0 where it is not a contact's force, or there is none.
-        share: by how much, of the largest force (of energy or momentum at time 0: of its largest).
+        share: by how much, of the largest force (of energy or momentum: of its largest).
         kind: ``none``, ``not known``, ``set-up``, ``model``, ``another step``, ``truncation``, ``rounding``, ``chaos``.
-        level: what was passed, likewise a share; NaN where there is none.
+        level: what was passed, or of a run at fault what was allowed, likewise a share; NaN where there is none.
         words: all this in a sentence.
         later: when larger levels are passed, and why; empty of a run at fault.
     """
@@ -58,6 +64,31 @@ class DepartureRow:
     kind: str
 
 
+@dataclass(frozen=True)
+class HeldRun:
+    """A run held against what it should be, at the samples that all have.
+
+    Attributes:
+        scheme: the engine's own scheme at the same step.
+        exact_N: shape (samples, contacts).
+    """
+
+    engine: str
+    baseline: Baseline
+    run: Trace
+    scheme: Trace
+    exact_N: Array
+
+    @property
+    def samples(self) -> int:
+        """For how many a fault can be told from chaos."""
+        return min(self.baseline.samples, len(self.exact_N))
+
+    def off(self, should_N: Array) -> Array:
+        """Differences of the run's forces from others, of the largest force. Shape (samples, contacts)."""
+        return shares_apart(self.run.force_N, should_N, self.baseline.largest_N)
+
+
 def departure(case: Case, engine: str, trace: Trace) -> Departure:
     """When and why a run of a case first leaves the exact motion; in words where that cannot be said.
 
@@ -66,27 +97,28 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
         engine: on which engine: its scheme tells truncation from faults.
         trace: what came out, at the case's samples; of a run that ended badly maybe only the first of them.
     """
-    why = why_not_known(case)
-    if why:
-        return _nowhere(UNKNOWN, f"when it leaves the exact motion is {why}")
+    baseline = baseline_of(case, engine)
+    if baseline.unknown:
+        return _nowhere(UNKNOWN, f"when it leaves the exact motion is {baseline.unknown}")
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
-            return _departure(case, engine, trace)
+            return _departure(baseline, engine, trace)
     except ArithmeticError as error:
         return _nowhere(UNKNOWN, f"when it leaves the exact motion is not measured: {error}")
 
 
-def _departure(case: Case, engine: str, trace: Trace) -> Departure:
-    followed = expected_of(case, engine)
-    run = until(trace, len(followed.exact_N))
-    expected = followed.until(len(run.time_s))
-    fault = first_fault(case, engine, run, expected)
+def _departure(baseline: Baseline, engine: str, trace: Trace) -> Departure:
+    scheme, exact = baseline.scheme_of(engine), baseline.exact
+    if not (np.isfinite(scheme.force_N).all() and np.isfinite(scheme.kinetic_energy_J).all()):
+        raise ArithmeticError("velocity Verlet at this step blows up")
+    run = until(trace, len(exact.time_s))
+    samples = len(run.time_s)
+    held = HeldRun(engine, baseline, run, until(scheme, samples), exact.force_N[:samples])
+    fault = first_fault(held)
     if fault:
-        time_s = float(run.time_s[fault.sample])
-        return Departure(time_s, fault.contact, fault.share, fault.kind, fault.limit, fault.words)
-    found = [*_from_exact(engine, run, expected), *_from_scheme(case, engine, run, followed)]
-    found.sort(key=lambda each: each.time_s)
-    share = np.abs(run.force_N - expected.exact_N) / expected.largest_N
+        return fault
+    found = sorted([*_from_exact(held), *_from_scheme(held)], key=lambda each: each.time_s)
+    share = np.abs(run.force_N - held.exact_N) / baseline.largest_N
     sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
     furthest = f"it is furthest from it, {share.max():.1e}, {_place(float(run.time_s[sample]), int(column) + 1)}"
     if not found:
@@ -108,51 +140,173 @@ def _nowhere(kind: str, words: str) -> Departure:
     return Departure(float("nan"), 0, float("nan"), kind, float("nan"), words)
 
 
-def _from_exact(engine: str, run: Trace, expected: Expected) -> Iterator[Departure]:
+def _place(time_s: float, contact: int) -> str:
+    return f"at {time_s * 1e6:.6g} µs in contact {contact}"
+
+
+def _from_exact(held: HeldRun) -> Iterator[Departure]:
     """When a run passes each level; of several at one sample the largest."""
-    share = shares_apart(run.force_N, expected.exact_N, expected.of_N)
-    own = shares_apart(run.force_N, expected.scheme.force_N, expected.of_N).max(axis=1)
+    share, own = held.off(held.exact_N), held.off(held.scheme.force_N).max(axis=1)
     passed = {place: level for level in LEVELS if (place := first_beyond(share, level))}
     for (sample, column), level in passed.items():
-        kind, why = _why(engine, expected, sample, float(own[sample]), level)
-        time_s = float(run.time_s[sample])
+        kind, why = _why(held.baseline, sample, float(own[sample]), level)
+        time_s = float(held.run.time_s[sample])
         words = f"leaves the exact motion by {level:g} of the largest force {_place(time_s, column + 1)}: {kind}, {why}"
         yield Departure(time_s, column + 1, float(share[sample, column]), kind, level, words)
 
 
-def _why(engine: str, expected: Expected, sample: int, own: float, level: float) -> tuple[str, str]:
+def _why(baseline: Baseline, sample: int, own: float, level: float) -> tuple[str, str]:
     """The kind of a departure from the exact motion and why, by how far the run is from its own scheme then."""
-    if expected.chaotic(sample):
-        times = f"{expected.multiplied(sample):.0e} times"
+    if baseline.chaotic(sample):
+        times = f"{baseline.growth(sample):.0e} times"
         return CHAOS, f"after reflections, which have multiplied what rounding alone does {times}"
     if own <= level / 2:
         return TRUNCATION, "velocity Verlet at this step does the same"
-    if own <= expected.explained[sample]:
+    if own <= baseline.explained[sample]:
         return ROUNDING, "of heights so far from 0"
-    return MODEL, f"within what is allowed ({expected.allowed.limit:g}: {expected.allowed.reason})"
+    return MODEL, f"within what is allowed ({baseline.allowed.limit:g}: {baseline.allowed.reason})"
 
 
-def _from_scheme(case: Case, engine: str, run: Trace, expected: Expected) -> Iterator[Departure]:
+def _from_scheme(held: HeldRun) -> Iterator[Departure]:
     """When rounding alone has parted a run from its scheme: from then on two runs cannot be compared."""
-    if load_engine(engine).scheme == EXACT:
+    baseline, times_s = held.baseline, held.baseline.case.sample_times_s
+    if load_engine(held.engine).scheme == EXACT:
         return
-    share = shares_apart(run.force_N, expected.plain_N[: len(run.time_s)], float(np.abs(expected.plain_N).max()))
+    samples, plain_N = len(held.exact_N), baseline.in_overlaps.force_N
+    share = shares_apart(held.run.force_N, plain_N[:samples], float(np.abs(plain_N).max()))
     beyond = first_beyond(share, HORIZON)
-    if expected.samples < case.scene.samples and beyond and expected.chaotic(beyond[0]):
+    if baseline.samples < len(times_s) and beyond and baseline.chaotic(beyond[0]):
         sample, column = beyond
-        time_s = float(run.time_s[sample])
-        place = _place(time_s, column + 1)
-        words = f"leaves velocity Verlet at the same step by {HORIZON:g} of the largest force {place}: {CHAOS},"
-        words = f"{words} as a Verlet does that only rounds otherwise"
+        time_s = float(held.run.time_s[sample])
+        words = (
+            f"leaves velocity Verlet at the same step by {HORIZON:g} of the largest force {_place(time_s, column + 1)}:"
+            f" {CHAOS}, as a Verlet does that only rounds otherwise"
+        )
         yield Departure(time_s, column + 1, float(share[sample, column]), CHAOS, HORIZON, words)
-    elif len(run.time_s) == len(expected.exact_N) < case.scene.samples:  # of three dimensions nothing beyond is known
-        time_s = float(case.sample_times_s[len(run.time_s)])
-        kind = CHAOS if expected.chaotic(len(run.time_s) - 1) else ROUNDING
+    elif samples == len(plain_N) < len(times_s):  # of three dimensions nothing beyond is known
+        time_s = float(times_s[samples])
+        kind = CHAOS if baseline.chaotic(samples - 1) else ROUNDING
         words = (
             f"cannot be followed from {time_s * 1e6:.6g} µs on: {kind}, rounding alone parts two runs by {HORIZON:g}"
         )
         yield Departure(time_s, 0, HORIZON, kind, HORIZON, words)
 
 
-def _place(time_s: float, contact: int) -> str:
-    return f"at {time_s * 1e6:.6g} µs in contact {contact}"
+def first_fault(held: HeldRun) -> Departure | None:
+    """The first fault of a run; None where rounding explains all that it differs by from its scheme.
+
+    Faults are only looked for as long as they can be told from chaos.
+    """
+    baseline, allowed = held.baseline, held.baseline.allowed.limit
+    shares = held.off(held.scheme.force_N)
+    beyond = first_beyond(shares[: held.samples], allowed)
+    wrong_start = _wrong_start(held)
+    if beyond is None:
+        return wrong_start or _wrong_speeds(held)
+    # rounding explains less of it at first than in the end, so that the fault shows sooner than ``beyond``
+    explained = np.maximum(baseline.stated.limit, baseline.explained[: len(shares)])
+    sample, column = first_beyond(shares, explained) or beyond
+    time_s = float(held.run.time_s[sample])
+    if sample == 0:
+        has, should = (float(each.force_N[0, column]) for each in (held.run, held.scheme))
+        starts = f"starts wrong: at time 0 contact {column + 1} bears {has:.4g} N, where the scene has {should:.4g} N"
+        kind, words = SET_UP, f"{starts}: set-up, its heights or the law of that contact"
+    elif wrong_start:
+        return wrong_start
+    else:
+        kind, why = _kind_and_why(held, sample, column)
+        scheme = load_engine(held.engine).scheme
+        words = (
+            f"leaves {'the exact motion' if scheme == EXACT else 'velocity Verlet at the same step'} by"
+            f" {shares[sample, column]:.1e} of the largest force {_place(time_s, column + 1)}{why};"
+            f" it is off by up to {shares[: held.samples].max():.1e}"
+        )
+    return Departure(time_s, column + 1, float(shares[sample, column]), kind, allowed, words)
+
+
+def _wrong_start(held: HeldRun) -> Departure | None:
+    """Energy or momentum that is not the scene's at time 0: bodies of other speeds or masses."""
+    run, scheme = held.run, held.scheme
+    energy, momentum = (float(scale) for scale in motion_scales(held.baseline.case.chain, scheme))
+    for name, unit, values, expected, scale in (
+        ("kinetic energy", "J", run.kinetic_energy_J, scheme.kinetic_energy_J, energy),
+        ("momentum", "N s", run.momentum_N_s, scheme.momentum_N_s, momentum),
+    ):
+        has, should = float(values[0]), float(expected[0])
+        share = abs(has - should) / scale
+        if not share <= START_SHARE:
+            is_, is_to_be = (0.0 if abs(value) < START_SHARE * scale else value for value in (has, should))
+            starts = f"at time 0 its {name} is {is_:.7g} {unit}, where the scene has {is_to_be:.7g} {unit}"
+            words = f"starts wrong: {starts}: set-up, masses or speeds, or speeds of another time"
+            return Departure(float(run.time_s[0]), 0, share, SET_UP, START_SHARE, words)
+    return None
+
+
+def _wrong_speeds(held: HeldRun) -> Departure | None:
+    """Kinetic energy that is off where no force is: velocities of another time, or the masses of something else."""
+    baseline, right_J = held.baseline, held.scheme.kinetic_energy_J
+    scale = float(np.abs(right_J).max()) or 1.0
+    share = np.abs(held.run.kinetic_energy_J - right_J)[: held.samples] / scale
+    rounding_J = np.abs(baseline.rounded.kinetic_energy_J - baseline.plain.kinetic_energy_J)[: baseline.samples].max()
+    allowed = max(ENERGY_FACTOR * baseline.allowed.limit, ROUNDING_MARGIN * float(rounding_J) / scale)
+    beyond = share > allowed
+    if not beyond.any():
+        return None
+    sample = int(np.argmax(beyond))
+    time_s = float(held.run.time_s[sample])
+    words = f"its kinetic energy is off by {share[sample]:.1e} of its largest at {time_s * 1e6:.6g} µs"
+    words = f"{words}, while its forces are right: model, velocities of another time; up to {share.max():.1e}"
+    return Departure(time_s, 0, float(share[sample]), MODEL, allowed, words)
+
+
+def _kind_and_why(held: HeldRun, sample: int, column: int) -> tuple[str, str]:
+    """The kind of a fault that does not show at time 0, and the end of its sentence."""
+    other = _other_step(held)
+    if other:
+        return ANOTHER_STEP, f": another step, {other}"
+    stated, explained = held.baseline.stated.limit, float(held.baseline.explained[sample])
+    still = max(STILL_SHARE * stated, explained)  # what changes by less has felt nothing but rounding
+    force_N = held.scheme.force_N
+    change = np.abs(force_N[: sample + 1] - force_N[0]) / held.baseline.largest_N
+    if change[:, column].max() <= still:
+        return SET_UP, ", before any wave is there: set-up, it does not start in equilibrium (gravity, loads, masses)"
+    if change[:sample].max() <= still:
+        why = "what strikes there, the law of that contact, or samples of another time"
+        return SET_UP, f", with the first force that changes: set-up, {why}"
+    most = max(explained, stated)
+    return MODEL, f" while a wave passes: model, another law or mass; rounding explains up to {most:.0e}"
+
+
+def _other_step(held: HeldRun) -> str:
+    """Which other step explains a run, in words; empty where none does.
+
+    Until the wave comes to the wall, errors go with the step's power p: if the run's are c times those of a step h, its
+    own is ``c^(1/p) h``. What is so found is tried, and found anew from there.
+    """
+    baseline, case = held.baseline, held.baseline.case
+    if load_engine(held.engine).scheme == EXACT:
+        return ""
+    n, end = case.scene.steps_per_sample, min(baseline.arrival + 1, held.samples)
+    run_N, exact_N, own_N = (each[:end] for each in (held.run.force_N, held.exact_N, held.scheme.force_N))
+    off_N = float(np.abs(run_N - own_N).max())
+    if off_N <= baseline.allowed.limit * baseline.largest_N:
+        return ""  # a step shows from the start
+    left_N, steps = {n: off_N}, n
+    error, own = run_N - exact_N, own_N - exact_N
+    for _ in range(TRIALS):
+        factor = float((error * own).sum() / (own * own).sum()) if own.any() else 0.0
+        if not (np.isfinite(factor) and factor > 0):
+            break
+        steps = max(1, round(min(steps / factor ** (1 / baseline.order), TRIAL_WORK)))
+        if steps in left_N or steps * case.scene.samples * case.chain.bodies > TRIAL_WORK:
+            break
+        own_N = Baseline(case.at(steps), baseline.law).stepped_by(held.engine).force_N[:end]
+        own = own_N - exact_N
+        left_N[steps] = float(np.abs(run_N - own_N).max())
+    best = min(left_N, key=lambda each: left_N[each])
+    if left_N[best] <= FITTED_SHARE * off_N:
+        same = f"to {left_N[best] / baseline.largest_N:.0e}" if left_N[best] else "bit for bit"
+        return f"velocity Verlet at {case.scene.run.sample_interval / best * 1e6:.4g} µs does the same {same}"
+    furthest_N = float(np.abs(error).max())
+    exact = f"a far smaller one: it follows the exact motion to {furthest_N / baseline.largest_N:.0e}"
+    return exact if furthest_N <= FITTED_SHARE * off_N else ""

@@ -2,20 +2,20 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isclose
 
 import numpy as np
 
-from drivers.base.tolerances import Tolerance
+from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, until
+from drivers.engines import EXACT, load_engine
 from postproc.read.observables import describe, observe, of_kind, without_unit
 from postproc.read.signals import integral
-from validation.accuracy.deviation import Deviation, deviation, first_beyond, shares_apart
-from validation.accuracy.rounding import HORIZON
+from validation.accuracy.baseline import HORIZON, baseline_of, model_quantity, shipped_name
 from validation.compare.departure import Departure, departure
-from validation.compare.open_pair import Opened
-from validation.compare.pair_keys import different_keys
-from validation.compare.pair_tolerances import Allowed, allowed_between
+from validation.compare.deviation import Deviation, deviation, first_beyond, shares_apart
+from validation.compare.open_pair import PairedRun
 from validation.compare.verdict import FAIL, Verdict, judged
 
 LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)  # of the largest force: rounding, its horizon, coarse steps, what experiments resolve
@@ -26,7 +26,6 @@ class Pair:
     """Two runs and what became of comparing them.
 
     Attributes:
-        keys: a line for each key of their scenes that differs.
         verdicts: by quantity; the second run is the one in question.
         until: why not all samples were judged; empty where they were.
         parted: by level, the first sample at which the forces differ by more.
@@ -34,9 +33,8 @@ class Pair:
         taken_for: what the second run looks like, taken for one of the first's scene.
     """
 
-    first: Opened
-    second: Opened
-    keys: list[str]
+    first: PairedRun
+    second: PairedRun
     verdicts: list[Verdict]
     until: str
     parted: dict[float, Deviation | None]
@@ -49,7 +47,25 @@ class Pair:
         return any(verdict.verdict == FAIL for verdict in self.verdicts)
 
 
-def compare_pair(one: Opened, other: Opened) -> Pair:
+@dataclass(frozen=True)
+class Allowed:
+    """Tolerances of two runs.
+
+    Attributes:
+        force: of the forces, as a share of the largest.
+        peak, speed: relative errors.
+        balance: of energies, momentum and impulse, over the largest of each.
+        samples: how many can be compared: until rounding alone parts two runs.
+    """
+
+    force: Tolerance
+    peak: Tolerance
+    speed: Tolerance
+    balance: Tolerance
+    samples: int
+
+
+def compare_pair(one: PairedRun, other: PairedRun) -> Pair:
     """All that is known of two runs."""
     allowed, why_not_all = allowed_between(one, other), ""
     if allowed.samples < len(one.trace.time_s):
@@ -57,12 +73,10 @@ def compare_pair(one: Opened, other: Opened) -> Pair:
         why_not_all = f"judged until {end:g} µs, where rounding alone passes {HORIZON:g}"
     # one case after the other, since what is expected of the last one is kept
     of_first, taken_for = (departure(one.case, each.engine, each.trace) for each in (one, other))
-    first, second = (until(each.trace, allowed.samples) for each in (one, other))
     return Pair(
         first=one,
         second=other,
-        keys=different_keys(one.run.record.scene, other.run.record.scene),
-        verdicts=[*_verdicts(one, other, first, second, allowed)],
+        verdicts=[*_verdicts(one, other, allowed)],
         until=why_not_all,
         parted={level: _parted(one.trace, other.trace, level) for level in LEVELS},
         departures=(of_first, departure(other.case, other.engine, other.trace)),
@@ -70,11 +84,67 @@ def compare_pair(one: Opened, other: Opened) -> Pair:
     )
 
 
-def _verdicts(one: Opened, other: Opened, first: Trace, second: Trace, allowed: Allowed) -> Iterator[Verdict]:
+def allowed_between(one: PairedRun, other: PairedRun) -> Allowed:
+    """The tolerances of two runs.
+
+    Of the same scheme at the same step they differ by rounding alone, in friction by their laws; others by what their
+    time steps, or the lack of one, do.
+    """
+    factor = tolerance("between", "others")
+    same_step = isclose(one.run.record.time_step_s, other.run.record.time_step_s, rel_tol=1e-12)
+    exact = [load_engine(each.engine).scheme == EXACT for each in (one, other)]
+    by_rounding = all(exact) or (not any(exact) and same_step)
+    if by_rounding:
+        force, samples = _by_rounding(one, other)
+    else:
+        names = {shipped_name(each.case) for each in (one, other)}
+        name = names.pop() if len(names) == 1 else None
+        force, samples = tolerance("truncation", "force", name), len(one.trace.time_s)
+    rest = Tolerance(factor.limit * force.limit, f"{factor.limit:g} times the force's: {factor.reason}")
+    if by_rounding:
+        return Allowed(force, rest, rest, rest, samples)
+    peak, speed = (tolerance("truncation", quantity, name) for quantity in ("peak", "speed"))
+    return Allowed(force, peak, speed, rest, samples)
+
+
+def _by_rounding(one: PairedRun, other: PairedRun) -> tuple[Tolerance, int]:
+    """Of runs of one scheme at one step, and for how many samples they can be compared."""
+    everything = len(one.trace.time_s)
+    laws = {load_engine(each.engine).shear for each in (one, other)}
+    if len(laws) > 1 and one.case.chain.lateral is not None and one.case.chain.slips:
+        return tolerance("model", "sides"), everything
+    baselines = [baseline_of(one.case)]
+    if one.case.scene != other.case.scene:
+        baselines.append(baseline_of(other.case))
+    if any(each.unknown for each in baselines):
+        return tolerance("model", model_quantity(one.case)), everything
+    return max((each.allowed for each in baselines), key=lambda each: each.limit), min(
+        each.samples for each in baselines
+    )
+
+
+def _verdicts(one: PairedRun, other: PairedRun, allowed: Allowed) -> Iterator[Verdict]:
+    first, second = (until(each.trace, allowed.samples) for each in (one, other))
+
+    def verdict(quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
+        engines = f"{other.engine} against {one.engine}"
+        return judged(other.run.record.scene_name, engines, quantity, value, limit, where)
+
     found = deviation(second, first)
-    place = f"contact {found.contact} at {found.time_s * 1e6:g} µs"
-    yield _verdict(one, other, "force", found.share, allowed.force, place)
-    yield from _of_gauges(one, other, first, second, allowed)
+    yield verdict("force", found.share, allowed.force, f"contact {found.contact} at {found.time_s * 1e6:g} µs")
+
+    should, has = observe(one.run.layout, first), observe(other.run.layout, second)
+    limits = {"peak": allowed.peak, "later peak": allowed.peak, "speed": allowed.speed}
+    for name in of_kind(should, *limits):  # that both runs have a gauge for
+        if name not in has or (np.isnan(should[name]) and np.isnan(has[name])):
+            continue
+        observable = describe(name)
+        arrival_s = should[name.replace("_peak_N", "_arrival_s")] if observable.kind == "peak" else np.nan
+        when = f" at {arrival_s * 1e6:.6g} µs" if np.isfinite(arrival_s) else ""
+        error = abs(has[name] / should[name] - 1) if should[name] else abs(has[name])
+        values = f"{should[name]:.7g} against {has[name]:.7g} {observable.unit}"
+        yield verdict(without_unit(name), float(error), limits[observable.kind], f"{values}{when}")
+
     series = {
         "kinetic energy": (first.kinetic_energy_J, second.kinetic_energy_J, first.kinetic_energy_J),
         "total energy": (first.total_energy_J, second.total_energy_J, first.kinetic_energy_J),
@@ -83,9 +153,9 @@ def _verdicts(one: Opened, other: Opened, first: Trace, second: Trace, allowed: 
     if one.run.layout.wall and other.run.layout.wall:
         impulses = [integral(each.time_s, each.force_N[:, 0]) for each in (first, second)]
         series["wall impulse"] = (impulses[0], impulses[1], impulses[0])
-    for quantity, (should, has, scale) in series.items():
-        share, sample = _largest(has - should, scale)
-        yield _verdict(one, other, quantity, share, allowed.balance, f"at {first.time_s[sample] * 1e6:g} µs")
+    for quantity, (expected, measured, scale) in series.items():
+        share, sample = _largest(measured - expected, scale)
+        yield verdict(quantity, share, allowed.balance, f"at {first.time_s[sample] * 1e6:g} µs")
 
 
 def _largest(difference: Array, scale: Array) -> tuple[float, int]:
@@ -93,26 +163,6 @@ def _largest(difference: Array, scale: Array) -> tuple[float, int]:
     share = np.abs(difference) / (float(np.abs(scale).max()) or 1.0)
     sample = int(np.argmax(np.nan_to_num(share, nan=np.inf)))
     return float(share[sample]), sample
-
-
-def _of_gauges(one: Opened, other: Opened, first: Trace, second: Trace, allowed: Allowed) -> Iterator[Verdict]:
-    """Peaks and speeds that both runs have a gauge for."""
-    should, has = observe(one.run.layout, first), observe(other.run.layout, second)
-    limits = {"peak": allowed.peak, "later peak": allowed.peak, "speed": allowed.speed}
-    for name in of_kind(should, *limits):
-        observable = describe(name)
-        if name not in has or (np.isnan(should[name]) and np.isnan(has[name])):
-            continue
-        values = f"{should[name]:.7g} against {has[name]:.7g} {observable.unit}"
-        arrival_s = should[name.replace("_peak_N", "_arrival_s")] if observable.kind == "peak" else np.nan
-        when = f" at {arrival_s * 1e6:.6g} µs" if np.isfinite(arrival_s) else ""
-        error = abs(has[name] / should[name] - 1) if should[name] else abs(has[name])
-        yield _verdict(one, other, without_unit(name), float(error), limits[observable.kind], f"{values}{when}")
-
-
-def _verdict(one: Opened, other: Opened, quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
-    engines = f"{other.engine} against {one.engine}"
-    return judged(other.run.record.scene_name, engines, quantity, value, limit, where)
 
 
 def _parted(first: Trace, second: Trace, level: float) -> Deviation | None:

@@ -11,8 +11,8 @@ from drivers.chain.chain import Array, furthest_m
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, IN_HEIGHTS, IN_OVERLAPS
 from drivers.run.guard import ROUNDINGS
-from validation.accuracy.deviation import motion_scales
-from validation.accuracy.rounding import ROUNDING_MARGIN, comparable, rounding_error, rounding_of_heights
+from validation.accuracy.baseline import ROUNDING_MARGIN, baseline_of, comparable
+from validation.compare.deviation import motion_scales
 from validation.diagnosis.faults import faults
 from validation.diagnosis.faulty_model import Model, Motion, model_of, moved
 from validation.diagnosis.fit import Target, refined, start_values, worst
@@ -141,7 +141,7 @@ def _allowed(case: Case, model: Model, largest_N: float) -> tuple[float, int]:
     stated = tolerance("model", "force").limit
     if model.scheme == EXACT:
         return stated, case.scene.samples
-    allowed, samples = comparable(rounding_error(case) / (largest_N or 1.0))
+    allowed, samples = comparable(baseline_of(case).rounding_N / (largest_N or 1.0))
     return max(stated, allowed), samples
 
 
@@ -175,7 +175,8 @@ def _of_heights(case: Case, model: Model, own: Motion, trace: Trace, samples: in
 
     deviation = left(own.rise_m)
     if deviation > allowed and model.scheme != EXACT:  # a chaotic chain multiplies what steps gather
-        allowed = max(allowed, ROUNDING_MARGIN * float(rounding_of_heights(case)[:samples].max()))
+        heights = [np.asarray(each.height_m) for each in (baseline_of(case).rounded, baseline_of(case).plain)]
+        allowed = max(allowed, ROUNDING_MARGIN * float(np.abs(heights[0] - heights[1])[:samples].max()))
     if deviation <= allowed:
         return None
     size = f"({dt * 1e6:g} us)"

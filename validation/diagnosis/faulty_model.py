@@ -14,7 +14,7 @@ from numba import njit
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.engines import EXACT, IN_HEIGHTS, load_engine
-from validation.accuracy.rounding import heights_and_reach
+from validation.accuracy.schemes import heights_and_reach
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
 

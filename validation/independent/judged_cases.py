@@ -15,7 +15,7 @@ from drivers.run.many import run_many
 from postproc.paper.simulate import exact
 from postproc.read.motion import read_motion
 from postproc.read.residual import REFERENCE
-from validation.accuracy.error_measures import verlet_of
+from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
 from validation.compare.verdict import FAIL, NOT_RUN, Verdict, pass_or_fail
 from validation.independent.measures import MEASURES, unit_of

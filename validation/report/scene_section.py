@@ -14,7 +14,7 @@ from drivers.chain.trace import Trace
 from drivers.engines import in_order, load_engine
 from postproc.read.observables import observe
 from postproc.read.residual import REFERENCE
-from validation.accuracy.parts import PARTS
+from validation.accuracy.budget import PARTS
 from validation.compare.compared_scenes import ComparedScene
 from validation.compare.departure import DepartureRow, departure_rows
 from validation.compare.verdict import FAIL

@@ -20,8 +20,9 @@ from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.read.residual import REFERENCE, residual
 from validation.accuracy.assess import assess
+from validation.accuracy.baseline import HORIZON
 from validation.accuracy.plan import planned_case
-from validation.accuracy.rounding import HORIZON
+from validation.accuracy.baseline import HORIZON
 from validation.studies import progress
 
 VERLET = "verlet"

@@ -20,16 +20,9 @@ from drivers.run.session import Session
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from postproc.read.residual import REFERENCE
-from validation.accuracy.error_measures import (
-    ENERGY,
-    FORCE,
-    Truth,
-    errors_of,
-    momentum_error,
-    quantities,
-    trace_of,
-    truth_of,
-)
+from drivers.limits.attainable import FORCE
+from validation.accuracy.error_measures import ENERGY, Truth, errors_of, momentum_error, quantities, truth_of
+from validation.accuracy.schemes import trace_of
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import Motion
 from validation.reference.symplectic import integrate_symplectic

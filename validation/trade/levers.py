@@ -18,7 +18,8 @@ from drivers.run.run import default_limit_s
 from postproc.paper.simulate import case_of, exact
 from postproc.read.observables import of_kind
 from postproc.read.residual import residual
-from validation.accuracy.error_measures import errors_of, quantities, truth_of, verlet_of
+from validation.accuracy.error_measures import errors_of, quantities, truth_of
+from validation.accuracy.schemes import verlet_of
 from validation.served_runs import serve, serving
 from validation.trade.climb import start_up
 

@@ -9,7 +9,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace, make_trace
-from validation.accuracy.rounding import heights_and_reach
+from validation.accuracy.schemes import heights_and_reach
 from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 

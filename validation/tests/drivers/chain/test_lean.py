@@ -10,8 +10,9 @@ from drivers.chain.case import Case
 from drivers.chain.chain import build_chain
 from drivers.engines import load_engine
 from postproc.read.residual import residual
-from validation.accuracy.error_measures import errors_of, truth_of, verlet_of
+from validation.accuracy.error_measures import errors_of, truth_of
 from validation.accuracy.plan import asked_of
+from validation.accuracy.schemes import verlet_of
 from validation.accuracy.simplify import SHARE, WITHOUT, lean_case
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of

@@ -23,7 +23,8 @@ from drivers.limits.stable_step import linear_limit, predicted_limit
 from drivers.run.guard import energy_error, reason_to_fail
 from postproc.read.attenuation import transmissions
 from postproc.read.observables import observe
-from validation.accuracy.error_measures import truth_of, verlet_of
+from validation.accuracy.error_measures import truth_of
+from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import compare_case
 from validation.compare.verdict import PASS
 from validation.reference import damped

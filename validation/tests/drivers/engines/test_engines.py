@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from postproc.read.observables import observe
-from validation.accuracy.deviation import deviation
-from validation.compare.comparison import model_tolerance
+from validation.accuracy.baseline import baseline_of
+from validation.compare.deviation import deviation
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import WALL, SceneWriter, case_of
 
@@ -73,7 +73,8 @@ def test_a_steel_chain(engine: str, scene_file: SceneWriter, shared_runs: Path) 
     case = case_of(path, *settings)
     run, verlet = finished(case, engine, shared_runs), finished(case, "verlet", shared_runs)
     found = deviation(run.trace, verlet.trace).share
-    limit, samples = model_tolerance(case, verlet.trace)
+    baseline = baseline_of(case)
+    limit, samples = baseline.allowed, baseline.samples
     assert samples == case.scene.samples
     assert found <= limit.limit <= 1e-8
 

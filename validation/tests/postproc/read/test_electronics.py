@@ -20,7 +20,8 @@ from postproc.read.pulse import envelope, train_envelope
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import Peak, peaks
 from validation.accuracy.budget import error_budget
-from validation.accuracy.error_measures import truth_of, verlet_of
+from validation.accuracy.error_measures import truth_of
+from validation.accuracy.schemes import verlet_of
 from validation.tests.helpers.runs import assessed
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
 

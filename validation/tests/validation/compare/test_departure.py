@@ -13,22 +13,22 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, until
 from validation.__main__ import main
-from validation.accuracy.budget import yardsticks
-from validation.accuracy.error_measures import verlet_of
-from validation.accuracy.rounding import verlet_in_heights
-from validation.accuracy.tube_budget import tube_verlet_of
+from validation.accuracy.baseline import baseline_of
+from validation.accuracy.schemes import verlet_in_heights, verlet_of
 from validation.compare.compared_scenes import run_and_compare
 from validation.compare.departure import (
+    ANOTHER_STEP,
     CHAOS,
     LEVELS,
+    MODEL,
     NONE,
+    SET_UP,
     TRUNCATION,
     UNKNOWN,
     Departure,
     departure,
     departure_rows,
 )
-from validation.compare.first_fault import ANOTHER_STEP, MODEL, SET_UP
 from validation.stability.random_scenes import random_case
 from validation.tests.helpers.runs import blown_up, finished
 from validation.tests.helpers.scenes import case_of
@@ -81,7 +81,7 @@ def test_a_good_run_leaves_by_truncation(step: str, first_us: float) -> None:
 
 def test_the_exact_motion_never_leaves() -> None:
     case = case_of("fig4")
-    found = departure(case, "reference", yardsticks(case).truth.trace)
+    found = departure(case, "reference", baseline_of(case).exact)
     assert found.kind == NONE
     assert math.isnan(found.time_s)
     assert found.words.endswith("bit for bit")
@@ -128,7 +128,7 @@ def test_a_wrong_wall_law(scene: str) -> None:
     assert "bears" in at_once.words
     later = departure(weightless, "yade", as_code(weightless, stiffness=times(0.707, 1)))
     assert (later.kind, later.contact) == (MODEL, 1)
-    wall = yardsticks(weightless).truth.trace.force_N[:, 0]
+    wall = baseline_of(weightless).exact.force_N[:, 0]
     arrival = weightless.sample_times_s[int(np.argmax(wall > 1e-3 * wall.max()))]
     assert 0.8 * arrival < later.time_s <= arrival
 
@@ -199,7 +199,7 @@ def test_another_step_is_named(steps: int, words: str, restitution: str) -> None
 
 def test_the_exact_motion_is_of_a_far_smaller_step() -> None:
     case = case_of("fig4")
-    found = departure(case, "yade", yardsticks(case).truth.trace)
+    found = departure(case, "yade", baseline_of(case).exact)
     assert found.kind == ANOTHER_STEP
     assert "a far smaller one" in found.words
 
@@ -238,7 +238,7 @@ def test_where_it_cannot_be_said() -> None:
 
 def test_three_dimensions_are_held_against_the_own_law() -> None:
     case = case_of("fig5-tube", "run.duration=0.2 ms")
-    own, other = (tube_verlet_of(case, law) for law in ("total", "incremental"))
+    own, other = (verlet_of(case, law) for law in ("total", "incremental"))
     assert departure(case, "liggghts", own).kind == TRUNCATION
     assert departure(case, "yade", other).kind == TRUNCATION
     assert departure(case, "yade", own).kind in (MODEL, SET_UP)

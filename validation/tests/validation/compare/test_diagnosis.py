@@ -10,8 +10,8 @@ from drivers.chain.case import Case
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.run.finished import EndedRun
-from validation.accuracy.error_measures import trace_of, verlet_of
-from validation.accuracy.rounding import comparable, rounding_error, verlet_in_heights
+from validation.accuracy.baseline import baseline_of, comparable
+from validation.accuracy.schemes import trace_of, verlet_in_heights, verlet_of
 from validation.compare.comparison import compare_case
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.diagnosis.diagnose import LEAST_WINDOW, Diagnosis, Found, diagnose
@@ -262,7 +262,7 @@ def test_what_nothing_comes_near_names_nothing(scene_file: SceneWriter) -> None:
 def test_what_leaves_the_scene_when_rounding_does_is_not_diagnosed() -> None:
     case = case_of("fig4", "run.duration=20 ms", "run.time_step=0.5 us")
     rounded = verlet_in_heights(case)
-    _, samples = comparable(rounding_error(case) / rounded.force_N.max())
+    _, samples = comparable(baseline_of(case).rounding_N / rounded.force_N.max())
     first = samples - LEAST_WINDOW // 2
     force = rounded.force_N.copy()
     force[first:] += 0.01 * force.max()

@@ -17,9 +17,10 @@ from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import refuse
 from drivers.limits.stable_step import linear_limit, linear_sideways_limit, predicted_limit
 from postproc.read.residual import residual
+from validation.accuracy.baseline import Baseline
 from validation.accuracy.budget import error_budget
 from validation.accuracy.run_warnings import warnings_of
-from validation.accuracy.tube_budget import sideways_rods, tube_verlet_of
+from validation.accuracy.schemes import verlet_of
 from validation.reference.tube import integrate_tube
 from validation.reference.tube_chain import TubeMotion
 from validation.reference.velocity_verlet import integrate_verlet
@@ -70,7 +71,7 @@ def test_codes_do_what_the_integrator_does(settings: tuple[str, ...], shared_run
 def test_without_friction_energy_stays_with_the_square_of_the_step() -> None:
     case = sideways(*SLIPPERY)
     put_in = energy_put_in(case.chain, float(case.sample_times_s[-1]))
-    errors = [float(np.ptp(tube_verlet_of(case, TOTAL, finer).total_energy_J)) / put_in for finer in (1, 2)]
+    errors = [float(np.ptp(verlet_of(case, TOTAL, finer).total_energy_J)) / put_in for finer in (1, 2)]
     assert errors[0] < 1e-5
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
 
@@ -88,7 +89,7 @@ def test_without_friction_nothing_turns_about_the_axis() -> None:
 
 
 def test_friction_in_the_bore_takes_energy() -> None:
-    slippery, rough = (tube_verlet_of(sideways(setting), TOTAL) for setting in ("tube.friction=0", "tube.friction=0.3"))
+    slippery, rough = (verlet_of(sideways(setting), TOTAL) for setting in ("tube.friction=0", "tube.friction=0.3"))
     lost = rough.total_energy_J[0] - rough.total_energy_J
     assert lost[-1] > 1e-3 * rough.kinetic_energy_J[0]
     assert lost.min() >= -1e-9 * rough.kinetic_energy_J[0]
@@ -118,35 +119,35 @@ def test_the_horizon_ends_where_rounding_parts_two_runs() -> None:
         'run.sample_interval="20 us"',
         'run.time_step="1 us"',
     )
-    rods = sideways_rods(case, TOTAL)
-    assert 1 < rods.samples < case.scene.samples
+    baseline = Baseline(case, TOTAL)
+    assert 1 < baseline.samples < case.scene.samples
     chain = tube_arrays_of(case.chain)
     nudged = replace(chain, place_m=np.nextafter(chain.place_m, np.inf))
     timing = (case.scene.time_step_s, case.scene.steps_per_sample, case.scene.samples)
     apart = np.abs(integrate_tube(nudged, *timing).force_N - integrate_tube(chain, *timing).force_N).max(axis=1)
-    share = apart / np.abs(rods.verlet.force_N).max()
-    assert share[: rods.samples].max() < 1e-5 < share.max()
+    share = apart / np.abs(baseline.in_overlaps.force_N).max()
+    assert share[: baseline.samples].max() < 1e-5 < share.max()
 
 
 def test_the_budget_adds_up_and_says_what_it_leaves_out() -> None:
     case = sideways(*STICKY)
     for engine in ("liggghts", "yade"):
         law = load_engine(engine).shear
-        parts, note = error_budget(case, engine, tube_verlet_of(case, law))
+        parts, note = error_budget(case, engine, verlet_of(case, law))
         force = parts[0]
         assert force["whole"] == pytest.approx(
             force["model"] + force["rounding"] + force["truncation"] + force["sampling"], abs=1e-15
         )
         assert "with order" in note
         assert "sampling not measured" in note
-        fine = tube_verlet_of(case, law, 16)
-        true = residual(tube_verlet_of(case, law), fine).max()
+        fine = verlet_of(case, law, 16)
+        true = residual(verlet_of(case, law), fine).max()
         assert abs(force["truncation"]) == pytest.approx(true, rel=0.1)
 
 
 def test_a_run_by_the_other_law_is_warned_of() -> None:
     case = sideways(*STICKY)
-    found = warnings_of(case, "yade", tube_verlet_of(case, TOTAL))
+    found = warnings_of(case, "yade", verlet_of(case, TOTAL))
     assert len(found) == 1
     assert "not what the scene says" in found[0]
 
@@ -159,7 +160,7 @@ def test_the_stability_limit_is_below_what_blows_up() -> None:
         gains = []
         for share in (1.0, 1.6):
             run = case.sampled_at_every(share * limit)
-            energy = np.nan_to_num(tube_verlet_of(run, TOTAL).total_energy_J, nan=np.inf)
+            energy = np.nan_to_num(verlet_of(run, TOTAL).total_energy_J, nan=np.inf)
             gains.append(float((energy - energy[0]).max()) / energy_put_in(case.chain, duration))
         assert gains[0] < 1 < gains[1]
         assert not certainly_stable(case.chain, duration, 1e-3 * limit)
@@ -179,7 +180,7 @@ def test_high_spins_of_a_uniform_chain() -> None:
 
 
 def test_a_trace_is_cut_whole() -> None:
-    trace = tube_verlet_of(sideways(*SLIPPERY), TOTAL)
+    trace = verlet_of(sideways(*SLIPPERY), TOTAL)
     cut = until(trace, 7)
     assert cut.sideways is not None
     assert len(cut.force_N) == len(cut.sideways.spin_rad_s) == len(cut.time_s) == 7
@@ -189,9 +190,7 @@ def test_a_trace_is_cut_whole() -> None:
 def test_beads_that_may_not_turn(engine: str, shared_runs: Path) -> None:
     case = case_of("fig4-tube", "contact.rotation=false", "contact.friction=0.3", "run.duration=0.3 ms")
     run = finished(case, engine, shared_runs)
-    verlet = tube_verlet_of(case, load_engine(engine).shear)
+    verlet = verlet_of(case, load_engine(engine).shear)
     assert residual(run.trace, verlet).max() < 1e-9
-    turning = tube_verlet_of(
-        case_of("fig4-tube", "contact.friction=0.3", "run.duration=0.3 ms"), load_engine(engine).shear
-    )
+    turning = verlet_of(case_of("fig4-tube", "contact.friction=0.3", "run.duration=0.3 ms"), load_engine(engine).shear)
     assert residual(turning, verlet).max() > 1e-3

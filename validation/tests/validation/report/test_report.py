@@ -19,11 +19,11 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.trace import until
 from drivers.run.record import provenance
 from postproc.read.sensors import sensor_signals
-from validation.accuracy.deviation import deviation
-from validation.accuracy.rounding import HORIZON
+from validation.accuracy.baseline import HORIZON, baseline_of, shipped_name
 from validation.compare.compared_scenes import ComparedScene
-from validation.compare.comparison import compare_case, model_tolerance, shipped_name
+from validation.compare.comparison import compare_case
 from validation.compare.departure import NONE, departure
+from validation.compare.deviation import deviation
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.report.charts import MAX_SAMPLES, Panel, chart_of
 from validation.report.scene_section import section_of
@@ -72,7 +72,8 @@ def test_a_wrong_force_turns_red(compared: ComparedScene) -> None:
 def test_a_chaotic_chain_is_judged_up_to_its_horizon(shared_runs: Path) -> None:
     case = case_of("fig4", "run.duration=20 ms", "run.sample_interval=10 us", "run.time_step=0.5 us")
     run = finished(case, "verlet", shared_runs)
-    limit, samples = model_tolerance(case, run.trace)
+    baseline = baseline_of(case)
+    limit, samples = baseline.allowed, baseline.samples
     assert limit.limit <= 10 * HORIZON
     assert 8e-3 < run.trace.time_s[samples] < 19e-3
 

@@ -15,7 +15,7 @@ from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import inability, refuse
 from drivers.limits.stable_step import predicted_limit
 from drivers.run.run import run_case
-from validation.accuracy.error_measures import verlet_of
+from validation.accuracy.schemes import verlet_of
 from validation.compare.compared_scenes import run_and_compare
 from validation.report.write_report import write_report
 from validation.stability.extremes import Extreme, extremes, run_extreme

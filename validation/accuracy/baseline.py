@@ -1,0 +1,248 @@
+"""What a run is measured with: the exact motion, its own scheme at the same step, and what rounding alone may add.
+
+This is the one place that says whether a difference is only rounding. It knows of a straight chain and of a
+three-dimensional one alike
+
+* ``plain``: velocity Verlet at the case's step, in overlaps, or in three dimensions with the engine's law of friction;
+* ``rounded``: the same with other rounding, in absolute heights, or in three dimensions turned and lifted;
+* ``exact``: followed adaptively (``Truth``), or in three dimensions extrapolated from finer steps (``Extrapolation``),
+  and there only as long as rounding alone does not part two runs.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import isfinite, log2
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from drivers.base import paths
+from drivers.base.tolerances import Tolerance, tolerance
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace, until
+from drivers.engines import EXACT, IN_HEIGHTS, load_engine
+from drivers.scene.read_scene import read_scene
+from postproc.read.residual import share_of_largest
+from drivers.limits.attainable import FORCE
+from validation.accuracy.error_measures import Truth, truth_of
+from validation.accuracy.schemes import rounded_otherwise, verlet_of
+
+VERLET = "verlet"  # the engine of this repository that has a time step
+ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding of the same size, not the same
+ROUNDING_REASON = (
+    f"{ROUNDING_MARGIN:g} times what rounding absolute coordinates does to this very scene, measured in-repo"
+)
+HORIZON = 1e-6  # where rounding alone makes this much, pointwise comparison of engines ends
+MAX_BODIES = 20_000
+TOO_LARGE = f"not measured: the exact motion of more than {MAX_BODIES} bodies costs more than most runs of them"
+MAX_WORK = 20_000_000  # bodies times steps of the finest three-dimensional run, some ten seconds
+MIN_ORDER, MAX_ORDER = 0.5, 2.5  # that an extrapolation is made with
+ARRIVED_SHARE = 1e-3  # of the largest force: the wave is there
+CHAOTIC_GROWTH = 100.0  # times what rounding made until the wave came to the wall: measured up to 56 on shipped scenes
+
+
+@dataclass(frozen=True)
+class Extrapolation:
+    """A motion at a time step of zero, by Richardson's extrapolation from half and a quarter of the step.
+
+    Attributes:
+        trace: its forces are extrapolated, all else is that of the whole step.
+        order: by which the three steps converge.
+    """
+
+    trace: Trace
+    half: Trace
+    quarter: Trace
+    order: float
+
+    def at_zero(self, half: Any, quarter: Any) -> Any:
+        """A value at a step of zero: ``Q_4 + (Q_4 - Q_2) / (2^p - 1)``."""
+        return quarter + (quarter - half) / (2**self.order - 1)
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Motions of a case and what they allow; each is computed once, when it is asked for.
+
+    Attributes:
+        law: of friction in three dimensions.
+    """
+
+    case: Case
+    law: str
+
+    @property
+    def unknown(self) -> str:
+        """Why the exact motion is not known; empty where it is."""
+        lateral = self.case.chain.lateral
+        if lateral is None:
+            return TOO_LARGE if self.case.chain.bodies > MAX_BODIES else ""
+        if lateral.bore is not None and lateral.bore.sides is not None:
+            return "not measured: the in-repo scheme has a true cylinder, no bore of flat sides"
+        if 4 * self.case.chain.bodies * self.case.scene.steps > MAX_WORK:
+            return f"not measured: at a quarter of the step this is more than {MAX_WORK:g} bodies times steps"
+        return ""
+
+    @cached_property
+    def plain(self) -> Trace:
+        """Velocity Verlet at the case's step."""
+        return verlet_of(self.case, self.law)
+
+    @cached_property
+    def rounded(self) -> Trace:
+        """The same with other rounding."""
+        return rounded_otherwise(self.case, self.law)
+
+    @cached_property
+    def truth(self) -> Truth | Extrapolation:
+        """The exact motion.
+
+        Raises:
+            ArithmeticError: it cannot be followed.
+        """
+        if self.case.chain.lateral is None:
+            return truth_of(self.case)
+        steps = (self.plain, *(verlet_of(self.case, self.law, finer) for finer in (2, 4)))
+        whole, half, quarter = (until(trace, self.samples) for trace in steps)
+        found = Extrapolation(whole, half, quarter, order_of(whole, half, quarter))
+        forces = np.asarray(found.at_zero(half.force_N, quarter.force_N))
+        return replace(found, trace=replace(whole, force_N=forces))
+
+    @property
+    def exact(self) -> Trace:
+        """The exact motion at the case's samples, in three dimensions at the first ``samples`` of them."""
+        return self.truth.trace
+
+    @property
+    def order(self) -> float:
+        """By which the scheme converges."""
+        if isinstance(self.truth, Extrapolation):
+            return self.truth.order
+        return 1.0 if self.case.chain.damping_ratio else 2.0
+
+    @property
+    def in_overlaps(self) -> Trace:
+        """``plain`` at the samples at which the exact motion is known."""
+        return self.plain if self.case.chain.lateral is None else until(self.plain, self.samples)
+
+    def stepped_by(self, engine: str) -> Trace:
+        """What the scheme of an engine that has a time step makes of the case, rounded likewise."""
+        in_heights = load_engine(engine).scheme == IN_HEIGHTS and self.case.chain.lateral is None
+        return self.rounded if in_heights else self.plain
+
+    def scheme_of(self, engine: str) -> Trace:
+        """What a run on an engine should be but for rounding, at the samples at which the exact motion is known."""
+        if load_engine(engine).scheme == EXACT:
+            return self.exact
+        stepped = self.stepped_by(engine)
+        return self.in_overlaps if stepped is self.plain else stepped
+
+    @cached_property
+    def rounding_N(self) -> Array:
+        """Largest force difference at each sample that rounding makes. Shape (samples,)."""
+        return np.asarray(np.abs(self.rounded.force_N - self.plain.force_N).max(axis=1))
+
+    @cached_property
+    def rounding(self) -> Array:
+        """The most that rounding has made until each sample, of the largest force. Shape (samples,)."""
+        share = np.nan_to_num(share_of_largest(self.rounding_N, self.plain), nan=np.inf)
+        return np.asarray(np.maximum.accumulate(share))
+
+    @property
+    def explained(self) -> Array:
+        """What rounding explains until each sample, in another order of adding. Shape (samples,)."""
+        return ROUNDING_MARGIN * self.rounding
+
+    @property
+    def samples(self) -> int:
+        """The horizon: how many samples can be compared before rounding alone parts two runs."""
+        return comparable(self.rounding)[1]
+
+    @cached_property
+    def stated(self) -> Tolerance:
+        """By how much a run may differ from its scheme, as ``inputs/tolerances.toml`` has it."""
+        return tolerance("model", model_quantity(self.case), shipped_name(self.case))
+
+    @property
+    def allowed(self) -> Tolerance:
+        """The same until the horizon, and more only where rounding is measured to exceed it."""
+        explained, _ = comparable(self.rounding)
+        return self.stated if explained <= self.stated.limit else Tolerance(explained, ROUNDING_REASON)
+
+    @property
+    def largest_N(self) -> float:
+        """The largest force; 1 N where there is none."""
+        return float(np.abs(self.exact.force_N).max()) or 1.0
+
+    @cached_property
+    def arrival(self) -> int:
+        """The sample at which the wave has come to the lowest contact; how many there are where it never does."""
+        force_N = self.exact.force_N
+        felt = np.flatnonzero(force_N.any(axis=0))
+        if not felt.size:
+            return len(force_N)
+        lowest = force_N[:, felt[0]]
+        arrived = np.abs(lowest - lowest[0]) > ARRIVED_SHARE * self.largest_N
+        return int(np.argmax(arrived)) if arrived.any() else len(force_N)
+
+    def growth(self, sample: int) -> float:
+        """How often larger rounding is by then than when the wave came to the wall; 1 before."""
+        if sample <= self.arrival:
+            return 1.0
+        return float(self.rounding[sample] / max(self.rounding[self.arrival], np.finfo(float).eps))
+
+    def chaotic(self, sample: int) -> bool:
+        """Whether the chain multiplies by then whatever there is; one body alone is never chaotic, it only adds up."""
+        return self.case.chain.bodies > 1 and self.growth(sample) > CHAOTIC_GROWTH
+
+
+def comparable(rounding_share: Array) -> tuple[float, int]:
+    """What rounding alone lets two engines differ by, of the largest force, and for how many samples that is small.
+
+    Args:
+        rounding_share: what rounding does to the forces at each sample, over the largest force. Shape (samples,).
+    """
+    explained = ROUNDING_MARGIN * np.maximum.accumulate(rounding_share)
+    samples = max(1, int(np.searchsorted(explained, ROUNDING_MARGIN * HORIZON, side="right")))
+    return float(explained[samples - 1]), samples
+
+
+def order_of(coarse: Trace, half: Trace, quarter: Trace) -> float:
+    """The order by which the forces of three steps converge, by their largest differences."""
+    first, second = (
+        float(np.abs(one.force_N - other.force_N).max()) for one, other in ((coarse, half), (half, quarter))
+    )
+    if not (first and second and isfinite(first) and isfinite(second)):
+        return 2.0
+    return min(max(log2(first / second), MIN_ORDER), MAX_ORDER)
+
+
+def model_quantity(case: Case) -> str:
+    """The name of the tolerance of a case's modelling error."""
+    level = case.chain.lateral is not None and bool(np.isinf(case.chain.radius_m[-1]))
+    return "level" if level else FORCE
+
+
+def shipped_name(case: Case) -> str | None:
+    """The scene's name if it is one of ``inputs/scenes`` just as shipped: only then do that scene's tolerances hold."""
+    path = paths.SCENES / f"{case.scene.name}.toml"
+    return case.scene.name if path.is_file() and read_scene(path).model_dump() == case.scene.model_dump() else None
+
+
+_last: dict[tuple[str, str], Baseline] = {}  # by deck and law of friction; of the last case: its engines share them
+_looking = Lock()
+
+
+def baseline_of(case: Case, engine: str = VERLET) -> Baseline:
+    """What runs of a case on an engine are measured with; of the last case it is kept."""
+    law = load_engine(engine if case.chain.lateral is not None else VERLET).shear
+    with _looking:
+        keys = [key for key, kept in _last.items() if kept.case is case]
+        same = (
+            keys[0][0] if keys else f"{load_engine(VERLET).render(case).sha256} {case.layout}"
+        )  # gauges are part of it
+        if not any(key == same for key, _ in _last):
+            _last.clear()
+        return _last.setdefault((same, law), Baseline(case, law))
