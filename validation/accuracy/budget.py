@@ -20,6 +20,7 @@ import numpy as np
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, load_engine
+from drivers.limits.attainable import FORCE
 from postproc.read.observables import of_kind
 from validation.accuracy.baseline import Baseline, Extrapolation, baseline_of
 from drivers.limits.attainable import FORCE

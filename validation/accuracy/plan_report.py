@@ -9,6 +9,7 @@ import numpy as np
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.engines import installed, load_engine
+from drivers.limits.attainable import FORCE
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.stable_step import predicted_limit
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of

@@ -14,7 +14,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.integrator_arrays import arrays_of
-from drivers.limits.attainable import ROOM, unattainable
+from drivers.limits.attainable import FORCE, ROOM, unattainable
 from drivers.limits.stable_step import predicted_limit
 from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.residual import residual, share_of_largest
