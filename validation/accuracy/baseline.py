@@ -26,7 +26,6 @@ from drivers.engines import EXACT, IN_HEIGHTS, load_engine
 from drivers.limits.attainable import FORCE
 from drivers.scene.read_scene import read_scene
 from postproc.read.residual import share_of_largest
-from drivers.limits.attainable import FORCE
 from validation.accuracy.error_measures import Truth, truth_of
 from validation.accuracy.schemes import rounded_otherwise, verlet_of
 

@@ -23,7 +23,6 @@ from drivers.engines import EXACT, load_engine
 from drivers.limits.attainable import FORCE
 from postproc.read.observables import of_kind
 from validation.accuracy.baseline import Baseline, Extrapolation, baseline_of
-from drivers.limits.attainable import FORCE
 from validation.accuracy.error_measures import Truth, errors_of, quantities, truth_of
 from validation.reference.adaptive import LEAST_TOLERANCE
 

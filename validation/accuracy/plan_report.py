@@ -14,7 +14,6 @@ from drivers.limits.criteria import CRITERIA
 from drivers.limits.stable_step import predicted_limit
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of
 from validation.accuracy.costs import able, cheapest, cost_on
-from drivers.limits.attainable import FORCE
 from validation.accuracy.plan import asked_of, planned_case
 from validation.accuracy.run_warnings import predicted_error
 from validation.accuracy.step_choice import Chooser, Rounding

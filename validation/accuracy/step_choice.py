@@ -19,7 +19,6 @@ from drivers.limits.stable_step import predicted_limit
 from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.residual import residual, share_of_largest
 from validation.accuracy.baseline import Baseline
-from drivers.limits.attainable import FORCE
 from validation.accuracy.error_measures import ENERGY, Truth, errors_of, truth_of
 from validation.accuracy.schemes import verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE, scales

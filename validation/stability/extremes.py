@@ -22,7 +22,6 @@ from postproc.read.residual import REFERENCE, residual
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON
 from validation.accuracy.plan import planned_case
-from validation.accuracy.baseline import HORIZON
 from validation.studies import progress
 
 VERLET = "verlet"

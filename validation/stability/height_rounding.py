@@ -12,8 +12,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.engines import installed_codes, load_engine
 from postproc.paper.simulate import case_of
-from validation.accuracy.schemes import verlet_of
-from validation.accuracy.schemes import verlet_in_heights
+from validation.accuracy.schemes import verlet_in_heights, verlet_of
 from validation.served_runs import serve, serving
 from validation.studies import progress
 

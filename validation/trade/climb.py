@@ -15,12 +15,12 @@ from drivers.chain.case import Case
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine
+from drivers.limits.attainable import FORCE
 from drivers.run.run import run_case
 from drivers.run.session import Session
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from postproc.read.residual import REFERENCE
-from drivers.limits.attainable import FORCE
 from validation.accuracy.error_measures import ENERGY, Truth, errors_of, momentum_error, quantities, truth_of
 from validation.accuracy.schemes import trace_of
 from validation.reference.adaptive import integrate_adaptive
