@@ -14,7 +14,7 @@ from drivers.chain.trace import Sideways, Trace
 from drivers.engines import INCREMENTAL, load_engine
 from drivers.run.guard import checked_trace
 from drivers.run.session import Session, served_by
-from validation.reference.oblique import (
+from validation.tests.helpers.oblique_impact import (
     LIGGGHTS,
     YADE_ONE_ARM,
     ObliqueContact,
