@@ -5,7 +5,7 @@ The study of the room ``validation/<name>`` is ``STUDY`` in its module ``<name>_
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -52,20 +52,12 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Measured:
-    """Outcome of a study's runs: rows by table, and figures that take more than the tables hold, by name."""
-
-    rows: Mapping[str, Sequence[Any]]
-    figures: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class Study:
     """A study, from its runs to its section of the report; tables and figures are known by their files' stems.
 
     Attributes:
         tables: dataclass of each table's rows; the first table is the one that the section stands on.
-        measure: runs everything.
+        measure: runs everything; rows by table, and by their names the figures that take more than tables hold.
         sentences: what the tables say, computed from them.
         figures: pictures by name.
         section: what the report's template takes beside sentences and figures.
@@ -75,7 +67,7 @@ class Study:
 
     name: str
     tables: Mapping[str, type]
-    measure: Callable[[Options], Measured]
+    measure: Callable[[Options], Mapping[str, Any]]
     sentences: Callable[[Tables], Sequence[str]]
     figures: Callable[[Tables], Mapping[str, Picture]]
     section: Callable[[Tables], Mapping[str, Any]]
@@ -121,17 +113,17 @@ def run_study(study: Study, options: Options) -> int:
     return 1 if missed else 0
 
 
-def write_study(study: Study, measured: Measured, results: Path) -> Tables:
+def write_study(study: Study, measured: Mapping[str, Any], results: Path) -> Tables:
     """Writes tables and figures, removes those of a former study that this one has not, and returns the tables."""
     for name, kind in study.tables.items():
-        if name in measured.rows:
-            write_table(results / f"{name}.csv", kind, measured.rows[name])
+        if name in measured:
+            write_table(results / f"{name}.csv", kind, measured[name])
         else:
             (results / f"{name}.csv").unlink(missing_ok=True)
     tables = study.read(results)
     pictures = study.figures(tables)
     for name, picture in pictures.items():
-        write_figure(picture.draw() if picture.draw else measured.figures[name], name, results)
+        write_figure(picture.draw() if picture.draw else measured[name], name, results)
         if picture.numbers is not None:
             write_frame(results / f"{name}.csv", picture.numbers)
     for path in (*results.glob(f"{study.name}-*.svg"), *results.glob(f"{study.name}-*.png")):

@@ -1,6 +1,5 @@
 """The study of elements: what each adds and costs, whether the rule that leaves them out holds, and the experiment."""
 
-from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pandas as pd
@@ -21,17 +20,17 @@ from validation.elements.elements_sentences import (
     quotes,
     sentences,
 )
-from validation.elements.oscilloscope import Number, Shown, add_steps, vary
+from validation.elements.oscilloscope import Number, add_steps, vary
 from validation.elements.rule_checks import Asked, Nothing, accuracies_kept, nothing_changes
 from validation.elements.switch_effects import Effect, measure_effects
 from validation.elements.switches import pairs_of, read_elements
-from validation.studies import Measured, Options, Study, Tables
+from validation.studies import Options, Study, Tables
 
 REPEATS = 3  # runs from which a cost is the least
 VERLET = "verlet"  # where no code is installed
 
 
-def measure(options: Options) -> Measured:
+def measure(options: Options) -> dict[str, Any]:
     """All of it; the short study takes few seeds, and only the first scene where all are switched.
 
     Raises:
@@ -45,21 +44,20 @@ def measure(options: Options) -> Measured:
     tube = case_of(f"{scenes[0].name}-tube")
     fastest = min(engines, key=lambda name: cost_on(name).run_s(tube))
     pairs = pairs_of(asked.model_copy(update={"scene": scenes}), seeds)
-    rows: dict[str, Sequence[Any]] = {
-        EFFECTS: list(measure_effects(pairs, engines, 1 if options.quick else REPEATS, runs)),
+    rows = {
+        EFFECTS: measure_effects(pairs, engines, 1 if options.quick else REPEATS, runs),
         NOTHING: nothing_changes(scenes, engines, runs),
         ACCURACIES: accuracies_kept(scenes[0].name, engines, runs),
-        BETWEEN: list(compare_codes(scenes, seeds, codes, runs)),
+        BETWEEN: compare_codes(scenes, seeds, codes, runs),
     }
-    steps = list(add_steps(scenes, seeds, fastest, runs))
-    rows |= {NUMBERS: _numbers(steps), RANGES: _numbers(vary(scenes[:2], seeds, fastest, runs))}
-    by_scene = {scene.name: [each for each in steps if each.scene == scene.name] for scene in scenes}
-    drawn = {f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in by_scene.items()}
-    return Measured(rows, drawn)
-
-
-def _numbers(shown: Iterable[Shown]) -> list[Number]:
-    return [number for each in shown for number in each.numbers]
+    steps = {scene.name: list(add_steps(scene, seeds, fastest, runs)) for scene in scenes}
+    varied = [each for scene in scenes[:2] for each in vary(scene, seeds, fastest, runs)]
+    return {
+        **{name: list(found) for name, found in rows.items()},
+        NUMBERS: [number for own in steps.values() for each in own for number in each.numbers],
+        RANGES: [number for each in varied for number in each.numbers],
+        **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in steps.items()},
+    }
 
 
 def section(tables: Tables) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """What the experiment would have shown: from the elastic line to tube, friction, restitution and gauge."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,22 +67,20 @@ class Shown:
             yield Number(self.scene, self.step, self.value, name, *spread_of(values), len(values))
 
 
-def add_steps(subjects: Iterable[Subject], seeds: int, engine: str, runs: Path) -> Iterator[Shown]:
-    """All steps of all scenes on one code."""
-    for subject in subjects:
-        progress(f"{subject.name}: {len(STEPS)} steps of {seeds} seeds on {engine}")
-        for step, side in STEPS.items():
-            yield _shown(subject.name, step, "", seeded(subject, side, seeds if side.tube else 1), engine, runs)
+def add_steps(subject: Subject, seeds: int, engine: str, runs: Path) -> Iterator[Shown]:
+    """All steps of a scene on one code."""
+    progress(f"{subject.name}: {len(STEPS)} steps of {seeds} seeds on {engine}")
+    for step, side in STEPS.items():
+        yield _shown(subject.name, step, "", seeded(subject, side, seeds if side.tube else 1), engine, runs)
 
 
-def vary(subjects: Iterable[Subject], seeds: int, engine: str, runs: Path) -> Iterator[Shown]:
+def vary(subject: Subject, seeds: int, engine: str, runs: Path) -> Iterator[Shown]:
     """One parameter at a time over its range."""
-    for subject in subjects:
-        for name, (step, settings, values) in RANGES.items():
-            progress(f"{subject.name}: {name} from {values[0]:g} to {values[-1]:g}")
-            for value in values:
-                cases = seeded(subject, STEPS[step], seeds, *(setting.format(value) for setting in settings))
-                yield _shown(subject.name, name, f"{value:g}", cases, engine, runs)
+    for name, (step, settings, values) in RANGES.items():
+        progress(f"{subject.name}: {name} from {values[0]:g} to {values[-1]:g}")
+        for value in values:
+            cases = seeded(subject, STEPS[step], seeds, *(setting.format(value) for setting in settings))
+            yield _shown(subject.name, name, f"{value:g}", cases, engine, runs)
 
 
 def _shown(scene: str, step: str, value: str, cases: list[Case], engine: str, runs: Path) -> Shown:

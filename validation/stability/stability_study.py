@@ -23,7 +23,7 @@ from validation.stability.stability_sentences import (
     sentences,
 )
 from validation.stability.subjects import SHIPPED, at_random, bouncing, shipped, sweeps
-from validation.studies import Measured, Options, Study, Tables
+from validation.studies import Options, Study, Tables
 
 RANDOM_SCENES = 100
 LONG: dict[str, Callable[[], Sequence[Any]]] = {
@@ -34,13 +34,12 @@ LONG: dict[str, Callable[[], Sequence[Any]]] = {
 }
 
 
-def measure(options: Options) -> Measured:
+def measure(options: Options) -> dict[str, Any]:
     """All of it; the short study leaves out random scenes, most extremes, long runs and rounding."""
     quick = options.quick
     subjects = [*shipped(), *sweeps(), *([] if quick else (*bouncing(), *at_random(RANDOM_SCENES)))]
-    rows: dict[str, Sequence[Any]] = {LIMITS: measure_limits(subjects)}
-    rows[EXTREMES] = run_all(extremes(quick=quick), options.runs)
-    return Measured(rows | ({} if quick else {name: run() for name, run in LONG.items()}))
+    rows = {LIMITS: measure_limits(subjects), EXTREMES: run_all(extremes(quick=quick), options.runs)}
+    return {**rows, **({} if quick else {name: run() for name, run in LONG.items()})}
 
 
 def section(tables: Tables) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from math import inf, nan
 from pathlib import Path
@@ -17,14 +18,12 @@ from drivers.chain.trace import Trace
 from drivers.engines import load_engine
 from drivers.limits.attainable import FORCE
 from drivers.run.run import run_case
-from drivers.run.session import Session
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from postproc.read.residual import REFERENCE
 from validation.accuracy.error_measures import ENERGY, Truth, errors_of, momentum_error, quantities, truth_of
 from validation.accuracy.schemes import trace_of
 from validation.reference.adaptive import integrate_adaptive
-from validation.reference.hertz_chain import Motion
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
 from validation.served_runs import Served, serve, serving
@@ -86,32 +85,40 @@ def climb(budget_s: float, scenes: tuple[str, ...] = SCENES) -> list[Row]:
 
 
 def _by_method(method: str, rungs: list[Rung], truths: Truths) -> Iterator[Row]:
-    """Rows of one scene by one method, coarse steps and fine ones in one process."""
-    if method in PROCESS:
-        start_s = start_up(PROCESS[method], case_of(rungs[0].scene))
-        for rung in rungs:
-            motion, loop_s = timed(_integrator(rung), rung.expected_s)
-            if np.isfinite(motion.force_N).all():
-                trace = trace_of(rung.case, rung.case.sample_times_s, motion)
-                yield _measured(rung, Served(trace, loop_s, loop_s), start_s, truths)
-            else:
-                yield _row(rung, status=FAILED, reason="not finite: the step is too large")
-        return
-    start_s = start_up(method, rungs[0].case)
-    with serving(method) as session:
+    """Rows of one scene by one method, all by one process."""
+    with ExitStack() as stack:
+        if method in PROCESS:
+            start_s, run = start_up(PROCESS[method], case_of(rungs[0].scene)), _in_repo
+        else:
+            start_s, session = start_up(method, rungs[0].case), stack.enter_context(serving(method))
+            run = lambda rung: serve(session, rung.case)  # noqa: E731 - the other way to run a rung
         for rung in rungs:
             try:
-                yield _measured(rung, timed_in(session, rung.case, rung.expected_s), start_s, truths)
+                if method in PROCESS:
+                    run(rung)  # a first call may compile
+                runs = [run(rung) for _ in range(REPEATS if rung.expected_s < SHORT_S else 1)]
+                best = Served(runs[-1].trace, min(each.loop_s for each in runs), min(each.case_s for each in runs))
+                yield _measured(rung, best, start_s, truths)
             except RunError as error:
                 yield _row(rung, status=error.status, reason=str(error))
 
 
-def _integrator(rung: Rung) -> Callable[[], Motion]:
-    chain, scene = arrays_of(rung.case.chain), rung.case.scene
+def _in_repo(rung: Rung) -> Served:
+    """A run by an integrator of this repository.
+
+    Raises:
+        RunError: it blew up.
+    """
+    case, chain, scene = rung.case, arrays_of(rung.case.chain), rung.case.scene
+    began = time.perf_counter()
     if rung.method == ADAPTIVE:
-        return lambda: integrate_adaptive(chain, rung.case.sample_times_s, rung.share)
-    integrate = FIXED_STEP[rung.method]
-    return lambda: integrate(chain, scene.time_step_s, scene.steps_per_sample, scene.samples)
+        motion = integrate_adaptive(chain, case.sample_times_s, rung.share)
+    else:
+        motion = FIXED_STEP[rung.method](chain, scene.time_step_s, scene.steps_per_sample, scene.samples)
+    loop_s = time.perf_counter() - began
+    if not np.isfinite(motion.force_N).all():
+        raise RunError("not finite: the step is too large")
+    return Served(trace_of(case, case.sample_times_s, motion), loop_s, loop_s)
 
 
 def _row(rung: Rung, **measured: Any) -> Row:
@@ -144,26 +151,6 @@ def errors_by_group(case: Case, trace: Trace, truth: Truth) -> dict[str, float]:
     for group, names in groups.items():
         errors[group] = max((abs(found.get(name, inf) / truth.true[name] - 1) for name in names), default=nan)
     return errors
-
-
-def timed(action: Callable[[], Motion], expected_s: float) -> tuple[Motion, float]:
-    """What an action gives, and its shortest time; a first call may compile and does not count."""
-    best, result = inf, action()
-    for _ in range(REPEATS if expected_s < SHORT_S else 1):
-        began = time.perf_counter()
-        result = action()
-        best = min(best, time.perf_counter() - began)
-    return result, best
-
-
-def timed_in(session: Session, case: Case, expected_s: float) -> Served:
-    """A case in a session, with the shortest times of its repeats.
-
-    Raises:
-        RunError: it failed.
-    """
-    runs = [serve(session, case) for _ in range(REPEATS if expected_s < SHORT_S else 1)]
-    return Served(runs[-1].trace, min(run.loop_s for run in runs), min(run.case_s for run in runs))
 
 
 def start_up(name: str, case: Case) -> float:

@@ -4,7 +4,7 @@ from typing import Any
 
 import pandas as pd
 
-from validation.studies import Measured, Options, Study, Tables
+from validation.studies import Options, Study, Tables
 from validation.study_tables import frame_of
 from validation.trade.advice import QUANTITIES, TARGETS, Advice, Order, advice, cheapest, orders
 from validation.trade.climb import Row, climb
@@ -16,11 +16,11 @@ from validation.trade.work_precision import figures
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 
 
-def measure(options: Options) -> Measured:
+def measure(options: Options) -> dict[str, Any]:
     """The ladder within a budget of engine time, the levers, and what follows from the ladder."""
     rows = climb(options.budget_s or BUDGET_S)
     table = frame_of(Row, rows)
-    return Measured({TABLE: rows, LEVERS: pull_all(), ADVICE: list(advice(table)), ORDERS: list(orders(table))})
+    return {TABLE: rows, LEVERS: pull_all(), ADVICE: advice(table), ORDERS: orders(table)}
 
 
 def section(tables: Tables) -> dict[str, Any]:

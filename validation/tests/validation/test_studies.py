@@ -2,7 +2,9 @@
 
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +12,20 @@ import pytest
 
 import drivers.engines
 from drivers.base import paths
+from drivers.chain.case import Case
 from drivers.engines import installed_codes, load_engine
+from drivers.run.many import run_all_done
+from postproc.paper.simulate import Simulation, run_codes
 from validation.__main__ import STUDIES as IN_COMMAND_LINE
+from validation.elements import between, elements_study, oscilloscope, rule_checks, switch_effects
+from validation.elements.elements_sentences import BETWEEN, EFFECTS, missed
+from validation.elements.switches import read_elements
 from validation.stability.extremes import Extreme, run_extreme
 from validation.stability.measured_limits import measure_limits
 from validation.stability.stability_sentences import EXTREMES, LIMITS
 from validation.stability.stability_study import STUDY as STABILITY
 from validation.stability.subjects import SHIPPED, Subject, sweeps
-from validation.studies import STUDIES, Measured, load_study, read_section, write_study
+from validation.studies import STUDIES, Options, load_study, read_section, write_study
 from validation.study_tables import frame_of
 from validation.tests.helpers.scenes import case_of
 from validation.trade.advice import advice, orders
@@ -75,7 +83,7 @@ def test_trade_takes_any_number_of_codes(count: int, install: Installer, levers:
     found = frame_of(Row, rows)
     assert {*names, "verlet", "order 4", "adaptive"} == set(found["method"])
     derived: dict[str, list[Any]] = {ADVICE: list(advice(found)), ORDERS: list(orders(found))}
-    write_study(TRADE, Measured({TABLE: rows, LEVERS: levers, **derived}), tmp_path / "results")
+    write_study(TRADE, {TABLE: rows, LEVERS: levers, **derived}, tmp_path / "results")
     section = read_section("trade", tmp_path / "results")
     assert {cell[0] for line in section["table"] for cell in line["cells"] if cell} <= set(names or found["method"])
     for name in names:
@@ -89,9 +97,57 @@ def test_stability_takes_any_number_of_codes(count: int, install: Installer, tmp
     subjects = [Subject(SHIPPED, "fig5", case_of("fig5")), *{each.group: each for each in sweeps()}.values()]
     edge = run_extreme(Extreme(name="as it is", scene="fig5"), tmp_path / "runs")
     assert [each.engine for each in edge] == ["reference", "verlet", *sorted(names)]
-    write_study(STABILITY, Measured({LIMITS: measure_limits(subjects), EXTREMES: edge}), tmp_path / "results")
+    write_study(STABILITY, {LIMITS: measure_limits(subjects), EXTREMES: edge}, tmp_path / "results")
     section = read_section("stability", tmp_path / "results")
     assert section["methods"] == ["verlet", *sorted(names)]
     assert len(section["limits"][0]["measured"]) == 1 + len(names)
     for name in names:
         assert f"predicted, {name}" in (tmp_path / "results" / "stability-limits.svg").read_text()
+
+
+@pytest.fixture
+def on_verlet(monkeypatch: pytest.MonkeyPatch, shared_runs: Path) -> None:
+    """Runs of elements on codes are Verlet's, each made once: what counts here is who is asked."""
+
+    def run_all(cases: Mapping[str, Sequence[Case]], _: Path) -> dict[str, list[Simulation]]:
+        done = {name: run_codes({"verlet": own}, shared_runs)["verlet"] for name, own in cases.items()}
+        return {name: [replace(run, engine=name) for run in own] for name, own in done.items()}
+
+    for module in (between, oscilloscope, switch_effects):
+        monkeypatch.setattr(module, "run_codes", run_all)
+    monkeypatch.setattr(
+        rule_checks, "run_all_done", lambda jobs, _: run_all_done([(case, "verlet") for case, _ in jobs], shared_runs)
+    )
+    monkeypatch.setattr(
+        switch_effects, "run_case", lambda case, *_, rerun: run_all_done([(case, "verlet")], shared_runs)[0]
+    )
+    monkeypatch.setattr(rule_checks, "ASKED", rule_checks.ASKED[:1])
+    monkeypatch.setattr(oscilloscope, "RANGES", {"restitution": ("tube", ("contact.restitution={0}",), (0.9,))})
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+@pytest.mark.usefixtures("on_verlet")
+def test_elements_takes_any_number_of_codes(
+    count: int, install: Installer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = sorted(install(count))
+    asked = read_elements()
+    chosen = ("gravity", "scatter of masses", *(() if names else ("tube as a mesh",)))  # which Verlet does not take
+    few = tuple(element for element in asked.element if element.name in chosen)
+    fewer = asked.model_copy(update={"element": few, "quick_seeds": 2})
+    monkeypatch.setattr(elements_study, "read_elements", lambda: fewer)
+    results = tmp_path / "results"
+    tables = write_study(elements_study.STUDY, elements_study.measure(Options(quick=True, runs=tmp_path)), results)
+    assert set(tables[EFFECTS]["element"]) == {"gravity", "scatter of masses"}
+    assert list(tables[EFFECTS]["engine"].unique()) == (names or ["verlet"])
+    pairs = [f"{one} {other}" for one, other in combinations(names, 2)]
+    assert list(tables[BETWEEN]["codes"].unique()) == (pairs or [" ".join(names)])
+    assert missed(tables) == []
+    section = read_section("elements", results)
+    assert section["short"]
+    said = " ".join(section["sentences"])
+    assert ("not compared: fewer than two codes are installed" in said) == (count < 2)
+    assert all(f"fig4 without friction, {pair}, 2 seeds" in said for pair in pairs)
+    assert [title for title, _ in section["figures"]][1].startswith("fig4: what the gauges show")
+    assert all(f">{name}<" in (results / "elements.svg").read_text() for name in names)
+    assert sorted(path.suffix for path in results.glob("oscilloscope-fig4.*")) == [".csv", ".png", ".svg"]

@@ -26,7 +26,7 @@ from validation.stability.random_scenes import random_case
 from validation.stability.stability_sentences import EXTREMES, LIMITS, missed
 from validation.stability.stability_study import STUDY
 from validation.stability.subjects import PAPER, RANDOM, SHIPPED, Subject, at_random, bouncing, sweeps
-from validation.studies import Measured, read_section, write_study
+from validation.studies import read_section, write_study
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -206,7 +206,7 @@ def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) ->
         LIMITS: measure_limits(chosen, names=()),
         EXTREMES: run_extreme(edge, shared_runs),
     }
-    tables = write_study(STUDY, Measured(rows), tmp_path)
+    tables = write_study(STUDY, rows, tmp_path)
     assert missed(tables) == []
     written = ["stability-extremes.csv", "stability-limits.png", "stability-limits.svg", "stability.csv"]
     assert sorted(path.name for path in tmp_path.iterdir()) == written

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.limits.criteria import rayleigh_time
-from validation.studies import Measured, read_section, write_study
+from validation.studies import read_section, write_study
 from validation.study_tables import frame_of
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
@@ -98,9 +98,7 @@ def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     assert np.ptp(same["force"].to_numpy()) < 1e-9
 
     levers = [*sampling(), *extrapolation(), *rayleigh(), *softened()]
-    write_study(
-        STUDY, Measured({TABLE: rows, LEVERS: levers, ADVICE: [*advice(found)], ORDERS: [*orders(found)]}), tmp_path
-    )
+    write_study(STUDY, {TABLE: rows, LEVERS: levers, ADVICE: [*advice(found)], ORDERS: [*orders(found)]}, tmp_path)
     section = read_section("trade", tmp_path)
     assert any(
         sentence.startswith("The force trace by liggghts converges with order 2.") for sentence in section["sentences"]
