@@ -3,8 +3,7 @@
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
 from math import isnan, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,37 +17,9 @@ if TYPE_CHECKING:
     from drivers.run.finished import EndedRun
     from postproc.draw.product import Product
 
+Action = Callable[[argparse.Namespace], Iterable[Path]]  # does what a command says, and names the files it has written
+Options = dict[str, dict[str, Any]]  # of a command, with what argparse needs to know of them
 SHEET_IN = 6.4
-
-
-def _number(kind: Callable[[str], float], least: float, most: float, words: str) -> Callable[[str], float]:
-    """A reader of an option's number: above or at ``least``, below or at ``most``, which the words say."""
-
-    def read(text: str) -> float:
-        try:
-            value = kind(text)
-        except ValueError:
-            value = nan
-        if not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"found {text}; allowed: {words}")
-        return value
-
-    return read
-
-
-@dataclass(frozen=True)
-class Command:
-    """One word of the command line.
-
-    Attributes:
-        words: what it does.
-        action: does it, and returns an exit code.
-        options: flags, with what ``argparse`` needs to know of them.
-    """
-
-    words: str
-    action: Callable[[argparse.Namespace], int]
-    options: dict[str, dict[str, Any]]
 
 
 def main() -> int:
@@ -57,31 +28,27 @@ def main() -> int:
         prog="python -m postproc", description="Figures, scenes drawn to scale, numbers from finished runs."
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    drawn = {name: Command(words, _figures, RUNS) for name, words in figures().items()}
-    for name, command in (COMMANDS | drawn).items():
-        added = commands.add_parser(name, help=command.words)
-        for option, look in command.options.items():
-            added.add_argument(option, **look)
-        added.set_defaults(action=command.action, command=name)
+    drawn = {name: (words, _figures, RUNS) for name, words in figures().items()}
+    for name, (words, action, options) in (COMMANDS | drawn).items():
+        command = commands.add_parser(name, help=words)
+        for option, look in options.items():
+            command.add_argument(option, **look)
+        command.set_defaults(action=action, command=name)
     arguments = parser.parse_args()
-    must_be_folder("--out", getattr(arguments, "out", None))
-    must_be_folder("--runs", getattr(arguments, "runs", None))
-    return int(arguments.action(arguments))
-
-
-def _write(arguments: argparse.Namespace, product: "Product", name: str, results: Path = paths.RESULTS) -> int:
-    from postproc.draw.product import write_product
-
-    return _print_paths(write_product(product, name, arguments.out or results))
-
-
-def _print_paths(written: Iterable[Path]) -> int:
-    for path in written:
+    for option in ("out", "runs"):
+        must_be_folder(f"--{option}", getattr(arguments, option, None))
+    for path in arguments.action(arguments):
         print(paths.shown(path), flush=True)
     return 0
 
 
-def _observables(arguments: argparse.Namespace) -> int:
+def _write(arguments: argparse.Namespace, product: "Product", name: str, results: Path = paths.RESULTS) -> list[Path]:
+    from postproc.draw.product import write_product
+
+    return write_product(product, name, arguments.out or results)
+
+
+def _observables(arguments: argparse.Namespace) -> Iterable[Path]:
     from drivers.run.finished import open_run
     from postproc.read.observables import LEVELS, observe
 
@@ -89,14 +56,14 @@ def _observables(arguments: argparse.Namespace) -> int:
     values = observe(run.layout, run.trace, tuple(arguments.level or LEVELS))
     if arguments.json:
         print(json.dumps({name: None if isnan(value) else value for name, value in values.items()}, indent=2))
-        return 0
+        return ()
     width = max(map(len, values))
     for name, value in values.items():
         print(f"{name:<{width}}  {'not seen' if isnan(value) else format(value, '.6g')}")
-    return 0
+    return ()
 
 
-def _draw(arguments: argparse.Namespace) -> int:
+def _draw(arguments: argparse.Namespace) -> Iterable[Path]:
     from postproc.draw.product import Product
     from postproc.draw.scene_drawing import draw_scene
     from validation.accuracy.plan import planned_case
@@ -105,7 +72,7 @@ def _draw(arguments: argparse.Namespace) -> int:
     return _write(arguments, Product(*draw_scene(case.scene, case.chain)), f"scene-{case.scene.name}")
 
 
-def _study(arguments: argparse.Namespace) -> int:
+def _study(arguments: argparse.Namespace) -> Iterable[Path]:
     import pandas as pd
 
     from drivers.batch.study import read_study
@@ -120,7 +87,7 @@ def _study(arguments: argparse.Namespace) -> int:
     return _write(arguments, product, f"{study.name}-figure", results)
 
 
-def _figures(arguments: argparse.Namespace) -> int:
+def _figures(arguments: argparse.Namespace) -> Iterator[Path]:
     """Makes one figure, or all: one that cannot be made leaves the others."""
     from drivers.engines import missing_codes
 
@@ -131,36 +98,37 @@ def _figures(arguments: argparse.Namespace) -> int:
         except (RunError, InputError) as error:
             print(f"{name}: {error}", file=sys.stderr)
             code = max(code, 2 if isinstance(error, InputError) else 1)
-            continue
-        _write(arguments, product, name)
+        else:
+            yield from _write(arguments, product, name)
     if missing_codes():
         print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
-    return code
+    if code:
+        sys.exit(code)
 
 
-def _vtk(arguments: argparse.Namespace) -> int:
+def _vtk(arguments: argparse.Namespace) -> Iterable[Path]:
     from drivers.run.finished import open_run
     from postproc.draw import vtk
 
     run = open_run(arguments.run)
     folder = (arguments.out or paths.RESULTS) / _name_of(run, "vtk")
     must_be_folder("--out", folder)
-    return _print_paths(vtk.write_series(run, folder, arguments.frames or vtk.FRAMES))
+    return vtk.write_series(run, folder, arguments.frames or vtk.FRAMES)
 
 
-def _film(arguments: argparse.Namespace) -> int:
+def _film(arguments: argparse.Namespace) -> Iterator[Path]:
     from drivers.run.finished import open_run
     from postproc.draw import film
 
-    run, out = open_run(arguments.run), arguments.out or paths.RESULTS
+    run = open_run(arguments.run)
     name, title = _name_of(run, "film"), _title_of(run)
     still = film.film_of(run, arguments.frames or film.FRAMES, arguments.sideways)
-    _write(arguments, film.sheet(still, title), name)
+    yield from _write(arguments, film.sheet(still, title), name)
     moving = film.film_of(run, film.ANIMATED, arguments.sideways)
-    return _print_paths([film.write_animation(moving, title, out / f"{name}.gif")])
+    yield film.write_animation(moving, title, (arguments.out or paths.RESULTS) / f"{name}.gif")
 
 
-def _spacetime(arguments: argparse.Namespace) -> int:
+def _spacetime(arguments: argparse.Namespace) -> Iterable[Path]:
     from drivers.run.finished import open_run
     from postproc.draw.product import spacetime_product
 
@@ -177,36 +145,60 @@ def _title_of(run: "EndedRun") -> str:
     return f"{run.record.scene.get('title') or run.record.scene_name} ({run.record.engine})"
 
 
-Options = dict[str, dict[str, Any]]
-OUT: Options = {"--out": {"type": Path, "metavar": "DIR", "help": "folder to write to (default: results/)"}}
+def _number(kind: Callable[[str], float], allowed: Callable[[float], bool], words: str) -> Callable[[str], float]:
+    """A reader of an option's number."""
+
+    def read(text: str) -> float:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = nan
+        if not allowed(value):
+            raise argparse.ArgumentTypeError(f"found {text}; allowed: {words}")
+        return value
+
+    return read
+
+
+FOLDER = {"type": Path, "metavar": "DIR"}
+OUT: Options = {"--out": {**FOLDER, "help": "folder to write to (default: results/)"}}
+RUNS: Options = {"--runs": {**FOLDER, "help": "where run folders are (default: runs/)"}, **OUT}
 RUN: Options = {"run": {"type": Path, "metavar": "RUN", "help": "a run folder"}}
-RUNS: Options = {"--runs": {"type": Path, "metavar": "DIR", "help": "where run folders are (default: runs/)"}} | OUT
-SCENE: dict[str, Any] = {"metavar": "SCENE", "help": "a scene file, or the name of one in inputs/scenes"}
-STUDY: dict[str, Any] = {"metavar": "STUDY", "help": "a study file, or the name of one in inputs/studies"}
-SETTINGS = {"action": "append", "default": [], "metavar": "KEY=VALUE", "dest": "settings"}
-RESULTS = {"type": Path, "metavar": "DIR", "help": "where its table is (default: results/)"}
-COUNT = {"type": _number(int, 2, 10_000, "whole numbers from 2 to 10000"), "metavar": "N"}
-FACTOR = {"type": _number(float, 1e-300, 1e6, "a factor above 0, up to 1e6"), "metavar": "X", "default": 1.0}
-SHARE = {"type": _number(float, 1e-300, 1 - 1e-16, "a share of the peak, above 0 and below 1"), "metavar": "X"}
-COMMANDS = {
-    "observables": Command("peaks, speeds, widths, reflections, energies of a run", _observables, RUN | {
-        "--level": {**SHARE, "action": "append",
-                    "help": "cut widths at this share of the peak; repeatable (default: 0.002 and 0.04)"},
-        "--json": {"action": "store_true", "help": "print JSON"},
-    }),
-    "draw": Command("a scene drawn to scale", _draw, {"scene": SCENE, "--set": SETTINGS} | OUT),
-    "study": Command("the figure of a study that has been run: curves, or a tornado chart", _study,
-                     {"study": STUDY, "--results": RESULTS} | OUT),
-    "vtk": Command("a run as a ParaView series; it has to keep positions (run.record)", _vtk, RUN | {
-        "--frames": {**COUNT, "help": "spread over the run (default: 100 frames)"},
-    } | OUT),
-    "film": Command("the chain of a run at some times: a contact sheet and an animation", _film, RUN | {
-        "--frames": {**COUNT, "help": "spread over the run (default: a sheet of 12)"},
-        "--sideways": {**FACTOR, "help": "exaggerate sideways displacements X times"},
-    } | OUT),
-    "spacetime": Command("the contact forces of a run over the whole chain against time", _spacetime, RUN | OUT),
-    "figures": Command("all figures and the table", _figures, RUNS),
+SCENE: Options = {
+    "scene": {"metavar": "SCENE", "help": "a scene file, or the name of one in inputs/scenes"},
+    "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "dest": "settings"},
+}
+STUDY: Options = {
+    "study": {"metavar": "STUDY", "help": "a study file, or the name of one in inputs/studies"},
+    "--results": {**FOLDER, "help": "where its table is (default: results/)"},
+}
+FRAMES: Options = {
+    "--frames": {"metavar": "N", "help": "spread over the run (default: 100, and 12 on a sheet)",
+                 "type": _number(int, lambda count: 2 <= count <= 10_000, "whole numbers from 2 to 10000")},
 }  # fmt: skip
+SIDEWAYS: Options = {
+    "--sideways": {"metavar": "X", "default": 1.0, "help": "exaggerate sideways displacements X times",
+                   "type": _number(float, lambda factor: 0 < factor <= 1e6, "a factor above 0, up to 1e6")},
+}  # fmt: skip
+SHOWN: Options = {
+    "--level": {"metavar": "X", "action": "append",
+                "help": "cut widths at this share of the peak; repeatable (default: 0.002 and 0.04)",
+                "type": _number(float, lambda share: 0 < share < 1, "a share of the peak, above 0 and below 1")},
+    "--json": {"action": "store_true", "help": "print JSON"},
+}  # fmt: skip
+COMMANDS: dict[str, tuple[str, Action, Options]] = {
+    "observables": ("peaks, speeds, widths, reflections, energies of a run", _observables, RUN | SHOWN),
+    "draw": ("a scene drawn to scale", _draw, SCENE | OUT),
+    "study": ("the figure of a study that has been run: curves, or a tornado chart", _study, STUDY | OUT),
+    "vtk": ("a run as a ParaView series; it has to keep positions (run.record)", _vtk, RUN | FRAMES | OUT),
+    "film": (
+        "the chain of a run at some times: a contact sheet and an animation",
+        _film,
+        RUN | FRAMES | SIDEWAYS | OUT,
+    ),
+    "spacetime": ("the contact forces of a run over the whole chain against time", _spacetime, RUN | OUT),
+    "figures": ("all figures and the table", _figures, RUNS),
+}
 
 if __name__ == "__main__":
     run_main(main)

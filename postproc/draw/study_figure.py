@@ -8,9 +8,11 @@ import pandas as pd
 from drivers.base.errors import InputError
 from postproc.draw.product import Product
 from postproc.draw.style import COLUMN_IN, FAINT, line_of, marker_of, pyplot
+from postproc.read.residual import REFERENCE
 
 LESS, MORE = "#56b4e9", "#d55e00"  # a tornado's bars
 MARKERS = "osD^vPX*"
+SHAPES = {"s": "squares", "x": "crosses", "^": "triangles", "v": "triangles", "D": "diamonds", "+": "plus signs"}
 
 
 def swept_columns(table: pd.DataFrame) -> list[str]:
@@ -38,34 +40,26 @@ def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], wh
         InputError: the table lacks one of the observables.
     """
     _must_have(table, observables, where)
-    swept = swept_columns(table)
-    if not swept or not (table["status"] == "done").any():
+    swept, done = swept_columns(table), table[table["status"] == "done"]
+    if not swept or done.empty:
         raise InputError(where, "", "nothing swept, or nothing done", "a finished batch of a study with axes")
     numeric = [name for name in swept if pd.api.types.is_numeric_dtype(table[name])]
-    counts = {name: table[name].nunique() for name in numeric or swept}
-    across = max(counts, key=lambda name: counts[name])
-    others = [name for name in swept if name != across and table.groupby(across)[name].nunique().max() > 1]
-    plt = pyplot()
-    size = (2 * COLUMN_IN, 2.5 * ((len(observables) + 1) // 2))
-    figure, axes = plt.subplots((len(observables) + 1) // 2, 2, figsize=size, squeeze=False, layout="constrained")
-    done = table[table["status"] == "done"]
-    groups = list(done.groupby(others, dropna=False, sort=False)) if others else [((), done)]
-    for axis, name in zip(axes.flat, observables, strict=False):
-        if across == "seed":
+    across = max(numeric or swept, key=lambda name: table[name].nunique())
+    figure, axes = _panels(observables, 2, 2.5)
+    if across == "seed":
+        for name, axis in axes.items():
             _draw_spread(axis, done, name)
-            continue
-        for place, (values, part) in enumerate(groups):
-            for engine, rows in part.groupby("engine", sort=False):
-                ordered = rows.sort_values(across) if across in numeric else rows
-                _draw_curve(axis, ordered, across, name, str(engine), place, _label(others, values))
-        axis.set(xlabel=across, ylabel=name)
-        if across in numeric and _spans_decades(done[across]):
-            axis.set_xscale("log")
-    for axis in axes.flat[len(observables) :]:
-        axis.set_visible(False)
-    if others and across != "seed":
-        axes.flat[0].legend(fontsize=6, loc="best")
-    figure.suptitle(title if across == "seed" else _subtitle(title, done), fontsize=8)
+        figure.suptitle(title, fontsize=8)
+    else:
+        others = [name for name in swept if name != across and table.groupby(across)[name].nunique().max() > 1]
+        for name, axis in axes.items():
+            _draw_curves(axis, done, across, name, others)
+            axis.set(xlabel=across, ylabel=name)
+            if across in numeric and _spans_decades(done[across]):
+                axis.set_xscale("log")
+        if others:
+            axes[observables[0]].legend(fontsize=6, loc="best")
+        figure.suptitle(_subtitle(title, done), fontsize=8)
     return Product(figure, done[["case", *swept, "engine", *observables]])
 
 
@@ -85,31 +79,32 @@ def draw_tornado(table: pd.DataFrame, title: str, observables: tuple[str, ...], 
     changes = sensitivities(table, where)
     if changes.empty:
         raise InputError(where, "axis", "no number that was varied", "a finished batch with numbers varied one by one")
-    plt = pyplot()
-    columns = min(2, len(observables))
-    lines = -(-len(observables) // columns)
-    inputs = changes["input"].nunique()
-    figure, axes = plt.subplots(
-        lines, columns, figsize=(2 * COLUMN_IN, lines * (0.7 + 0.17 * inputs)), squeeze=False, layout="constrained"
-    )
-    for axis, name in zip(axes.flat, observables, strict=False):
+    figure, axes = _panels(observables, min(2, len(observables)), 0.7 + 0.17 * changes["input"].nunique())
+    for name, axis in axes.items():
         rows = changes[changes["observable"] == name]
-        widest = rows.groupby("input")["observable_change_share"].agg(lambda values: np.abs(values).max()).sort_values()
-        for height, given in enumerate(widest.index):
-            for _, row in rows[rows["input"] == given].iterrows():
-                colour = MORE if row["input_change_share"] > 0 else LESS
-                axis.barh(height, 100 * row["observable_change_share"], color=colour, height=0.7)
-        axis.set_yticks(range(len(widest)), list(widest.index), fontsize=7)
+        inputs = list(rows["observable_change_share"].abs().groupby(rows["input"]).max().sort_values().index)
+        colours = np.where(rows["input_change_share"] > 0, MORE, LESS)
+        places = [inputs.index(given) for given in rows["input"]]
+        axis.barh(places, 100 * rows["observable_change_share"], color=colours, height=0.7)
+        axis.set_yticks(range(len(inputs)), inputs, fontsize=7)
         axis.axvline(0, color=FAINT, lw=0.7)
         axis.set(title=name, xlabel="change, %")
         axis.grid(axis="y", visible=False)
-    for axis in axes.flat[len(observables) :]:
-        axis.set_visible(False)
     shares = sorted({round(100 * share, 6) for share in changes["input_change_share"]})
-    bars = [plt.Rectangle((0, 0), 1, 1, color=LESS if share < 0 else MORE) for share in shares]
-    axes.flat[0].legend(bars, [f"input {share:+g} %" for share in shares], fontsize=6, loc="lower right")
+    bars = [pyplot().Rectangle((0, 0), 1, 1, color=LESS if share < 0 else MORE) for share in shares]
+    axes[observables[0]].legend(bars, [f"input {share:+g} %" for share in shares], fontsize=6, loc="lower right")
     figure.suptitle(title, fontsize=8)
     return Product(figure, changes)
+
+
+def _panels(names: tuple[str, ...], columns: int, height_in: float) -> tuple[Any, dict[str, Any]]:
+    """A figure of panels of that height, and its axes by name."""
+    rows = -(-len(names) // columns)
+    size = (2 * COLUMN_IN, rows * height_in)
+    figure, axes = pyplot().subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+    for axis in axes.flat[len(names) :]:
+        axis.set_visible(False)
+    return figure, dict(zip(names, axes.flat, strict=False))
 
 
 def sensitivities(table: pd.DataFrame, where: str) -> pd.DataFrame:
@@ -123,7 +118,7 @@ def sensitivities(table: pd.DataFrame, where: str) -> pd.DataFrame:
     if rows.empty or rows["case"].iloc[0] != 1:
         raise InputError(where, "", f"no base case done on {engine}", "a finished batch")
     base = rows.iloc[0]
-    found: list[dict[str, Any]] = []
+    found = []
     for _, row in rows.iloc[1:].iterrows():
         for given in swept_columns(table):
             if row[given] == base[given] or not isinstance(row[given], float | int) or not base[given]:
@@ -133,37 +128,32 @@ def sensitivities(table: pd.DataFrame, where: str) -> pd.DataFrame:
                 if not base[name] or not np.isfinite(row[name]) or not np.isfinite(base[name]):
                     continue
                 share = row[name] / base[name] - 1
-                found.append(
-                    {
-                        "observable": name,
-                        "input": given,
-                        "input_change_share": change,
-                        "observable_change_share": share,
-                        "elasticity": share / change,
-                    }
-                )
-    return pd.DataFrame(found)
+                found.append((name, given, change, share, share / change))
+    columns = ["observable", "input", "input_change_share", "observable_change_share", "elasticity"]
+    return pd.DataFrame(found, columns=columns)
 
 
 def _must_have(table: pd.DataFrame, observables: tuple[str, ...], where: str) -> None:
     known = observable_columns(table)
     for name in observables:
         if name not in known:
-            raise InputError(
-                where, "figure", f'"{name}"', f"observables of the table: {', '.join(known) or 'none yet'}"
-            )
+            allowed = f"observables of the table: {', '.join(known) or 'none yet'}"
+            raise InputError(where, "figure", f'"{name}"', allowed)
     if not observables:
         raise InputError(where, "figure", "nothing", "the observables to draw")
 
 
-def _draw_curve(axis: Any, rows: pd.DataFrame, across: str, name: str, engine: str, place: int, label: str) -> None:
-    reference = engine == "reference"
-    if reference:
-        axis.plot(rows[across], rows[name], color=f"C{place}", lw=1.0, marker=MARKERS[place % len(MARKERS)], ms=3)
-        axis.lines[-1].set_label(label)
-    else:
-        style = marker_of(engine) | {"color": line_of(engine).colour}
-        axis.plot(rows[across], rows[name], ls="none", **style)
+def _draw_curves(axis: Any, done: pd.DataFrame, across: str, name: str, others: list[str]) -> None:
+    """An observable over the swept column: lines of the reference, a colour a set of the others; the codes' markers."""
+    groups = done.groupby(others, dropna=False, sort=False) if others else [((), done)]
+    for place, (values, part) in enumerate(groups):
+        for engine, own in part.groupby("engine", sort=False):
+            rows = own.sort_values(across) if pd.api.types.is_numeric_dtype(own[across]) else own
+            look = marker_of(str(engine)) | {"ls": "none"}
+            if engine == REFERENCE:
+                look = {"color": f"C{place}", "lw": 1.0, "marker": MARKERS[place % len(MARKERS)], "ms": 3}
+                look["label"] = _label(others, values)
+            axis.plot(rows[across], rows[name], **look)
 
 
 def _draw_spread(axis: Any, rows: pd.DataFrame, name: str) -> None:
@@ -187,5 +177,6 @@ def _spans_decades(values: pd.Series) -> bool:
 
 
 def _subtitle(title: str, table: pd.DataFrame) -> str:
-    codes = [engine for engine in table["engine"].unique() if engine != "reference"]
-    return f"{title}\nlines: reference; {', '.join(codes)}: squares, crosses" if codes else title
+    codes = [str(engine) for engine in table["engine"].unique() if engine != REFERENCE]
+    marks = [f"{code}: {SHAPES.get(line_of(code).marker, 'markers')}" for code in codes]
+    return f"{title}\nlines: {REFERENCE}; {', '.join(marks)}" if codes else title
