@@ -1,5 +1,6 @@
 """Judges every claim of ``inputs/paper/claims.toml`` and writes ``results/claims.csv``."""
 
+import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.base.messages import validate
 from drivers.chain.case import Case
-from drivers.engines import installed_codes
+from drivers.engines import installed_codes, missing_codes
 from drivers.run.many import workers
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
@@ -227,3 +228,20 @@ def write_claims(judged: list[Judged], path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as draft:
         claims_table(judged).to_csv(draft, index=False)
+
+
+def claims(out: Path, runs: Path) -> int:
+    """Judges every claim, writes the table and says what differs; the exit code is 1 where a claim is at fault."""
+    judged = judge_all(runs)
+    write_claims(judged, out)
+    for each in judged:
+        if each.verdict == DIFFERS:
+            claim = each.claim
+            print(f"{claim.id}: quoted {claim.quoted:g}, computed {each.value:.4g} {claim.unit}: {claim.explained}")
+    print(f"{paths.shown(out)}: {counted(judged)}")
+    if missing_codes():
+        print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
+    faults = [each for each in judged if each.fault]
+    for each in faults:
+        print(f"{each.claim.id}: {each.fault}", file=sys.stderr)
+    return 1 if faults else 0

@@ -1,5 +1,6 @@
-"""Runs a scene on all engines and gathers what the comparison and the report need."""
+"""Scenes run on all engines and compared: what the comparison and the report need, and how a terminal shows it."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,9 +12,10 @@ from drivers.limits.refusal import inability, refuse
 from drivers.run.finished import EndedRun
 from drivers.run.run import run_case
 from validation.accuracy.assess import assess
+from validation.accuracy.budget import PARTS, for_terminal
 from validation.accuracy.plan import planned_case
 from validation.compare.comparison import NOT_INSTALLED, REFUSED, compare_case
-from validation.compare.departure import Departure, departure
+from validation.compare.departure import Departure, departure, departure_rows
 from validation.compare.verdict import FAIL, Verdict
 
 
@@ -81,3 +83,44 @@ def _diagnoses(case: Case, verdicts: list[Verdict], traces: dict[str, Trace]) ->
     from validation.diagnosis.failed_verdicts import diagnoses_of
 
     return diagnoses_of(case, verdicts, traces)
+
+
+def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path, *, unsafe: bool) -> int:
+    """Prints verdicts, departures, diagnoses and error budgets of scenes; 1 if a verdict is a failure.
+
+    Raises:
+        InputError: a scene is wrong, or cannot end well and is not to be run all the same.
+    """
+    failed = False
+    for source in sources:
+        compared = run_and_compare(source, settings, runs, unsafe=unsafe)
+        for line in (*_table(compared.verdicts), "", *_explanations(compared), "", *_budgets(compared)):
+            print(line)
+        failed |= any(verdict.verdict == FAIL for verdict in compared.verdicts)
+    return 1 if failed else 0
+
+
+def _table(verdicts: list[Verdict]) -> Iterator[str]:
+    yield f"{'scene':<12} {'engine':<10} {'quantity':<24} {'error':>9} {'allowed':>9}  verdict"
+    for v in verdicts:
+        numbers = f"{v.value:9.2e} {v.limit:9.2e}" if v.quantity != "run" else " " * 19
+        yield f"{v.scene:<12} {v.engine:<10} {v.quantity:<24} {numbers}  {v.verdict}: {v.where}"
+
+
+def _explanations(compared: ComparedScene) -> Iterator[str]:
+    """When each run first leaves the exact motion and why, and what a failed one matches."""
+    name = compared.case.scene.name
+    for row in departure_rows(compared.departures):
+        yield f"{name:<12} {row.engine:<10} {row.words}"
+    for engine, sentence in compared.diagnoses.items():
+        yield f"{name:<12} {engine:<10} diagnosis: {sentence}"
+
+
+def _budgets(compared: ComparedScene) -> Iterator[str]:
+    """The parts of each run's errors, as signed shares; they add up to the whole."""
+    yield f"{'error budget':<23} {'quantity':<24} " + " ".join(f"{part:>10}" for part in PARTS)
+    for engine, run in compared.runs.items():
+        lines = [f"{quantity:<24} {numbers}" for quantity, numbers in for_terminal(run.record.error_budget or ())]
+        lines += [f"warning: {warning}" for warning in run.record.warnings or ()]
+        lines += [run.record.error_note] if run.record.error_note else []
+        yield from (f"{compared.case.scene.name:<12} {engine:<10} {line}" for line in lines)

@@ -6,6 +6,7 @@ A wave of speed c (beads per second) with overlaps ``phi(j - c t)`` obeys the ad
 a fixed point, found here with m = k = c = 1 by Petviashvili's iteration on a Fourier grid.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -129,3 +130,16 @@ def solve_travelling_wave() -> TravellingWave:
         energy_by_velocity=(kinetic + elastic) / peak_velocity**2,
         kinetic_share=kinetic / (kinetic + elastic),
     )
+
+
+def constants(wave: TravellingWave) -> Iterator[str]:
+    """Lines with the wave's constants for any chain."""
+    yield f"speed c         = {wave.speed_by_force:.10f} k^(1/3) m^(-1/2) F_m^(1/6)   beads per second"
+    yield f"                = {wave.speed_by_velocity:.10f} (k/m)^(2/5) v_m^(1/5)"
+    yield f"force F_m       = {wave.force_by_velocity:.10f} k^(2/5) m^(3/5) v_m^(6/5)"
+    yield f"momentum        = {wave.momentum_by_velocity:.10f} m v_m"
+    yield f"energy          = {wave.energy_by_velocity:.10f} m v_m^2, of which kinetic {wave.kinetic_share:.10f}"
+    for averaged, name in ((True, "sensor average"), (False, "contact force ")):
+        widths = ", ".join(f"{wave.width(x, averaged=averaged):.6f} at {x:g}" for x in (0.002, 0.04, 0.5))
+        yield f"width, {name}: {widths} of the peak (beads)"
+    yield f"residual of the fixed point: {wave.residual:.1e}"

@@ -16,7 +16,7 @@ from drivers.chain.case import Case
 from drivers.engines import installed_codes, load_engine
 from drivers.run.many import run_all_done
 from postproc.paper.simulate import Simulation, run_codes
-from validation.__main__ import STUDIES as IN_COMMAND_LINE
+from validation.__main__ import COMMANDS
 from validation.elements import between, elements_study, oscilloscope, rule_checks, switch_effects
 from validation.elements.elements_sentences import BETWEEN, EFFECTS, missed
 from validation.elements.switches import read_elements
@@ -69,7 +69,7 @@ def levers() -> list[Lever]:
 
 
 def test_studies_are_those_of_the_command_line_and_of_make() -> None:
-    assert set(STUDIES) == set(IN_COMMAND_LINE)
+    assert set(STUDIES) <= set(COMMANDS)
     assert [load_study(name).name for name in STUDIES] == list(STUDIES)
     measured = re.search(r"^MEASURED := (.*)$", (paths.ROOT / "Makefile").read_text(), re.MULTILINE)
     assert measured
