@@ -61,7 +61,7 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def _claims(arguments: argparse.Namespace) -> int:
-    from validation.claims.judged_claims import claims
+    from validation.claims.claims_study import claims
 
     return claims(arguments.out or paths.RESULTS / paths.CLAIMS_TABLE, arguments.runs or paths.RUNS)
 

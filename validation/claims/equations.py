@@ -156,26 +156,3 @@ def sensor_share() -> float:
 def contact_law() -> float:
     """The stiffness that decks are rendered with, over Eq. (7)'s."""
     return float(_case().chain.stiffness[1]) / _particles().stiffness
-
-
-COMPUTED = {
-    "eq1-c": speed_constant,
-    "eq1-c0": sound_speed,
-    "eq1-long-waves": convergence_order,
-    "eq2-solves-eq1": stationary_residual,
-    "eq2-length": hump_length,
-    "eq2-first-form": amplitude_power,
-    "eq2-harmonics": harmonics,
-    "eq2-wavelength-short": short_wavelength,
-    "eq2-wavelength-long": long_wavelength,
-    "eq3-strain": strain_coefficient,
-    "eq3-velocity": velocity_coefficient,
-    "eq3-force": force_coefficient,
-    "eq3-discrete": discrete_force_coefficient,
-    "eq4-coefficient": sound_coefficient,
-    "eq4-weak": weak_limit,
-    "eq4-strong": strong_limit,
-    "eq4-discrete": precompressed_discrete,
-    "eq5-share": sensor_share,
-    "eq7-law": contact_law,
-}

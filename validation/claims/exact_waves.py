@@ -69,14 +69,3 @@ def averaging_widens() -> float:
     """Width of the averaged force at 0.2 % over that of the contact force."""
     wave = solve_travelling_wave()
     return wave.width(0.002, averaged=True) / wave.width(0.002, averaged=False)
-
-
-COMPUTED = {
-    "width-five": averaged_width,
-    "energy-in-five": energy_in_five,
-    "power-three": power_three,
-    "beta-linear": beta_linear,
-    "beta-modulus": beta_spread,
-    "averaging-lowers": averaging_lowers,
-    "averaging-widens": averaging_widens,
-}

@@ -1,55 +1,37 @@
-"""Judges every claim of ``inputs/paper/claims.toml`` and writes ``results/claims.csv``."""
+"""Reads the claims of ``inputs/paper/claims.toml``, computes each and judges it.
 
-import sys
+A claim names the function that computes it, ``module.function`` in ``validation/claims``. One without parameters gives
+a number that no simulated chain enters; one of ``run`` is asked for every engine; one of ``table`` and ``force_N``
+reads a row of the solved Table 1.
+"""
+
+import inspect
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Annotated, Any, Literal
 
-import numpy as np
-import pandas as pd
 from pydantic import Field
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import whole_file
-from drivers.base.messages import validate
+from drivers.base.messages import shorten, validate
 from drivers.chain.case import Case
-from drivers.engines import installed_codes, missing_codes
+from drivers.engines import installed_codes
 from drivers.run.many import workers
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
+from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation, exact, run_codes
+from postproc.paper.solved_table1 import solve_table1
 from postproc.read.residual import REFERENCE
-from validation.claims import (
-    conservation,
-    equations,
-    exact_waves,
-    moduli,
-    sensor_beads,
-    solitary_waves,
-    striker_pulse,
-    trains,
-)
-from validation.claims import material_claims as materials
-from validation.claims import table1_claims as table1
 from validation.claims.simulated import Run
 
 REPRODUCED, DIFFERS, EXPERIMENT_ONLY = "reproduced", "differs", "experiment only"
-PLAIN: dict[str, Callable[[], float]] = {
-    **equations.COMPUTED,
-    **exact_waves.COMPUTED,
-    **materials.COMPUTED,
-    **conservation.COMPUTED,
-    **moduli.COMPUTED,
-}
-SIMULATED: dict[str, Callable[[Run], float]] = {
-    **solitary_waves.COMPUTED,
-    **sensor_beads.COMPUTED,
-    **trains.COMPUTED,
-    **striker_pulse.COMPUTED,
-}
+ROOM = "validation.claims"
 
 
 class Claim(Part):
@@ -58,6 +40,8 @@ class Claim(Part):
     id: str
     where: str
     quote: str
+    compute: str = ""
+    force_N: float | None = None
     quoted: Annotated[float, Field(allow_inf_nan=False)]
     unit: str = ""
     relation: Literal["equals", "at most", "at least"] = "equals"
@@ -81,7 +65,7 @@ class Claim(Part):
 class ClaimsFile(Part):
     """The file."""
 
-    claim: Annotated[tuple[Claim, ...], Field(strict=False)]
+    claim: Annotated[tuple[Claim, ...], Field(strict=False, min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -134,23 +118,39 @@ def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
     where = paths.shown(path)
     claims = validate(ClaimsFile, read_toml(path), where).claim
     counts = Counter(claim.id for claim in claims)
-    computable = {*PLAIN, *SIMULATED, *table1.all_ids()}
     for claim in claims:
         key = f"claim {claim.id}"
         if counts[claim.id] > 1:
             raise InputError(where, key, "the same id twice", "an id of its own for each claim")
+        function = function_of(claim)
+        if function is None and (claim.compute or not claim.experiment):
+            found = shorten(claim.compute) if claim.compute else "nothing"
+            raise InputError(where, f"{key}: compute", found, f"module.function in {ROOM}")
+        amplitudes = tuple(quoted().table1.force_N) if "table" in parameters_of(function) else (None,)
+        if claim.force_N not in amplitudes:
+            allowed = ", ".join("none" if each is None else f"{each:g}" for each in amplitudes)
+            raise InputError(where, f"{key}: force_N", str(claim.force_N), allowed)
         if claim.experiment:
             continue
-        if claim.id not in computable:
-            raise InputError(where, key, "nothing that computes it", "an id of a function in validation/claims")
         if claim.relation == "equals" and claim.within is None:
             raise InputError(where, key, "no within", "a tolerance")
         if not claim.because:
             raise InputError(where, key, "no because", "the reason of the tolerance")
-    forgotten = sorted(computable - set(counts))
-    if forgotten:
-        raise InputError(where, "claim", f"no {forgotten[0]}", "a claim for everything that is computed")
     return claims
+
+
+def function_of(claim: Claim) -> Callable[..., Any] | None:
+    """What computes a claim; None where nothing of that name does."""
+    module, _, name = claim.compute.partition(".")
+    if module not in {each.name for each in iter_modules(import_module(ROOM).__path__)}:
+        return None
+    function = getattr(import_module(f"{ROOM}.{module}"), name, None) if not name.startswith("_") else None
+    return function if inspect.isfunction(function) and function.__module__ == f"{ROOM}.{module}" else None
+
+
+def parameters_of(function: Callable[..., Any] | None) -> set[str]:
+    """Names of a function's parameters; none of no function."""
+    return set(inspect.signature(function).parameters) if function else set()
 
 
 def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
@@ -159,32 +159,34 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
     Raises:
         RunError: a run failed.
     """
-    claims = read_claims()
-    printed, how = table1.compute(runs), table1.all_ids()
-    simulated = _by_engine(runs)
+    claims, table = read_claims(), solve_table1(runs)
+    functions = {claim.id: function for claim in claims if (function := function_of(claim))}
+    simulated = _by_engine({name: each for name, each in functions.items() if "run" in parameters_of(each)}, runs)
     judged = []
     for claim in claims:
-        if claim.id in printed:
-            judged.append(Judged(claim, printed[claim.id], how[claim.id]))
-        elif claim.id in PLAIN:
-            judged.append(Judged(claim, {REFERENCE: PLAIN[claim.id]()}, _words(PLAIN[claim.id])))
-        elif claim.id in SIMULATED:
-            computed = {engine: values[claim.id] for engine, values in simulated.items()}
-            judged.append(Judged(claim, computed, _words(SIMULATED[claim.id])))
+        function = functions.get(claim.id)
+        if function is None:
+            computed = {}
+        elif "table" in parameters_of(function):
+            computed = function(table, claim.force_N)
+        elif claim.id in simulated:
+            computed = simulated[claim.id]
         else:
-            judged.append(Judged(claim, {}, ""))
+            computed = {REFERENCE: function()}
+        judged.append(Judged(claim, computed, " ".join((inspect.getdoc(function) or "").replace("``", "").split())))
     return judged
 
 
-def _by_engine(runs: Path) -> dict[str, dict[str, float]]:
-    """All claims on simulated chains by every engine, the codes side by side."""
+def _by_engine(functions: dict[str, Callable[[Run], float]], runs: Path) -> dict[str, dict[str, float]]:
+    """Each claim on simulated chains by every engine, the codes side by side."""
     engines: dict[str, Run] = {REFERENCE: exact} | {code: _runner(code, runs) for code in installed_codes()}
 
     def compute(run: Run) -> dict[str, float]:
-        return {name: function(run) for name, function in SIMULATED.items()}
+        return {name: function(run) for name, function in functions.items()}
 
     with workers(len(engines)) as pool:
-        return dict(zip(engines, pool.map(compute, engines.values()), strict=True))
+        found = dict(zip(engines, pool.map(compute, engines.values()), strict=True))
+    return {name: {engine: values[name] for engine, values in found.items()} for name in functions}
 
 
 def _runner(code: str, runs: Path) -> Run:
@@ -192,56 +194,3 @@ def _runner(code: str, runs: Path) -> Run:
         return run_codes({code: [case]}, runs)[code][0]
 
     return run
-
-
-def _words(function: Callable[..., Any]) -> str:
-    return " ".join((function.__doc__ or "").replace("``", "").split())
-
-
-def counted(judged: list[Judged]) -> str:
-    """How many claims have which verdict, in words."""
-    counts = Counter(each.verdict for each in judged)
-    plain = sum(each.claim.arithmetic for each in judged if each.verdict == REPRODUCED)
-    reproduced = f"{counts[REPRODUCED]} reproduced ({plain} of them by plain arithmetic)"
-    return f"{reproduced}, {counts[DIFFERS]} differ, {counts[EXPERIMENT_ONLY]} of the experiment only"
-
-
-def claims_table(judged: list[Judged]) -> pd.DataFrame:
-    """A row per claim."""
-    engines = list(dict.fromkeys(engine for each in judged for engine in each.computed))
-    rows = []
-    for each in judged:
-        claim = each.claim
-        rows.append({
-            "id": claim.id, "where": claim.where, "quote": claim.quote, "relation": claim.relation,
-            "quoted": claim.quoted, "number_is": "ours" if claim.ours else "the paper's", "unit": claim.unit,
-            "kind": "arithmetic" if claim.arithmetic else "computed",
-            "within": claim.within, "because": claim.because,
-            **{engine: each.computed.get(engine, np.nan) for engine in engines},
-            "difference": each.off, "verdict": each.verdict, "why": claim.explained or claim.note, "how": each.how,
-        })  # fmt: skip
-    return pd.DataFrame(rows)
-
-
-def write_claims(judged: list[Judged], path: Path) -> None:
-    """Writes the table, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as draft:
-        claims_table(judged).to_csv(draft, index=False)
-
-
-def claims(out: Path, runs: Path) -> int:
-    """Judges every claim, writes the table and says what differs; the exit code is 1 where a claim is at fault."""
-    judged = judge_all(runs)
-    write_claims(judged, out)
-    for each in judged:
-        if each.verdict == DIFFERS:
-            claim = each.claim
-            print(f"{claim.id}: quoted {claim.quoted:g}, computed {each.value:.4g} {claim.unit}: {claim.explained}")
-    print(f"{paths.shown(out)}: {counted(judged)}")
-    if missing_codes():
-        print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
-    faults = [each for each in judged if each.fault]
-    for each in faults:
-        print(f"{each.claim.id}: {each.fault}", file=sys.stderr)
-    return 1 if faults else 0

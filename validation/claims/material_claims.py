@@ -8,7 +8,7 @@ from postproc.paper.simulate import case_of
 
 SOUND_IN_AIR_M_S = 343.0  # 20 degrees C, 1 atm
 NYLON_M_S = 235.0  # ref. 14 of the paper
-LARGE_N = 5.0
+FORCE_N = 5.0
 
 
 def _particles() -> theory.Particles:
@@ -43,18 +43,18 @@ def modulus_ratio() -> float:
 
 def peak_stress() -> float:
     """Hertz's peak pressure at 5 N, MPa."""
-    return theory.hertz_contact(_particles(), LARGE_N).peak_pressure_Pa / 1e6
+    return theory.hertz_contact(_particles(), FORCE_N).peak_pressure_Pa / 1e6
 
 
 def strain() -> float:
     """The peak pressure over Young's modulus."""
     p = _particles()
-    return theory.hertz_contact(p, LARGE_N).peak_pressure_Pa / p.youngs_modulus_Pa
+    return theory.hertz_contact(p, FORCE_N).peak_pressure_Pa / p.youngs_modulus_Pa
 
 
 def strain_depth() -> float:
     """Radius of the contact at 5 N, over which strains die out, micrometres."""
-    return theory.hertz_contact(_particles(), LARGE_N).radius_m * 1e6
+    return theory.hertz_contact(_particles(), FORCE_N).radius_m * 1e6
 
 
 def strain_rate() -> float:
@@ -145,28 +145,3 @@ def measured_widths() -> float:
     table = quoted().table1
     columns = zip(table.measured_duration_us, table.measured_speed_m_s, table.measured_width_diameters, strict=True)
     return max(abs(1e-6 * time * speed / _particles().diameter_m - width) for time, speed, width in columns)
-
-
-COMPUTED = {
-    "modulus-hugoniot": modulus_from_hugoniot,
-    "modulus-ultrasound": modulus_from_ultrasound,
-    "modulus-ratio": modulus_ratio,
-    "contact-stress": peak_stress,
-    "contact-strain": strain,
-    "contact-depth": strain_depth,
-    "contact-strain-rate": strain_rate,
-    "slow-wave": slow_wave,
-    "slower-than-sound-in-air": air_over_slowest,
-    "slower-than-on-nylon": nylon_over_slowest,
-    "sensor-mass": sensor_mass,
-    "steel-ball": steel_ball,
-    "bead-mass": bead,
-    "small-bead-mass": small_bead,
-    "fig6-ball": large_ball,
-    "nylon-amplitude": nylon_amplitude,
-    "speed-accuracy": speed_accuracy,
-    "bulk-speed": bulk_speed,
-    "fig5-mass-ratio": fig5_mass_ratio,
-    "fig6-mass-ratio": fig6_mass_ratio,
-    "table1-measured-widths": measured_widths,
-}

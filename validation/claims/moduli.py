@@ -6,7 +6,7 @@ from postproc.paper.modulus_scores import deviations
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import Amplitude, contact_peak, sensor_amplitude
 
-LARGE, SMALL = slice(0, 2), slice(2, None)  # rows of Table 1
+STRONG_ROWS, WEAK_ROWS = slice(0, 2), slice(2, None)  # rows of Table 1
 
 
 def _rms(modulus_MPa: float, forces: slice, reading: Amplitude = contact_peak) -> float:
@@ -21,51 +21,39 @@ def _nearest(forces: slice, reading: Amplitude) -> float:
 
 def nearest_large() -> float:
     """Nearest of the paper's three moduli for 5 and 2 N, the measured force read as the contact's."""
-    return _nearest(LARGE, contact_peak)
+    return _nearest(STRONG_ROWS, contact_peak)
 
 
 def nearest_small() -> float:
     """Nearest of the paper's three moduli for 0.6, 0.1 and 0.06 N, the measured force read as the contact's."""
-    return _nearest(SMALL, contact_peak)
+    return _nearest(WEAK_ROWS, contact_peak)
 
 
 def nearest_large_average() -> float:
     """Nearest of the paper's three moduli for 5 and 2 N, the measured force read as the sensors' average."""
-    return _nearest(LARGE, sensor_amplitude)
+    return _nearest(STRONG_ROWS, sensor_amplitude)
 
 
 def nearest_small_average() -> float:
     """Nearest of the three moduli for 0.6, 0.1 and 0.06 N, the measured force read as the sensors' average."""
-    return _nearest(SMALL, sensor_amplitude)
+    return _nearest(WEAK_ROWS, sensor_amplitude)
 
 
 def middle_at_low() -> float:
     """Measured speed off the simulated for 1000 MPa, root mean square over 0.6, 0.1 and 0.06 N, per cent."""
-    return _rms(1000, SMALL)
+    return _rms(1000, WEAK_ROWS)
 
 
 def hard_at_low() -> float:
     """Measured speed off the simulated for 1460 MPa, root mean square over 0.6, 0.1 and 0.06 N, per cent."""
-    return _rms(1460, SMALL)
+    return _rms(1460, WEAK_ROWS)
 
 
 def soft_at_high() -> float:
     """Measured speed off the simulated for 600 MPa, root mean square over 5 and 2 N, per cent."""
-    return _rms(600, LARGE)
+    return _rms(600, STRONG_ROWS)
 
 
 def softer_is_worse() -> float:
     """Measured speed off the simulated at 5 N for 400 MPa over the same for 600 MPa."""
     return float(deviations(400, contact_peak)[0] / deviations(600, contact_peak)[0])
-
-
-COMPUTED = {
-    "modulus-large": nearest_large,
-    "modulus-small": nearest_small,
-    "modulus-large-average": nearest_large_average,
-    "modulus-small-average": nearest_small_average,
-    "modulus-1000-fits": middle_at_low,
-    "modulus-1460-low": hard_at_low,
-    "modulus-600-high": soft_at_high,
-    "modulus-400": softer_is_worse,
-}

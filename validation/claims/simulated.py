@@ -14,8 +14,8 @@ from postproc.read.signals import Peak, peaks
 Run = Callable[[Case], Simulation]
 
 BARE = ("gravity=", "wall=")  # a chain that nothing compresses
-SMALL = 0.005  # of a force's range: by so much a wave of a train stands out
-SIGNIFICANT = 0.05  # of the first wave of a train: waves that count
+PROMINENCE = 0.005  # of a force's range: by so much a wave of a train stands out
+COUNTED_SHARE = 0.05  # of the first wave of a train: waves that count
 LONG = "run.duration=2 ms"
 
 
@@ -24,7 +24,7 @@ def signal(simulation: Simulation, contact: int) -> tuple[Array, Array]:
     return simulation.trace.time_s, simulation.trace.force_N[:, contact - 1]
 
 
-def waves(simulation: Simulation, contact: int, at_least: int = 1, prominence: float = SMALL) -> list[Peak]:
+def waves(simulation: Simulation, contact: int, at_least: int = 1, prominence: float = PROMINENCE) -> list[Peak]:
     """The waves that pass a contact.
 
     Raises:
@@ -38,9 +38,9 @@ def waves(simulation: Simulation, contact: int, at_least: int = 1, prominence: f
 
 
 def significant(train: list[Peak]) -> float:
-    """How many waves of a train exceed ``SIGNIFICANT`` of its first, before one rises again: a reflected wave."""
+    """How many waves of a train exceed ``COUNTED_SHARE`` of its first, before one rises again: a reflected wave."""
     rising = next((i for i in range(1, len(train)) if train[i].value > train[i - 1].value), len(train))
-    return float(sum(peak.value > SIGNIFICANT * train[0].value for peak in train[:rising]))
+    return float(sum(peak.value > COUNTED_SHARE * train[0].value for peak in train[:rising]))
 
 
 def struck(run: Run, force_N: float, *settings: str) -> Simulation:

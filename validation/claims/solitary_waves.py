@@ -90,17 +90,3 @@ def _contact_force(run: Run, force_N: float) -> float:
 def slowest_speed(run: Run) -> float:
     """Simulated speed at the table's 0.06 N, m/s."""
     return speed_between_sensors(struck(run, smallest_N()))
-
-
-COMPUTED = {
-    "eq3-exponent": exponent,
-    "width-without-gravity": width_by_amplitude,
-    "width-modulus": width_by_modulus,
-    "width-by-gravity": width_by_gravity,
-    "gravity-low": gravity_low,
-    "gravity-high": gravity_high,
-    "fig3-theory": theory_and_chain,
-    "eq6-force": contact_force_high,
-    "eq6-force-low": contact_force_low,
-    "measured-speeds": slowest_speed,
-}

@@ -1,33 +1,25 @@
-"""Claims on the numerical half of Table 1, one a printed number."""
+"""Claims on the numerical half of Table 1: a row of the solved table, each number by every engine."""
 
-from pathlib import Path
+import pandas as pd
 
-from postproc.paper.quoted import quoted
-from postproc.paper.solved_table1 import COLUMNS, engines_of, solve_table1
-
-NAMES = dict(zip(("speed", "width-0.2", "width-4"), COLUMNS, strict=True))
-HOW = {
-    "speed": "Speed from bead 9 to bead 5 of the strike that gives this amplitude, m/s.",
-    "width-0.2": "Width at bead 5 at 0.2 % of the peak of the strike that gives this amplitude, in diameters.",
-    "width-4": "Width at bead 5 at 4 % of the peak of the strike that gives this amplitude, in diameters.",
-}
+from postproc.paper.solved_table1 import engines_of
 
 
-def claim_id(force_N: float, name: str) -> str:
-    """The id of the claim on one number."""
-    return f"table1-{force_N:g}N-{name}"
+def speed(table: pd.DataFrame, force_N: float) -> dict[str, float]:
+    """Speed from bead 9 to bead 5 of the strike that gives this amplitude, m/s."""
+    return _by_engine(table, force_N, "speed_m_s")
 
 
-def all_ids() -> dict[str, str]:
-    """How each number is computed, by claim."""
-    return {claim_id(force, name): HOW[name] for force in quoted().table1.force_N for name in NAMES}
+def width_at_0_2_per_cent(table: pd.DataFrame, force_N: float) -> dict[str, float]:
+    """Width at bead 5 at 0.2 % of the peak of the strike that gives this amplitude, in diameters."""
+    return _by_engine(table, force_N, "width_0.2pct_diameters")
 
 
-def compute(runs: Path) -> dict[str, dict[str, float]]:
-    """All numbers by claim and engine."""
-    found = solve_table1(runs)
-    return {
-        claim_id(row["force_N"], name): {engine: row[f"{engine}_{column}"] for engine in engines_of(found)}
-        for _, row in found.iterrows()
-        for name, column in NAMES.items()
-    }
+def width_at_4_per_cent(table: pd.DataFrame, force_N: float) -> dict[str, float]:
+    """Width at bead 5 at 4 % of the peak of the strike that gives this amplitude, in diameters."""
+    return _by_engine(table, force_N, "width_4pct_diameters")
+
+
+def _by_engine(table: pd.DataFrame, force_N: float, column: str) -> dict[str, float]:
+    row = next(row for row in table.to_dict("records") if row["force_N"] == force_N)
+    return {engine: row[f"{engine}_{column}"] for engine in engines_of(table)}

@@ -1,11 +1,15 @@
-"""Claims on trains of waves, on waves that meet, and on strikes under a static force."""
+"""Claims on trains of waves, on Fig. 5's pulse, on waves that meet, and on strikes under a static force."""
 
+from drivers.base.errors import InputError
 from postproc.paper.simulate import Simulation, case_of
 from postproc.paper.strikes import speed_between_sensors
 from postproc.read.observables import observe
+from postproc.read.pulse import ENVELOPE_MAXIMA, PulseShape, envelope, incident_pulse
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import peaks
 from validation.claims.simulated import BARE, Run, signal, significant, waves
+
+MICRO = 1e6
 
 
 def single_wave(run: Run) -> float:
@@ -81,14 +85,37 @@ def precompression_width(run: Run) -> float:
     return found[1] / found[0]
 
 
-COMPUTED = {
-    "single-wave": single_wave,
-    "collision-secondary": collision,
-    "train-count": train_count,
-    "train-splitting": splitting,
-    "fig5-count": fig5_count,
-    "fig6d-count": fig6d_count,
-    "precompression-speed": precompression_speed,
-    "precompression-splitting": precompression_splitting,
-    "precompression-width": precompression_width,
-}
+def envelope_rate(run: Run) -> float:
+    """Rate of the exponential through the first three maxima at the wall in Fig. 5, per microsecond."""
+    maxima = waves(run(case_of("fig5")), 1, at_least=ENVELOPE_MAXIMA)[:ENVELOPE_MAXIMA]
+    return envelope(maxima).rate_per_s / MICRO
+
+
+def _entrance(run: Run) -> PulseShape:
+    """The averaged force at the top bead of Fig. 5."""
+    one = run(case_of("fig5"))
+    reading = sensor_average(one.trace.force_N, one.case.chain.beads)
+    shape = incident_pulse(one.trace.time_s, reading - reading[0])
+    if shape is None:
+        raise InputError(one.case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
+    return shape
+
+
+def rise(run: Run) -> float:
+    """Rise of the averaged force at the top bead of Fig. 5, microseconds."""
+    return _entrance(run).rise_s * MICRO
+
+
+def decay(run: Run) -> float:
+    """Rate of the initial decay of the averaged force at the top bead of Fig. 5, per microsecond."""
+    return _entrance(run).decay_per_s / MICRO
+
+
+def duration(run: Run) -> float:
+    """Duration of the averaged force at the top bead of Fig. 5, microseconds."""
+    return _entrance(run).duration_s * MICRO
+
+
+def decay_ratio(run: Run) -> float:
+    """Rate of decay of the incident pulse at the top bead over that of the envelope at the wall."""
+    return decay(run) / envelope_rate(run)

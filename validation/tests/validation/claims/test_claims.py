@@ -1,5 +1,7 @@
 """The paper's statements: the list, the judgement, the numbers."""
 
+import inspect
+from importlib import import_module
 from pathlib import Path
 
 import pandas as pd
@@ -8,22 +10,19 @@ import pytest
 from drivers.base import paths
 from drivers.base.errors import InputError
 from postproc.paper.quoted import quoted
-from validation.claims import table1_claims as table1
-from validation.claims.claims_section import read_section
+from postproc.paper.solved_table1 import COLUMNS
+from validation.claims.claims_study import Row, read_section, write_claims
 from validation.claims.judged_claims import (
     DIFFERS,
     EXPERIMENT_ONLY,
-    PLAIN,
     REPRODUCED,
-    SIMULATED,
     Claim,
     Judged,
-    claims_table,
     judge_all,
     read_claims,
-    write_claims,
 )
 from validation.report.write_report import write_report
+from validation.study_tables import read_rows
 from validation.tests.helpers.runs import need
 
 pytestmark = pytest.mark.long
@@ -37,7 +36,16 @@ def judged(shared_runs: Path) -> list[Judged]:
     return judge_all(shared_runs)
 
 
-ONE = '[[claim]]\nid = "eq1-c"\nwhere = "a"\nquote = "b"\nquoted = 1\nwithin = 1\nbecause = "c"\n'
+ONE = """[[claim]]
+id = "eq1-c"
+where = "a"
+quote = "b"
+compute = "equations.speed_constant"
+quoted = 1
+within = 1
+because = "c"
+"""
+TABLE1 = ONE.replace("equations.speed_constant", "table1_claims.speed")
 
 
 def claim(**values: object) -> Claim:
@@ -53,7 +61,16 @@ def test_there_are_enough_and_each_has_its_reason() -> None:
 
 
 def test_everything_that_is_computed_is_a_claim() -> None:
-    assert {*PLAIN, *SIMULATED} <= {each.id for each in read_claims()}
+    named = {each.compute for each in read_claims() if each.compute}
+    modules = {name.partition(".")[0] for name in named}
+    assert len(modules) == 8
+    computed = {
+        f"{module}.{name}"
+        for module in modules
+        for name, function in vars(import_module(f"validation.claims.{module}")).items()
+        if inspect.isfunction(function) and function.__module__.endswith(module) and not name.startswith("_")
+    }
+    assert computed == named
 
 
 @pytest.mark.timeout(400)
@@ -101,18 +118,23 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("claim = []\n", "a claim for everything"),
+        ("claim = []\n", "at least 1 item"),
         (ONE + ONE, "twice"),
         (ONE.replace("within = 1", "within = -1"), "above 0"),
         (ONE.replace("within = 1", "within = inf"), "finite"),
         (ONE.replace("quoted = 1", "quoted = nan"), "finite"),
         (ONE.replace("quoted = 1", "quoted = true"), "quoted"),
-        (ONE.replace("eq1-c", "table1-7N-speed"), "table1-7N-speed"),
+        (TABLE1, "force_N: found None"),
+        (TABLE1.replace("quoted", "force_N = 7\nquoted"), "force_N: found 7.0"),
+        (ONE.replace("quoted", "force_N = 5\nquoted"), "force_N: found 5.0"),
+        (ONE.replace("speed_constant", "_particles"), "equations._particles"),
+        (ONE.replace("speed_constant", "quoted"), "equations.quoted"),
+        (ONE.replace("equations.", "os."), "os.speed_constant"),
         (ONE.replace('because = "c"', ""), "no because"),
         ('[[claim]]\nid = "nobody"\nwhere = "a"\nquote = "b"\nquoted = 1\nwithin = 1\n', "nobody"),
-        ('[[claim]]\nid = "eq1-c"\nwhere = "a"\nquote = "b"\nquoted = 1\n', "no within"),
-        ('[[claim]]\nid = "eq1-c"\nwhere = "a"\nquote = "b"\nquoted = "one"\nwithin = 1\n', "quoted"),
-        ('[[claim]]\nid = "eq1-c"\nwhere = "a"\nquote = "b"\nquoted = 1\nwithn = 1\n', "withn"),
+        (ONE.replace("within = 1\n", ""), "no within"),
+        (ONE.replace("quoted = 1", 'quoted = "one"'), "quoted"),
+        (ONE.replace("within", "withn"), "withn"),
         ("", "claim"),
         ("[[claim]\n", "TOML"),
     ],
@@ -138,8 +160,8 @@ def test_what_was_computed_is_told_in_full(judged: list[Judged]) -> None:
 def test_numbers_quoted_twice_are_the_same() -> None:
     claims, table = {each.id: each.quoted for each in read_claims()}, quoted().table1.frame
     for _, row in table.iterrows():
-        for name, column in table1.NAMES.items():
-            assert claims[table1.claim_id(row["force_N"], name)] == row[f"computed_{column}"]
+        for name, column in zip(("speed", "width-0.2", "width-4"), COLUMNS, strict=True):
+            assert claims[f"table1-{row['force_N']:g}N-{name}"] == row[f"computed_{column}"]
     paper = quoted()
     assert claims["fig4-force"] == paper.fig4.leading_force_N
     assert claims["fig4-speed"] == paper.fig4.speed_m_s
@@ -156,10 +178,11 @@ def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], 
     assert len(table) == len(judged)
     assert {"reference", "liggghts", "yade"} <= set(table.columns)
     assert table.loc["energy-in-five", "reference"] == pytest.approx(99.9999955, abs=5e-8)
-    assert len(claims_table(judged)) == len(judged)
+    assert list(table.columns[-4:]) == ["difference", "verdict", "why", "how"]
     section = read_section(tmp_path)
     assert sum(len(rows) for rows in section["rows"].values()) == len(judged)
-    assert section["engines"] == ["liggghts", "reference", "yade"]
+    assert section["engines"] == ["liggghts", "yade", "reference"]
+    assert [row.how for row in read_rows(tmp_path / "claims.csv", Row, "claims")] == [each.how for each in judged]
 
 
 @pytest.mark.parametrize("damage", ["", "id,where\n", "\x00\xff", "cut", "verdict"])
