@@ -203,9 +203,9 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _plan(arguments: argparse.Namespace) -> int:
-    from validation.accuracy.plan_report import outlook
+    from validation.accuracy.plan_report import plan_report
 
-    for line in outlook(arguments.scene, tuple(arguments.settings)):
+    for line in plan_report(arguments.scene, tuple(arguments.settings)):
         print(line)
     return 0
 

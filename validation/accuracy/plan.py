@@ -40,17 +40,17 @@ def plan_case(case: Case) -> Case:
     """
     if case.scene.run.accuracy is None:
         return case
-    from validation.accuracy.simplify import lean_case  # runs the in-repo scheme: only where it is needed
+    from validation.accuracy.simplify import simplify  # runs the in-repo scheme: only where it is needed
     from validation.accuracy.step_choice import Chooser
 
     began = time.perf_counter()
     asked = asked_of(case)
-    chooser = Chooser(lean_case(case, asked), tuple(asked), min(asked.values()))
+    chooser = Chooser(simplify(case, asked), tuple(asked), min(asked.values()))
     choice = chooser.choose_with_room(asked)
     plan = Plan(
         asked=asked,
         predicted=choice.errors,
-        rounding_share=choice.rounding.allowance,
+        rounding_share=choice.rounding,
         refused_steps=choice.refused,
         trials=choice.trials,
         seconds=round(time.perf_counter() - began, 6),

@@ -2,12 +2,14 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
+from drivers.chain.chain import Array
 from drivers.engines import installed, load_engine
 from drivers.limits.attainable import FORCE
 from drivers.limits.criteria import CRITERIA
@@ -16,60 +18,74 @@ from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of
 from validation.accuracy.costs import able, cheapest, cost_on
 from validation.accuracy.plan import asked_of, planned_case
 from validation.accuracy.run_warnings import predicted_error
-from validation.accuracy.step_choice import Chooser, Rounding
+from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 
 TENFOLD = 10.0
-MOST_WORK = 5e7  # bodies times steps of a line of the table that nobody asked for
+MAX_WORK = 5e7  # bodies times steps of a line of the table that nobody asked for
 BLOWN_UP = 100.0  # errors beyond it are of a motion that has nothing to do with the scene's
-AMPLE = 1e-2  # differences beyond it are no agreement at all
+AGREEMENT = 1e-2  # differences beyond it are no agreement at all
 
 
-def outlook(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]:
+@dataclass(frozen=True)
+class Row:
+    """A line of the table of accuracies: a case with its errors, or why there is none."""
+
+    label: str
+    case: Case | None = None
+    errors: dict[str, float] = field(default_factory=dict)
+    why: str = ""
+
+
+def plan_report(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]:
     """The lines, for a scene with an accuracy or a time step.
 
     Raises:
         InputError: anything wrong with the scene or its accuracy.
     """
     case = planned_case(source, *settings)
-    if case.chain.lateral is not None:
-        yield from _sideways(case)
-        return
+    lines = [*(_straight(case) if case.chain.lateral is None else _three_dimensional(case))]
+    yield from (f"{case.scene.name}: {case.summary}", *lines)
+
+
+def _straight(case: Case) -> Iterator[str]:
     began = time.perf_counter()
-    chooser, asked = _chooser(case)
-    errors = case.plan.predicted if case.plan else chooser.errors_at(case.scene.steps_per_sample)
-    rounding = chooser.rounding(case.scene.steps_per_sample)
-    rows = [*_neighbours(case, chooser, asked, errors)]
+    steps, plan = case.scene.steps_per_sample, case.plan
+    asked = asked_of(case) if plan else {FORCE: 0.0}
+    chooser = Chooser(case, tuple(asked), min(asked.values()) / TENFOLD)
+    errors = plan.predicted if plan else dict(chooser.errors_at(steps))
+    rounding = chooser.rounding(steps)
+    rows = [*_rows(case, chooser, asked if plan else errors, errors)]
     seconds = time.perf_counter() - began
 
-    yield f"{case.scene.name}: {case.summary}"
-    if case.plan:
+    if plan:
         yield f"accuracy   {_listed(asked)}"
-        yield f"time step  {_step(case)}: {_why(case, chooser)}"
+        why = "one step a sample is enough; a larger sample_interval would allow a larger one"
+        if plan.refused_steps:
+            coarser = _us(case.scene.run.sample_interval / plan.refused_steps)
+            why = f"{coarser} would err by {_listed(chooser.errors_at(plan.refused_steps))}"
+        yield f"time step  {_step(case)}: {why}"
     else:
         yield f"time step  {_step(case)}, as the scene has it"
     yield from _stability(case, chooser.stable_s)
     if case.scene.time_step_s > chooser.stable_s:
         return  # of a step that is refused there is nothing to predict
-    yield f"predicted  {_listed(errors)}; rounding of absolute heights up to {rounding.allowance:.1e} more"
+    allowance = ROUNDING_FACTOR * float(rounding[-1])
+    yield f"predicted  {_listed(errors)}; rounding of absolute heights up to {allowance:.1e} more"
     if chooser.known > min(errors.values(), default=1.0) / TENFOLD:
         yield f"           the exact motion itself is known to {chooser.known:.1e} only: it multiplies rounding"
     for element in case.elements:
         if case.full is not None and case.full.models(element.name) and not element.modelled:
             yield f"left out   {element.name}: {element.reason.partition(': ')[2]}"
     yield f"engine     {_engines(case)}"
-    yield ""
-    yield from _table(rows)
-    yield ""
-    yield f"horizon    {_horizon(case, rounding)}"
-    if case.plan:
-        yield f"planned in {1e3 * case.plan.seconds:.0f} ms with {case.plan.trials} trial runs, this table in"
+    yield from ("", *_table(rows), "", f"horizon    {_horizon(case, ROUNDING_MARGIN * rounding)}")
+    if plan:
+        yield f"planned in {1e3 * plan.seconds:.0f} ms with {plan.trials} trial runs, this table in"
         yield f"           {1e3 * seconds:.0f} ms more"
 
 
-def _sideways(case: Case) -> Iterator[str]:
-    """The lines of a three-dimensional scene, whose exact motion nobody knows: errors by extrapolation."""
+def _three_dimensional(case: Case) -> Iterator[str]:
+    """Of a scene whose exact motion nobody knows: errors by extrapolation."""
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
-    yield f"{case.scene.name}: {case.summary}"
     yield f"time step  {_step(case)}, as the scene has it"
     yield from _stability(case, limit)
     if case.scene.time_step_s > limit:
@@ -88,86 +104,63 @@ def _sideways(case: Case) -> Iterator[str]:
         yield f"horizon    engines with that law of friction can be compared point by point until {end * 1e3:.4g} ms"
 
 
-def _chooser(case: Case) -> tuple[Chooser, dict[str, float]]:
-    """What answers questions about the case, and the accuracy asked for; of a given time step its own error."""
-    if case.plan:
-        asked = asked_of(case)
-        strictest = min(asked.values()) / TENFOLD
-        return Chooser(case, tuple(asked), strictest), asked
-    chooser = Chooser(case, (FORCE,), 0.0)
-    return chooser, dict(chooser.errors_at(case.scene.steps_per_sample))
+def _rows(case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float]) -> Iterator[Row]:
+    """Ten times less accuracy, this, and ten times more."""
+    yield _chosen("ten times less", chooser, asked, TENFOLD)
+    yield Row("this", case, errors)
+    more = "ten times more"
+    needed = case.scene.steps * TENFOLD ** (1 if case.chain.damping_ratio else 0.5)  # by the scheme's order
+    if case.full is not None:
+        yield Row(more, why="what is left out here would come in again: ask for it")
+    elif needed * case.chain.bodies > MAX_WORK:
+        yield Row(more, why=f"about {needed:.2g} steps, too many to try here")
+    else:
+        yield _chosen(more, chooser, asked, 1 / TENFOLD)
 
 
-def _neighbours(
-    case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float]
-) -> Iterator[tuple[str, Case | None, dict[str, float], str]]:
-    """Ten times less accuracy, this, and ten times more: label, case and errors, or why there is none."""
-    for label, factor in (("ten times less", TENFOLD), ("this", 1.0), ("ten times more", 1 / TENFOLD)):
-        if factor == 1.0:
-            yield label, case, errors, ""
-            continue
-        if factor < 1 and case.full is not None:
-            yield label, None, {}, "what is left out here would come in again: ask for it"
-            continue
-        needed = case.scene.steps * factor ** (-1 if case.chain.damping_ratio else -0.5)  # by the scheme's order
-        if factor < 1 and needed * case.chain.bodies > MOST_WORK:
-            yield label, None, {}, f"about {needed:.2g} steps, too many to try here"
-            continue
-        try:
-            choice = chooser.choose({name: min(factor * share, 0.99) for name, share in asked.items()})
-        except InputError as error:
-            yield label, None, {}, str(error).partition("allowed: ")[2] or str(error)
-            continue
-        yield label, choice.case, choice.errors, ""
+def _chosen(label: str, chooser: Chooser, asked: dict[str, float], factor: float) -> Row:
+    try:
+        choice = chooser.choose({name: min(factor * share, 0.99) for name, share in asked.items()})
+    except InputError as error:
+        return Row(label, why=str(error).partition("allowed: ")[2] or str(error))
+    return Row(label, choice.case, choice.errors)
 
 
-def _table(rows: list[tuple[str, Case | None, dict[str, float], str]]) -> Iterator[str]:
-    names = able(next(case for _, case, _, _ in rows if case))
+def _table(rows: list[Row]) -> Iterator[str]:
+    names = able(next(row.case for row in rows if row.case))
     yield f"{'accuracy':<16}{'time step':>12}{'error':>10}" + "".join(f"{name:>12}" for name in names)
-    for label, case, errors, why in rows:
-        if case is None:
-            yield f"{label:<16}not here: {why}"
+    for row in rows:
+        if row.case is None:
+            yield f"{row.label:<16}not here: {row.why}"
             continue
-        worst = max(errors.values())
-        seconds = "".join(f"{cost_on(name).run_s(case):>10.2f} s" for name in names)
+        worst = max(row.errors.values())
+        seconds = "".join(f"{cost_on(name).run_s(row.case):>10.2f} s" for name in names)
         error = f"{worst:.1e}" if worst < BLOWN_UP else "blows up"
-        yield f"{label:<16}{_us(case.scene.time_step_s):>12}{error:>10}{seconds}"
-
-
-def _why(case: Case, chooser: Chooser) -> str:
-    assert case.plan is not None
-    refused = case.plan.refused_steps
-    if not refused:
-        return "one step a sample is enough; a larger sample_interval would allow a larger one"
-    coarser = chooser.errors_at(refused)
-    return f"{_us(case.scene.run.sample_interval / refused)} would err by {_listed(coarser)}"
+        yield f"{row.label:<16}{_us(row.case.scene.time_step_s):>12}{error:>10}{seconds}"
 
 
 def _engines(case: Case) -> str:
     needed = ", ".join(element.name for element in case.elements if element.modelled) or "beads alone"
-    there = installed(able(case))
     chosen = cheapest(case)
-    others = ", ".join(f"{name} {cost_on(name).run_s(case):.2g} s" for name in there if name != chosen)
-    seconds = cost_on(chosen).run_s(case)
-    return f"{chosen}, {seconds:.2g} s: the cheapest that models {needed}" + (f" ({others})" if others else "")
+    seconds = {name: f"{cost_on(name).run_s(case):.2g} s" for name in installed(able(case))}
+    others = ", ".join(f"{name} {cost}" for name, cost in seconds.items() if name != chosen)
+    return f"{chosen}, {seconds[chosen]}: the cheapest that models {needed}" + (f" ({others})" if others else "")
 
 
-def _horizon(case: Case, rounding: Rounding) -> str:
-    """Up to when engines can be compared sample by sample."""
-    share = ROUNDING_MARGIN * rounding.share
-    times = case.sample_times_s
+def _horizon(case: Case, share: Array) -> str:
+    """Up to when engines can be compared sample by sample, by what rounding may make until each."""
+    ms = 1e3 * case.sample_times_s
     if share[-1] <= HORIZON:
         return (
-            f"to the end ({times[-1] * 1e3:.4g} ms) engines can be compared point by point: rounding stays below"
+            f"to the end ({ms[-1]:.4g} ms) engines can be compared point by point: rounding stays below"
             f" {share[-1]:.0e} of the largest force"
         )
     if share[0] > HORIZON:
         return "heights so far from the origin round too much for any comparison of engines point by point"
-    until = times[max(int(np.argmax(share > HORIZON)) - 1, 0)]
-    beyond = share > AMPLE
-    later = f", to {AMPLE:g} until {times[max(int(np.argmax(beyond)) - 1, 0)] * 1e3:.4g} ms" if beyond.any() else ""
+    until, later_until = (ms[max(int(np.argmax(share > level)) - 1, 0)] for level in (HORIZON, AGREEMENT))
+    later = f", to {AGREEMENT:g} until {later_until:.4g} ms" if share[-1] > AGREEMENT else ""
     return (
-        f"engines can be compared point by point to {HORIZON:g} until {until * 1e3:.4g} ms{later}; after that compare"
+        f"engines can be compared point by point to {HORIZON:g} until {until:.4g} ms{later}; after that compare"
         " energy, mean forces and other statistics"
     )
 

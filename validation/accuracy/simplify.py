@@ -6,7 +6,9 @@ from dataclasses import replace
 from drivers.chain.case import Case
 from drivers.chain.chain import build_chain
 from drivers.chain.elements import Element, choose_elements
+from drivers.limits.attainable import FORCE
 from drivers.scene.model import Scene
+from validation.accuracy.error_measures import ENERGY, errors_of, truth_of
 
 SHARE = 0.5  # of the accuracy: what all that is left out may take together; the time step has the rest
 
@@ -35,7 +37,7 @@ WITHOUT: dict[str, Callable[[Scene], Scene]] = {
 }
 
 
-def lean_case(case: Case, asked: dict[str, float]) -> Case:
+def simplify(case: Case, asked: dict[str, float]) -> Case:
     """The case without what changes too little of what is asked for, the smallest effects first.
 
     Effects are those on the exact motion, one by one and together; a case that they cannot be measured on stays whole.
@@ -44,14 +46,12 @@ def lean_case(case: Case, asked: dict[str, float]) -> Case:
         case: a straight chain's.
         asked: accuracies by quantity, as ``validation.accuracy.error_measures`` counts errors.
     """
-    from validation.accuracy.error_measures import errors_of, truth_of
-
     candidates = [each.name for each in case.elements if each.modelled and each.name in WITHOUT]
     if not candidates:
         return case
     try:
         truth = truth_of(case)
-        if any(name not in truth.true for name in asked if name not in ("force", "energy")):
+        if any(name not in truth.true for name in asked if name not in (FORCE, ENERGY)):
             return case  # whoever chooses the step says so
 
         def effect(names: list[str]) -> dict[str, float]:
@@ -61,16 +61,15 @@ def lean_case(case: Case, asked: dict[str, float]) -> Case:
         alone = {name: effect([name]) for name in candidates}
     except ArithmeticError:
         return case
-    small = sorted((max(shares.values()), name) for name, shares in alone.items() if max(shares.values()) <= SHARE)
     left: list[str] = []
-    for _, name in small:
-        if max(effect([*left, name]).values()) <= SHARE:
+    for largest, name in sorted((max(shares.values()), name) for name, shares in alone.items()):
+        if largest <= SHARE and max(effect([*left, name]).values()) <= SHARE:
             left.append(name)
     if not left:
         return case
-    lean = _without(case, left)
-    elements = tuple(_explained(each, case, alone, asked) if each.name in left else each for each in lean.elements)
-    return replace(lean, elements=elements, full=case)
+    simple = _without(case, left)
+    elements = tuple(_explained(each, case, alone, asked) if each.name in left else each for each in simple.elements)
+    return replace(simple, elements=elements, full=case)
 
 
 def _without(case: Case, names: list[str]) -> Case:

@@ -7,6 +7,7 @@ the accuracy asks.
 
 from dataclasses import dataclass
 from math import ceil, inf, sqrt
+from typing import NoReturn
 
 import numpy as np
 
@@ -24,37 +25,20 @@ from validation.accuracy.schemes import verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE, scales
 from validation.reference.tube import TOTAL
 
-LEAST_ACCURACY = 10 * LEAST_TOLERANCE
+MIN_ACCURACY = 10 * LEAST_TOLERANCE
 TRUTH_SHARE = 1e-3  # of the accuracy: how exact the exact motion has to be
-LOOSEST_TRUTH = 1e-4
-ROUGHER = 100.0  # times the tolerance: the second motion, by which the exactness of the first is measured
-LINEAR = 1e-3  # differences beyond it do not shrink with the tolerance: the motion is chaotic
-DOUBT = 5e-3  # of the accuracy: errors so close to it are measured against the exact motion at its best
-CLOSE = 1.2  # a step that is refused within this factor of the one that is taken ends the search
-MOST_TRIES = 60
-MOST_WORK = 4e9  # bodies times steps of one trial: some seconds
-LONGEST = 4e6  # bodies times duration over the time scale of a contact: some seconds of following the exact motion
-LARGE = 0.1  # errors beyond it tell nothing of the order: the step is halved
-SCALED = 4.0  # times the rounding predicted: it is scaled, and a random walk
-AFFORDABLE = 400_000  # bodies times steps of which rounding is measured, some milliseconds; beyond, it is scaled
-
-
-@dataclass(frozen=True)
-class Rounding:
-    """What the rounding of absolute heights is predicted to do to a case, as shares of the largest force.
-
-    Attributes:
-        share: shape (samples,): the largest up to each sample.
-        steps_per_sample: at which it was measured; ``share`` is scaled from there as a random walk is.
-    """
-
-    share: Array
-    steps_per_sample: int
-
-    @property
-    def allowance(self) -> float:
-        """What engines may show of it by the end."""
-        return SCALED * float(self.share[-1])
+MAX_TOLERANCE = 1e-4  # of the exact motion
+ROUGH_FACTOR = 100.0  # times the tolerance: the second motion, by which the exactness of the first is measured
+LINEAR_SHARE = 1e-3  # differences beyond it do not shrink with the tolerance: the motion is chaotic
+DOUBT_SHARE = 5e-3  # of the accuracy: errors so close to it are measured against the exact motion at its best
+STEP_RATIO = 1.2  # a step that is refused within this factor of the one that is taken ends the search
+MAX_TRIES = 60
+MAX_WORK = 4e9  # bodies times steps of one trial: some seconds
+MAX_TRUTH_WORK = 4e6  # bodies times duration over the time scale of a contact: some seconds of following the motion
+COARSE_ERROR = 0.1  # errors beyond it tell nothing of the order: the step is halved
+ROUNDING_FACTOR = 4.0  # times the rounding predicted: it is scaled, and a random walk
+ROUNDING_WORK = 400_000  # bodies times steps of which rounding is measured, some milliseconds; beyond, it is scaled
+MARGIN = 1.25  # times the best accuracy, as errors name it
 
 
 @dataclass(frozen=True)
@@ -64,14 +48,15 @@ class Choice:
     Attributes:
         case: at that step.
         errors: predicted truncation, and where samples limit it, by quantity.
+        rounding: what engines may show by the end of the rounding of absolute heights, of the largest force.
         refused: the largest step found too coarse, in steps a sample; 0 where none was.
         trials: runs of the in-repo scheme.
     """
 
     case: Case
     errors: dict[str, float]
+    rounding: float
     refused: int
-    rounding: Rounding
     trials: int
 
 
@@ -92,54 +77,49 @@ class Chooser:
         self.case = case
         self.full = case.full or case
         self.names = names
+        self.gauges = [name for name in names if name not in (FORCE, ENERGY)]
         self._errors: dict[int, dict[str, float]] = {}
         self._best = strictest * TRUTH_SHARE <= LEAST_TOLERANCE
-        overlap, speed = scales(arrays_of(case.chain), float(case.sample_times_s[-1]))
-        if case.chain.bodies * case.sample_times_s[-1] * speed > LONGEST * overlap:
-            raise InputError(
-                case.scene.file,
-                "run.accuracy",
-                "a motion too long to follow exactly",
-                "run.time_step, or a shorter run",
-            )
+        duration = float(case.sample_times_s[-1])
+        overlap, speed = scales(arrays_of(case.chain), duration)
+        if case.chain.bodies * duration * speed > MAX_TRUTH_WORK * overlap:
+            self._refuse("", "a motion too long to follow exactly", "run.time_step, or a shorter run")
         try:
             self.truth, self.known = self._follow(strictest)
         except ArithmeticError as error:
             raise InputError(case.scene.file, "run.accuracy", str(error), "run.time_step instead") from error
         self._check_names()
-        self.stable_s = predicted_limit(case.chain, float(case.sample_times_s[-1]))
+        self.stable_s = predicted_limit(case.chain, duration)
+
+    def _refuse(self, name: str, found: str, allowed: str) -> NoReturn:
+        raise InputError(self.case.scene.file, f"run.accuracy{name and f'.{name}'}", found, allowed)
+
+    def _truth(self, tolerance: float) -> Truth:
+        return truth_of(self.full, tolerance, finer=bool(self.gauges))
 
     def _follow(self, strictest: float) -> tuple[Truth, float]:
         """The exact motion, and to what share of the largest force it is known.
 
         Errors grow where a motion is chaotic, so the tolerance is tightened until what it leaves is small.
         """
-        finer = any(name not in (FORCE, ENERGY) for name in self.names)
-        tolerance = min(max(TRUTH_SHARE * strictest, LEAST_TOLERANCE), LOOSEST_TRUTH)
+        tolerance = min(max(TRUTH_SHARE * strictest, LEAST_TOLERANCE), MAX_TOLERANCE)
         while True:
-            truth = truth_of(self.full, tolerance, finer=finer)
-            rough = truth_of(self.full, min(ROUGHER * tolerance, LARGE), finer=False)
+            truth = self._truth(tolerance)
+            rough = truth_of(self.full, min(ROUGH_FACTOR * tolerance, COARSE_ERROR), finer=False)
             apart = float(residual(rough.trace, truth.trace).max())
-            known = apart / ROUGHER if apart < LINEAR else apart
+            known = apart / ROUGH_FACTOR if apart < LINEAR_SHARE else apart
             if known <= TRUTH_SHARE * strictest or tolerance <= LEAST_TOLERANCE:
                 return truth, known
             tolerance = max(0.1 * tolerance * min(TRUTH_SHARE * strictest / known, 1.0), LEAST_TOLERANCE)
 
-    def _use_best(self) -> None:
-        """From here on errors are measured against the exact motion at its best."""
-        finer = any(name not in (FORCE, ENERGY) for name in self.names)
-        self.truth = truth_of(self.full, LEAST_TOLERANCE, finer=finer)
-        self._errors.clear()
-        self._best = True
-
     def _check_names(self) -> None:
-        for name in self.names:
-            if name not in (FORCE, ENERGY) and not self.truth.true.get(name):
-                has = ", ".join([FORCE, ENERGY, *(each for each, value in self.truth.true.items() if value)])
-                raise InputError(self.case.scene.file, f"run.accuracy.{name}", "nothing that this scene shows", has)
-            if name not in (FORCE, ENERGY) and not self.truth.sampling_known:
+        for name in self.gauges:
+            if not self.truth.true.get(name):
+                has = (each for each, value in self.truth.true.items() if value)
+                self._refuse(name, "nothing that this scene shows", ", ".join([FORCE, ENERGY, *has]))
+            if not self.truth.sampling_known:
                 found = "too many samples times contacts to measure what is lost between samples"
-                raise InputError(self.case.scene.file, f"run.accuracy.{name}", found, f"{FORCE}, {ENERGY}")
+                self._refuse(name, found, f"{FORCE}, {ENERGY}")
 
     def errors_at(self, steps_per_sample: int) -> dict[str, float]:
         """Errors of the codes' scheme, by quantity."""
@@ -149,75 +129,82 @@ class Chooser:
                 self._errors[steps_per_sample] = errors_of(case, verlet_of(case), self.truth, self.names)
         return self._errors[steps_per_sample]
 
+    def _excess(self, steps: int, wanted: dict[str, float]) -> float:
+        """The largest error over what is wanted; where that is in doubt, by the exact motion at its best."""
+        shares = {name: error / wanted[name] for name, error in self.errors_at(steps).items()}
+        if any(abs(share - 1) < DOUBT_SHARE for share in shares.values()) and not self._best:
+            self.truth, self._best = self._truth(LEAST_TOLERANCE), True
+            self._errors.clear()
+            return self._excess(steps, wanted)
+        return max(shares.values())
+
     def choose(self, wanted: dict[str, float]) -> Choice:
         """The fewest steps a sample with which all errors stay below what is wanted.
 
         Raises:
             InputError: no step keeps it; the attainable accuracy is named.
         """
-        for name, share in wanted.items():
-            least = max(LEAST_ACCURACY, 10 * self.known)
-            if share < least:
-                why = "what the exact motion itself is known to"
-                raise unattainable(self.case, name, share, 1.25 * least if least > LEAST_ACCURACY else least, why)
-            if name not in (FORCE, ENERGY):
-                left = abs(self.truth.sampled.get(name, inf) / self.truth.true[name] - 1)
-                if left >= share:
-                    why = "what samples so far apart show, at any time step (sample_interval smaller: more)"
-                    raise unattainable(self.case, name, share, 1.25 * left, why)
-
-        def excess(steps: int) -> float:
-            shares = {name: error / wanted[name] for name, error in self.errors_at(steps).items()}
-            if any(abs(share - 1) < DOUBT for share in shares.values()) and not self._best:
-                self._use_best()
-                return excess(steps)
-            return max(shares.values())
-
-        interval = self.case.scene.run.sample_interval
-        work = self.case.chain.bodies * (self.case.scene.samples - 1)
-        order = 1 if self.case.chain.damping_ratio else 2
-        steps = max(1, ceil(min(interval / self.stable_s, 1e15)))  # the largest step that is stable
+        self._check_attainable(wanted)
+        scene, order = self.case.scene, 1 if self.case.chain.damping_ratio else 2
+        work = self.case.chain.bodies * (scene.samples - 1)
+        steps = max(1, ceil(min(scene.run.sample_interval / self.stable_s, 1e15)))  # the largest step that is stable
         refused, taken, tries = steps - 1, 0, 0
-        while not (taken and (taken <= refused + 1 or taken <= CLOSE * refused)):
-            if steps * work > MOST_WORK or steps * (self.case.scene.samples - 1) > MAX_STEPS or tries > MOST_TRIES:
+        while not (taken and (taken <= refused + 1 or taken <= STEP_RATIO * refused)):
+            if steps * work > MAX_WORK or steps * (scene.samples - 1) > MAX_STEPS or tries > MAX_TRIES:
                 if taken:
                     break
                 self._give_up(wanted, refused)
-            found = excess(steps)
+            found = self._excess(steps, wanted)
             tries += 1
             if found <= 1:
                 taken = steps
             else:
                 refused = max(refused, steps)
-            coarse = max(self.errors_at(steps).values()) > LARGE
+            coarse = max(self.errors_at(steps).values()) > COARSE_ERROR
             steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * found ** (1 / order)))
-        return Choice(self.case.at(taken), self.errors_at(taken), refused, self.rounding(taken), tries)
+        rounding = ROUNDING_FACTOR * float(self.rounding(taken)[-1])
+        return Choice(self.case.at(taken), self.errors_at(taken), rounding, refused, tries)
+
+    def _check_attainable(self, wanted: dict[str, float]) -> None:
+        for name, share in wanted.items():
+            least = max(MIN_ACCURACY, 10 * self.known)
+            if share < least:
+                why = "what the exact motion itself is known to"
+                raise unattainable(self.case, name, share, MARGIN * least if least > MIN_ACCURACY else least, why)
+            if name in self.gauges:
+                left = abs(self.truth.sampled.get(name, inf) / self.truth.true[name] - 1)
+                if left >= share:
+                    why = "what samples so far apart show, at any time step (sample_interval smaller: more)"
+                    raise unattainable(self.case, name, share, MARGIN * left, why)
 
     def choose_with_room(self, wanted: dict[str, float]) -> Choice:
         """As ``choose``, with room for what rounding of heights may add, as long as it takes less than half."""
         choice = self.choose(wanted)
         for _ in range(3):
-            rounding = choice.rounding.allowance
+            rounding = choice.rounding
             tight = any(choice.errors[name] + rounding > share for name, share in wanted.items())
             if not tight or 2 * ROOM * rounding > min(wanted.values()):
                 break
             choice = self.choose({name: share - ROOM * rounding for name, share in wanted.items()})
         return choice
 
-    def rounding(self, steps_per_sample: int) -> Rounding:
-        """What the rounding of heights does, measured where that is cheap; it grows as a random walk with the steps."""
-        first = ceil(min(0.5 * self.case.scene.run.sample_interval / self.stable_s, 1e9))
-        affordable = AFFORDABLE // (self.case.chain.bodies * self.case.scene.samples)
-        measured = min(steps_per_sample, max(first, affordable, 1))
-        error = share_of_largest(Baseline(self.case.at(measured), TOTAL).rounding_N, self.truth.trace)
-        return Rounding(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured), measured)
+    def rounding(self, steps_per_sample: int) -> Array:
+        """The most that rounding of absolute heights makes until each sample, of the largest force. Shape (samples,).
 
-    def _give_up(self, wanted: dict[str, float], steps: int) -> None:
+        Measured where that is cheap; it grows as a random walk with the steps.
+        """
+        first = ceil(min(0.5 * self.case.scene.run.sample_interval / self.stable_s, 1e9))
+        affordable = ROUNDING_WORK // (self.case.chain.bodies * self.case.scene.samples)
+        measured = min(steps_per_sample, max(first, affordable, 1))
+        error_N = Baseline(self.case.at(measured), TOTAL).rounding_N
+        error = share_of_largest(error_N, self.truth.trace)
+        return np.asarray(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured))
+
+    def _give_up(self, wanted: dict[str, float], steps: int) -> NoReturn:
         worst, least = next(iter(wanted)), 1.0
-        if steps and steps in self._errors:
-            errors = self._errors[steps]
+        if errors := self._errors.get(steps):
             worst = max(wanted, key=lambda name: errors[name] / wanted[name])
-            least = 1.25 * errors[worst]
+            least = MARGIN * errors[worst]
         why = "with as many steps as a plan may try; run.time_step takes any"
         raise unattainable(self.case, worst, wanted[worst], least, why)
 
@@ -227,7 +214,7 @@ def _next(refused: int, taken: int, guess: int) -> int:
     if not taken:
         return max(refused + 1, guess)
     if guess >= taken:
-        guess = min(taken - 1, ceil(taken / CLOSE))
+        guess = min(taken - 1, ceil(taken / STEP_RATIO))
     if guess <= refused:
         return refused + max(1, round((taken - refused) / 2))
     return min(guess, taken - 1)

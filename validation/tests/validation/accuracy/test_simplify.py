@@ -13,7 +13,7 @@ from postproc.read.residual import residual
 from validation.accuracy.error_measures import errors_of, truth_of
 from validation.accuracy.plan import asked_of
 from validation.accuracy.schemes import verlet_of
-from validation.accuracy.simplify import SHARE, WITHOUT, lean_case
+from validation.accuracy.simplify import SHARE, WITHOUT, simplify
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
 
@@ -117,20 +117,20 @@ def test_without_candidates_nothing_is_followed(monkeypatch: pytest.MonkeyPatch)
     def never(*_: object, **__: object) -> None:
         pytest.fail("followed a motion")
 
-    monkeypatch.setattr("validation.accuracy.error_measures.truth_of", never)
+    monkeypatch.setattr("validation.accuracy.simplify.truth_of", never)
     bare = case_of("fig4", "gravity=", "chain.sensors=[]")
-    assert lean_case(bare, {"force": 0.5}) is bare
+    assert simplify(bare, {"force": 0.5}) is bare
 
 
 def test_a_quantity_that_is_not_shown_lets_nothing_out() -> None:
     case = case_of("fig4", 'run.duration="20 us"')
-    assert lean_case(case, {"wall_peak": 0.9}) is case
+    assert simplify(case, {"wall_peak": 0.9}) is case
 
 
 def test_effects_that_cannot_be_measured_let_nothing_out(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_: object, **__: object) -> None:
         raise ArithmeticError("no step is small enough")
 
-    monkeypatch.setattr("validation.accuracy.error_measures.truth_of", fails)
+    monkeypatch.setattr("validation.accuracy.simplify.truth_of", fails)
     case = case_of("fig4")
-    assert lean_case(case, {"force": 0.9}) is case
+    assert simplify(case, {"force": 0.9}) is case
