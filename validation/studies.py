@@ -115,9 +115,10 @@ def run_study(study: Study, options: Options) -> int:
 
 def write_study(study: Study, measured: Mapping[str, Any], results: Path) -> Tables:
     """Writes tables and figures, removes those of a former study that this one has not, and returns the tables."""
+    rows = {name: list(measured[name]) for name in study.tables if name in measured}
     for name, kind in study.tables.items():
-        if name in measured:
-            write_table(results / f"{name}.csv", kind, measured[name])
+        if name in rows:
+            write_table(results / f"{name}.csv", kind, rows[name])
         else:
             (results / f"{name}.csv").unlink(missing_ok=True)
     tables = study.read(results)

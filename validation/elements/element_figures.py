@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from postproc.draw.style import FAINT, line_of, pyplot
-from validation.elements.elements_sentences import EFFECTS, NUMBERS, Quote
+from validation.elements.elements_sentences import Quote
 from validation.elements.oscilloscope import STEPS, Shown
 from validation.studies import Picture, Tables
 
@@ -24,7 +24,7 @@ WATCHED = {
 
 def figures(tables: Tables) -> dict[str, Picture]:
     """Effects against cost, and for each scene what its gauges show, which is drawn when it is measured."""
-    effects, numbers = tables[EFFECTS], tables[NUMBERS]
+    effects, numbers = tables["elements"], tables["oscilloscope"]
     words = "what the gauges show, from the elastic line to the gauge's electronics"
     return {"elements": Picture("Effect of each element against its cost", partial(draw_effects, effects))} | {
         f"oscilloscope-{scene}": Picture(f"{scene}: {words}", None, numbers[numbers["scene"] == scene])

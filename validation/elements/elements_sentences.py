@@ -12,8 +12,6 @@ from validation.elements.between import WITHOUT_FRICTION
 from validation.elements.oscilloscope import STEPS
 from validation.studies import Tables
 
-EFFECTS, NOTHING, ACCURACIES = "elements", "elements-nothing", "elements-accuracies"
-BETWEEN, NUMBERS, RANGES = "elements-between", "oscilloscope", "oscilloscope-ranges"
 ROUNDING = 1e-6  # of a mean: where a spread is none
 ELASTIC, *ADDED = STEPS
 
@@ -54,15 +52,17 @@ def quotes() -> list[Quote]:
 
 def sentences(tables: Tables) -> list[str]:
     """What was found, each with its numbers; the effects themselves are a table."""
-    rule = _on_rule(tables[NOTHING], tables[ACCURACIES])
-    gaps = [line for quote in quotes() for line in _on_gap(quote, tables[NUMBERS], tables[RANGES])]
-    return [*rule, *_on_codes(tables[BETWEEN]), *gaps]
+    rule = _on_rule(tables["elements-nothing"], tables["elements-accuracies"])
+    gaps = [
+        line for quote in quotes() for line in _on_gap(quote, tables["oscilloscope"], tables["oscilloscope-ranges"])
+    ]
+    return [*rule, *_on_codes(tables["elements-between"]), *gaps]
 
 
 def missed(tables: Tables) -> list[str]:
     """Where the rule does not hold, or the codes differ where they must not."""
     limit, codes = tolerance("elements", "nothing").limit, tolerance("elements", "codes").limit
-    nothing, accuracies, between = tables[NOTHING], tables[ACCURACIES], tables[BETWEEN]
+    nothing, accuracies, between = tables["elements-nothing"], tables["elements-accuracies"], tables["elements-between"]
     without_friction = between[between["friction"] == WITHOUT_FRICTION].drop_duplicates(["scene", "codes"])
     return [
         *(f"{row['scene']} on {row['engine']}: what is always left out changes forces by {row['change']:.2g}, allowed"

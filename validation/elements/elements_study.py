@@ -9,17 +9,7 @@ from postproc.paper.simulate import case_of
 from validation.accuracy.costs import cost_on
 from validation.elements.between import Between, compare_codes
 from validation.elements.element_figures import draw_oscilloscope, figures
-from validation.elements.elements_sentences import (
-    ACCURACIES,
-    BETWEEN,
-    EFFECTS,
-    NOTHING,
-    NUMBERS,
-    RANGES,
-    missed,
-    quotes,
-    sentences,
-)
+from validation.elements.elements_sentences import missed, quotes, sentences
 from validation.elements.oscilloscope import Number, add_steps, vary
 from validation.elements.rule_checks import Asked, Nothing, accuracies_kept, nothing_changes
 from validation.elements.switch_effects import Effect, measure_effects
@@ -44,25 +34,22 @@ def measure(options: Options) -> dict[str, Any]:
     tube = case_of(f"{scenes[0].name}-tube")
     fastest = min(engines, key=lambda name: cost_on(name).run_s(tube))
     pairs = pairs_of(asked.model_copy(update={"scene": scenes}), seeds)
-    rows = {
-        EFFECTS: measure_effects(pairs, engines, 1 if options.quick else REPEATS, runs),
-        NOTHING: nothing_changes(scenes, engines, runs),
-        ACCURACIES: accuracies_kept(scenes[0].name, engines, runs),
-        BETWEEN: compare_codes(scenes, seeds, codes, runs),
-    }
     steps = {scene.name: list(add_steps(scene, seeds, fastest, runs)) for scene in scenes}
     varied = [each for scene in scenes[:2] for each in vary(scene, seeds, fastest, runs)]
     return {
-        **{name: list(found) for name, found in rows.items()},
-        NUMBERS: [number for own in steps.values() for each in own for number in each.numbers],
-        RANGES: [number for each in varied for number in each.numbers],
+        "elements": measure_effects(pairs, engines, 1 if options.quick else REPEATS, runs),
+        "elements-nothing": nothing_changes(scenes, engines, runs),
+        "elements-accuracies": accuracies_kept(scenes[0].name, engines, runs),
+        "elements-between": compare_codes(scenes, seeds, codes, runs),
+        "oscilloscope": [number for own in steps.values() for each in own for number in each.numbers],
+        "oscilloscope-ranges": [number for each in varied for number in each.numbers],
         **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in steps.items()},
     }
 
 
 def section(tables: Tables) -> dict[str, Any]:
     """Effects by scene, and whether it is the short study."""
-    effects = tables[EFFECTS]
+    effects = tables["elements"]
     names = list(effects["observable"].unique())
     return {
         "short": not {scene.name for scene in read_elements().scene} <= set(effects["scene"]),
@@ -90,12 +77,12 @@ def _cell(change: float, spread: float) -> str:
 STUDY = Study(
     name="elements",
     tables={
-        EFFECTS: Effect,
-        NOTHING: Nothing,
-        ACCURACIES: Asked,
-        BETWEEN: Between,
-        NUMBERS: Number,
-        RANGES: Number,
+        "elements": Effect,
+        "elements-nothing": Nothing,
+        "elements-accuracies": Asked,
+        "elements-between": Between,
+        "oscilloscope": Number,
+        "oscilloscope-ranges": Number,
     },
     measure=measure,
     sentences=sentences,

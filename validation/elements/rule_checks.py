@@ -4,7 +4,7 @@ What is always left out must change nothing: a straight chain is run once more w
 tube, with friction. What an accuracy allows to be left out must change nothing that was asked for by more than that.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,15 +56,13 @@ class Asked:
     error: float
 
 
-def nothing_changes(subjects: Iterable[Subject], engines: Iterable[str], runs: Path) -> list[Nothing]:
+def nothing_changes(subjects: Iterable[Subject], engines: Iterable[str], runs: Path) -> Iterator[Nothing]:
     """What is always left out, put in."""
-    found = []
     for engine in engines:
         for subject in subjects:
             cases = [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
             one, other = (run.trace.force_N for run in run_all_done([(case, engine) for case in cases], runs))
-            found.append(Nothing(subject.name, engine, float(np.abs(other - one).max() / one.max())))
-    return found
+            yield Nothing(subject.name, engine, float(np.abs(other - one).max() / one.max()))
 
 
 def left_out(element: Element) -> bool:
@@ -72,13 +70,12 @@ def left_out(element: Element) -> bool:
     return not element.modelled and element.reason.startswith("left out")
 
 
-def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> list[Asked]:
+def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[Asked]:
     """What several accuracies let out of a scene that has everything, and what runs then miss of them.
 
     Raises:
         RunError: a run failed.
     """
-    found = []
     for accuracy in ASKED:
         case = planned_case(scene, *ALL, "run.time_step=", f"run.accuracy={accuracy}")
         jobs = [(case, engine) for engine in engines]
@@ -88,5 +85,4 @@ def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> list[Aske
             worst = max(kept, key=lambda name: kept[name]["measured"] / kept[name]["asked"])
             names = ", ".join(each.name for each in case.elements if left_out(each))
             step = case.scene.time_step_s
-            found.append(Asked(accuracy, engine, names, step, worst, kept[worst]["asked"], kept[worst]["measured"]))
-    return found
+            yield Asked(accuracy, engine, names, step, worst, kept[worst]["asked"], kept[worst]["measured"])

@@ -1,11 +1,10 @@
 """Scenes at the edge, through scene files and all engines: verdicts, errors, and when a run leaves the reference."""
 
-import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 
-import numpy as np
 from pydantic import Field
 
 from drivers.base import paths
@@ -18,7 +17,7 @@ from drivers.limits.stable_step import predicted_limit
 from drivers.run.many import run_many
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
-from postproc.read.residual import REFERENCE, residual
+from postproc.read.residual import REFERENCE, apart
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON
 from validation.accuracy.plan import planned_case
@@ -87,15 +86,12 @@ def extremes(*, quick: bool = False) -> list[Extreme]:
     return [each for each in file.extreme if each.quick or not quick]
 
 
-def run_all(some: list[Extreme], runs: Path) -> list[Outcome]:
+def run_all(some: list[Extreme], runs: Path) -> Iterator[Outcome]:
     """Outcomes of extremes on every engine; what is done is not run again."""
-    outcomes = []
     for extreme in some:
-        began = time.perf_counter()
-        outcomes += run_extreme(extreme, runs)
-        verdicts = ", ".join(f"{each.engine} {each.verdict}" for each in outcomes if each.name == extreme.name)
-        progress(f"{extreme.name}: {verdicts} ({time.perf_counter() - began:.1f} s)")
-    return outcomes
+        outcomes = run_extreme(extreme, runs)
+        progress(f"{extreme.name}: {', '.join(f'{each.engine} {each.verdict}' for each in outcomes)}")
+        yield from outcomes
 
 
 def run_extreme(extreme: Extreme, runs: Path) -> list[Outcome]:
@@ -137,6 +133,4 @@ def _apart(traces: dict[str, Trace], engine: str, other: str, limit: float) -> t
     """The largest difference of two runs and the time at which it first passes a limit."""
     if engine not in traces or other not in traces or engine in (other, REFERENCE):
         return nan, nan
-    apart = residual(traces[engine], traces[other])
-    beyond = apart > limit
-    return float(apart.max()), float(traces[engine].time_s[np.argmax(beyond)]) if beyond.any() else nan
+    return apart(traces[engine], traces[other], limit)

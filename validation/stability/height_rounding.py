@@ -40,16 +40,16 @@ class Rounded:
     error: float
 
 
-def measure_rounding() -> list[Rounded]:
+def measure_rounding() -> Iterator[Rounded]:
     """Errors by height and overlap, then by the number of beads."""
     cases = [pressed(3, load, height) for height in HEIGHTS_M for load in LOADS_N]
     cases += [pressed(count, COUNTS_LOAD_N, 0.0) for count in COUNTS]
-    found = [each for case in cases for each in in_repo(case)]
+    for case in cases:
+        yield from in_repo(case)
     for engine in installed_codes():
         for build in ("", *load_engine(engine).precise_builds):
-            found += by_build(engine, build, cases)
-    progress(f"rounding of heights: {len(found)} forces")
-    return found
+            progress(f"rounding of heights: {build or engine}")
+            yield from by_build(engine, build, cases)
 
 
 def pressed(count: int, load_N: float, height_m: float) -> Case:

@@ -4,18 +4,17 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
-from math import nan
 
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, energy_put_in
+from drivers.chain.chain import energy_put_in
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace
 from drivers.engines import installed_codes
 from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
-from postproc.read.residual import residual
+from postproc.read.residual import apart
 from validation.accuracy.error_measures import truth_of
 from validation.accuracy.schemes import trace_of, verlet_of
 from validation.reference.symplectic import integrate_symplectic
@@ -82,37 +81,32 @@ class Statistic:
     error: float
 
 
-def energies() -> list[Energy]:
+def energies() -> Iterator[Energy]:
     """Energy errors over ten million steps, of every method."""
-    found = []
     for name, settings in LONG.items():
         case = case_of("fig4", *settings)
         for method, trace in _by_all(case, also=(ORDER_4, EXACT)):
-            found.append(energy_of(name, method, case, trace))
+            yield energy_of(name, method, case, trace)
         progress(f"energy over {case.scene.steps:.0e} steps: {name}")
-    return found
 
 
-def horizons() -> list[Horizon]:
+def horizons() -> Iterator[Horizon]:
     """How long methods agree point by point, by time step."""
-    found, names = [], installed_codes()
+    names = installed_codes()
     for step in HORIZON_STEPS_US:
         case = case_of(BOUNCING, *HORIZON, f"run.time_step={step} us")
         traces = dict(_by_all(case))
         for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), (VERLET, EXACT)):
-            apart = residual(traces[one], traces[other]) > AGREED
-            until = float(case.sample_times_s[np.argmax(apart)]) if apart.any() else nan
-            found.append(Horizon(case.scene.time_step_s, one, other, until, float(case.sample_times_s[-1])))
+            _, until_s = apart(traces[one], traces[other], AGREED)
+            yield Horizon(case.scene.time_step_s, one, other, until_s, float(case.sample_times_s[-1]))
     progress(f"horizons at {len(HORIZON_STEPS_US)} time steps")
-    return found
 
 
-def statistics() -> list[Statistic]:
+def statistics() -> Iterator[Statistic]:
     """Means that stay comparable past the horizon: wall force over weight, kinetic share of the energy."""
     case = case_of(BOUNCING, *STATISTICS)
     weight = float(np.abs(case.chain.load_N).sum())
     put_in = energy_put_in(case.chain, float(case.sample_times_s[-1]))
-    found = []
     for method, trace in _by_all(case):
         late = trace.time_s >= SETTLED_S
         means = {
@@ -120,9 +114,10 @@ def statistics() -> list[Statistic]:
             "kinetic energy over that at time 0": trace.kinetic_energy_J[late] / trace.kinetic_energy_J[0],
             "energy gained over what was put in": (trace.total_energy_J[late] - trace.total_energy_J[0]) / put_in,
         }
-        found += [Statistic(method, quantity, *_mean(values)) for quantity, values in means.items()]
+        for quantity, values in means.items():
+            blocks = np.array([block.mean() for block in np.array_split(values, BLOCKS)])
+            yield Statistic(method, quantity, float(blocks.mean()), float(blocks.std(ddof=1) / np.sqrt(BLOCKS)))
     progress(f"statistics of {BOUNCING} over {case.scene.run.duration:g} s")
-    return found
 
 
 def _by_all(case: Case, *, also: tuple[str, ...] = (EXACT,)) -> Iterator[tuple[str, Trace]]:
@@ -153,8 +148,3 @@ def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
     walk, count = float(steps.std(ddof=1)), len(steps)
     drift, error = float(levels[-1] - levels[0]) * BLOCKS / count, walk * np.sqrt(count) * BLOCKS / count
     return Energy(scene, method, case.scene.steps, float(change.max()), drift, float(error), walk)
-
-
-def _mean(values: Array) -> tuple[float, float]:
-    blocks = np.array([block.mean() for block in np.array_split(values, BLOCKS)])
-    return float(blocks.mean()), float(blocks.std(ddof=1) / np.sqrt(BLOCKS))

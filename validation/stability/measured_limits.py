@@ -138,15 +138,6 @@ def _scan(
             break
     criteria = {key: share * time(case) for key, (share, time) in zip(CRITERION_KEYS, CRITERIA.values(), strict=True)}
     return Limit(
-        group=subject.group,
-        scene=subject.name,
-        value=subject.value,
-        method=method,
-        bodies=case.chain.bodies,
-        predicted_s=predicted_s,
-        measured_s=measured_s,
-        bad_s=bad_s,
-        ratio=measured_s / predicted_s,
-        **criteria,
-        steps=float(case.sample_times_s[-1]) / measured_s,
-    )
+        subject.group, subject.name, subject.value, method, case.chain.bodies, predicted_s, measured_s, bad_s,
+        ratio=measured_s / predicted_s, **criteria, steps=float(case.sample_times_s[-1]) / measured_s,
+    )  # fmt: skip

@@ -10,7 +10,6 @@ from drivers.engines import codes
 from drivers.limits.criteria import CRITERIA
 from postproc.draw.style import COLUMN_IN, FAINT, marker_of, pyplot
 from validation.stability.measured_limits import CRITERION_KEYS, VERLET
-from validation.stability.stability_sentences import HORIZONS, LIMITS, ROUNDING
 from validation.stability.subjects import SWEEPS
 from validation.studies import Picture, Tables
 
@@ -20,13 +19,13 @@ COLOURS = ("#cc79a7", "#e69f00", "#56b4e9")
 def figures(tables: Tables) -> dict[str, Picture]:
     """Maps of the tables that are there."""
     drawn = {
-        LIMITS: ("stability-limits", draw_limits, "Predicted steps and users' criteria over the measured limit"),
-        HORIZONS: (HORIZONS, draw_horizons, "How long two methods agree to a per cent, by time step"),
-        ROUNDING: (ROUNDING, draw_rounding, "Relative error of a contact's force against its overlap"),
+        "limits": ("stability", draw_limits, "Predicted steps and users' criteria over the measured limit"),
+        "horizons": ("stability-horizons", draw_horizons, "How long two methods agree to a per cent, by time step"),
+        "rounding": ("stability-rounding", draw_rounding, "Relative error of a contact's force against its overlap"),
     }
     return {
-        name: Picture(title, partial(draw, tables[table]))
-        for table, (name, draw, title) in drawn.items()
+        f"stability-{name}": Picture(title, partial(draw, tables[table]))
+        for name, (table, draw, title) in drawn.items()
         if table in tables
     }
 

@@ -12,14 +12,12 @@ from validation.stability.measured_limits import CRITERION_KEYS, JUDGED, VERLET,
 from validation.stability.subjects import BOUNCING, SHIPPED
 from validation.studies import Tables
 
-LIMITS, EXTREMES, ENERGY = "stability", "stability-extremes", "stability-energy"
-HORIZONS, STATISTICS, ROUNDING = "stability-horizons", "stability-statistics", "stability-rounding"
 WASTEFUL = 0.1  # of the measured limit: steps below it buy accuracy that stability does not ask for
 
 
 def sentences(tables: Tables) -> list[str]:
     """The sentences, most general first."""
-    limits, edge = tables[LIMITS], tables[EXTREMES]
+    limits, edge = tables["stability"], tables["stability-extremes"]
     said = [*_on_limits(limits), *_on_criteria(limits), *_on_extremes(edge)]
     for name, write in OPTIONAL.items():
         said += write(tables[name]) if name in tables else ()
@@ -28,7 +26,7 @@ def sentences(tables: Tables) -> list[str]:
 
 def missed(tables: Tables) -> list[str]:
     """Where a prediction is wrong, or a scene at the edge fails."""
-    limits, edge = tables[LIMITS], tables[EXTREMES]
+    limits, edge = tables["stability"], tables["stability-extremes"]
     wrong = limits[limits["group"].isin(JUDGED) & ~limits["ratio"].between(1.0, WITHIN)]
     failed = edge[edge["verdict"].isin(["failed", "timeout"])]
     return [
@@ -137,7 +135,12 @@ def _on_rounding(rounding: pd.DataFrame) -> Iterator[str]:
     )
 
 
-OPTIONAL = {ENERGY: _on_energy, HORIZONS: _on_horizons, STATISTICS: _on_statistics, ROUNDING: _on_rounding}
+OPTIONAL = {
+    "stability-energy": _on_energy,
+    "stability-horizons": _on_horizons,
+    "stability-statistics": _on_statistics,
+    "stability-rounding": _on_rounding,
+}
 
 
 def _listed(names: list[str]) -> str:

@@ -1,6 +1,6 @@
 """The stability study: limits of the time step, scenes at the edge, long runs, rounding of heights."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import pandas as pd
@@ -11,35 +11,27 @@ from validation.stability.height_rounding import Rounded, measure_rounding
 from validation.stability.long_runs import Energy, Horizon, Statistic, energies, horizons, statistics
 from validation.stability.measured_limits import CRITERION_KEYS, VERLET, Limit, measure_limits
 from validation.stability.stability_maps import figures
-from validation.stability.stability_sentences import (
-    ENERGY,
-    EXTREMES,
-    HORIZONS,
-    LIMITS,
-    ROUNDING,
-    STATISTICS,
-    WASTEFUL,
-    missed,
-    sentences,
-)
+from validation.stability.stability_sentences import WASTEFUL, missed, sentences
 from validation.stability.subjects import SHIPPED, at_random, bouncing, shipped, sweeps
 from validation.studies import Options, Study, Tables
 
 RANDOM_SCENES = 100
-LONG: dict[str, Callable[[], Sequence[Any]]] = {
-    ENERGY: energies,
-    HORIZONS: horizons,
-    STATISTICS: statistics,
-    ROUNDING: measure_rounding,
+LONG: dict[str, Callable[[], Iterable[Any]]] = {
+    "stability-energy": energies,
+    "stability-horizons": horizons,
+    "stability-statistics": statistics,
+    "stability-rounding": measure_rounding,
 }
 
 
 def measure(options: Options) -> dict[str, Any]:
     """All of it; the short study leaves out random scenes, most extremes, long runs and rounding."""
-    quick = options.quick
-    subjects = [*shipped(), *sweeps(), *([] if quick else (*bouncing(), *at_random(RANDOM_SCENES)))]
-    rows = {LIMITS: measure_limits(subjects), EXTREMES: run_all(extremes(quick=quick), options.runs)}
-    return {**rows, **({} if quick else {name: run() for name, run in LONG.items()})}
+    subjects = (
+        [*shipped(), *sweeps()] if options.quick else [*shipped(), *sweeps(), *bouncing(), *at_random(RANDOM_SCENES)]
+    )
+    edge = run_all(extremes(quick=options.quick), options.runs)
+    rows = {"stability": measure_limits(subjects), "stability-extremes": edge}
+    return rows if options.quick else rows | {name: run() for name, run in LONG.items()}
 
 
 def section(tables: Tables) -> dict[str, Any]:
@@ -47,9 +39,9 @@ def section(tables: Tables) -> dict[str, Any]:
     return {
         "short": not LONG.keys() <= tables.keys(),
         "criteria": list(CRITERIA),
-        "methods": list(tables[LIMITS]["method"].unique()),
-        "limits": _limits(tables[LIMITS]),
-        "extremes": _extremes(tables[EXTREMES]),
+        "methods": list(tables["stability"]["method"].unique()),
+        "limits": _limits(tables["stability"]),
+        "extremes": _extremes(tables["stability-extremes"]),
     }
 
 
@@ -105,12 +97,12 @@ def _extremes(extremes: pd.DataFrame) -> list[dict[str, Any]]:
 STUDY = Study(
     name="stability",
     tables={
-        LIMITS: Limit,
-        EXTREMES: Outcome,
-        ENERGY: Energy,
-        HORIZONS: Horizon,
-        STATISTICS: Statistic,
-        ROUNDING: Rounded,
+        "stability": Limit,
+        "stability-extremes": Outcome,
+        "stability-energy": Energy,
+        "stability-horizons": Horizon,
+        "stability-statistics": Statistic,
+        "stability-rounding": Rounded,
     },
     measure=measure,
     sentences=sentences,

@@ -47,10 +47,10 @@ class Lever:
     gain: float = nan
 
 
-def pull_all() -> list[Lever]:
+def pull_all() -> Iterator[Lever]:
     """Every lever."""
-    levers = (sampling, extrapolation, rayleigh, softened, two_cores, precision, one_process)
-    return [measured for lever in levers for measured in lever()]
+    for lever in (sampling, extrapolation, rayleigh, softened, two_cores, precision, one_process):
+        yield from lever()
 
 
 def sampling() -> Iterator[Lever]:

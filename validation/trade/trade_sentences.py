@@ -11,13 +11,17 @@ from validation.studies import Tables
 from validation.trade.advice import STRAIGHT, cheapest, done
 from validation.trade.climb import FAILED, NOT_RUN
 
-TABLE, LEVERS, ADVICE, ORDERS = "trade", "trade-levers", "trade-advice", "trade-orders"
-
 
 def sentences(tables: Tables) -> list[str]:
     """The sentences, most general first."""
-    rows, levers = tables[TABLE], tables[LEVERS]
-    return [_on_extent(rows), *_on_orders(tables[ORDERS]), *_on_cost(rows), *_on_steps(levers), *_on_machines(levers)]
+    rows, levers = tables["trade"], tables["trade-levers"]
+    return [
+        _on_extent(rows),
+        *_on_orders(tables["trade-orders"]),
+        *_on_cost(rows),
+        *_on_steps(levers),
+        *_on_machines(levers),
+    ]
 
 
 def _on_extent(rows: pd.DataFrame) -> str:

@@ -10,7 +10,7 @@ from validation.trade.advice import QUANTITIES, TARGETS, Advice, Order, advice, 
 from validation.trade.climb import Row, climb
 from validation.trade.ladder import BUDGET_S
 from validation.trade.levers import Lever, pull_all
-from validation.trade.trade_sentences import ADVICE, LEVERS, ORDERS, TABLE, codes_in, sentences
+from validation.trade.trade_sentences import codes_in, sentences
 from validation.trade.work_precision import figures
 
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
@@ -20,12 +20,12 @@ def measure(options: Options) -> dict[str, Any]:
     """The ladder within a budget of engine time, the levers, and what follows from the ladder."""
     rows = climb(options.budget_s or BUDGET_S)
     table = frame_of(Row, rows)
-    return {TABLE: rows, LEVERS: pull_all(), ADVICE: advice(table), ORDERS: orders(table)}
+    return {"trade": rows, "trade-levers": pull_all(), "trade-advice": advice(table), "trade-orders": orders(table)}
 
 
 def section(tables: Tables) -> dict[str, Any]:
     """Cheapest code for each error: on the first scene in all quantities, on the others of the force."""
-    rows = tables[TABLE]
+    rows = tables["trade"]
     first, *others = rows["scene"].unique()
     chosen = [*((first, quantity) for quantity in QUANTITIES), *((scene, "force") for scene in others)]
     among = rows[rows["method"].isin(codes_in(rows))] if codes_in(rows) else rows
@@ -55,7 +55,7 @@ def _time(seconds: float) -> str:
 
 STUDY = Study(
     name="trade",
-    tables={TABLE: Row, LEVERS: Lever, ADVICE: Advice, ORDERS: Order},
+    tables={"trade": Row, "trade-levers": Lever, "trade-advice": Advice, "trade-orders": Order},
     measure=measure,
     sentences=sentences,
     figures=figures,

@@ -11,7 +11,6 @@ from postproc.draw.style import COLUMN_IN, line_of, marker_of, pyplot
 from validation.studies import Picture, Tables
 from validation.trade.advice import QUANTITIES, done, front
 from validation.trade.ladder import ADAPTIVE, ORDER_4
-from validation.trade.trade_sentences import TABLE
 
 METHODS = {ORDER_4: ("#56b4e9", "D"), ADAPTIVE: ("#999999", "v")}  # colours and markers of what is no engine
 COSTS = {"loop_s": "time in the loop, s", "wall_s": "time of a run by itself, s"}
@@ -19,7 +18,7 @@ COSTS = {"loop_s": "time in the loop, s", "wall_s": "time of a run by itself, s"
 
 def figures(tables: Tables) -> dict[str, Picture]:
     """The force error of every scene against both costs, and all quantities of the first scene."""
-    rows = tables[TABLE]
+    rows = tables["trade"]
     scenes = list(rows["scene"].unique())
     pictures = {f"trade-{scene}": Picture(scene, partial(draw_scene, rows, scene)) for scene in scenes}
     return pictures | {"trade-quantities": Picture("", partial(draw_quantities, rows, scenes[0]))}

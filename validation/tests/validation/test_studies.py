@@ -18,11 +18,10 @@ from drivers.run.many import run_all_done
 from postproc.paper.simulate import Simulation, run_codes
 from validation.__main__ import COMMANDS
 from validation.elements import between, elements_study, oscilloscope, rule_checks, switch_effects
-from validation.elements.elements_sentences import BETWEEN, EFFECTS, missed
+from validation.elements.elements_sentences import missed
 from validation.elements.switches import read_elements
 from validation.stability.extremes import Extreme, run_extreme
 from validation.stability.measured_limits import measure_limits
-from validation.stability.stability_sentences import EXTREMES, LIMITS
 from validation.stability.stability_study import STUDY as STABILITY
 from validation.stability.subjects import SHIPPED, Subject, sweeps
 from validation.studies import STUDIES, Options, load_study, read_section, write_study
@@ -31,7 +30,6 @@ from validation.tests.helpers.scenes import case_of
 from validation.trade.advice import advice, orders
 from validation.trade.climb import Row, climb
 from validation.trade.levers import Lever, extrapolation, rayleigh, sampling, softened
-from validation.trade.trade_sentences import ADVICE, LEVERS, ORDERS, TABLE
 from validation.trade.trade_study import STUDY as TRADE
 
 ADAPTER = """
@@ -82,8 +80,8 @@ def test_trade_takes_any_number_of_codes(count: int, install: Installer, levers:
     rows = climb(0.5, ("fig5",))
     found = frame_of(Row, rows)
     assert {*names, "verlet", "order 4", "adaptive"} == set(found["method"])
-    derived: dict[str, list[Any]] = {ADVICE: list(advice(found)), ORDERS: list(orders(found))}
-    write_study(TRADE, {TABLE: rows, LEVERS: levers, **derived}, tmp_path / "results")
+    derived: dict[str, list[Any]] = {"trade-advice": list(advice(found)), "trade-orders": list(orders(found))}
+    write_study(TRADE, {"trade": rows, "trade-levers": levers, **derived}, tmp_path / "results")
     section = read_section("trade", tmp_path / "results")
     assert {cell[0] for line in section["table"] for cell in line["cells"] if cell} <= set(names or found["method"])
     for name in names:
@@ -97,7 +95,7 @@ def test_stability_takes_any_number_of_codes(count: int, install: Installer, tmp
     subjects = [Subject(SHIPPED, "fig5", case_of("fig5")), *{each.group: each for each in sweeps()}.values()]
     edge = run_extreme(Extreme(name="as it is", scene="fig5"), tmp_path / "runs")
     assert [each.engine for each in edge] == ["reference", "verlet", *sorted(names)]
-    write_study(STABILITY, {LIMITS: measure_limits(subjects), EXTREMES: edge}, tmp_path / "results")
+    write_study(STABILITY, {"stability": measure_limits(subjects), "stability-extremes": edge}, tmp_path / "results")
     section = read_section("stability", tmp_path / "results")
     assert section["methods"] == ["verlet", *sorted(names)]
     assert len(section["limits"][0]["measured"]) == 1 + len(names)
@@ -138,10 +136,10 @@ def test_elements_takes_any_number_of_codes(
     monkeypatch.setattr(elements_study, "read_elements", lambda: fewer)
     results = tmp_path / "results"
     tables = write_study(elements_study.STUDY, elements_study.measure(Options(quick=True, runs=tmp_path)), results)
-    assert set(tables[EFFECTS]["element"]) == {"gravity", "scatter of masses"}
-    assert list(tables[EFFECTS]["engine"].unique()) == (names or ["verlet"])
+    assert set(tables["elements"]["element"]) == {"gravity", "scatter of masses"}
+    assert list(tables["elements"]["engine"].unique()) == (names or ["verlet"])
     pairs = [f"{one} {other}" for one, other in combinations(names, 2)]
-    assert list(tables[BETWEEN]["codes"].unique()) == (pairs or [" ".join(names)])
+    assert list(tables["elements-between"]["codes"].unique()) == (pairs or [" ".join(names)])
     assert missed(tables) == []
     section = read_section("elements", results)
     assert section["short"]

@@ -23,7 +23,7 @@ from validation.stability.height_rounding import by_build, in_repo, pressed
 from validation.stability.long_runs import energy_of
 from validation.stability.measured_limits import WITHIN, gain, measure_limits, prediction
 from validation.stability.random_scenes import random_case
-from validation.stability.stability_sentences import EXTREMES, LIMITS, missed
+from validation.stability.stability_sentences import missed
 from validation.stability.stability_study import STUDY
 from validation.stability.subjects import PAPER, RANDOM, SHIPPED, Subject, at_random, bouncing, sweeps
 from validation.studies import read_section, write_study
@@ -203,8 +203,8 @@ def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) ->
     (tmp_path / "stability-energy.csv").write_text("of a former study\n")
     (tmp_path / "stability-horizons.svg").write_text("of a former study\n")
     rows: dict[str, list[Any]] = {
-        LIMITS: measure_limits(chosen, names=()),
-        EXTREMES: run_extreme(edge, shared_runs),
+        "stability": measure_limits(chosen, names=()),
+        "stability-extremes": run_extreme(edge, shared_runs),
     }
     tables = write_study(STUDY, rows, tmp_path)
     assert missed(tables) == []
@@ -218,7 +218,7 @@ def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) ->
     assert "beads &lt;b&gt;" in page
     assert "Where it breaks" in page
     assert "the short study; <code>make stability</code> makes the whole" in page
-    table = tables[LIMITS]
+    table = tables["stability"]
     table["ratio"] = 0.99
     assert len(missed(tables)) == (table["group"] == SHIPPED).sum()
     (tmp_path / "stability.csv").write_text("group,scene\nshipped scenes,fig4\n")

@@ -17,7 +17,6 @@ from validation.trade.advice import advice, cheapest, front, orders
 from validation.trade.climb import Row, climb
 from validation.trade.ladder import Rung, affordable, at_step
 from validation.trade.levers import extrapolation, rayleigh, sampling, softened
-from validation.trade.trade_sentences import ADVICE, LEVERS, ORDERS, TABLE
 from validation.trade.trade_study import STUDY
 
 
@@ -98,7 +97,11 @@ def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     assert np.ptp(same["force"].to_numpy()) < 1e-9
 
     levers = [*sampling(), *extrapolation(), *rayleigh(), *softened()]
-    write_study(STUDY, {TABLE: rows, LEVERS: levers, ADVICE: [*advice(found)], ORDERS: [*orders(found)]}, tmp_path)
+    write_study(
+        STUDY,
+        {"trade": rows, "trade-levers": levers, "trade-advice": [*advice(found)], "trade-orders": [*orders(found)]},
+        tmp_path,
+    )
     section = read_section("trade", tmp_path)
     assert any(
         sentence.startswith("The force trace by liggghts converges with order 2.") for sentence in section["sentences"]
