@@ -1,9 +1,8 @@
 """A wave going down a chain: a contact sheet of the chain at some times, and the same as an animation."""
 
-import shutil
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from textwrap import fill
 from typing import Any
 
@@ -110,7 +109,7 @@ def sheet(film: Film, title: str) -> Product:
     pitch_in = WIDTH_IN / count
     scale_in = min(TALLEST_IN / tall, pitch_in / (2.5 * film.half_m))
     height_in = max(scale_in * tall, LEAST_IN) + 0.1
-    words = _words(film, title)
+    words = _notes(film, title)
     page_in = height_in + 0.45 + 0.15 * len(words)
     figure = plt.figure(figsize=(WIDTH_IN + 0.9, page_in))
     axis = _axis(figure, (0.1, 0.35, WIDTH_IN, height_in))
@@ -128,7 +127,7 @@ def sheet(film: Film, title: str) -> Product:
 
 def write_animation(film: Film, title: str, path: Path) -> Path:
     """Writes the film as an animated GIF, whole or not at all: the chain beside the forces in it."""
-    from matplotlib.animation import PillowWriter
+    from PIL import Image
 
     plt, tall = pyplot(), film.high_m - film.low_m
     chain_in, force_in, height_in = 1.3, 2.3, 3.8
@@ -139,24 +138,23 @@ def write_animation(film: Film, title: str, path: Path) -> Path:
     limits = _around(film, height_in / scale_in)
     beside.set(xlim=(0, 1.05 * film.largest_N), ylim=limits, xlabel="mean of the contact forces (N)", yticks=[])
     line = beside.plot([], [], color=FAINT, lw=0.8, marker="o" if _circles(film, scale_in) else "", ms=2.5)[0]
-    figure.text(0.03, 0.98, fill("; ".join(_words(film, title)), 62), va="top")
-    writer = PillowWriter(fps=FILM_PER_S)
+    figure.text(0.03, 0.98, fill("; ".join(_notes(film, title)), 62), va="top")
+    images = []
+    for i, time_s in enumerate(film.time_s):
+        axis.clear()
+        axis.axis("off")
+        axis.set(xlim=(-chain_in / scale_in / 2, chain_in / scale_in / 2), ylim=limits)
+        _draw_chain(axis, film, i, 0.0, scale_in)
+        line.set_data(film.force_N[i], film.place_m[i, :, 1])
+        beside.set_title(f"{time_s * MICRO:.0f} µs", loc="left")
+        figure.savefig(image := BytesIO(), dpi=FILM_DPI)
+        images.append(Image.open(image).convert("RGB"))
+    plt.close(figure)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory() as folder:
-        whole = Path(folder) / "film.gif"
-        writer.setup(figure, str(whole), FILM_DPI)
-        for i, time_s in enumerate(film.time_s):
-            axis.clear()
-            axis.axis("off")
-            axis.set(xlim=(-chain_in / scale_in / 2, chain_in / scale_in / 2), ylim=limits)
-            _draw_chain(axis, film, i, 0.0, scale_in)
-            line.set_data(film.force_N[i], film.place_m[i, :, 1])
-            beside.set_title(f"{time_s * MICRO:.0f} µs", loc="left")
-            writer.grab_frame()
-        writer.finish()
-        plt.close(figure)
-        with whole_file(path) as draft:
-            shutil.copyfile(whole, draft)
+    with whole_file(path) as draft:
+        images[0].save(
+            draft, format="GIF", save_all=True, append_images=images[1:], duration=1000 // FILM_PER_S, loop=0
+        )
     return path
 
 
@@ -231,7 +229,7 @@ def _band(film: Film, frame: int) -> Any:
     return np.ma.masked_less_equal(found, LEAST * film.largest_N)[:, np.newaxis]
 
 
-def _words(film: Film, title: str) -> list[str]:
+def _notes(film: Film, title: str) -> list[str]:
     """The title, and what is not as it was."""
     larger = f"sideways displacements {film.sideways:g} times as large" if film.sideways != 1 else ""
     return [title, *filter(None, [film.still, larger])]
@@ -240,11 +238,7 @@ def _words(film: Film, title: str) -> list[str]:
 def _table(film: Film) -> pd.DataFrame:
     """A row per time and body: its height and force."""
     bodies = film.force_N.shape[1]
-    return pd.DataFrame(
-        {
-            "time_s": np.repeat(film.time_s, bodies),
-            "body": np.tile(np.arange(1, bodies + 1), len(film.time_s)),
-            "height_m": film.place_m[..., 1].ravel(),
-            "force_N": film.force_N.ravel(),
-        }
-    )
+    return pd.DataFrame({
+        "time_s": np.repeat(film.time_s, bodies), "body": np.tile(np.arange(1, bodies + 1), len(film.time_s)),
+        "height_m": film.place_m[..., 1].ravel(), "force_N": film.force_N.ravel(),
+    })  # fmt: skip

@@ -26,14 +26,6 @@ WALL, TUBE = "#c9b27c", "#dddddd"
 
 
 @dataclass(frozen=True)
-class Cut:
-    """What is left out of the drawing at a drawn height."""
-
-    words: str
-    height_m: float
-
-
-@dataclass(frozen=True)
 class Sketch:
     """What is drawn where, in metres about the chain's axis.
 
@@ -41,6 +33,7 @@ class Sketch:
         bodies: indices of the drawn bodies.
         height_m: drawn heights of all bodies; of those in ``bodies`` only they mean something. Shape (bodies,).
         radius_m: 0 for a flat striker. Shape (bodies,).
+        cuts: drawn heights at which something is left out, and what.
         special: labels of beads unlike the others, and of sensors, by index.
         widest_m: the largest diameter drawn.
         flat_m: width and length of a flat striker as drawn; 0, 0 without one.
@@ -50,7 +43,7 @@ class Sketch:
     bodies: list[int]
     height_m: Array
     radius_m: Array
-    cuts: list[Cut]
+    cuts: list[tuple[float, str]]
     special: dict[int, str]
     widest_m: float
     flat_m: tuple[float, float]
@@ -78,16 +71,15 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
     if chain.wall:
         _draw_wall(axis, chain, sketch)
     _draw_beads(axis, scene, beads, sketch)
-    for cut in sketch.cuts:
-        axis.text(0, cut.height_m, "⋮", ha="center", va="center")
-        axis.text(0.75 * sketch.widest_m, cut.height_m, cut.words, va="center", color=FAINT)
+    for height_m, left_out in sketch.cuts:
+        axis.text(0, height_m, "⋮", ha="center", va="center")
+        axis.text(0.75 * sketch.widest_m, height_m, left_out, va="center", color=FAINT)
     if scene.striker is not None:
         _draw_striker(axis, scene, chain, sketch)
     if chain.beads:
         plural = "beads" if chain.beads > 1 else "bead"
-        words.insert(0, f"{chain.beads} {plural} of {scene.chain.material}")
-        words.insert(1, f"⌀ {_mm(scene.chain.diameter)}")
-        words.insert(2, f"{1e3 * bead_mass(scene):.4g} g each")
+        beads_words = (f"{chain.beads} {plural} of {scene.chain.material}", f"⌀ {_mm(scene.chain.diameter)}")
+        words = [*beads_words, f"{1e3 * bead_mass(scene):.4g} g each", *words]
     if words:
         middle = (sketch.high_m + chain.wall_height_m) / 2
         text = "\n".join(fill(line, 20) for line in "\n".join(words).split("\n"))
@@ -139,7 +131,9 @@ def _drawn(chain: Chain, special: dict[int, str]) -> list[int]:
     return sorted(wanted)
 
 
-def _closed_up(chain: Chain, bodies: list[int], radius: Array, special: dict[int, str]) -> tuple[Array, list[Cut]]:
+def _closed_up(
+    chain: Chain, bodies: list[int], radius: Array, special: dict[int, str]
+) -> tuple[Array, list[tuple[float, str]]]:
     """Heights with left-out beads and wide gaps shortened, and where that is."""
     height, cuts, shift = chain.height_m.copy(), [], 0.0
     for before, body in zip([-1, *bodies], bodies, strict=False):
@@ -153,7 +147,7 @@ def _closed_up(chain: Chain, bodies: list[int], radius: Array, special: dict[int
             hidden = sum(before < i < body for i in special)
             words = f"{left_out} beads" if left_out else f"{_mm(gap)} apart"
             words += f", {hidden} of them special" if hidden else ""
-            cuts.append(Cut(words, float(floor + room / 2)))
+            cuts.append((float(floor + room / 2), words))
         height[body] = chain.height_m[body] - shift
     return height, cuts
 

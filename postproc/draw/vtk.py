@@ -1,12 +1,8 @@
 """A finished run as a ParaView series: a file a frame, an index with their times, and the tube as its own mesh."""
 
-import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from os import getpid
 from pathlib import Path
-from threading import get_ident
+from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
 
 import numpy as np
@@ -80,15 +76,18 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
     """
     scene, chain = chain_of(run)
     found = frames_of(run, scene, chain, frames)
-    with _draft_beside(folder) as draft:
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as drafts:  # of the same file system
+        draft = Path(drafts)
         names = [FRAME.format(i) for i in range(len(found))]
         for name, frame in zip(names, found, strict=True):
-            _write_frame(draft / name, frame)
+            vertices = np.arange(chain.bodies)[:, np.newaxis]
+            write_mesh(draft / name, frame.point_m, "vertex", vertices, **frame.fields)
         (draft / INDEX).write_bytes(_index(found, names))
         if scene.tube is not None:
             _write_tube(draft / TUBE, scene, chain, found)
             names.append(TUBE)
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(exist_ok=True)
         for former in [folder / INDEX, folder / TUBE, *folder.glob(FRAME.replace("{:05}", "[0-9]*"))]:
             former.unlink(missing_ok=True)
         for name in [*names, INDEX]:
@@ -96,30 +95,12 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
     return [folder / INDEX] + [folder / TUBE for _ in range(scene.tube is not None)]
 
 
-@contextmanager
-def _draft_beside(folder: Path) -> Iterator[Path]:
-    """A folder to write in, gone afterwards; on the same file system as the one it is for."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    draft = folder.with_name(f".{folder.name}.{getpid()}-{get_ident()}")
-    draft.mkdir()
-    try:
-        yield draft
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
-
-
-def _write_frame(path: Path, frame: Frame) -> None:
-    vertices = np.arange(len(frame.point_m))[:, np.newaxis]
-    write_mesh(path, frame.point_m, "vertex", vertices, **frame.fields)
-
-
 def _write_tube(path: Path, scene: Scene, chain: Chain, frames: list[Frame]) -> None:
     """The bore from the wall to its top; without one, over all that fits into it."""
     assert scene.tube is not None
     bore = scene.tube.inner_diameter / 2
-    radius = np.where(np.isinf(chain.radius_m), np.inf, chain.radius_m)
-    inside = radius <= bore
-    tops = [float((frame.point_m[inside, 2] + radius[inside]).max()) for frame in frames if inside.any()]
+    inside = chain.radius_m <= bore
+    tops = [float((frame.point_m[inside, 2] + chain.radius_m[inside]).max()) for frame in frames if inside.any()]
     high = scene.tube.top if scene.tube.top is not None else max(tops, default=0.0)
     high = max(high, chain.wall_height_m + bore)
     rings = max(1, min(MOST_RINGS, round((high - chain.wall_height_m) / (2 * bore * np.pi / SIDES))))

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from drivers.chain.chain import Array
-from drivers.chain.mesh import tube_mesh
+from drivers.chain.mesh import tube_mesh, write_mesh
 from drivers.run.finished import EndedRun, open_run
 from postproc.draw import vtk
 from postproc.draw.vtk import write_series
@@ -157,15 +157,14 @@ def test_what_is_interrupted_leaves_nothing(
     run, home = a_run(scene_file(), shared_runs), tmp_path / "out"
     write_series(run, home / "former", 4)
     before = {path: path.read_bytes() for path in home.rglob("*") if path.is_file()}
-    whole = vtk._write_frame
 
-    def break_off(path: Path, frame: vtk.Frame) -> None:
+    def break_off(path: Path, *mesh: Any, **fields: Any) -> None:
         if path.name == "chain-00002.vtu":
             path.write_text("<VTKFile")
             raise blow
-        whole(path, frame)
+        write_mesh(path, *mesh, **fields)
 
-    monkeypatch.setattr(vtk, "_write_frame", break_off)
+    monkeypatch.setattr(vtk, "write_mesh", break_off)
     for name in ("former", "new"):
         with pytest.raises(type(blow)):
             write_series(run, home / name, 8)
