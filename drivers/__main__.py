@@ -3,9 +3,13 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drivers.base.command_line import Parser, must_be_folder, run_main, seconds
 from drivers.base.errors import InputError, RunError
+
+if TYPE_CHECKING:
+    from drivers.batch.study_cases import Steps
 
 AUTO = "auto"  # in place of an engine: the cheapest that models what the scene requires
 
@@ -175,8 +179,7 @@ def _run(arguments: argparse.Namespace) -> int:
     names = [name for name in names if name not in refusals]
     for name in [] if arguments.unsafe else names:
         refuse(case, name)  # before any engine starts
-    runs = arguments.runs or paths.RUNS
-    must_be_folder("--runs", runs)
+    runs = _runs(arguments)
     failures = 0
     for name in names:
         try:
@@ -210,55 +213,60 @@ def _plan(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def batch_steps() -> "Steps":
+    """Functions of higher rooms that a batch is handed."""
+    from drivers.batch.study_cases import Step, Steps
+
+    return Steps(
+        plan=Step("validation.accuracy.plan", "plan_case"),
+        observe=Step("postproc.read.observables", "observe"),
+        residual=Step("postproc.read.residual", "residual"),
+        assess=Step("validation.accuracy.assess", "assess"),
+    )
+
+
 def _batch(arguments: argparse.Namespace) -> int:
     from drivers.base import paths
     from drivers.base.processes import cores
-    from drivers.batch.commands import Where, batch, run_part
+    from drivers.batch.study_commands import Where, batch, run_part
 
-    runs, results = arguments.runs or paths.RUNS, arguments.results or paths.RESULTS
-    must_be_folder("--runs", runs)
+    runs, results = _runs(arguments), arguments.results or paths.RESULTS
     must_be_folder("--results", results)
     for option in ("wait", "slices"):
         if getattr(arguments, option) and not arguments.slurm:
             raise InputError(f"--{option}", "", "no --slurm", "it goes with --slurm")
     for option in ("dry_run", "workers"):
         if arguments.slice and getattr(arguments, option):
-            raise InputError(
-                f"--{option.replace('_', '-')}", "", "--slice", "one of the two: a slice runs here, by itself"
-            )
+            words = f"--{option.replace('_', '-')}"
+            raise InputError(words, "", "--slice", "one of the two: a slice runs here, by itself")
+    chosen = {"engines": arguments.engine, "only": arguments.only, "retry": arguments.retry}
     if arguments.slice:
-        part, parts = arguments.slice
-        return run_part(arguments.study, runs, part, parts, arguments.engine, arguments.only, arguments.retry)
+        return run_part(arguments.study, runs, arguments.slice, batch_steps(), **chosen)
     where = Where(arguments.workers or cores(), arguments.dask, arguments.slurm, arguments.wait, arguments.slices)
-    return batch(
-        arguments.study,
-        runs,
-        results,
-        where,
-        engines=arguments.engine,
-        only=arguments.only,
-        retry=arguments.retry,
-        dry_run=arguments.dry_run,
-        yes=arguments.yes,
-    )
+    how = {"dry_run": arguments.dry_run, "yes": arguments.yes}
+    return batch(arguments.study, runs, results, where, batch_steps(), **chosen, **how)
 
 
 def _status(arguments: argparse.Namespace) -> int:
-    from drivers.base import paths
-    from drivers.batch.commands import status
+    from drivers.batch.study_commands import status
 
-    runs = arguments.runs or paths.RUNS
-    must_be_folder("--runs", runs)
-    return status(arguments.study, runs, engines=arguments.engine, only=arguments.only, every=arguments.list)
+    chosen = {"engines": arguments.engine, "only": arguments.only}
+    return status(arguments.study, _runs(arguments), batch_steps(), **chosen, every=arguments.list)
 
 
 def _show(arguments: argparse.Namespace) -> int:
-    from drivers.base import paths
-    from drivers.batch.commands import show
+    from drivers.batch.study_commands import show
 
-    runs = arguments.runs or paths.RUNS
+    return show(arguments.study, arguments.case, _runs(arguments), batch_steps(), arguments.engine)
+
+
+def _runs(arguments: argparse.Namespace) -> Path:
+    """Where runs are kept."""
+    from drivers.base import paths
+
+    runs: Path = arguments.runs or paths.RUNS
     must_be_folder("--runs", runs)
-    return show(arguments.study, arguments.case, runs, arguments.engine)
+    return runs
 
 
 if __name__ == "__main__":

@@ -17,7 +17,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-CLAIM = "claim.json"
+from drivers.base.files import whole_file
+
+LEASE = "lease.json"
 ALIVE = "alive"
 FRESH_S = 120.0  # a workplace of another machine touched within this is alive
 FORGOTTEN_S = 86400.0
@@ -30,14 +32,17 @@ class Workplace:
 
     folder: Path
 
-    def claim(self, identities: set[str]) -> set[str]:
-        """Claims those that no other live process works on, in place of what was claimed before."""
+    def lease(self, identities: set[str]) -> set[str]:
+        """Leases the rows that no other live process works on, in place of what was leased before."""
         with _locked(self.folder.parent / "lock"):
-            free = identities - claimed(self.folder.parent, self.folder)
-            draft = self.folder / f".{CLAIM}"
-            draft.write_text(json.dumps(sorted(free)))
-            draft.replace(self.folder / CLAIM)
+            free = identities - leased(self.folder.parent, self.folder)
+            with whole_file(self.folder / LEASE) as draft:
+                draft.write_text(json.dumps(sorted(free)))
         return free
+
+    def show_alive(self) -> None:
+        """Touches the workplace, for other machines to see."""
+        os.utime(self.folder / ALIVE)
 
 
 @contextmanager
@@ -57,7 +62,7 @@ def workplace(home: Path) -> Iterator[Workplace]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def claimed(home: Path, own: Path | None = None) -> set[str]:
+def leased(home: Path, own: Path | None = None) -> set[str]:
     """What live processes work on; the workplaces of dead ones are cleared."""
     identities: set[str] = set()
     for folder in home.glob("*@*"):
@@ -65,7 +70,7 @@ def claimed(home: Path, own: Path | None = None) -> set[str]:
             continue
         try:
             if _alive(folder):
-                identities |= set(json.loads((folder / CLAIM).read_text()))
+                identities |= set(json.loads((folder / LEASE).read_text()))
         except (OSError, ValueError):
             continue  # it is just beginning or just ending
     return identities
@@ -73,20 +78,19 @@ def claimed(home: Path, own: Path | None = None) -> set[str]:
 
 def _alive(folder: Path) -> bool:
     """Whether the process of a workplace is; clears it if certainly not."""
-    here = folder.name.endswith(f"@{_machine()}")
-    age = time.time() - (folder / ALIVE).stat().st_mtime
-    lock_free = False
-    if here:
-        with open(folder / ALIVE, "r+") as alive, suppress(OSError):
-            fcntl.flock(alive.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-            lock_free = True
-        fresh_draft = folder.name.startswith(".") and age < FRESH_S  # not locked yet
-        if lock_free and not fresh_draft:
+    age_s = time.time() - (folder / ALIVE).stat().st_mtime
+    if not folder.name.endswith(f"@{_machine()}"):
+        if age_s > FORGOTTEN_S:
             shutil.rmtree(folder, ignore_errors=True)
-        return not lock_free
-    if age > FORGOTTEN_S:
+        return age_s < FRESH_S
+    with open(folder / ALIVE, "r+") as alive:
+        try:
+            fcntl.flock(alive.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return True
+    if not (folder.name.startswith(".") and age_s < FRESH_S):  # a draft is not locked yet
         shutil.rmtree(folder, ignore_errors=True)
-    return age < FRESH_S
+    return False
 
 
 def _machine() -> str:
@@ -100,12 +104,7 @@ def _machine() -> str:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    handle = os.open(path, os.O_RDWR | os.O_CREAT)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX)
-        except OSError:
-            pass  # no locks here
+    with open(path, "a") as file:
+        with suppress(OSError):  # no locks here
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX)
         yield
-    finally:
-        os.close(handle)

@@ -5,14 +5,13 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, wait
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from drivers.base.errors import InputError, RunError
-from drivers.batch.selection import Selection
-from drivers.batch.slices import run_slice
-from drivers.batch.study import Study
-from drivers.batch.worker import CHUNK
+from drivers.batch.store import Store
+from drivers.batch.study import Selection
+from drivers.batch.study_cases import Setup
+from drivers.batch.worker import CHUNK, run_slice
 
 LOCAL = "local"
 CONNECT_S = 5
@@ -22,16 +21,16 @@ RETRIES = 3  # of a slice of which the worker died
 
 
 def run_on_dask(
-    address: str, study: Study, selection: Selection, todo: list[int], runs: Path, *, workers: int, retry: bool
+    address: str, setup: Setup, selection: Selection, todo: list[int], store: Store, *, workers: int, retry: bool
 ) -> Iterator[None]:
     """Runs the slices that have something to do, and yields now and then until all are through.
 
     Args:
         address: of a scheduler, or ``local`` for a cluster of ``workers`` processes that lives as long as this.
-        study: the study.
+        setup: the study; its functions are handed to the workers.
         selection: what is asked for of it.
         todo: numbers of the cases that are not done.
-        runs: the runs folder, which all Dask workers have to see.
+        store: of the runs folder, which all Dask workers have to see.
         workers: of a local cluster.
         retry: run failed cases again.
 
@@ -65,27 +64,22 @@ def run_on_dask(
         waiting = {
             executor.submit(
                 run_slice,
-                study.path,
+                setup.study.path,
                 part,
                 parts,
-                runs,
+                store.runs.resolve(),
+                setup.steps,
                 engines=selection.engines,
                 patterns=selection.patterns,
                 retry=retry,
             )
-            for part in slices_with_work(selection, todo, parts)
+            for part in selection.slices_with_work(todo, parts)
         }
         while waiting:
             ended, waiting = wait(waiting, POLL_S)
             for future in ended:
                 _raise_error_of(future)
             yield
-
-
-def slices_with_work(selection: Selection, todo: list[int], parts: int) -> list[int]:
-    """Which of the slices hold a case that is not done."""
-    places = {number: place for place, number in enumerate(selection.numbers)}
-    return sorted({places[number] % parts + 1 for number in todo})
 
 
 def _raise_error_of(future: Any) -> None:

@@ -11,10 +11,8 @@ from pathlib import Path
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from drivers.batch.on_dask import slices_with_work
-from drivers.batch.selection import Selection
 from drivers.batch.store import Store
-from drivers.batch.study import Study
+from drivers.batch.study import Selection, Study
 from drivers.batch.worker import CHUNK
 
 MOST_TASKS = 1000  # Slurm's own limit of an array, unless its administrator raised it
@@ -55,7 +53,7 @@ def write_script(study: Study, selection: Selection, todo: list[int], store: Sto
             study=study.where,
             engines=", ".join(selection.engines),
             name=shlex.quote(f"beads-{study.name}"),
-            array=_ranges(slices_with_work(selection, todo, parts)),
+            array=_ranges(selection.slices_with_work(todo, parts)),
             output=shlex.quote(str(folder / f"{study.name}-%A_%a.txt")),
             root=shlex.quote(str(paths.ROOT)),
             command=shlex.join(command),

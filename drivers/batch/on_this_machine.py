@@ -18,8 +18,7 @@ from typing import Any
 
 from drivers.base.errors import RunError
 from drivers.batch.store import Store
-from drivers.batch.study import Study
-from drivers.batch.study_plan import Plan, plan_part
+from drivers.batch.study_cases import Setup, Steps, StudyPlan, joined, plan_cases
 from drivers.batch.worker import CHUNK, run_cases
 
 POLL_S = 0.2
@@ -27,13 +26,14 @@ OTHERS_S = 2.0  # between looks at what another batch is at work on
 PATIENCE_S = 10.0  # with workers that are asked to end
 LIVES = 3  # how often in a row workers may die without having done anything
 PLAN_CHUNK = 250
+MANY_TO_PLAN = 500  # cases; from here on, workers share the planning
 
 
 @dataclass(frozen=True)
 class _Work:
     """What a worker process is for."""
 
-    study: Study
+    setup: Setup
     store: Store
     taken: Any  # shared: how many of the numbers have been taken up
 
@@ -41,23 +41,23 @@ class _Work:
 _work: _Work | None = None  # of a worker process
 
 
-def get_ready() -> None:
-    """Starts what workers are forked from, without waiting for it."""
-    _context()
+def get_ready(steps: Steps) -> None:
+    """Starts what workers are forked from, with all that they need loaded, without waiting for it."""
+    _context(steps)
     forkserver.ensure_running()
 
 
-def _context() -> multiprocessing.context.ForkServerContext:
+def _context(steps: Steps) -> multiprocessing.context.ForkServerContext:
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["drivers.batch.worker", "postproc.read.observables", "postproc.read.residual"])
+    context.set_forkserver_preload([run_cases.__module__, steps.plan.module, *steps.observing])
     return context
 
 
 @contextmanager
-def worker_pool(workers: int, study: Study, store: Store) -> Iterator[ProcessPoolExecutor]:
+def worker_pool(workers: int, setup: Setup, store: Store) -> Iterator[ProcessPoolExecutor]:
     """Worker processes for a study; whatever happens here, they end with it."""
-    context = _context()
-    pool = ProcessPoolExecutor(workers, context, _begin, (study, store.runs, context.Value("q", 0)))
+    context = _context(setup.steps)
+    pool = ProcessPoolExecutor(workers, context, _begin, (setup, store.runs, context.Value("q", 0)))
     try:
         yield pool
     except BaseException:
@@ -72,30 +72,31 @@ def worker_pool(workers: int, study: Study, store: Store) -> Iterator[ProcessPoo
     pool.shutdown()
 
 
-def plan_on(pool: ProcessPoolExecutor, study: Study, versions: dict[str, str]) -> Iterator[Plan]:
-    """Plans of consecutive cases, which validates them all.
+def plan_side_by_side(setup: Setup, store: Store, workers: int) -> StudyPlan:
+    """The plan of the whole study, which validates every case.
 
     Raises:
-        InputError: one of the cases makes no scene.
+        InputError: one of the cases makes no scene, or none that can end well.
     """
-    starts = range(1, study.count + 1, PLAN_CHUNK)
-    chunks = [range(start, min(start + PLAN_CHUNK, study.count + 1)) for start in starts]
-    yield from pool.map(_plan, chunks, [versions] * len(chunks))
+    from tqdm import tqdm
 
-
-def plan_here(study: Study, versions: dict[str, str]) -> Plan:
-    """The whole plan, worked out in this process."""
-    return plan_part(study, range(1, study.count + 1), versions)
+    count = setup.study.count
+    if count < MANY_TO_PLAN or workers == 1:
+        return plan_cases(setup, range(1, count + 1))
+    starts = range(1, count + 1, PLAN_CHUNK)
+    chunks = [range(start, min(start + PLAN_CHUNK, count + 1)) for start in starts]
+    parts = []
+    with worker_pool(workers, setup, store) as pool:
+        bar = tqdm(total=count, unit="case", desc="validating", leave=False, disable=None, file=sys.stderr)
+        for part in pool.map(_plan, chunks):
+            parts.append(part)
+            bar.update(len(part.work))
+        bar.close()
+    return joined(parts)
 
 
 def run_locally(
-    study: Study,
-    numbers: Sequence[int],
-    engines: tuple[str, ...],
-    versions: dict[str, str],
-    store: Store,
-    workers: int,
-    retry_before: float,
+    setup: Setup, numbers: Sequence[int], engines: Sequence[str], store: Store, workers: int, retry_before: float
 ) -> Iterator[None]:
     """Runs cases side by side, and yields now and then until all are through.
 
@@ -107,9 +108,8 @@ def run_locally(
     while numbers:
         known = len(store.rows)
         try:
-            with worker_pool(workers, study, store) as pool:
-                words = (numbers, workers, engines, versions, retry_before)
-                futures = [pool.submit(_run, *words) for _ in range(workers)]
+            with worker_pool(workers, setup, store) as pool:
+                futures = [pool.submit(_run, numbers, workers, engines, retry_before) for _ in range(workers)]
                 yield from _waiting(futures)
             numbers = [number for future in futures for number in future.result()]
             if numbers:  # another batch is at work on them
@@ -131,7 +131,7 @@ def _waiting(futures: list[Future[Any]]) -> Iterator[None]:
         yield
 
 
-def _begin(study: Study, runs: Path, taken: Any) -> None:
+def _begin(setup: Setup, runs: Path, taken: Any) -> None:
     """A worker's first act: it leaves Ctrl-C to the batch, ends in order when asked to, and never outlives it."""
     global _work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -142,7 +142,7 @@ def _begin(study: Study, runs: Path, taken: Any) -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-    _work = _Work(study, Store(runs), taken)
+    _work = _Work(setup, Store(runs), taken)
 
 
 def _end_with(sentinel: int) -> None:
@@ -156,14 +156,12 @@ def _end(*_: object) -> None:
     raise SystemExit
 
 
-def _run(
-    numbers: Sequence[int], workers: int, engines: tuple[str, ...], versions: dict[str, str], retry_before: float
-) -> list[int]:
+def _run(numbers: Sequence[int], workers: int, engines: Sequence[str], retry_before: float) -> list[int]:
     """Takes up chunk after chunk of the numbers that all workers share; those left to another batch."""
     assert _work is not None
     try:
         chunks = _chunks(numbers, workers, _work.taken)
-        return run_cases(_work.study, chunks, engines, versions, _work.store, retry_before)
+        return run_cases(_work.setup, chunks, engines, _work.store, retry_before)
     except SystemExit:
         os._exit(1)  # everything is closed: the pool must not hand out more, nor say a word
 
@@ -180,6 +178,6 @@ def _chunks(numbers: Sequence[int], workers: int, taken: Any) -> Iterator[Sequen
         yield numbers[start : start + size]
 
 
-def _plan(numbers: Sequence[int], versions: dict[str, str]) -> Plan:
+def _plan(numbers: Sequence[int]) -> StudyPlan:
     assert _work is not None
-    return plan_part(_work.study, numbers, versions)
+    return plan_cases(_work.setup, numbers)

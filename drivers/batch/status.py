@@ -1,87 +1,80 @@
-"""What a batch tells while it runs and afterwards: one bar, a line per failure, counts, and the time to expect."""
+"""Progress of a batch: one bar, a line per failure, the state of each case, and the time to expect."""
 
 import sys
-from typing import Any
+from collections.abc import Iterator
 
 from drivers.batch.store import Row, Store
 from drivers.batch.study import Study
-from drivers.batch.study_plan import Plan
+from drivers.batch.study_cases import StudyPlan
 
 SPENT = ("start_s", "engine_s", "workflow_s", "reference_s")  # of a worker's time
 
 
-class Progress:
-    """A bar over the rows that are awaited; quiet where nobody looks on."""
+def follow(under_way: Iterator[None], study: Study, plan: StudyPlan, awaited: set[str], store: Store) -> None:
+    """Shows a bar over the rows that are awaited while a batch is under way; quiet where nobody looks on."""
+    from tqdm import tqdm
 
-    def __init__(self, study: Study, plan: Plan, awaited: set[str], store: Store) -> None:
-        from tqdm import tqdm
+    numbers = {identity: n for some in plan.identities.values() for n, identity in enumerate(some, start=1)}
+    with tqdm(total=len(awaited), unit="row", leave=False, disable=None, file=sys.stderr) as bar:
 
-        self.study = study
-        self.numbers = {identity: n for some in plan.identities.values() for n, identity in enumerate(some, start=1)}
-        self.awaited = awaited
-        self.store = store
-        self.bar: Any = tqdm(total=len(awaited), unit="row", leave=False, disable=None, file=sys.stderr)
+        def update() -> None:
+            for row in store.refresh():
+                if row.identity in awaited:
+                    awaited.discard(row.identity)
+                    bar.update()
+                    if not row.done and not bar.disable:  # else the summary tells it
+                        bar.write(failure_line(study.label(numbers[row.identity]), row), file=sys.stderr)
 
-    def update(self) -> None:
-        """Takes up what has been finished since."""
-        for row in self.store.refresh():
-            if row.identity in self.awaited:
-                self.awaited.discard(row.identity)
-                self.bar.update()
-                if not row.done and not self.bar.disable:  # else the summary tells it
-                    self.bar.write(told(self.study.label(self.numbers[row.identity]), row), file=sys.stderr)
-
-    def close(self) -> None:
-        """Takes the bar away."""
-        self.bar.close()
+        for _ in under_way:
+            update()
+        update()
 
 
-def told(label: str, row: Row) -> str:
+def failure_line(label: str, row: Row) -> str:
     """A failed row of a case in one line."""
     return f"{label}: {row.engine} {row.status}: {row.reason}"
 
 
-def states_on(engine: str, study: Study, plan: Plan, store: Store, running: set[str]) -> list[tuple[int, str]]:
-    """Number and state of each case on an engine."""
+def states_on(engine: str, study: Study, plan: StudyPlan, store: Store, running: set[str]) -> dict[int, str]:
+    """State of each case on an engine, by its number."""
     if engine not in plan.identities:
-        return [(number, "not installed") for number in range(1, study.count + 1)]
-    found = []
-    for number, identity in enumerate(plan.identities[engine], start=1):
+        return dict.fromkeys(range(1, study.count + 1), "not installed")
+
+    def state(number: int, identity: str) -> str:
         row = store.rows.get(identity)
         if row is not None:
-            state = "done" if row.done else "failed"
-        elif identity in running:
-            state = "running"
-        elif store.was_run(study.name, engine, study.label(number)):
-            state = "stale"
-        else:
-            state = "to do"
-        found.append((number, state))
-    return found
+            return "done" if row.done else "failed"
+        if identity in running:
+            return "running"
+        return "stale" if store.was_run(study.name, engine, study.label(number)) else "to do"
+
+    return {number: state(number, each) for number, each in enumerate(plan.identities[engine], start=1)}
 
 
-def expected_s(plan: Plan, store: Store, engine: str, places: list[int]) -> float | None:
-    """Seconds of one worker that some cases will take, from what the store's rows have cost; None without any.
+def expected_s(plan: StudyPlan, store: Store, todo: dict[str, list[int]]) -> float | None:
+    """Seconds of one worker that some cases will take, by engine; None where nothing tells.
 
-    A row costs so much by itself and so much per body and step; both are fitted, neither is negative.
+    A row costs so much by itself and so much per body and step; both are fitted to what the store's rows have cost,
+    neither is negative.
     """
-    if not places:
-        return 0.0
-    rows = [row for row in store.rows.values() if row.engine == engine and row.cost.get("engine_s")]
-    if not rows:
-        return None
     import numpy as np
     from scipy.optimize import nnls
 
-    spent = np.array([sum(row.cost[name] or 0.0 for name in SPENT) for row in rows])
-    work = np.array([float(row.work) for row in rows])
-    scale = work.max()
-    if np.ptp(work) == 0:
-        each, rate = 0.0, float(spent.mean() / scale) if scale else 0.0
-    else:
-        each, rate = nnls(np.column_stack([np.ones(len(work)), work / scale]), spent)[0]
-        rate /= scale
-    return float(sum(each + rate * plan.work[place] for place in places))
+    seconds = 0.0
+    for engine, numbers in todo.items():
+        if not numbers:
+            continue
+        rows = [row for row in store.rows.values() if row.engine == engine and row.cost.get("engine_s")]
+        if not rows:
+            return None
+        spent = np.array([sum(row.cost[name] or 0.0 for name in SPENT) for row in rows])
+        work = np.array([float(row.work) for row in rows])
+        scale = work.max() or 1.0
+        each, rate = 0.0, spent.mean()
+        if np.ptp(work):
+            each, rate = nnls(np.column_stack([np.ones(len(work)), work / scale]), spent)[0]
+        seconds += float(sum(each + rate * plan.work[number - 1] / scale for number in numbers))
+    return seconds
 
 
 def in_words(seconds: float) -> str:

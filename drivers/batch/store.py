@@ -1,14 +1,21 @@
-"""Finished rows, many to a file; a file is written whole, named by its digest, and never changed."""
+"""Finished rows, many to a file; a file is written whole, named by its digest, and never changed.
+
+Rows on their way to the store wait a second at most, however long the next case takes.
+"""
 
 import hashlib
 import json
 import os
-from collections.abc import Iterable
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+from drivers.batch.leases import Workplace
 
 ENDING = ".jsonl"
+COMMIT_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -113,6 +120,57 @@ def _name_of(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:24] + ENDING
 
 
-def plain(values: dict[str, Any]) -> dict[str, float]:
-    """Observables as plain floats."""
-    return {name: float(value) for name, value in values.items()}
+class Outbox:
+    """Collects rows and commits them every second, many to a file."""
+
+    def __init__(self, store: Path, place: Workplace) -> None:
+        self._store = store
+        self._place = place
+        self._rows: list[Row] = []
+        self._lock = threading.Lock()
+        self._error: OSError | None = None
+
+    def add(self, row: Row) -> None:
+        """Takes a row.
+
+        Raises:
+            OSError: rows could not be committed.
+        """
+        with self._lock:
+            if self._error is not None:
+                raise self._error
+            self._rows.append(row)
+
+    def flush(self) -> None:
+        """Commits what there is, now.
+
+        Raises:
+            OSError: the disk is full, or something else is wrong with the runs folder.
+        """
+        with self._lock:
+            commit(self._rows, self._store, self._place.folder)
+            self._rows = []
+
+    def keep_flushing(self, until: threading.Event) -> None:
+        """Commits every second and shows that the workplace is alive."""
+        while not until.wait(COMMIT_S):
+            try:
+                self._place.show_alive()
+                self.flush()
+            except OSError as error:
+                self._error = error
+                return
+
+
+@contextmanager
+def outbox(store: Path, place: Workplace) -> Iterator[Outbox]:
+    """An outbox that is empty afterwards, whatever happens."""
+    box, through = Outbox(store, place), threading.Event()
+    thread = threading.Thread(target=box.keep_flushing, args=(through,), daemon=True)
+    thread.start()
+    try:
+        yield box
+    finally:
+        through.set()
+        thread.join()
+        box.flush()

@@ -1,13 +1,17 @@
-"""A study: one base scene, what is varied over it, on which engines, and what is tabulated."""
+"""A study: one base scene, what is varied over it, on which engines, what is tabulated, and what is selected of it."""
 
+import json
 import pickle
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from functools import cached_property
 from math import prod
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError
@@ -15,7 +19,7 @@ from drivers.base.messages import shorten, validate
 from drivers.batch.axes import Axis, Choice, expand
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed
-from drivers.scene.model import Part
+from drivers.scene.model import Part, Scene, SceneFile
 from drivers.scene.overrides import set_value
 from drivers.scene.read_scene import find_input, find_scene, make_scene, read_toml
 
@@ -193,3 +197,99 @@ def _base_scene(source: str, study: Path, where: str) -> Path:
     except (InputError, OSError, ValueError) as error:
         allowed = "a scene file, as seen from the study, or the name of a scene"
         raise InputError(where, "scene", shorten(source), allowed) from error
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Engines in the order of the study, and numbers of cases.
+
+    Attributes:
+        patterns: by which the cases were chosen.
+    """
+
+    engines: tuple[str, ...]
+    numbers: Sequence[int]
+    patterns: tuple[str, ...]
+
+    def slice_of(self, part: int, parts: int) -> Sequence[int]:
+        """The cases of a part, counted from 1: every so many-th, so that parts cost about the same."""
+        return self.numbers[part - 1 :: parts]
+
+    def slices_with_work(self, todo: list[int], parts: int) -> list[int]:
+        """Which of the parts hold a case that is not done."""
+        places = {number: place for place, number in enumerate(self.numbers)}
+        return sorted({places[number] % parts + 1 for number in todo})
+
+
+def select(study: Study, engines: Sequence[str], patterns: Sequence[str]) -> Selection:
+    """The engines and cases that are asked for; without engines or patterns all of them.
+
+    A pattern is ``KEY=GLOB`` on the value that the study has there, or a glob on the case's whole label. Patterns of
+    one key add up, different keys narrow down.
+
+    Raises:
+        InputError: an engine that the study does not have, or no case that matches.
+    """
+    for name in engines:
+        if name not in study.engines:
+            raise InputError("--engine", "", f'"{name}"', f"the engines of the study: {', '.join(study.engines)}")
+    by_key: dict[str, list[str]] = {}
+    for pattern in patterns:
+        key, _, value = pattern.partition("=")
+        known = key in study.columns
+        by_key.setdefault(key if known else "", []).append(value if known else pattern)
+
+    def text_at(key: str, number: int) -> str:
+        return str(study.choice(number).get(study.columns[key], "")) if key else study.label(number)
+
+    numbers: Sequence[int] = range(1, study.count + 1)
+    for key, globs in by_key.items():
+        numbers = [number for number in numbers if any(fnmatchcase(text_at(key, number), glob) for glob in globs)]
+    if not numbers:
+        labels = "; ".join(study.label(number) for number in range(1, min(study.count, 3) + 1))
+        raise InputError(f"--only {' --only '.join(patterns)}", "", "no case", f"patterns of labels such as {labels}")
+    chosen = tuple(name for name in study.engines if name in engines or not engines)
+    return Selection(chosen, numbers, tuple(patterns))
+
+
+def column_name(name: str, key: str) -> str:
+    """A column's name with its unit, such as ``striker.speed_m_s``."""
+    unit = unit_of(key)
+    return f"{name}_{re.sub(r'[/*]', '_', unit.replace('^', ''))}" if unit else name
+
+
+def unit_of(key: str) -> str:
+    """The SI unit of the quantity at a scene's key; empty where it has none."""
+    model: Any = SceneFile
+    unit = ""
+    for part in key.split("."):
+        field = model.model_fields.get(part) if model else None
+        unit = ""
+        if field is not None:  # else a place in a list, or the free name of a material: the same model goes on
+            parts = [*field.metadata, *_parts_of(field.annotation)]
+            unit = next((each.unit for each in parts if isinstance(each, units.InUnit)), "")
+            model = next((each for each in parts if isinstance(each, type) and issubclass(each, BaseModel)), None)
+    return unit
+
+
+def _parts_of(annotation: Any) -> list[Any]:
+    """An annotation with its metadata, and those of all that it is made of."""
+    inner = [part for each in getattr(annotation, "__args__", ()) for part in _parts_of(each)]
+    return [annotation, *getattr(annotation, "__metadata__", ()), *inner]
+
+
+def value_at(scene: Scene, key: str) -> Any:
+    """What a scene has at a key, in SI units; None where it has nothing there."""
+    here: Any = scene
+    for part in key.split("."):
+        if isinstance(here, dict):
+            here = here.get(part)
+        elif isinstance(here, tuple):
+            here = here[int(part)] if part.isdecimal() and int(part) < len(here) else None
+        else:
+            here = getattr(here, part, None)
+    if isinstance(here, BaseModel):
+        return here.model_dump_json(exclude_none=True, exclude_defaults=True)
+    if isinstance(here, (tuple, dict)):
+        return json.dumps(here, default=lambda part: part.model_dump(exclude_none=True, exclude_defaults=True))
+    return here

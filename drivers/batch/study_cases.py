@@ -1,32 +1,128 @@
-"""What a study asks for: its cases with their decks, and the identities by which finished rows are found."""
+"""What a study asks for: its cases with their decks, and the identities by which finished rows are found.
 
-import ast
+All identities of a study are worked out once and kept until something that they depend on changes.
+"""
+
 import hashlib
-from dataclasses import dataclass
+import json
+import re
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from functools import cache
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from drivers.base import paths
 from drivers.base.decks import Deck
+from drivers.base.files import whole_file
 from drivers.base.tolerances import tolerance
-from drivers.batch.study import Study
+from drivers.batch.store import Row, Store
+from drivers.batch.study import Study, column_name, value_at
 from drivers.chain.case import Case
 from drivers.engines import installed, load_engine
 from drivers.limits.refusal import inability, refuse
 from drivers.run.run import known_version, run_identity
 
 REFERENCE = "reference"
-SMALL = 1000  # bodies
-ENGINES = paths.ROOT / "drivers" / "engines"
-OBSERVING = ("drivers.run.guard", "drivers.run.session", "postproc.read.observables", "postproc.read.residual")
+KEPT_DECKS_BODIES = 1000  # decks of longer chains are rendered again, since many cases are planned at a time
+PLANS = ".plans"
+KEPT_PLANS = 20  # of a runs folder
+PACKAGES = ("drivers", "postproc", "validation")
+IMPORT = re.compile(r"^ *(?:from ([\w.]+) )?import (\([^)]*\)|.*)", re.MULTILINE)
+RUNNING = ("drivers.run.guard", "drivers.run.session")  # modules that turn raw output into a trace
 
 
 @dataclass(frozen=True)
-class Planned:
+class Step:
+    """A function by the names of its module and its own: it passes between processes, and loads when it is called."""
+
+    module: str
+    name: str
+
+    def __call__(self, *values: Any) -> Any:
+        """Calls it."""
+        return getattr(import_module(self.module), self.name)(*values)
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Functions of higher rooms that a batch is handed.
+
+    Attributes:
+        plan: of a case: the case at the time step of its accuracy, where its scene asks for one.
+        observe: of a layout and a trace: observables by name.
+        residual: of two traces: largest force difference at each sample, over the second's largest force.
+        assess: of a run that ended and its case: the run with its errors measured.
+    """
+
+    plan: Step
+    observe: Step
+    residual: Step
+    assess: Step
+
+    @property
+    def observing(self) -> tuple[str, ...]:
+        """Modules that turn raw output into a row."""
+        return (*RUNNING, self.observe.module, self.residual.module)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A study with all else that identifies its rows.
+
+    Attributes:
+        versions: of the installed engines, and of the reference, by which errors are counted.
+        readers: by engine, digest of the sources and tolerances that make a row of its raw output.
+    """
+
+    study: Study
+    steps: Steps
+    versions: dict[str, str]
+    readers: dict[str, str]
+
+    def case(self, number: int) -> "StudyCase":
+        """A case of the study with what identifies it on each engine.
+
+        Raises:
+            InputError: it makes no scene, or none that can end well on an engine (``drivers.limits.refusal``).
+        """
+        study, versions = self.study, self.versions
+        case: Case = self.steps.plan(study.case(number))
+        # exact forces, by which errors are counted, are known of straight chains only
+        names = [name for name in versions if name in study.engines or inability(case, name) is None]
+        if not study.unsafe:
+            for name in names:
+                refuse(case, name, override="unsafe = true in the study")
+        decks = {name: load_engine(name).render(case) for name in names}
+        runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
+        gauges = f"{case.layout}\0{versions[REFERENCE]}"
+        identities = {name: _digest(f"{run}\0{gauges}\0{self.readers[name]}")[:20] for name, run in runs.items()}
+        kept = decks if case.chain.bodies < KEPT_DECKS_BODIES else {}
+        return StudyCase(number, study.label(number), case, kept, runs, identities)
+
+
+def set_up(study: Study, engines: Iterable[str], runs: Path, steps: Steps) -> Setup:
+    """A study on those of the engines that are installed."""
+    versions, readers = {}, {}
+    guards = [tolerance("guard", each).limit for each in ("energy", "impacts", "rounding", "friction", "least")]
+    for name in dict.fromkeys((*installed(engines), REFERENCE)):
+        engine = load_engine(name)
+        executable = engine.find()
+        assert executable is not None
+        versions[name] = known_version(engine, executable, runs / name)
+        sources = _content_of(sources_of((*steps.observing, _module_of(name))))
+        readers[name] = _digest(f"{sources}\0{engine.server.sha256}\0{guards}")
+    return Setup(study, steps, versions, readers)
+
+
+@dataclass(frozen=True)
+class StudyCase:
     """A case of a study.
 
     Attributes:
-        small_decks: by engine; those of long chains are not kept, since many cases are planned at a time.
+        kept_decks: by engine; none of long chains.
         runs: identities of the runs by engine, as run folders have them; the reference is not among them where it does
             not model what the case has.
         identities: of the rows by engine: of the run, the gauges, and what observes them.
@@ -35,13 +131,13 @@ class Planned:
     number: int
     label: str
     case: Case
-    small_decks: dict[str, Deck]
+    kept_decks: dict[str, Deck]
     runs: dict[str, str]
     identities: dict[str, str]
 
     def deck(self, engine: str) -> Deck:
         """The deck of an engine."""
-        return self.small_decks.get(engine) or load_engine(engine).render(self.case)
+        return self.kept_decks.get(engine) or load_engine(engine).render(self.case)
 
     def wanted(self, identities: set[str]) -> list[str]:
         """The engines of which the row is among these."""
@@ -58,80 +154,122 @@ class Planned:
         return self.case.chain.bodies * self.case.scene.steps
 
 
-def versions_of(engines: tuple[str, ...], runs: Path) -> dict[str, str]:
-    """Versions of installed engines, and of the reference, by which errors are counted."""
-    versions = {}
-    for name in dict.fromkeys((*installed(engines), REFERENCE)):
-        engine = load_engine(name)
-        executable = engine.find()
-        assert executable is not None
-        versions[name] = known_version(engine, executable, runs / name)
-    return versions
+@dataclass(frozen=True)
+class StudyPlan:
+    """All cases of a study, in order.
+
+    Attributes:
+        identities: of the rows by engine, one for each case; only engines that are installed.
+        work: bodies times steps of each case.
+        values: swept values by column, in SI units, one for each case.
+    """
+
+    identities: dict[str, list[str]]
+    work: list[int]
+    values: dict[str, list[Any]]
+
+    def rows_of(self, store: Store, engine: str) -> list[Row | None]:
+        """The rows that the store has on an engine, in the order of the cases."""
+        return [store.rows.get(identity) for identity in self.identities[engine]]
 
 
-def plan_case(study: Study, number: int, versions: dict[str, str]) -> Planned:
-    """A case of the study with what identifies it on each engine.
+def plan_cases(setup: Setup, numbers: Sequence[int]) -> StudyPlan:
+    """The plan of some cases, which validates them.
 
     Raises:
-        InputError: the case makes no scene, or none that can end well on an engine (``drivers.limits.refusal``).
+        InputError: one of them makes no scene, or none that can end well.
     """
-    from validation.accuracy import plan  # until it is handed in
-
-    case = plan.plan_case(study.case(number))
-    # exact forces, by which errors are counted, are known of straight chains only
-    names = [name for name in versions if name in study.engines or inability(case, name) is None]
-    if not study.unsafe:
-        for name in names:
-            refuse(case, name, override="unsafe = true in the study")
-    gauges = f"{case.layout}\0{versions[REFERENCE]}\0{_digest_of(sources_of(OBSERVING))}\0{_guards()}"
-    decks = {name: load_engine(name).render(case) for name in names}
-    runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
-    identities = {
-        name: hashlib.sha256(f"{run}\0{gauges}\0{_served(name)}".encode()).hexdigest()[:20]
-        for name, run in runs.items()
-    }
-    small = case.chain.bodies < SMALL
-    return Planned(number, study.label(number), case, decks if small else {}, runs, identities)
+    columns = {column_name(name, key): key for name, key in setup.study.columns.items()}
+    plan = StudyPlan({name: [] for name in setup.versions}, [], {column: [] for column in columns})
+    for case in map(setup.case, numbers):
+        plan.work.append(case.work)
+        for column, key in columns.items():
+            plan.values[column].append(value_at(case.case.scene, key))
+        for name, identities in plan.identities.items():
+            identities.append(case.identities.get(name, ""))  # none of what does not model the case
+    return plan
 
 
-def _guards() -> str:
-    return " ".join(
-        str(tolerance("guard", each).limit) for each in ("energy", "impacts", "rounding", "friction", "least")
+def joined(parts: Sequence[StudyPlan]) -> StudyPlan:
+    """Plans of consecutive cases as one."""
+    return StudyPlan(
+        {name: [each for part in parts for each in part.identities[name]] for name in parts[0].identities},
+        [work for part in parts for work in part.work],
+        {name: [each for part in parts for each in part.values[name]] for name in parts[0].values},
     )
 
 
-@cache
-def sources_of(modules: tuple[str, ...]) -> tuple[str, ...]:
-    """Source files of modules of this project, and of all that they import, wherever in the file."""
-    found: set[str] = set()
-    waiting = [*modules]
+def kept_plan(setup: Setup, store: Store) -> StudyPlan | None:
+    """The plan as it was worked out before, if nothing it depends on has changed since."""
+    try:
+        plan = StudyPlan(**json.loads(_plan_file(setup, store).read_text()))
+        columns: list[list[Any]] = [*plan.identities.values(), plan.work, *plan.values.values()]
+        lengths = {len(column) for column in columns}
+        whole = set(plan.identities) == set(setup.versions) and lengths == {setup.study.count}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return None
+    return plan if whole else None
+
+
+def keep_plan(plan: StudyPlan, setup: Setup, store: Store) -> None:
+    """Keeps a plan, and not too many old ones."""
+    path = _plan_file(setup, store)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as draft:
+        draft.write_text(json.dumps(asdict(plan)))
+    with suppress(OSError):  # another batch may be tidying up too
+        kept = sorted(path.parent.glob("[!.]*.json"), key=lambda each: each.stat().st_mtime)
+        for old in kept[:-KEPT_PLANS]:
+            old.unlink(missing_ok=True)
+
+
+def _plan_file(setup: Setup, store: Store) -> Path:
+    """Named by all that a plan depends on: the study with its scene, versions, sources, templates and tolerances."""
+    sources = sources_of((__name__, setup.steps.plan.module, *map(_module_of, setup.versions)))
+    templates = sorted((paths.ROOT / "templates").rglob("*.j2"))
+    content = _content_of((*sources, *templates, paths.TOLERANCES))
+    key = f"{setup.study!r}\0{sorted(setup.versions.items())}\0{sorted(setup.readers.items())}\0{content}"
+    return store.folder / PLANS / f"{setup.study.name}-{_digest(key)[:16]}.json"
+
+
+def _module_of(engine: str) -> str:
+    return f"{load_engine.__module__}.{engine}"
+
+
+def sources_of(modules: Iterable[str]) -> tuple[Path, ...]:
+    """Source files of modules of this project and of all that these import, in order."""
+    found: dict[str, Path] = {}
+    waiting = list(modules)
     while waiting:
-        path = paths.ROOT / waiting.pop().replace(".", "/")
-        file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
-        name = str(file.relative_to(paths.ROOT))
-        if name in found or not file.is_file():
-            continue
-        found.add(name)
-        for node in ast.walk(ast.parse(file.read_bytes())):
-            if isinstance(node, ast.ImportFrom) and node.module:
-                waiting += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-            elif isinstance(node, ast.Import):
-                waiting += [alias.name for alias in node.names]
-    return tuple(sorted(found))
+        module = waiting.pop()
+        file = _file_of(module)
+        if file is not None and module not in found:
+            found[module] = file
+            waiting += _imports_of(file)
+    return tuple(sorted(set(found.values())))
+
+
+def _file_of(module: str) -> Path | None:
+    if module.partition(".")[0] not in PACKAGES:
+        return None
+    path = paths.ROOT / module.replace(".", "/")
+    return next((file for file in (path / "__init__.py", path.with_suffix(".py")) if file.is_file()), None)
 
 
 @cache
-def _served(engine: str) -> str:
-    """Digest of what asks an engine and reads what it says."""
-    modules = [path.name for path in ENGINES.glob("_*.py")]
-    return _digest_of(tuple(f"drivers/engines/{name}" for name in (*sorted(modules), f"{engine}.py"))) + str(
-        load_engine(engine).server.sha256
-    )
+def _imports_of(file: Path) -> tuple[str, ...]:
+    """All that a file imports, wherever in it; some of it may be no module."""
+    found: list[str] = []
+    for module, names in IMPORT.findall(file.read_text()):
+        words = re.findall(r"[\w.]+", names)
+        found += [module, *(f"{module}.{word}" for word in words)] if module else words
+    return tuple(found)
 
 
-@cache
-def _digest_of(files: tuple[str, ...]) -> str:
-    digest = hashlib.sha256()
-    for name in files:
-        digest.update((paths.ROOT / name).read_bytes())
-    return digest.hexdigest()
+def _content_of(files: Iterable[Path]) -> str:
+    """Digest of what stands in some files, wherever the checkout is."""
+    return _digest("".join(_digest(file.read_text()) for file in files))
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

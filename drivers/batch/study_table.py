@@ -9,12 +9,12 @@ import pandas as pd
 from drivers.base.files import whole_file
 from drivers.batch.store import Row, Store
 from drivers.batch.study import Study
-from drivers.batch.study_plan import Plan
+from drivers.batch.study_cases import StudyPlan
 
 COSTS = ("start_s", "engine_s", "loop_s", "workflow_s", "reference_s")  # the last: exact forces, for the error
 
 
-def tables(study: Study, plan: Plan, store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
+def tables(study: Study, plan: StudyPlan, store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The numbers, which depend on nothing but the study, and the costs, which differ from run to run."""
     by_engine = {
         name: plan.rows_of(store, name) if name in plan.identities else [None] * study.count for name in study.engines
@@ -37,7 +37,7 @@ def tables(study: Study, plan: Plan, store: Store) -> tuple[pd.DataFrame, pd.Dat
     return _frame(numbers, set(plan.values)), _frame(costs, set())
 
 
-def unmatched(study: Study, plan: Plan, store: Store) -> list[str]:
+def unmatched(study: Study, plan: StudyPlan, store: Store) -> list[str]:
     """Patterns of observables that nothing is called like, as far as anything has been observed."""
     names = _observed([row for engine in plan.identities for row in plan.rows_of(store, engine)])
     return [glob for glob in study.observables if names and not any(fnmatchcase(name, glob) for name in names)]
@@ -48,7 +48,7 @@ def _observed(rows: list[Row | None]) -> list[str]:
     return list(dict.fromkeys(name for row in rows if row for name in row.values))
 
 
-def write_tables(study: Study, plan: Plan, store: Store, results: Path) -> list[Path]:
+def write_tables(study: Study, plan: StudyPlan, store: Store, results: Path) -> list[Path]:
     """Writes ``<study>.parquet`` and ``.csv``, and the costs beside them, each whole or not at all."""
     results.mkdir(parents=True, exist_ok=True)
     written = []

@@ -10,23 +10,23 @@ from pathlib import Path
 
 from drivers.base.errors import RunError
 from drivers.batch.leases import WORK, workplace
-from drivers.batch.outbox import outbox
-from drivers.batch.store import Row, Store, plain
-from drivers.batch.study import Study
-from drivers.batch.study_cases import REFERENCE, Planned, plan_case
+from drivers.batch.store import Row, Store, outbox
+from drivers.batch.study import read_study, select
+from drivers.batch.study_cases import REFERENCE, Setup, Steps, StudyCase, plan_cases, set_up
 from drivers.chain.trace import Trace, digest_of
 from drivers.engines import load_engine
 from drivers.run.guard import checked_trace
 from drivers.run.run import default_limit_s
-from drivers.run.session import Session
+from drivers.run.session import Session, served_by
 
 CHUNK = 64  # cases in a chunk, at most
 PROBE_BYTES = 1 << 20
+POLL_S = 0.5
 
 
 @dataclass
 class _Result:
-    """A case on one engine, not yet a row."""
+    """A case on one engine, not yet a row; ``cost`` in seconds by what they were spent on."""
 
     trace: Trace | None = None
     status: str = "done"
@@ -35,20 +35,14 @@ class _Result:
 
 
 def run_cases(
-    study: Study,
-    chunks: Iterable[Sequence[int]],
-    engines: tuple[str, ...],
-    versions: dict[str, str],
-    store: Store,
-    retry_before: float = 0.0,
+    setup: Setup, chunks: Iterable[Sequence[int]], engines: Sequence[str], store: Store, retry_before: float = 0.0
 ) -> list[int]:
     """Runs what is not done of some cases of a study.
 
     Args:
-        study: the study.
-        chunks: numbers of the cases, from 1; those of a chunk are planned and claimed together.
+        setup: the study with the installed engines.
+        chunks: numbers of the cases, from 1; those of a chunk are planned and leased together.
         engines: on which to run them; those not installed are left out.
-        versions: of the engines that are, and of the reference.
         store: of the runs folder.
         retry_before: failures that ended before this time are run again.
 
@@ -58,35 +52,35 @@ def run_cases(
     Raises:
         OSError: the disk is full, or something else is wrong with the runs folder.
     """
-    names = [name for name in engines if name in versions]
+    names = [name for name in engines if name in setup.versions]
     left: list[int] = []
     with (
         workplace(store.folder / WORK) as place,
-        outbox(store.folder, place.folder) as box,
+        outbox(store.folder, place) as box,
         _sessions(place.folder) as session_of,
     ):
-        exact = _Exact(study, session_of)
+        runner = _Runner(setup, session_of)
         ran: set[str] = set()
         for numbers in chunks:
-            planned = [plan_case(study, number, versions) for number in numbers]
+            cases = [setup.case(number) for number in numbers]
             store.refresh()
-            asked = {each.identities[name] for each in planned for name in names}
+            asked = {each.identities[name] for each in cases for name in names}
             missing = {identity for identity in asked if to_run(store, identity, retry_before)}
-            free = place.claim(missing) if missing else set()
-            store.refresh()  # what others finished before the claim
+            free = place.lease(missing) if missing else set()
+            store.refresh()  # what others finished before the lease
             free = {identity for identity in free if to_run(store, identity, retry_before)}
-            for each in planned:
+            for each in cases:
                 for name in each.wanted(free):  # they start side by side
                     for engine in (name, REFERENCE) if each.exact else (name,):
                         with suppress(OSError):
                             session_of(engine).start()
-            for each in planned:
+            for each in cases:
                 for name in each.wanted(free - ran):
-                    box.add(_run_row(study, each, name, session_of, exact))
+                    box.add(runner.row(each, name))
                     ran.add(each.identities[name])
-            box.flush()  # before the claim is given up
+            box.flush()  # before the lease is given up
             others = {each for each in missing - free - ran if to_run(store, each, retry_before)}
-            left += [each.number for each in planned if others & set(each.identities.values())]
+            left += [each.number for each in cases if others & set(each.identities.values())]
     return left
 
 
@@ -96,95 +90,128 @@ def to_run(store: Store, identity: str, retry_before: float) -> bool:
     return row is None or (not row.done and row.ended < retry_before)
 
 
-class _Exact:
-    """The exact forces of the last case asked for: engines, and time steps, share them."""
+def run_slice(
+    source: Path,
+    part: int,
+    parts: int,
+    runs: Path,
+    steps: Steps,
+    *,
+    engines: Sequence[str] = (),
+    patterns: Sequence[str] = (),
+    retry: bool = False,
+) -> list[Row]:
+    """Runs what is not done of part I of N of a study, and returns when all of it is done or failed.
 
-    def __init__(self, study: Study, session_of: Callable[[str], Session]) -> None:
-        self._study = study
-        self._session_of = session_of
-        self._of = ""
-        self._result = _Result()
+    The one door for schedulers. Safe to be called twice, to be killed, and to be called again; every case of the slice
+    is validated first.
 
-    def of(self, planned: Planned) -> _Result:
-        """Those of a case."""
-        if self._of != planned.runs[REFERENCE]:
-            self._result = _run(self._study, planned, REFERENCE, self._session_of(REFERENCE))
-            self._of = planned.runs[REFERENCE]
-        return self._result
+    Args:
+        source: path of the study file.
+        part: from 1 to ``parts``.
+        parts: into how many the selected cases are dealt.
+        runs: the runs folder, the same for all parts.
+        steps: functions that a batch is handed.
+        engines: of the study; all where there are none.
+        patterns: that select cases; all where there are none.
+        retry: run failed cases again.
 
+    Returns:
+        The rows of the slice.
 
-def _run_row(study: Study, planned: Planned, name: str, session_of: Callable[[str], Session], exact: _Exact) -> Row:
-    """A case on an engine, with its error against the exact forces; where these fail it fails, so that it is retried.
-
-    Of three-dimensional cases there are none.
+    Raises:
+        InputError: the study or a case of the slice is wrong.
+        OSError: the disk is full, or something else is wrong with the runs folder.
     """
-    if name == REFERENCE:
-        result = exact.of(planned)
-        return _row(study, planned, name, result, None, time.perf_counter())
-    result = _run(study, planned, name, session_of(name))
-    if result.trace is None or not planned.exact:
-        return _row(study, planned, name, result, None, time.perf_counter())
-    began = time.perf_counter()
-    truth = exact.of(planned)
-    result.cost["reference_s"] = time.perf_counter() - began
-    began = time.perf_counter()
-    force_error = None
-    if truth.trace is None:
-        result.status, result.reason = truth.status, f"no exact forces to count its error by: {truth.reason}"
-    else:
-        from postproc.read.residual import residual
-
-        force_error = float(residual(result.trace, truth.trace).max())
-    return _row(study, planned, name, result, force_error, began)
+    retry_before = time.time() if retry else 0.0
+    study, store = read_study(source), Store(runs)
+    selection = select(study, engines, patterns)
+    numbers = selection.slice_of(part, parts)
+    setup = set_up(study, selection.engines, runs, steps)
+    plan = plan_cases(setup, numbers)
+    left = list(numbers)
+    while left:
+        chunks = [left[start : start + CHUNK] for start in range(0, len(left), CHUNK)]
+        left = run_cases(setup, chunks, selection.engines, store, retry_before)
+        if left:  # another process is at work on them
+            time.sleep(POLL_S)
+    store.refresh()
+    return [row for name in selection.engines if name in setup.versions for row in plan.rows_of(store, name) if row]
 
 
-def _row(study: Study, planned: Planned, engine: str, result: _Result, force_error: float | None, began: float) -> Row:
-    from postproc.read.observables import observe
+class _Runner:
+    """Makes rows of cases; engines, and time steps, share the exact forces of the last case asked for."""
 
-    trace = result.trace
-    values = plain(observe(planned.case.layout, trace)) if trace is not None else {}
-    workflow_s = (result.cost["workflow_s"] or 0.0) + time.perf_counter() - began
-    return Row(
-        identity=planned.identities[engine],
-        run=planned.runs[engine],
-        study=study.name,
-        label=planned.label,
-        engine=engine,
-        status=result.status,
-        reason=result.reason,
-        values=values,
-        force_error=force_error,
-        trace_sha256=digest_of(trace) if trace is not None else "",
-        work=planned.work,
-        cost=result.cost | {"workflow_s": workflow_s},
-        ended=time.time(),
-    )
+    def __init__(self, setup: Setup, session_of: Callable[[str], Session]) -> None:
+        self._setup = setup
+        self._session_of = session_of
+        self._exact_of = ""
+        self._exact = _Result()
 
+    def row(self, case: StudyCase, name: str) -> Row:
+        """A case on an engine, with its error against the exact forces; where these fail it fails, to be retried.
 
-def _run(study: Study, planned: Planned, name: str, session: Session) -> _Result:
-    """A case on an engine; if it kills a process that has served others, or that did not start, it gets another."""
-    result = _run_once(study, planned, name, session)
-    if result.status == "failed" and session.ended and session.served != 1:
-        result = _run_once(study, planned, name, session)
-    return result
+        Of three-dimensional cases there are no exact forces.
+        """
+        result = self._exact_result(case) if name == REFERENCE else self._run(case, name)
+        began = time.perf_counter()
+        force_error = None
+        if name != REFERENCE and result.trace is not None and case.exact:
+            exact = self._exact_result(case)
+            result.cost["reference_s"] = time.perf_counter() - began
+            began = time.perf_counter()
+            if exact.trace is None:
+                result.status, result.reason = exact.status, f"no exact forces to count its error by: {exact.reason}"
+            else:
+                force_error = float(self._setup.steps.residual(result.trace, exact.trace).max())
+        values = self._setup.steps.observe(case.case.layout, result.trace) if result.trace is not None else {}
+        digest = digest_of(result.trace) if result.trace is not None else ""
+        workflow_s = (result.cost["workflow_s"] or 0.0) + time.perf_counter() - began
+        return Row(
+            identity=case.identities[name],
+            run=case.runs[name],
+            study=self._setup.study.name,
+            label=case.label,
+            engine=name,
+            status=result.status,
+            reason=result.reason,
+            values={observable: float(value) for observable, value in values.items()},
+            force_error=force_error,
+            trace_sha256=digest,
+            work=case.work,
+            cost=result.cost | {"workflow_s": workflow_s},
+            ended=time.time(),
+        )
 
+    def _exact_result(self, case: StudyCase) -> _Result:
+        if self._exact_of != case.runs[REFERENCE]:
+            self._exact = self._run(case, REFERENCE)
+            self._exact_of = case.runs[REFERENCE]
+        return self._exact
 
-def _run_once(study: Study, planned: Planned, name: str, session: Session) -> _Result:
-    began, starting = time.perf_counter(), session.start_s
-    engine, case, deck = load_engine(name), planned.case, planned.deck(name)
-    result = _Result()
-    outcome = session.run(deck, study.limit_s or default_limit_s(case))
-    loop_s = engine.loop_seconds((session.case / "stdout.txt").read_text(errors="replace"))
-    try:
-        result.trace = checked_trace(case, engine, outcome, session.case)
-    except RunError as error:
-        _disk_has_room(session.case)
-        result.status, result.reason = error.status, str(error)
-    start_s = session.start_s - starting
-    workflow_s = time.perf_counter() - began - outcome.wall_s - start_s
-    result.cost = {"start_s": start_s, "engine_s": outcome.wall_s, "loop_s": loop_s, "workflow_s": workflow_s}
-    result.cost["reference_s"] = 0.0
-    return result
+    def _run(self, case: StudyCase, name: str) -> _Result:
+        """A case on an engine; if it kills a process that served others, or that did not start, it gets another."""
+        session = self._session_of(name)
+        result = self._run_once(case, name, session)
+        if result.status == "failed" and session.ended and session.served != 1:
+            result = self._run_once(case, name, session)
+        return result
+
+    def _run_once(self, case: StudyCase, name: str, session: Session) -> _Result:
+        began, starting = time.perf_counter(), session.start_s
+        engine, deck, result = load_engine(name), case.deck(name), _Result()
+        outcome = session.run(deck, self._setup.study.limit_s or default_limit_s(case.case))
+        loop_s = engine.loop_seconds((session.case / "stdout.txt").read_text(errors="replace"))
+        try:
+            result.trace = checked_trace(case.case, engine, outcome, session.case)
+        except RunError as error:
+            _disk_has_room(session.case)
+            result.status, result.reason = error.status, str(error)
+        start_s = session.start_s - starting
+        workflow_s = time.perf_counter() - began - outcome.wall_s - start_s
+        result.cost = {"start_s": start_s, "engine_s": outcome.wall_s, "loop_s": loop_s, "workflow_s": workflow_s}
+        result.cost["reference_s"] = 0.0
+        return result
 
 
 def _disk_has_room(folder: Path) -> None:
@@ -213,13 +240,8 @@ def _sessions(folder: Path) -> Iterator[Callable[[str], Session]]:
 
         def session_of(name: str) -> Session:
             if name not in made:
-                engine = load_engine(name)
-                executable = engine.find()
-                assert executable is not None
-                home = folder / name
-                home.mkdir()
-                made[name] = Session(engine, executable, home)
-                stack.callback(made[name].close)
+                (folder / name).mkdir()
+                made[name] = stack.enter_context(served_by(name, folder / name))
             return made[name]
 
         yield session_of

@@ -6,7 +6,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.files import sha256_of
-from drivers.batch.columns import unit_of
+from drivers.batch.study import unit_of
 from drivers.chain.trace import FORCES
 from validation.accuracy.budget import PARTS, for_terminal
 from validation.compare.open_pair import PairedRun, open_pair

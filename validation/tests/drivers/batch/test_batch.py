@@ -14,8 +14,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from drivers.__main__ import batch_steps
 from drivers.base import paths
 from drivers.batch.store import Store
+from drivers.batch.study_cases import sources_of
 from drivers.engines import installed
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
@@ -191,6 +193,12 @@ def test_a_missing_engine_is_a_failure_and_the_others_run(study_file: StudyWrite
     assert list(table(runs)["status"]) == ["done", "not installed"] * 2
 
 
+def test_rows_depend_on_the_sources_that_read_them_and_on_no_figure() -> None:
+    sources = {str(file.relative_to(paths.ROOT)) for file in sources_of(batch_steps().observing)}
+    assert {"drivers/run/guard.py", "drivers/chain/trace.py", "postproc/read/signals.py"} <= sources
+    assert not [file for file in sources if file.startswith(("postproc/figures", "validation/report", "drivers/batch"))]
+
+
 @pytest.mark.long
 def test_exactly_what_changed_is_stale(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: Path) -> None:
     need("yade")
@@ -217,6 +225,10 @@ def test_exactly_what_changed_is_stale(study_file: StudyWriter, scene_file: Scen
     note = runs / "yade" / ".version.json"
     note.write_text(note.read_text().replace('"version": "', '"version": "1'))
     assert asked("status") == "verlet     2 done\nyade       2 stale\n"
+    for source, state in (("postproc/figures/fig1.py", "done"), ("postproc/read/signals.py", "stale")):
+        (checkout / source).write_text((checkout / source).read_text() + "# another line\n")
+        assert asked("status").startswith(f"verlet     2 {state}\n")
+    asked("batch", "--results", tmp_path / "results")
     scene_file(chain="bead = [{ from_wall = 4, gap_below = '1 um' }]")  # a scene that only the longer chain can have
     path.write_text(path.read_text().replace("values = [3, 4]", "values = [4, 5]"))
     assert "verlet     1 stale, 1 to do\n" in asked("status")

@@ -4,12 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from drivers.__main__ import batch_steps
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.batch.columns import column_name, value_at
-from drivers.batch.commands import Where, batch
-from drivers.batch.selection import select
-from drivers.batch.study import read_study
+from drivers.batch.study import column_name, read_study, select, value_at
+from drivers.batch.study_commands import Where, batch
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
@@ -180,7 +179,7 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     path = tmp_path / "study.toml"
     path.write_text(top + text)
     with pytest.raises(InputError) as refused:
-        batch(str(path), tmp_path / "runs", tmp_path / "results", Where(1))
+        batch(str(path), tmp_path / "runs", tmp_path / "results", Where(1), batch_steps())
     assert words in str(refused.value)
     assert not list(tmp_path.glob("runs/batch/*.jsonl"))
     assert not (tmp_path / "results").exists()
@@ -230,5 +229,5 @@ def test_a_million_cases_by_accident(write: StudyWriter, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("path", sorted(paths.STUDIES.glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_studies_are_valid(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert batch(str(path), tmp_path / "runs", tmp_path / "results", Where(1), dry_run=True) == 0
+    assert batch(str(path), tmp_path / "runs", tmp_path / "results", Where(1), batch_steps(), dry_run=True) == 0
     assert "all valid" in capsys.readouterr().out

@@ -1,0 +1,266 @@
+"""``batch``, ``status`` and ``show``: what the command line does with a study."""
+
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.processes import cores
+from drivers.base.tolerances import tolerance
+from drivers.batch.leases import WORK, leased
+from drivers.batch.on_this_machine import get_ready, plan_side_by_side, run_locally
+from drivers.batch.status import expected_s, failure_line, follow, in_words, states_on
+from drivers.batch.store import Store
+from drivers.batch.study import Selection, read_study, select
+from drivers.batch.study_cases import Setup, Steps, StudyPlan, keep_plan, kept_plan, set_up
+from drivers.batch.worker import run_slice, to_run
+
+MAX_CASES = 20_000  # more are not run by accident
+STATES = ("done", "failed", "stale", "running", "to do", "not installed")
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where a batch runs, and how.
+
+    Attributes:
+        workers: processes on this machine.
+        dask: address of a scheduler, or ``local``.
+        slurm: as a job array; ``wait``: until it is through; ``parts``: its tasks, None: by the time to expect.
+    """
+
+    workers: int
+    dask: str | None = None
+    slurm: bool = False
+    wait: bool = False
+    parts: int | None = None
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """A study with its plan, what is selected of it, and what the store has."""
+
+    setup: Setup
+    plan: StudyPlan
+    selection: Selection
+    store: Store
+
+    def todo(self, retry_before: float = 0.0) -> dict[str, list[int]]:
+        """Numbers of the selected cases that are not done, by engine."""
+        return {
+            name: [n for n in self.selection.numbers if to_run(self.store, identities[n - 1], retry_before)]
+            for name in self.selection.engines
+            if (identities := self.plan.identities.get(name)) is not None
+        }
+
+    def states(self) -> dict[str, dict[int, str]]:
+        """States of the selected cases by engine and number."""
+        running = leased(self.store.folder / WORK)
+        return {
+            name: states_on(name, self.setup.study, self.plan, self.store, running) for name in self.selection.engines
+        }
+
+
+def batch(
+    source: str,
+    runs: Path,
+    results: Path,
+    where: Where,
+    steps: Steps,
+    *,
+    engines: Sequence[str] = (),
+    only: Sequence[str] = (),
+    retry: bool = False,
+    dry_run: bool = False,
+    yes: bool = False,
+) -> int:
+    """Runs what is not done of a study and writes its tables; the exit code."""
+    if where.slurm:
+        from drivers.batch.on_slurm import must_have_slurm
+
+        must_have_slurm()
+    if not (where.dask or where.slurm or dry_run):
+        get_ready(steps)
+    found = _open(source, runs, engines, only, where.workers, steps, yes=yes)
+    retry_before = time.time() if retry else 0.0
+    todo = found.todo(retry_before)
+    if dry_run:
+        return _print_plan(found, todo, where.workers)
+    study = found.setup.study
+    numbers = sorted({number for some in todo.values() for number in some})
+    if numbers:
+        awaited = {found.plan.identities[name][n - 1] for name, some in todo.items() for n in some}
+        follow(_run(found, todo, numbers, where, retry_before), study, found.plan, awaited, found.store)
+        if where.slurm and not where.wait:
+            print("once the jobs are through, the same command without --slurm writes the table")
+            return 0
+    from drivers.batch.study_table import unmatched, write_tables
+
+    for path in write_tables(study, found.plan, found.store, results):
+        print(paths.shown(path))
+    code = _print_end(found)
+    for pattern in unmatched(study, found.plan, found.store):
+        print(f'{study.where}: observables: nothing is called like "{pattern}"', file=sys.stderr)
+        code = 1
+    return code
+
+
+def run_part(
+    source: str,
+    runs: Path,
+    part_of: tuple[int, int],
+    steps: Steps,
+    *,
+    engines: Sequence[str] = (),
+    only: Sequence[str] = (),
+    retry: bool = False,
+) -> int:
+    """Runs part I of N of a study; the exit code."""
+    part, parts = part_of
+    rows = run_slice(Path(source), part, parts, runs, steps, engines=engines, patterns=only, retry=retry)
+    failures = [row for row in rows if not row.done]
+    print(f"slice {part}/{parts}: {len(rows) - len(failures)} rows done, {len(failures)} failed")
+    for row in failures:
+        print(failure_line(row.label, row), file=sys.stderr)
+    return 1 if failures else 0
+
+
+def status(
+    source: str,
+    runs: Path,
+    steps: Steps,
+    *,
+    engines: Sequence[str] = (),
+    only: Sequence[str] = (),
+    every: bool = False,
+) -> int:
+    """Prints what is done, failed, stale, running and to do; ``every``: case by case."""
+    found = _open(source, runs, engines, only, cores(), steps, yes=True)
+    if every:
+        by_engine = found.states()
+        for number in found.selection.numbers:
+            said = ", ".join(f"{name} {states[number]}" for name, states in by_engine.items())
+            sys.stdout.write(f"{number}: {found.setup.study.label(number)}: {said}\n")
+    _print_end(found)
+    return 0
+
+
+def show(source: str, number: int, runs: Path, steps: Steps, engines: Sequence[str]) -> int:
+    """Lays a case out as run folders with their decks, and says whether they are what the batch found."""
+    from drivers.chain.trace import digest_of
+    from drivers.run.finished import EndedRun
+    from drivers.run.run import run_case
+
+    study, store = read_study(source), Store(runs)
+    selection = select(study, engines, ())
+    if not 1 <= number <= study.count:
+        raise InputError(f"case {number}", "", f"no such case in {study.where}", f"1 to {study.count}")
+    store.refresh()
+    case = set_up(study, selection.engines, runs, steps).case(number)
+    print(f"case {number}: {case.label}")
+    code = 0
+    for name in selection.engines:
+        if name not in case.identities:
+            print(f"{name}: not installed", file=sys.stderr)
+            code = 1
+            continue
+        ended: EndedRun = steps.assess(run_case(case.case, name, runs, limit_s=study.limit_s), case.case)
+        row = store.rows.get(case.identities[name])
+        for warning in ended.record.warnings or ():
+            print(f"{name} warning: {warning}", file=sys.stderr)
+        folder = paths.shown(ended.folder)
+        if not ended.done:
+            print(f"{folder}  {ended.record.status}: {ended.record.reason}", file=sys.stderr)
+            code = 1
+        elif row is None or not row.done:
+            print(f"{folder}  {'not run yet' if row is None else row.status} in the batch")
+        elif digest_of(ended.trace) == row.trace_sha256:
+            print(f"{folder}  as in the batch, bit for bit")
+        else:
+            print(f"{folder}  differs from what the batch found", file=sys.stderr)
+            code = 1
+    return code
+
+
+def _open(
+    source: str, runs: Path, engines: Sequence[str], only: Sequence[str], workers: int, steps: Steps, *, yes: bool
+) -> _Batch:
+    """Reads a study and plans it, which validates every case."""
+    study, store = read_study(source), Store(runs)
+    if study.count > MAX_CASES and not yes:
+        raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
+    selection = select(study, engines, only)
+    setup = set_up(study, study.engines, runs, steps)
+    plan = kept_plan(setup, store)
+    if plan is None:
+        plan = plan_side_by_side(setup, store, workers)
+        keep_plan(plan, setup, store)
+    store.refresh()
+    if store.damaged:
+        count = len(store.damaged)
+        print(f"{count} damaged file{'s' * (count > 1)} in {paths.shown(store.folder)}: left out", file=sys.stderr)
+    return _Batch(setup, plan, selection, store)
+
+
+def _run(
+    found: _Batch, todo: dict[str, list[int]], numbers: list[int], where: Where, retry_before: float
+) -> Iterator[None]:
+    """Runs cases where they are to be run; yields now and then."""
+    setup, selection, store, retry = found.setup, found.selection, found.store, retry_before > 0
+    if where.dask:
+        from drivers.batch.on_dask import run_on_dask
+
+        yield from run_on_dask(where.dask, setup, selection, numbers, store, workers=where.workers, retry=retry)
+    elif where.slurm:
+        from drivers.batch.on_slurm import parts_for, submit, waiting_for, write_script
+
+        parts = where.parts or parts_for(len(selection.numbers), expected_s(found.plan, store, todo))
+        script = write_script(setup.study, selection, numbers, store, parts, retry=retry)
+        job = submit(script)
+        print(f"job {job}: {paths.shown(script)}", flush=True)
+        if where.wait:
+            yield from waiting_for(job)
+    else:
+        yield from run_locally(setup, numbers, selection.engines, store, where.workers, retry_before)
+
+
+def _print_plan(found: _Batch, todo: dict[str, list[int]], workers: int) -> int:
+    cases = len(found.selection.numbers)
+    print(f"{found.setup.study.name}: {cases} case{'s' * (cases != 1)}, all valid")
+    for name in found.selection.engines:
+        if name not in todo:
+            print(f"  {name:<10} not installed")
+            continue
+        some = todo[name]
+        time_s = expected_s(found.plan, found.store, {name: some})
+        expected = "cost not measured yet" if time_s is None else f"about {in_words(time_s / workers)}"
+        print(f"  {name:<10} {cases - len(some)} done, {len(some)} to do" + (f", {expected}" if some else ""))
+    print(f"on {workers} worker{'s' * (workers != 1)}; nothing has been run")
+    return 0
+
+
+def _print_end(found: _Batch) -> int:
+    """Prints counts by engine, failures last; 1 unless all that was asked for is done."""
+    limit, numbers = tolerance("warning", "force").limit, found.selection.numbers
+    failures: list[str] = []
+    code = 0
+    for name, states in found.states().items():
+        counts = Counter(states[number] for number in numbers)
+        print(f"{name:<10} {', '.join(f'{counts[state]} {state}' for state in STATES if counts[state])}")
+        code = code if counts["done"] == len(numbers) else 1
+        rows = found.plan.rows_of(found.store, name) if name in found.plan.identities else []
+        failed = [(number, row) for number in numbers if states[number] == "failed" and (row := rows[number - 1])]
+        failures += [failure_line(found.setup.study.label(number), row) for number, row in failed]
+        useless = sum(row is not None and row.done and (row.force_error or 0.0) > limit for row in rows)
+        if useless:
+            words = f"{name} warning: forces of {useless} rows are off by more than a tenth of the largest"
+            print(f"{words} (force_error_share)", file=sys.stderr)
+    for line in failures:
+        print(line, file=sys.stderr)
+    if failures:
+        print(f"{len(failures)} failed; --retry runs them again", file=sys.stderr)
+    return code
