@@ -156,9 +156,8 @@ def _render(arguments: argparse.Namespace) -> int:
     deck = load_engine(name).render(case)
     must_be_folder("--out", arguments.out)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for file, text in deck.files.items():
-        (arguments.out / file).write_text(text)
-        print(arguments.out / file)
+    for file in deck.write(arguments.out):
+        print(file)
     return 0
 
 

@@ -83,7 +83,7 @@ def _study(arguments: argparse.Namespace) -> Iterable[Path]:
     if not path.is_file():
         raise InputError(paths.shown(path), "", "no table", f"python -m drivers batch {arguments.study} makes it")
     draw = draw_tornado if study.one_by_one else draw_study
-    product = draw(pd.read_parquet(path), study.title or study.name, study.figure, study.where)
+    product = draw(pd.read_parquet(path), study.file.title or study.name, study.file.figure, study.where)
     return _write(arguments, product, f"{study.name}-figure", results)
 
 

@@ -34,6 +34,12 @@ class Deck:
             digest.update(f"\0{name}\0{text}".encode())
         return digest.hexdigest()
 
+    def write(self, folder: Path) -> list[Path]:
+        """Writes the files into a folder; their paths."""
+        for name, text in self.files.items():
+            (folder / name).write_text(text)
+        return [folder / name for name in self.files]
+
     def command_with(self, executable: Path) -> tuple[str, ...]:
         """The command with the program that was found, so that what runs is what its version was asked of."""
         names = (executable.name, "python") if executable == Path(sys.executable) else (executable.name,)

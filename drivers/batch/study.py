@@ -29,9 +29,15 @@ RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # column
 class StudyFile(Part):
     """A study as its file holds it.
 
-    ``set`` is laid over the base scene in every case. ``combine`` says whether axes make a grid, the last one
-    varying fastest, or are varied ``one by one`` about the base scene, which is then the first case. ``unsafe`` runs
-    what guards refuse.
+    Attributes:
+        set: laid over the base scene in every case.
+        engines: in the order of the table; all that are installed where there are none.
+        observables: patterns of the observables to tabulate.
+        figure: observables that its figure shows.
+        combine: whether axes make a grid, the last one varying fastest, or are varied ``one by one`` about the base
+            scene, which is then the first case.
+        limit: time limit of a case in seconds; None: by its size.
+        unsafe: runs what guards refuse, such as time steps beyond the stability limit.
     """
 
     title: str = ""
@@ -51,36 +57,34 @@ class Study:
     """A study ready to be run.
 
     Attributes:
-        name: of its file, without the ending.
         path: of its file; ``where``: as messages name it.
         scene: path of the base scene.
         base: the base scene's tables with ``set`` laid over them.
         library: the tables of ``inputs/materials.toml``.
-        engines: in the order of the table; all that are installed where the file names none.
-        observables: patterns of the observables to tabulate.
-        figure: observables that its figure shows.
-        limit_s: time limit of a case; None: by its size.
-        unsafe: runs what guards refuse, such as time steps beyond the stability limit.
+        engines: in the order of the table.
         axes: the choices of each axis.
-        one_by_one: axes are varied one by one instead of as a grid.
         columns: scene key by the name of its column, without units.
     """
 
-    name: str
+    file: StudyFile
     path: Path
     where: str
-    title: str
     scene: Path
     base: dict[str, Any]
     library: dict[str, Any]
     engines: tuple[str, ...]
-    observables: tuple[str, ...]
-    figure: tuple[str, ...]
-    limit_s: float | None
-    unsafe: bool
     axes: tuple[tuple[Choice, ...], ...]
-    one_by_one: bool
     columns: dict[str, str]
+
+    @property
+    def name(self) -> str:
+        """Name of its file, without the ending."""
+        return self.path.stem
+
+    @property
+    def one_by_one(self) -> bool:
+        """Whether axes are varied one by one instead of as a grid."""
+        return self.file.combine == "one by one"
 
     @cached_property
     def count(self) -> int:
@@ -117,9 +121,8 @@ class Study:
             InputError: the scene with the case's values is wrong.
         """
         where = f"{self.where}: case {number} ({shorten(self.label(number)).strip(chr(34))})"
-        data, choice = pickle.loads(
-            pickle.dumps((self.base, self.choice(number)))
-        )  # a deep copy, in a fifth of the time
+        # a deep copy, in a fifth of the time
+        data, choice = pickle.loads(pickle.dumps((self.base, self.choice(number))))
         for key, value in choice.items():
             set_value(data, key, value, where)
         return build_case(make_scene(data, self.library, self.scene.stem, where))
@@ -154,11 +157,9 @@ def read_study(source: str | Path) -> Study:
         place = f"axis.{i}"
         choices = expand(axis, base, path.parent, where, place)
         for key in choices[0]:
-            clash = next(
-                (old for old in seen if f"{old}.".startswith(f"{key}.") or f"{key}.".startswith(f"{old}.")), None
-            )
-            if clash is not None:
-                raise InputError(where, place, f"{key} beside {clash} of {seen[clash]}", "each key of the scene once")
+            for old in seen:
+                if f"{old}.".startswith(f"{key}.") or f"{key}.".startswith(f"{old}."):
+                    raise InputError(where, place, f"{key} beside {old} of {seen[old]}", "each key of the scene once")
         seen |= dict.fromkeys(choices[0], place)
         keys = [axis.key[0]] if axis.key else list(choices[0])
         if axis.name and len(keys) > 1:
@@ -172,20 +173,14 @@ def read_study(source: str | Path) -> Study:
         if name not in engine_names():
             raise InputError(where, "engines", f'"{name}"', ", ".join(engine_names()))
     return Study(
-        name=path.stem,
+        file=file,
         path=path.resolve(),
         where=where,
-        title=file.title,
         scene=scene,
         base=base,
         library=read_toml(paths.MATERIALS),
         engines=tuple(dict.fromkeys(file.engines)) or installed(engine_names()),
-        observables=file.observables,
-        figure=file.figure,
-        limit_s=file.limit,
-        unsafe=file.unsafe,
         axes=tuple(axes),
-        one_by_one=file.combine == "one by one",
         columns=columns,
     )
 

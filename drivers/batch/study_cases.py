@@ -92,7 +92,7 @@ class Setup:
         case: Case = self.steps.plan(study.case(number))
         # exact forces, by which errors are counted, are known of straight chains only
         names = [name for name in versions if name in study.engines or inability(case, name) is None]
-        if not study.unsafe:
+        if not study.file.unsafe:
             for name in names:
                 refuse(case, name, override="unsafe = true in the study")
         decks = {name: load_engine(name).render(case) for name in names}

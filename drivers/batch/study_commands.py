@@ -168,7 +168,7 @@ def show(source: str, number: int, runs: Path, steps: Steps, engines: Sequence[s
             print(f"{name}: not installed", file=sys.stderr)
             code = 1
             continue
-        ended: EndedRun = steps.assess(run_case(case.case, name, runs, limit_s=study.limit_s), case.case)
+        ended: EndedRun = steps.assess(run_case(case.case, name, runs, limit_s=study.file.limit), case.case)
         row = store.rows.get(case.identities[name])
         for warning in ended.record.warnings or ():
             print(f"{name} warning: {warning}", file=sys.stderr)

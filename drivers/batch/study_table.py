@@ -30,7 +30,7 @@ def tables(study: Study, plan: StudyPlan, store: Store) -> tuple[pd.DataFrame, p
         "reason": [row.reason if row else "" for row in found],
         "force_error_share": [row.force_error if row else None for row in found],
     }
-    for name in (name for name in _observed(found) if any(fnmatchcase(name, glob) for glob in study.observables)):
+    for name in (name for name in _observed(found) if any(fnmatchcase(name, glob) for glob in study.file.observables)):
         numbers[name] = [row.values.get(name) if row else None for row in found]
     costs = {"case": keys["case"], "engine": keys["engine"], "bodies_times_steps": [plan.work[p] for p, _, _ in rows]}
     costs |= {name: [row.cost[name] if row else None for row in found] for name in COSTS}
@@ -40,7 +40,7 @@ def tables(study: Study, plan: StudyPlan, store: Store) -> tuple[pd.DataFrame, p
 def unmatched(study: Study, plan: StudyPlan, store: Store) -> list[str]:
     """Patterns of observables that nothing is called like, as far as anything has been observed."""
     names = _observed([row for engine in plan.identities for row in plan.rows_of(store, engine)])
-    return [glob for glob in study.observables if names and not any(fnmatchcase(name, glob) for name in names)]
+    return [glob for glob in study.file.observables if names and not any(fnmatchcase(name, glob) for name in names)]
 
 
 def _observed(rows: list[Row | None]) -> list[str]:

@@ -200,7 +200,7 @@ class _Runner:
     def _run_once(self, case: StudyCase, name: str, session: Session) -> _Result:
         began, starting = time.perf_counter(), session.start_s
         engine, deck, result = load_engine(name), case.deck(name), _Result()
-        outcome = session.run(deck, self._setup.study.limit_s or default_limit_s(case.case))
+        outcome = session.run(deck, self._setup.study.file.limit or default_limit_s(case.case))
         loop_s = engine.loop_seconds((session.case / "stdout.txt").read_text(errors="replace"))
         try:
             result.trace = checked_trace(case.case, engine, outcome, session.case)

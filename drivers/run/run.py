@@ -57,11 +57,9 @@ def run_case(
     if found and not rerun and _is_whole(found, case):
         return refresh_record(found, case)
     with _workplace(home, identity) as folder:
-        for name, text in deck.files.items():
-            (folder / name).write_text(text)
-        outcome = run_command(
-            deck.command_with(executable), folder, limit_s or default_limit_s(case), **engine.variables
-        )
+        deck.write(folder)
+        command = deck.command_with(executable)
+        outcome = run_command(command, folder, limit_s or default_limit_s(case), **engine.variables)
         record = _record(case, engine_name, engine, version, deck, outcome, folder)
         partial_trace = None
         try:
@@ -74,8 +72,11 @@ def run_case(
             if "state" in case.scene.run.record:
                 write_state(trace, folder / STATE)
             record = replace(record, forces_sha256=sha256_of(folder / FORCES))
-        for name in deck.raw:
-            _remove(folder / name)
+        for raw in (folder / name for name in deck.raw):
+            if raw.is_dir():
+                shutil.rmtree(raw)
+            else:
+                raw.unlink(missing_ok=True)
         record.write(folder)
         faster = find_run(home, identity)  # another process may have been
         if faster and not rerun and _is_whole(faster, case):
@@ -123,13 +124,6 @@ def _is_whole(found: EndedRun, case: Case) -> bool:
     return there and sha256_of(found.folder / FORCES) == found.record.forces_sha256
 
 
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
-
-
 def _record(
     case: Case, name: str, engine: Engine, version: str, deck: Deck, outcome: Outcome, folder: Path
 ) -> RunRecord:
@@ -143,7 +137,7 @@ def _record(
         bodies=case.chain.bodies,
         wall_s=round(outcome.wall_s, 4),
         cpu_s=round(outcome.cpu_s, 4),
-        loop_s=engine.loop_seconds(_text(folder / "stdout.txt")),
+        loop_s=engine.loop_seconds((folder / "stdout.txt").read_text(errors="replace")),
         memory_bytes=outcome.memory_bytes,
         forces_sha256="",
         **UNASSESSED,
@@ -152,34 +146,24 @@ def _record(
     )
 
 
-def _text(path: Path) -> str:
-    return path.read_text(errors="replace")
-
-
 def known_version(engine: Engine, executable: Path, home: Path) -> str:
     """The engine's version, asked once per executable and noted in its ``home``: asking costs a start-up."""
-    with _asking_version:
-        return _noted_version(engine, executable, home)
-
-
-def _noted_version(engine: Engine, executable: Path, home: Path) -> str:
     if not executable.exists() or str(executable) == sys.executable:
         return engine.version(executable)
-    status = executable.stat()
+    status, note = executable.stat(), home / ".version.json"
     key = f"{executable.resolve()} {status.st_size} {status.st_mtime_ns}"
-    note = home / ".version.json"
-    try:
-        known = json.loads(note.read_text())
-        if known["executable"] == key:
-            return str(known["version"])
-    except (OSError, ValueError, KeyError, TypeError):
-        pass
-    version = engine.version(executable)
-    if version == UNKNOWN_VERSION:
-        return version  # ask again next time: it may have been mended
-    home.mkdir(parents=True, exist_ok=True)
-    with whole_file(note) as draft:
-        draft.write_text(json.dumps({"executable": key, "version": version}))
+    with _asking_version:
+        try:
+            known = json.loads(note.read_text())
+            if known["executable"] == key:
+                return str(known["version"])
+        except (OSError, ValueError, KeyError, TypeError):
+            pass
+        version = engine.version(executable)
+        if version != UNKNOWN_VERSION:  # else ask again next time: it may have been mended
+            home.mkdir(parents=True, exist_ok=True)
+            with whole_file(note) as draft:
+                draft.write_text(json.dumps({"executable": key, "version": version}))
     return version
 
 

@@ -50,8 +50,7 @@ class Session:
             self.case.mkdir(parents=True)
         for name in deck.raw:
             (self.case / name).unlink(missing_ok=True)
-        for name, text in deck.files.items():
-            (self.case / name).write_text(text)
+        deck.write(self.case)
         began = time.perf_counter()
         try:
             self.start()
@@ -76,8 +75,7 @@ class Session:
         if self._process is not None:
             return
         server = self.engine.server
-        for file, text in server.files.items():
-            (self.folder / file).write_text(text)
+        server.write(self.folder)
         self.served = 0
         with open(self.folder / STDERR, "wb") as stderr:
             self._process = start(

@@ -61,8 +61,7 @@ def _rate_alone(name: str) -> float:
         folders = [Path(home, str(number)) for number in range(SINGLE_CASES)]
         for folder in folders:
             folder.mkdir()
-            for file, text in deck.files.items():
-                (folder / file).write_text(text)
+            deck.write(folder)
         command = deck.command_with(executable)
         began = time.perf_counter()
         list(pool.map(lambda folder: run_command(command, folder, 60.0, **engine.variables), folders))
