@@ -74,7 +74,7 @@ def _reasons(pair: Pair) -> Iterator[str]:
 def _times(pair: Pair) -> Iterator[str]:
     """When the runs part, when each leaves the exact motion of its own scene, and what a miss looks like."""
     for level, found in pair.parted.items():
-        place = f"at {found.time_s * 1e6:.6g} µs in contact {found.contact}" if found else "never"
+        place = f"at {found.time_s * 1e6:.6g} µs in {found.quantity}" if found else "never"
         yield f"parted by {level:g} of the largest force {place}"
     for name, first in zip(("first", "second"), pair.departures, strict=True):
         for each in (first, *first.later):

@@ -88,8 +88,7 @@ def _motion_verdict(baseline: Baseline, engine: str, trace: Trace, verlet: Trace
     if found.share > limit.limit:
         rounded = ROUNDING_MARGIN * motion_deviation(chain, baseline.rounded, baseline.plain, samples).share
         limit = max(limit, Tolerance(rounded, ROUNDING_REASON), key=lambda each: each.limit)
-    where = f"{found.quantity} at {found.time_s * 1e6:g} µs"
-    return judged(baseline.case.scene.name, engine, "motion against verlet", found.share, limit, where)
+    return judged(baseline.case.scene.name, engine, "motion against verlet", found.share, limit, found.place)
 
 
 def _observable_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, EndedRun]) -> list[Verdict]:
@@ -130,5 +129,4 @@ def _balance_verdicts(case: Case, engine: str, run: EndedRun) -> list[Verdict]:
 
 
 def _judge(case: Case, engine: str, quantity: str, found: Deviation, limit: Tolerance, remark: str = "") -> Verdict:
-    where = f"contact {found.contact} at {found.time_s * 1e6:g} µs{remark}"
-    return judged(case.scene.name, engine, quantity, found.share, limit, where)
+    return judged(case.scene.name, engine, quantity, found.share, limit, f"{found.place}{remark}")

@@ -6,36 +6,26 @@ import numpy as np
 
 from drivers.chain.chain import Array, Chain, energy_put_in, moving_at_start
 from drivers.chain.trace import Trace
-from postproc.read.residual import share_of_largest
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far two force traces are apart.
+    """How far two traces are apart, and where.
 
     Attributes:
-        share: |F - F_ref| over the largest |F_ref|: the largest of all contacts and samples, or at the first sample
-            beyond a level the largest of that sample.
-        time_s, contact: where that is.
+        share: of the forces, over the largest |F_ref|; of the kinetic energy over what is put in, or of the momentum
+            over the largest there can be.
+        quantity: such as ``contact 3`` or ``momentum``.
     """
 
     share: float
     time_s: float
-    contact: int
-
-
-@dataclass(frozen=True)
-class MotionDeviation:
-    """How far two motions are apart.
-
-    Attributes:
-        share: the larger difference, of the kinetic energy over what is put in, of the momentum over the largest.
-        quantity, time_s: which, and where that is.
-    """
-
-    share: float
     quantity: str
-    time_s: float
+
+    @property
+    def place(self) -> str:
+        """Where that is, in words."""
+        return f"{self.quantity} at {self.time_s * 1e6:g} µs"
 
 
 def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Deviation:
@@ -53,9 +43,19 @@ def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Dev
         raise ValueError(f"{trace.force_N.shape} samples and contacts against {reference.force_N.shape}")
     if not np.allclose(trace.time_s, reference.time_s, rtol=1e-12, atol=0):
         raise ValueError("the sample times differ")
-    share = share_of_largest(np.abs(trace.force_N - reference.force_N), reference)[:samples]
+    share = shares_apart(trace.force_N, reference.force_N)[:samples]
     sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
-    return Deviation(float(share[sample, column]), float(trace.time_s[sample]), int(column) + 1)
+    return Deviation(float(share[sample, column]), float(trace.time_s[sample]), f"contact {column + 1}")
+
+
+def first_deviation(trace: Trace, reference: Trace, level: float) -> Deviation | None:
+    """The largest force difference at the first sample at which any is beyond a level; None where none is."""
+    share = shares_apart(trace.force_N, reference.force_N)
+    beyond = first_beyond(share, level)
+    if beyond is None:
+        return None
+    sample, column = beyond
+    return Deviation(float(share[sample, column]), float(trace.time_s[sample]), f"contact {column + 1}")
 
 
 def shares_apart(force_N: Array, reference_N: Array, largest_N: float | None = None) -> Array:
@@ -98,11 +98,11 @@ def motion_scales(chain: Chain, trace: Trace) -> Array:
     return np.array([energy, momentum])
 
 
-def motion_deviation(chain: Chain, trace: Trace, reference: Trace, samples: int | None = None) -> MotionDeviation:
+def motion_deviation(chain: Chain, trace: Trace, reference: Trace, samples: int | None = None) -> Deviation:
     """The largest difference of kinetic energy and momentum between traces of equal sample times."""
     found = np.array([trace.kinetic_energy_J, trace.momentum_N_s])[:, :samples]
     right = np.array([reference.kinetic_energy_J, reference.momentum_N_s])[:, :samples]
     shares = np.abs(found - right) / motion_scales(chain, reference)[:, None]
     which, sample = np.unravel_index(int(np.argmax(shares)), shares.shape)
     quantity = ("kinetic energy", "momentum")[int(which)]
-    return MotionDeviation(float(shares[which, sample]), quantity, float(trace.time_s[sample]))
+    return Deviation(float(shares[which, sample]), float(trace.time_s[sample]), quantity)

@@ -8,16 +8,17 @@ import numpy as np
 
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.chain import Array
-from drivers.chain.trace import Trace, until
+from drivers.chain.trace import until
 from drivers.engines import EXACT, load_engine
 from postproc.read.observables import describe, observe, of_kind, without_unit
 from postproc.read.signals import integral
 from validation.accuracy.baseline import HORIZON, baseline_of, model_quantity, shipped_name
 from validation.compare.departure import Departure, departure
-from validation.compare.deviation import Deviation, deviation, first_beyond, shares_apart
+from validation.compare.deviation import Deviation, deviation, first_deviation
 from validation.compare.open_pair import PairedRun
 from validation.compare.verdict import FAIL, Verdict, judged
 
+KINDS = ("peak", "later peak", "speed")  # of observables that are judged
 LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)  # of the largest force: rounding, its horizon, coarse steps, what experiments resolve
 
 
@@ -47,64 +48,44 @@ class Pair:
         return any(verdict.verdict == FAIL for verdict in self.verdicts)
 
 
-@dataclass(frozen=True)
-class Allowed:
-    """Tolerances of two runs.
-
-    Attributes:
-        force: of the forces, as a share of the largest.
-        peak, speed: relative errors.
-        balance: of energies, momentum and impulse, over the largest of each.
-        samples: how many can be compared: until rounding alone parts two runs.
-    """
-
-    force: Tolerance
-    peak: Tolerance
-    speed: Tolerance
-    balance: Tolerance
-    samples: int
-
-
 def compare_pair(one: PairedRun, other: PairedRun) -> Pair:
     """All that is known of two runs."""
-    allowed, why_not_all = allowed_between(one, other), ""
-    if allowed.samples < len(one.trace.time_s):
-        end = one.trace.time_s[allowed.samples] * 1e6
-        why_not_all = f"judged until {end:g} µs, where rounding alone passes {HORIZON:g}"
+    (limits, samples), why_not_all = allowed_between(one, other), ""
+    if samples < len(one.trace.time_s):
+        why_not_all = f"judged until {one.trace.time_s[samples] * 1e6:g} µs, where rounding alone passes {HORIZON:g}"
     # one case after the other, since what is expected of the last one is kept
     of_first, taken_for = (departure(one.case, each.engine, each.trace) for each in (one, other))
     return Pair(
         first=one,
         second=other,
-        verdicts=[*_verdicts(one, other, allowed)],
+        verdicts=[*_verdicts(one, other, limits, samples)],
         until=why_not_all,
-        parted={level: _parted(one.trace, other.trace, level) for level in LEVELS},
+        parted={level: first_deviation(other.trace, one.trace, level) for level in LEVELS},
         departures=(of_first, departure(other.case, other.engine, other.trace)),
         taken_for=taken_for,
     )
 
 
-def allowed_between(one: PairedRun, other: PairedRun) -> Allowed:
-    """The tolerances of two runs.
+def allowed_between(one: PairedRun, other: PairedRun) -> tuple[dict[str, Tolerance], int]:
+    """Tolerances of two runs by kind of quantity, and how many samples can be compared until rounding parts them.
 
-    Of the same scheme at the same step they differ by rounding alone, in friction by their laws; others by what their
+    Runs of the same scheme at the same step differ by rounding alone, in friction by their laws; others by what their
     time steps, or the lack of one, do.
     """
-    factor = tolerance("between", "others")
     same_step = isclose(one.run.record.time_step_s, other.run.record.time_step_s, rel_tol=1e-12)
     exact = [load_engine(each.engine).scheme == EXACT for each in (one, other)]
-    by_rounding = all(exact) or (not any(exact) and same_step)
-    if by_rounding:
+    if all(exact) or (not any(exact) and same_step):
         force, samples = _by_rounding(one, other)
+        of_gauges = {}
     else:
         names = {shipped_name(each.case) for each in (one, other)}
         name = names.pop() if len(names) == 1 else None
         force, samples = tolerance("truncation", "force", name), len(one.trace.time_s)
-    rest = Tolerance(factor.limit * force.limit, f"{factor.limit:g} times the force's: {factor.reason}")
-    if by_rounding:
-        return Allowed(force, rest, rest, rest, samples)
-    peak, speed = (tolerance("truncation", quantity, name) for quantity in ("peak", "speed"))
-    return Allowed(force, peak, speed, rest, samples)
+        of_gauges = {quantity: tolerance("truncation", quantity, name) for quantity in ("peak", "speed")}
+    factor = tolerance("between", "others")
+    others = Tolerance(factor.limit * force.limit, f"{factor.limit:g} times the force's: {factor.reason}")
+    limits = {"force": force, "peak": others, "speed": others, "others": others} | of_gauges
+    return limits | {"later peak": limits["peak"]}, samples
 
 
 def _by_rounding(one: PairedRun, other: PairedRun) -> tuple[Tolerance, int]:
@@ -118,24 +99,22 @@ def _by_rounding(one: PairedRun, other: PairedRun) -> tuple[Tolerance, int]:
         baselines.append(baseline_of(other.case))
     if any(each.unknown for each in baselines):
         return tolerance("model", model_quantity(one.case)), everything
-    return max((each.allowed for each in baselines), key=lambda each: each.limit), min(
-        each.samples for each in baselines
-    )
+    widest = max((each.allowed for each in baselines), key=lambda each: each.limit)
+    return widest, min(each.samples for each in baselines)
 
 
-def _verdicts(one: PairedRun, other: PairedRun, allowed: Allowed) -> Iterator[Verdict]:
-    first, second = (until(each.trace, allowed.samples) for each in (one, other))
+def _verdicts(one: PairedRun, other: PairedRun, limits: dict[str, Tolerance], samples: int) -> Iterator[Verdict]:
+    first, second = (until(each.trace, samples) for each in (one, other))
 
     def verdict(quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
         engines = f"{other.engine} against {one.engine}"
         return judged(other.run.record.scene_name, engines, quantity, value, limit, where)
 
     found = deviation(second, first)
-    yield verdict("force", found.share, allowed.force, f"contact {found.contact} at {found.time_s * 1e6:g} µs")
+    yield verdict("force", found.share, limits["force"], found.place)
 
     should, has = observe(one.run.layout, first), observe(other.run.layout, second)
-    limits = {"peak": allowed.peak, "later peak": allowed.peak, "speed": allowed.speed}
-    for name in of_kind(should, *limits):  # that both runs have a gauge for
+    for name in of_kind(should, *KINDS):  # that both runs have a gauge for
         if name not in has or (np.isnan(should[name]) and np.isnan(has[name])):
             continue
         observable = describe(name)
@@ -155,7 +134,7 @@ def _verdicts(one: PairedRun, other: PairedRun, allowed: Allowed) -> Iterator[Ve
         series["wall impulse"] = (impulses[0], impulses[1], impulses[0])
     for quantity, (expected, measured, scale) in series.items():
         share, sample = _largest(measured - expected, scale)
-        yield verdict(quantity, share, allowed.balance, f"at {first.time_s[sample] * 1e6:g} µs")
+        yield verdict(quantity, share, limits["others"], f"at {first.time_s[sample] * 1e6:g} µs")
 
 
 def _largest(difference: Array, scale: Array) -> tuple[float, int]:
@@ -163,13 +142,3 @@ def _largest(difference: Array, scale: Array) -> tuple[float, int]:
     share = np.abs(difference) / (float(np.abs(scale).max()) or 1.0)
     sample = int(np.argmax(np.nan_to_num(share, nan=np.inf)))
     return float(share[sample]), sample
-
-
-def _parted(first: Trace, second: Trace, level: float) -> Deviation | None:
-    """The first sample at which forces differ by more than a level."""
-    share = shares_apart(second.force_N, first.force_N)
-    beyond = first_beyond(share, level)
-    if beyond is None:
-        return None
-    sample, column = beyond
-    return Deviation(float(share[sample, column]), float(first.time_s[sample]), column + 1)

@@ -48,7 +48,7 @@ def test_a_deviation_says_when_and_where(compared: ComparedScene) -> None:
     force[37, 2] += 1e-3
     found = deviation(replace(trace, force_N=force), trace)
     assert found.share == pytest.approx(1e-3 / trace.force_N.max())
-    assert (found.time_s, found.contact) == (trace.time_s[37], 3)
+    assert (found.time_s, found.quantity) == (trace.time_s[37], "contact 3")
     with pytest.raises(ValueError, match="samples"):
         deviation(replace(trace, force_N=force[:5]), trace)
 
