@@ -6,7 +6,7 @@ its colours follow the reader's light or dark screen. Ticks and the thinning of 
 
 from base64 import b64encode
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,6 @@ class Curve:
 
     Attributes:
         label: the engine, whether its run failed, and in the panel of differences what is subtracted from it.
-        path: its ``d``, in tenths.
         values: base64 of little-endian float32, one a kept sample.
     """
 
@@ -47,13 +46,16 @@ class Curve:
     colour: str
     width: float
     dashes: str
-    path: str
     values: str
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes; ``ticks`` are places and labels, ``notes`` places and words at the right end."""
+    """One pair of axes; ``ticks`` are places and labels, ``notes`` places and words at the right end.
+
+    Attributes:
+        paths: the ``d`` of each curve, in tenths.
+    """
 
     title: str
     unit: str
@@ -61,6 +63,7 @@ class Panel:
     bottom: float
     ticks: list[tuple[float, str]]
     curves: list[Curve]
+    paths: list[str]
     notes: list[tuple[float, str]]
 
 
@@ -95,23 +98,8 @@ class Chart:
     @property
     def data(self) -> dict[str, Any]:
         """What the script of the page reads."""
-        told = ("height", "unit", "start", "spacing", "count", "last")
-        return (
-            {"left": LEFT, "right": RIGHT, "width": WIDTH}
-            | {name: getattr(self, name) for name in told}
-            | {
-                "panels": [
-                    {name: getattr(panel, name) for name in ("title", "unit", "top", "bottom")}
-                    | {
-                        "curves": [
-                            {name: getattr(curve, name) for name in ("engine", "label", "colour", "values")}
-                            for curve in panel.curves
-                        ]
-                    }
-                    for panel in self.panels
-                ]
-            }
-        )
+        panels = [{k: v for k, v in asdict(panel).items() if k != "paths"} for panel in self.panels]
+        return asdict(self) | {"left": LEFT, "right": RIGHT, "width": WIDTH, "panels": panels}
 
 
 @dataclass(frozen=True)
@@ -173,7 +161,7 @@ def chart_of(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, T
         count=len(time_s[::every]),
         last=(len(time_s) - 1) / every,
         ticks=axis.ticks,
-        engines=[_curve(_Series(engine, label, np.empty(0)), "", 1) for engine, label in labels.items()],
+        engines=[_curve(_Series(engine, label, np.empty(0)), 1) for engine, label in labels.items()],
         panels=panels,
         left_out=max(0, len(gauges) - MAX_GAUGES),
     )
@@ -211,9 +199,9 @@ def _forces(title: str, forces: list[_Series], x: Array, every: int, top: float)
     def place(values: Array) -> Array:
         return top + PANEL * (1.0 - (values - low) / ((high - low) * 1.04))
 
-    curves = [_curve(each, _path(x, place(each.values)), every) for each in forces]
+    paths = [_path(x, place(each.values)) for each in forces]
     ticks = [(float(place(np.array(value))), f"{value:g}") for value in round_ticks(low, high, 4)]
-    return Panel(title, "N", top, top + PANEL, ticks, curves, [])
+    return Panel(title, "N", top, top + PANEL, ticks, [_curve(each, every) for each in forces], paths, [])
 
 
 def _differences(found: list[_Series], x: Array, every: int, top: float) -> Panel:
@@ -227,11 +215,9 @@ def _differences(found: list[_Series], x: Array, every: int, top: float) -> Pane
             logarithm = np.where(values > 0, np.log10(values), np.nan)
         return np.asarray(top + PANEL * (high - logarithm) / (high - low))
 
-    curves: list[Curve] = []
     notes: dict[str, float] = {}
-    for each in found:
-        y = place(each.values)
-        curves.append(_curve(each, _path(x, y), every))
+    heights = [place(each.values) for each in found]
+    for each, y in zip(found, heights, strict=True):
         if np.isfinite(y).any():
             words, last = f"from {each.against}", float(y[np.isfinite(y)][-1])
             last = last - 4.0 if last > top + NOTE else last + NOTE  # clear of the title
@@ -239,14 +225,15 @@ def _differences(found: list[_Series], x: Array, every: int, top: float) -> Pane
     stride = max(1, int(np.ceil((high - low) / 5)))
     ticks = [(float(place(np.array(10.0**power))), f"1e{power:g}") for power in np.arange(low, high + 1, stride)]
     title = "largest difference over all contacts, of the largest force"
-    return Panel(title, "", top, top + PANEL, ticks, curves, [(y, words) for words, y in notes.items()])
+    paths, right = [_path(x, y) for y in heights], [(y, words) for words, y in notes.items()]
+    return Panel(title, "", top, top + PANEL, ticks, [_curve(each, every) for each in found], paths, right)
 
 
-def _curve(series: _Series, path: str, every: int) -> Curve:
+def _curve(series: _Series, every: int) -> Curve:
     line = line_of(series.engine)
     dashes = "" if line.dashes == "-" else " ".join(f"{each * line.width:g}" for each in line.dashes[1])
     numbers = b64encode(series.values[::every].astype("<f4").tobytes()).decode()
-    return Curve(series.engine, series.label, line.colour, line.width, dashes, path, numbers)
+    return Curve(series.engine, series.label, line.colour, line.width, dashes, numbers)
 
 
 def _path(x: Array, y: Array) -> str:

@@ -42,19 +42,6 @@ class Image:
     width_px: int
 
 
-@dataclass(frozen=True)
-class Figure:
-    """A figure of the paper that was made.
-
-    Attributes:
-        beside: the same chains in space and time; None where that was not made.
-    """
-
-    title: str
-    image: Image
-    beside: Image | None
-
-
 def image_of(svg: str) -> Image:
     """The text of a file of matplotlib's as an image; digits that nobody sees are left out.
 
@@ -96,7 +83,7 @@ def stored_or_drawn(path: Path, table: Path, draw: Callable[[], Any]) -> Image:
 
 
 def read_figures(results: Path) -> dict[str, Any]:
-    """``made``: the paper's figures in a results folder; ``missing``: names of those that are not there.
+    """``made``: title and image of each of the paper's figures, and its chains ``beside`` it; ``missing``: names.
 
     A figure's title is the first line of its module.
 
@@ -111,7 +98,8 @@ def read_figures(results: Path) -> dict[str, Any]:
         if image is None:
             missing.append(name)
             continue
-        made.append(Figure(title, image, read_beside(results, name)))
+        title = BLANKS.sub(" ", title).strip(". ")
+        made.append({"title": title, "image": image, "beside": read_beside(results, name)})
     return {"made": made, "missing": missing}
 
 

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base import paths
 from drivers.chain.case import Case
 from drivers.chain.contact_law import hertz_force
-from drivers.chain.elements import Element
 from drivers.chain.trace import Trace
 from drivers.engines import in_order, load_engine
+from drivers.run.finished import EndedRun
 from postproc.read.observables import observe
 from postproc.read.residual import REFERENCE
 from validation.accuracy.budget import PARTS
@@ -30,33 +29,26 @@ class SceneSection:
     """One scene; every list is in the order in which it is shown.
 
     Attributes:
-        engines: that finished.
-        curves: whose curves the chart has, in words.
+        row: of the verdict table.
+        runs: those that finished.
         chart: None where there is no trace, or neither a gauge nor a second engine; ``raster``: where none finished.
         judged: quantity in words, then by engine the verdict or None.
         budget: quantity, engine and its parts.
-        observables: name and its value by each of ``engines``.
+        observables: name and its value by each run.
         decks: engine, file, text; also of engines that failed.
     """
 
-    name: str
-    title: str
-    summary: str
-    timing: str
-    engines: list[str]
-    curves: list[str]
     row: Row
+    case: Case
+    runs: Mapping[str, EndedRun]
+    timing: str
     judged: list[tuple[str, list[Any]]]
-    warnings: list[tuple[str, str]]
     chart: Chart | None
     raster: Raster | None
     departures: list[DepartureRow]
     budget: list[tuple[str, str, list[str]]]
-    budget_notes: list[tuple[str, str]]
     observables: list[tuple[str, list[str]]]
-    elements: tuple[Element, ...]
     decks: list[tuple[str, str, str]]
-    folders: list[tuple[str, str]]
 
 
 def section_of(scene: ComparedScene, row: Row) -> SceneSection:
@@ -70,24 +62,17 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
     chart = chart_of(case.layout, traces, refused) if traces or refused else None
     shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
     return SceneSection(
-        name=row.name,
-        title=row.title,
-        summary=case.summary,
-        timing=_timing(scene),
-        engines=engines,
-        curves=[each.label for each in chart.engines] if chart else [],
         row=row,
+        case=case,
+        runs={engine: scene.runs[engine] for engine in engines},
+        timing=_timing(scene),
         judged=_judged(scene, engines),
-        warnings=[(engine, words) for engine in engines for words in scene.runs[engine].record.warnings or ()],
         chart=chart if chart and chart.panels else None,
         raster=raster_of(traces[shown], shown) if traces else None,
         departures=_departures(scene),
         budget=_budget(scene, engines),
-        budget_notes=[(engine, note) for engine in engines if (note := scene.runs[engine].record.error_note)],
         observables=[(name, [number(observed[engine][name], 6) for engine in engines]) for name in names],
-        elements=case.elements,
         decks=_decks(scene, row),
-        folders=[(engine, paths.shown(scene.runs[engine].folder)) for engine in engines],
     )
 
 

@@ -4,7 +4,7 @@ import math
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -56,14 +56,12 @@ class Row:
 
     Attributes:
         again: the command that shows more of it.
-        reasons: by engine, the number of the reason for the worst figure's tolerance in the list below the table.
     """
 
     name: str
     title: str
     again: str
     cells: dict[str, Cell]
-    reasons: dict[str, int] = field(default_factory=dict)
 
     @property
     def fails(self) -> bool:
@@ -98,19 +96,10 @@ def case_rows(independent: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
-def with_reasons(rows: list[Row]) -> tuple[list[Row], list[str]]:
-    """The rows with the number of each worst figure's reason, counted from 1, and these reasons."""
-    reasons: list[str] = []
-    numbered = []
-    for row in rows:
-        own = {}
-        for engine, cell in row.cells.items():
-            if cell.worst is not None:
-                if cell.worst.reason not in reasons:
-                    reasons.append(cell.worst.reason)
-                own[engine] = reasons.index(cell.worst.reason) + 1
-        numbered.append(replace(row, reasons=own))
-    return numbered, reasons
+def reasons_of(rows: list[Row]) -> list[str]:
+    """Each reason of a worst figure's tolerance once."""
+    worst = [cell.worst for row in rows for cell in row.cells.values()]
+    return list(dict.fromkeys(verdict.reason for verdict in worst if verdict is not None))
 
 
 def counted(rows: Iterable[Row]) -> Counter[str]:

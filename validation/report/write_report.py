@@ -24,7 +24,7 @@ from validation.report.made_with import made_with, when_made
 from validation.report.page_figures import read_figures, read_table1
 from validation.report.scene_section import section_of
 from validation.report.spacetime_raster import PLACES
-from validation.report.verdict_table import case_rows, counted, scene_row, short, tolerances, with_reasons
+from validation.report.verdict_table import case_rows, counted, reasons_of, scene_row, short, tolerances
 from validation.studies import read_section
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
@@ -111,7 +111,7 @@ def write_report(
     results = path.parent
     made = made_with(scenes, command)
     sections = {name: section.read(results) for name, section in SECTIONS.items()}
-    rows, reasons = with_reasons([scene_row(scene, runs) for scene in scenes])
+    rows = [scene_row(scene, runs) for scene in scenes]
     cases = case_rows(sections["independent"])
     page = deck.render(
         "report/report.html.j2",
@@ -119,7 +119,7 @@ def write_report(
         rows=rows,
         cases=cases,
         engines=in_order(engine for row in (*rows, *cases) for engine in row.cells),
-        reasons=reasons,
+        reasons=reasons_of(rows),
         counts=counted(rows),
         case_counts=counted(cases),
         tolerances=tolerances(scenes),
@@ -127,6 +127,7 @@ def write_report(
         sections=[(name, section, sections[name]) for name, section in SECTIONS.items()],
         dates=when_made(results),
         short=short,
+        shown=paths.shown,
         places=PLACES,
     )
     texts = {
