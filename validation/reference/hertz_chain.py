@@ -69,6 +69,18 @@ class Motion:
     velocity_m_s: Array
 
 
+def check_timing(time_step_s: float, steps_per_sample: int, samples: int) -> None:
+    """Checks the steps and samples of an integration.
+
+    Raises:
+        ValueError: a step not above zero, or counts below one.
+    """
+    if not (np.isfinite(time_step_s) and time_step_s > 0):
+        raise ValueError(f"time_step_s: {time_step_s}, expected above zero")
+    if steps_per_sample < 1 or samples < 1:
+        raise ValueError("steps_per_sample, samples: expected at least one")
+
+
 def hertz_force(stiffness: Array, overlap_m: Array) -> Array:
     """``F = k overlap^(3/2)`` where there is overlap, else 0."""
     closed = np.maximum(overlap_m, 0.0)

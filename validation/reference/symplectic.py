@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import elastic_force
-from validation.reference.hertz_chain import Array, HertzChain, Motion, displacements, hertz_force
+from validation.reference.hertz_chain import Array, HertzChain, Motion, check_timing, displacements, hertz_force
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 DRIFTS = np.array([XI, CHI, 1 - 2 * (CHI + XI), CHI, XI])
@@ -21,10 +21,7 @@ def integrate_symplectic(chain: HertzChain, time_step_s: float, steps_per_sample
     Raises:
         ValueError: a step not above zero, or counts below one.
     """
-    if not (np.isfinite(time_step_s) and time_step_s > 0):
-        raise ValueError(f"time_step_s: {time_step_s}, expected above zero")
-    if steps_per_sample < 1 or samples < 1:
-        raise ValueError("steps_per_sample, samples: expected at least one")
+    check_timing(time_step_s, steps_per_sample, samples)
     overlap, velocity = _integrate(
         chain.overlap_m, chain.velocity_m_s, chain.stiffness, 1 / chain.mass_kg, chain.load_N / chain.mass_kg,
         time_step_s, steps_per_sample, samples,

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import damped_force, elastic_force
-from validation.reference.hertz_chain import Array
+from validation.reference.hertz_chain import Array, check_timing
 from validation.reference.tube_chain import Extremes, TubeChain, TubeMotion
 
 TOTAL, INCREMENTAL = "total", "incremental"
@@ -51,10 +51,7 @@ def integrate_tube(
     Raises:
         ValueError: a step not above zero, counts below one, or another law.
     """
-    if not (np.isfinite(time_step_s) and time_step_s > 0):
-        raise ValueError(f"time_step_s: {time_step_s}, expected above zero")
-    if steps_per_sample < 1 or samples < 1:
-        raise ValueError("steps_per_sample, samples: expected at least one")
+    check_timing(time_step_s, steps_per_sample, samples)
     if law not in (TOTAL, INCREMENTAL):
         raise ValueError(f'law: {law}, expected "{TOTAL}" or "{INCREMENTAL}"')
     n = chain.mass_kg.size

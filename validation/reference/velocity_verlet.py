@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from validation.reference.contact_kernels import elastic_force, overlap_power
-from validation.reference.hertz_chain import Array, HertzChain, Motion, contact_force, displacements
+from validation.reference.hertz_chain import Array, HertzChain, Motion, check_timing, contact_force, displacements
 
 TILE = 2048  # beads: their six numbers each fit the second-level cache
 BLOCK = 128  # steps that a tile takes at a time
@@ -32,7 +32,7 @@ def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: in
     Raises:
         ValueError: a step not above zero, or counts below one.
     """
-    _check(time_step_s, steps_per_sample, samples)
+    check_timing(time_step_s, steps_per_sample, samples)
     arrays, half_kick = _start(chain, time_step_s), 0.5 * time_step_s / chain.mass_kg
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
     _sample(
@@ -75,7 +75,7 @@ def record_contacts(
     Raises:
         ValueError: a step not above zero, counts below one, contacts that do not exist, threads other than 1 or 2.
     """
-    _check(time_step_s, steps_per_sample, samples)
+    check_timing(time_step_s, steps_per_sample, samples)
     places = np.asarray(contacts, dtype=np.int64) - 1
     n = chain.mass_kg.size
     if places.ndim != 1 or (places < 0).any() or (places >= n).any():
@@ -101,13 +101,6 @@ def record_contacts(
             if progress is not None:
                 progress(steps)
     return recorded
-
-
-def _check(time_step_s: float, steps_per_sample: int, samples: int) -> None:
-    if not (np.isfinite(time_step_s) and time_step_s > 0):
-        raise ValueError(f"time_step_s: {time_step_s}, expected above zero")
-    if steps_per_sample < 1 or samples < 1:
-        raise ValueError("steps_per_sample, samples: expected at least one")
 
 
 def _start(chain: HertzChain, time_step_s: float) -> Arrays:

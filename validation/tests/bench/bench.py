@@ -73,11 +73,11 @@ def bench_adaptive() -> None:
 def _scipy(chain: HertzChain, times: Array, rtol: float) -> Array:
     """Forces by scipy's DOP853 with the compiled slope of the reference."""
     n = chain.mass_kg.size
-    inverse_mass, acceleration = 1 / chain.mass_kg, chain.load_N / chain.mass_kg
+    bodies = (1 / chain.mass_kg, chain.stiffness, np.zeros(0), chain.load_N / chain.mass_kg)
 
     def derivative(_: float, state: Array) -> Array:
         result = np.empty_like(state)
-        slope(state, 1.0, result, inverse_mass, chain.stiffness, acceleration)
+        slope(state, 1.0, result, bodies)
         return result
 
     start = np.concatenate([chain.overlap_m, chain.velocity_m_s])
