@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ from drivers.base.command_line import Parser, must_be_folder, run_main, seconds
 from drivers.base.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from drivers.batch.study_cases import Steps
+    from drivers.batch.study_cases import Request
 
 AUTO = "auto"  # in place of an engine: the cheapest that models what the scene requires
 
@@ -212,16 +213,19 @@ def _plan(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def batch_steps() -> "Steps":
-    """Functions of higher rooms that a batch is handed."""
-    from drivers.batch.study_cases import Step, Steps
+def request_of(
+    study: str | Path, runs: Path, engines: Sequence[str] = (), patterns: Sequence[str] = (), *, retry: bool = False
+) -> "Request":
+    """A study that is asked for, with the functions of higher rooms that a batch needs."""
+    from drivers.batch.study_cases import Request, Step, Steps
 
-    return Steps(
+    steps = Steps(
         plan=Step("validation.accuracy.plan", "plan_case"),
         observe=Step("postproc.read.observables", "observe"),
         residual=Step("postproc.read.residual", "residual"),
         assess=Step("validation.accuracy.assess", "assess"),
     )
+    return Request(study, runs, steps, tuple(engines), tuple(patterns), retry)
 
 
 def _batch(arguments: argparse.Namespace) -> int:
@@ -238,25 +242,24 @@ def _batch(arguments: argparse.Namespace) -> int:
         if arguments.slice and getattr(arguments, option):
             words = f"--{option.replace('_', '-')}"
             raise InputError(words, "", "--slice", "one of the two: a slice runs here, by itself")
-    chosen = {"engines": arguments.engine, "only": arguments.only, "retry": arguments.retry}
+    request = request_of(arguments.study, runs, arguments.engine, arguments.only, retry=arguments.retry)
     if arguments.slice:
-        return run_part(arguments.study, runs, arguments.slice, batch_steps(), **chosen)
+        return run_part(request, *arguments.slice)
     where = Where(arguments.workers or cores(), arguments.dask, arguments.slurm, arguments.wait, arguments.slices)
-    how = {"dry_run": arguments.dry_run, "yes": arguments.yes}
-    return batch(arguments.study, runs, results, where, batch_steps(), **chosen, **how)
+    return batch(request, results, where, dry_run=arguments.dry_run, yes=arguments.yes)
 
 
 def _status(arguments: argparse.Namespace) -> int:
     from drivers.batch.study_commands import status
 
-    chosen = {"engines": arguments.engine, "only": arguments.only}
-    return status(arguments.study, _runs(arguments), batch_steps(), **chosen, every=arguments.list)
+    request = request_of(arguments.study, _runs(arguments), arguments.engine, arguments.only)
+    return status(request, every=arguments.list)
 
 
 def _show(arguments: argparse.Namespace) -> int:
     from drivers.batch.study_commands import show
 
-    return show(arguments.study, arguments.case, _runs(arguments), batch_steps(), arguments.engine)
+    return show(request_of(arguments.study, _runs(arguments), arguments.engine), arguments.case)
 
 
 def _runs(arguments: argparse.Namespace) -> Path:

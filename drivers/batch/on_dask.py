@@ -8,9 +8,8 @@ from contextlib import ExitStack
 from typing import Any
 
 from drivers.base.errors import InputError, RunError
-from drivers.batch.store import Store
 from drivers.batch.study import Selection
-from drivers.batch.study_cases import Setup
+from drivers.batch.study_cases import Request
 from drivers.batch.worker import CHUNK, run_slice
 
 LOCAL = "local"
@@ -20,19 +19,15 @@ SLICES_PER_THREAD = 4  # so that a slow slice does not keep the others waiting
 RETRIES = 3  # of a slice of which the worker died
 
 
-def run_on_dask(
-    address: str, setup: Setup, selection: Selection, todo: list[int], store: Store, *, workers: int, retry: bool
-) -> Iterator[None]:
+def run_on_dask(address: str, request: Request, selection: Selection, todo: list[int], workers: int) -> Iterator[None]:
     """Runs the slices that have something to do, and yields now and then until all are through.
 
     Args:
         address: of a scheduler, or ``local`` for a cluster of ``workers`` processes that lives as long as this.
-        setup: the study; its functions are handed to the workers.
+        request: the study, on a runs folder that all Dask workers have to see; its paths are absolute.
         selection: what is asked for of it.
         todo: numbers of the cases that are not done.
-        store: of the runs folder, which all Dask workers have to see.
         workers: of a local cluster.
-        retry: run failed cases again.
 
     Raises:
         InputError: ``distributed`` is not installed, or no scheduler answers.
@@ -61,20 +56,7 @@ def run_on_dask(
         parts = max(SLICES_PER_THREAD * threads, math.ceil(len(selection.numbers) / CHUNK))
         executor = client.get_executor(pure=False, retries=RETRIES)
         stack.callback(executor.shutdown, wait=False)  # after an error or Ctrl-C nobody waits for the rest
-        waiting = {
-            executor.submit(
-                run_slice,
-                setup.study.path,
-                part,
-                parts,
-                store.runs.resolve(),
-                setup.steps,
-                engines=selection.engines,
-                patterns=selection.patterns,
-                retry=retry,
-            )
-            for part in selection.slices_with_work(todo, parts)
-        }
+        waiting = {executor.submit(run_slice, request, part, parts) for part in selection.slices_with_work(todo, parts)}
         while waiting:
             ended, waiting = wait(waiting, POLL_S)
             for future in ended:

@@ -69,6 +69,27 @@ class Steps:
 
 
 @dataclass(frozen=True)
+class Request:
+    """A study that is asked for, on a command line or by a scheduler.
+
+    Attributes:
+        source: path of the study file, or its name in ``inputs/studies``.
+        runs: the runs folder, the same for all workers.
+        steps: functions of higher rooms.
+        engines: of the study; all where there are none.
+        patterns: that select cases; all where there are none.
+        retry: run failed cases again.
+    """
+
+    source: str | Path
+    runs: Path
+    steps: Steps
+    engines: Sequence[str] = ()
+    patterns: Sequence[str] = ()
+    retry: bool = False
+
+
+@dataclass(frozen=True)
 class Setup:
     """A study with all else that identifies its rows.
 

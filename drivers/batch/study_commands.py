@@ -3,8 +3,8 @@
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.base import paths
@@ -16,7 +16,7 @@ from drivers.batch.on_this_machine import get_ready, plan_side_by_side, run_loca
 from drivers.batch.status import expected_s, failure_line, follow, in_words, states_on
 from drivers.batch.store import Store
 from drivers.batch.study import Selection, read_study, select
-from drivers.batch.study_cases import Setup, Steps, StudyPlan, keep_plan, kept_plan, set_up
+from drivers.batch.study_cases import Request, Setup, StudyPlan, keep_plan, kept_plan, set_up
 from drivers.batch.worker import run_slice, to_run
 
 MAX_CASES = 20_000  # more are not run by accident
@@ -42,8 +42,9 @@ class Where:
 
 @dataclass(frozen=True)
 class _Batch:
-    """A study with its plan, what is selected of it, and what the store has."""
+    """A study that is asked for, with its plan, what is selected of it, and what the store has."""
 
+    request: Request
     setup: Setup
     plan: StudyPlan
     selection: Selection
@@ -65,28 +66,16 @@ class _Batch:
         }
 
 
-def batch(
-    source: str,
-    runs: Path,
-    results: Path,
-    where: Where,
-    steps: Steps,
-    *,
-    engines: Sequence[str] = (),
-    only: Sequence[str] = (),
-    retry: bool = False,
-    dry_run: bool = False,
-    yes: bool = False,
-) -> int:
+def batch(request: Request, results: Path, where: Where, *, dry_run: bool = False, yes: bool = False) -> int:
     """Runs what is not done of a study and writes its tables; the exit code."""
     if where.slurm:
         from drivers.batch.on_slurm import must_have_slurm
 
         must_have_slurm()
     if not (where.dask or where.slurm or dry_run):
-        get_ready(steps)
-    found = _open(source, runs, engines, only, where.workers, steps, yes=yes)
-    retry_before = time.time() if retry else 0.0
+        get_ready(request.steps)
+    found = _open(request, where.workers, yes=yes)
+    retry_before = time.time() if request.retry else 0.0
     todo = found.todo(retry_before)
     if dry_run:
         return _print_plan(found, todo, where.workers)
@@ -109,19 +98,9 @@ def batch(
     return code
 
 
-def run_part(
-    source: str,
-    runs: Path,
-    part_of: tuple[int, int],
-    steps: Steps,
-    *,
-    engines: Sequence[str] = (),
-    only: Sequence[str] = (),
-    retry: bool = False,
-) -> int:
+def run_part(request: Request, part: int, parts: int) -> int:
     """Runs part I of N of a study; the exit code."""
-    part, parts = part_of
-    rows = run_slice(Path(source), part, parts, runs, steps, engines=engines, patterns=only, retry=retry)
+    rows = run_slice(request, part, parts)
     failures = [row for row in rows if not row.done]
     print(f"slice {part}/{parts}: {len(rows) - len(failures)} rows done, {len(failures)} failed")
     for row in failures:
@@ -129,17 +108,9 @@ def run_part(
     return 1 if failures else 0
 
 
-def status(
-    source: str,
-    runs: Path,
-    steps: Steps,
-    *,
-    engines: Sequence[str] = (),
-    only: Sequence[str] = (),
-    every: bool = False,
-) -> int:
+def status(request: Request, *, every: bool = False) -> int:
     """Prints what is done, failed, stale, running and to do; ``every``: case by case."""
-    found = _open(source, runs, engines, only, cores(), steps, yes=True)
+    found = _open(request, cores(), yes=True)
     if every:
         by_engine = found.states()
         for number in found.selection.numbers:
@@ -149,18 +120,18 @@ def status(
     return 0
 
 
-def show(source: str, number: int, runs: Path, steps: Steps, engines: Sequence[str]) -> int:
+def show(request: Request, number: int) -> int:
     """Lays a case out as run folders with their decks, and says whether they are what the batch found."""
     from drivers.chain.trace import digest_of
     from drivers.run.finished import EndedRun
     from drivers.run.run import run_case
 
-    study, store = read_study(source), Store(runs)
-    selection = select(study, engines, ())
+    study, runs = read_study(request.source), request.runs
+    store, selection = Store(runs), select(study, request.engines, ())
     if not 1 <= number <= study.count:
         raise InputError(f"case {number}", "", f"no such case in {study.where}", f"1 to {study.count}")
     store.refresh()
-    case = set_up(study, selection.engines, runs, steps).case(number)
+    case = set_up(study, selection.engines, runs, request.steps).case(number)
     print(f"case {number}: {case.label}")
     code = 0
     for name in selection.engines:
@@ -168,7 +139,7 @@ def show(source: str, number: int, runs: Path, steps: Steps, engines: Sequence[s
             print(f"{name}: not installed", file=sys.stderr)
             code = 1
             continue
-        ended: EndedRun = steps.assess(run_case(case.case, name, runs, limit_s=study.file.limit), case.case)
+        ended: EndedRun = request.steps.assess(run_case(case.case, name, runs, limit_s=study.file.limit), case.case)
         row = store.rows.get(case.identities[name])
         for warning in ended.record.warnings or ():
             print(f"{name} warning: {warning}", file=sys.stderr)
@@ -186,15 +157,13 @@ def show(source: str, number: int, runs: Path, steps: Steps, engines: Sequence[s
     return code
 
 
-def _open(
-    source: str, runs: Path, engines: Sequence[str], only: Sequence[str], workers: int, steps: Steps, *, yes: bool
-) -> _Batch:
+def _open(request: Request, workers: int, *, yes: bool) -> _Batch:
     """Reads a study and plans it, which validates every case."""
-    study, store = read_study(source), Store(runs)
+    study, store = read_study(request.source), Store(request.runs)
     if study.count > MAX_CASES and not yes:
         raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
-    selection = select(study, engines, only)
-    setup = set_up(study, study.engines, runs, steps)
+    selection = select(study, request.engines, request.patterns)
+    setup = set_up(study, study.engines, request.runs, request.steps)
     plan = kept_plan(setup, store)
     if plan is None:
         plan = plan_side_by_side(setup, store, workers)
@@ -203,23 +172,24 @@ def _open(
     if store.damaged:
         count = len(store.damaged)
         print(f"{count} damaged file{'s' * (count > 1)} in {paths.shown(store.folder)}: left out", file=sys.stderr)
-    return _Batch(setup, plan, selection, store)
+    return _Batch(request, setup, plan, selection, store)
 
 
 def _run(
     found: _Batch, todo: dict[str, list[int]], numbers: list[int], where: Where, retry_before: float
 ) -> Iterator[None]:
     """Runs cases where they are to be run; yields now and then."""
-    setup, selection, store, retry = found.setup, found.selection, found.store, retry_before > 0
+    setup, selection, store = found.setup, found.selection, found.store
     if where.dask:
         from drivers.batch.on_dask import run_on_dask
 
-        yield from run_on_dask(where.dask, setup, selection, numbers, store, workers=where.workers, retry=retry)
+        request = replace(found.request, source=setup.study.path, runs=store.runs.resolve())
+        yield from run_on_dask(where.dask, request, selection, numbers, where.workers)
     elif where.slurm:
         from drivers.batch.on_slurm import parts_for, submit, waiting_for, write_script
 
         parts = where.parts or parts_for(len(selection.numbers), expected_s(found.plan, store, todo))
-        script = write_script(setup.study, selection, numbers, store, parts, retry=retry)
+        script = write_script(setup.study, selection, numbers, store, parts, retry=found.request.retry)
         job = submit(script)
         print(f"job {job}: {paths.shown(script)}", flush=True)
         if where.wait:

@@ -12,7 +12,7 @@ from drivers.base.errors import RunError
 from drivers.batch.leases import WORK, workplace
 from drivers.batch.store import Row, Store, outbox
 from drivers.batch.study import read_study, select
-from drivers.batch.study_cases import REFERENCE, Setup, Steps, StudyCase, plan_cases, set_up
+from drivers.batch.study_cases import REFERENCE, Request, Setup, StudyCase, plan_cases, set_up
 from drivers.chain.trace import Trace, digest_of
 from drivers.engines import load_engine
 from drivers.run.guard import checked_trace
@@ -90,31 +90,16 @@ def to_run(store: Store, identity: str, retry_before: float) -> bool:
     return row is None or (not row.done and row.ended < retry_before)
 
 
-def run_slice(
-    source: Path,
-    part: int,
-    parts: int,
-    runs: Path,
-    steps: Steps,
-    *,
-    engines: Sequence[str] = (),
-    patterns: Sequence[str] = (),
-    retry: bool = False,
-) -> list[Row]:
+def run_slice(request: Request, part: int, parts: int) -> list[Row]:
     """Runs what is not done of part I of N of a study, and returns when all of it is done or failed.
 
     The one door for schedulers. Safe to be called twice, to be killed, and to be called again; every case of the slice
     is validated first.
 
     Args:
-        source: path of the study file.
+        request: the study; its selected cases are dealt to the parts.
         part: from 1 to ``parts``.
-        parts: into how many the selected cases are dealt.
-        runs: the runs folder, the same for all parts.
-        steps: functions that a batch is handed.
-        engines: of the study; all where there are none.
-        patterns: that select cases; all where there are none.
-        retry: run failed cases again.
+        parts: how many there are.
 
     Returns:
         The rows of the slice.
@@ -123,11 +108,11 @@ def run_slice(
         InputError: the study or a case of the slice is wrong.
         OSError: the disk is full, or something else is wrong with the runs folder.
     """
-    retry_before = time.time() if retry else 0.0
-    study, store = read_study(source), Store(runs)
-    selection = select(study, engines, patterns)
+    retry_before = time.time() if request.retry else 0.0
+    study, store = read_study(request.source), Store(request.runs)
+    selection = select(study, request.engines, request.patterns)
     numbers = selection.slice_of(part, parts)
-    setup = set_up(study, selection.engines, runs, steps)
+    setup = set_up(study, selection.engines, request.runs, request.steps)
     plan = plan_cases(setup, numbers)
     left = list(numbers)
     while left:

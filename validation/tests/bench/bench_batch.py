@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from drivers.__main__ import batch_steps
+from drivers.__main__ import request_of
 from drivers.base.processes import run_command
 from drivers.batch.status import SPENT
 from drivers.batch.study_commands import Where, batch, status
@@ -87,7 +87,7 @@ def _listing_s() -> float:
         _quietly(study, Path(home))
         began = time.perf_counter()
         with contextlib.redirect_stdout(io.StringIO()):
-            status(str(study), Path(home, "runs"), batch_steps(), every=True)
+            status(request_of(study, Path(home, "runs")), every=True)
         return time.perf_counter() - began
 
 
@@ -99,6 +99,6 @@ def _study(home: Path, names: tuple[str, ...], cases: int) -> Path:
 
 def _quietly(study: Path, home: Path) -> None:
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
-        code = batch(str(study), home / "runs", home, Where(WORKERS), batch_steps())
+        code = batch(request_of(study, home / "runs"), home, Where(WORKERS))
     if code:
         raise RuntimeError("a case of the benchmark failed")

@@ -14,10 +14,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from drivers.__main__ import batch_steps
 from drivers.base import paths
 from drivers.batch.store import Store
-from drivers.batch.study_cases import sources_of
 from drivers.engines import installed
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
@@ -191,12 +189,6 @@ def test_a_missing_engine_is_a_failure_and_the_others_run(study_file: StudyWrite
     done = command_line("drivers", "batch", path, "--runs", runs, "--results", results_of(runs), PATH="/usr/none")
     assert (done.returncode, "yade       2 not installed" in done.stdout) == (1, True)
     assert list(table(runs)["status"]) == ["done", "not installed"] * 2
-
-
-def test_rows_depend_on_the_sources_that_read_them_and_on_no_figure() -> None:
-    sources = {str(file.relative_to(paths.ROOT)) for file in sources_of(batch_steps().observing)}
-    assert {"drivers/run/guard.py", "drivers/chain/trace.py", "postproc/read/signals.py"} <= sources
-    assert not [file for file in sources if file.startswith(("postproc/figures", "validation/report", "drivers/batch"))]
 
 
 @pytest.mark.long

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.__main__ import batch_steps
+from drivers.__main__ import request_of
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.batch.study import column_name, read_study, select, value_at
+from drivers.batch.study_cases import sources_of
 from drivers.batch.study_commands import Where, batch
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
@@ -123,6 +124,12 @@ def test_selection(write: StudyWriter) -> None:
         select(study, ["yade"], ())
 
 
+def test_rows_depend_on_the_sources_that_read_them_and_on_no_figure() -> None:
+    sources = {str(file.relative_to(paths.ROOT)) for file in sources_of(request_of("", Path()).steps.observing)}
+    assert {"drivers/run/guard.py", "drivers/chain/trace.py", "postproc/read/signals.py"} <= sources
+    assert not [file for file in sources if file.startswith(("postproc/figures", "validation/report", "drivers/batch"))]
+
+
 BAD = {
     "no such key": ('[[axis]]\nkey = "striker.colour"\nvalues = ["red"]', "striker.colour: found an unknown key"),
     "a key that is nearly right": ('[[axis]]\nkey = "striker.sped"\nvalues = ["1 m/s"]', "did you mean speed?"),
@@ -179,7 +186,7 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     path = tmp_path / "study.toml"
     path.write_text(top + text)
     with pytest.raises(InputError) as refused:
-        batch(str(path), tmp_path / "runs", tmp_path / "results", Where(1), batch_steps())
+        batch(request_of(path, tmp_path / "runs"), tmp_path / "results", Where(1))
     assert words in str(refused.value)
     assert not list(tmp_path.glob("runs/batch/*.jsonl"))
     assert not (tmp_path / "results").exists()
@@ -229,5 +236,5 @@ def test_a_million_cases_by_accident(write: StudyWriter, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("path", sorted(paths.STUDIES.glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_studies_are_valid(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert batch(str(path), tmp_path / "runs", tmp_path / "results", Where(1), batch_steps(), dry_run=True) == 0
+    assert batch(request_of(path, tmp_path / "runs"), tmp_path / "results", Where(1), dry_run=True) == 0
     assert "all valid" in capsys.readouterr().out
