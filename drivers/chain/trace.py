@@ -119,32 +119,54 @@ def make_sideways_trace(
     chain: Chain,
     time_s: Array,
     force_N: Array,
-    height_m: Array,
+    place_m: Array,
     velocity_m_s: Array,
-    bore_friction_N: Array | None,
-    sideways: Sideways,
+    spin_rad_s: Array | None = None,
+    bore_N: Array | None = None,
 ) -> Trace:
     """A trace of a three-dimensional chain: Hertz energy ``(2/5) k overlap^(5/2)`` from places, sideways motion, spin.
 
     What friction stores in shear is not seen, so with friction the energy may fall a little and return.
+
+    Args:
+        chain: the chain.
+        time_s: shape (samples,).
+        force_N: along the axis. Shape (samples, bodies).
+        place_m: of centres, and of a flat striker's face. Shape (samples, bodies, 3).
+        velocity_m_s: likewise, as all that follows.
+        spin_rad_s: left out where nothing turns.
+        bore_N: the bore's force on each body; left out where there is no tube.
     """
+    spin = np.zeros_like(place_m) if spin_rad_s is None else spin_rad_s
+    on_bore = np.zeros_like(place_m) if bore_N is None else bore_N
+    towards_axis = _towards_axis(place_m[:, :, :2], on_bore[:, :, :2])
+    sideways = Sideways(place_m[:, :, :2], velocity_m_s[:, :, :2], spin, towards_axis)
+    height, speed_up = place_m[:, :, 2], velocity_m_s[:, :, 2]
     radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
     with np.errstate(over="ignore", invalid="ignore"):
         across = np.diff(sideways.place_m, axis=1, prepend=sideways.place_m[:, :1])
         across[:, np.isinf(chain.radius_m)] = 0.0  # a flat face is level
-        along = np.diff(height_m, axis=1, prepend=chain.wall_height_m)
+        along = np.diff(height, axis=1, prepend=chain.wall_height_m)
         overlap = radius + np.append(0.0, radius[:-1]) - np.sqrt((across**2).sum(axis=2) + along**2)
         hertz = hertz_energy(1.0, np.maximum(overlap, 0.0)) @ chain.stiffness
         bore = chain.bore
         if bore is not None:
             pressed = bore.overlaps(radius, sideways.place_m)
             hertz = hertz + ENERGY_SHARE * (np.maximum(pressed, 0.0) ** (1 + EXPONENT)).sum(axis=2) @ bore.stiffness
-        speed = velocity_m_s**2 + (sideways.velocity_m_s**2).sum(axis=2)
+        speed = speed_up**2 + (sideways.velocity_m_s**2).sum(axis=2)
         inertia = 0.4 * chain.mass_kg * radius**2
         kinetic = 0.5 * (speed @ chain.mass_kg + (sideways.spin_rad_s**2).sum(axis=2) @ inertia)
-        total = kinetic + hertz - (height_m - chain.height_m) @ chain.load_N
-    momentum = velocity_m_s @ chain.mass_kg
-    return Trace(time_s, force_N, kinetic, total, momentum, height_m, velocity_m_s, bore_friction_N, sideways)
+        total = kinetic + hertz - (height - chain.height_m) @ chain.load_N
+    momentum = speed_up @ chain.mass_kg
+    friction = None if bore is None else on_bore[:, :, 2].sum(axis=1)
+    return Trace(time_s, force_N, kinetic, total, momentum, height, speed_up, friction, sideways)
+
+
+def _towards_axis(place_m: Array, bore_N: Array) -> Array:
+    """The bore's force on each body towards the axis, from places and forces across it. Shape (samples, bodies)."""
+    distance = np.maximum(np.hypot(place_m[:, :, 0], place_m[:, :, 1]), 1e-300)
+    with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up, which the guard says in words
+        return np.asarray(-(place_m * bore_N).sum(axis=2) / distance)
 
 
 def overlaps(chain: Chain, height_m: Array) -> Array:

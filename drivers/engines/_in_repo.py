@@ -1,4 +1,4 @@
-"""What the two in-repo engines share: their deck is the chain's arrays, their program ``validation.reference``."""
+"""What the in-repo engines share: their deck is the chain's arrays, their program ``validation.reference``."""
 
 import hashlib
 import json
@@ -13,11 +13,12 @@ from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import InputProblem
 from drivers.chain.case import Case
-from drivers.chain.trace import Trace, make_trace
-from drivers.engines import Engine, _in_repo_tube
-from drivers.engines._arrays import load_array
+from drivers.chain.trace import Trace, make_sideways_trace, make_trace
+from drivers.engines import Engine
+from drivers.engines._raw_output import read_arrays
 
 COMMAND = ("python", "-m", "validation.reference", "chain.json")
+COLUMNS = 13  # of a three-dimensional chain: force along the axis; the bore's, place, velocity, spin: three each
 
 
 def version(executable: Path) -> str:
@@ -29,45 +30,64 @@ def version(executable: Path) -> str:
     return f"source {digest.hexdigest()[:12]}, {libraries}"
 
 
+def refusal(case: Case) -> InputProblem | None:
+    """A three-dimensional chain in a bore of flat sides; it takes every straight one."""
+    bore = case.chain.bore
+    if bore is None or bore.sides is None:
+        return None
+    return "tube.sides", str(bore.sides), "a true cylinder: leave them out"
+
+
 def render(case: Case, method: str, **timing: float) -> Deck:
     """``chain.json``: the command, the method with its timing, and the chain's arrays."""
-    scene, chain = case.scene, case.chain
+    chain = case.chain
     values = {
         "command": " ".join(COMMAND),
         "summary": f"{case.summary}; bodies from the lowest up, contact j under body j, upwards positive, SI units",
         "method": method,
         **timing,
-        "samples": scene.samples,
-        "mass_kg": chain.mass_kg.tolist(),
-        "stiffness_N_m-3/2": chain.stiffness.tolist(),
-        "overlap_m": chain.overlap_m.tolist(),
-        "velocity_m_s": chain.velocity_m_s.tolist(),
-        "load_N": chain.load_N.tolist(),
-        **({"damping_N_s_m-5/4": chain.damping.tolist()} if chain.damping_ratio else {}),
-        "height_m": chain.height_m.tolist(),  # not integrated, but part of what the run reports
+        "samples": case.scene.samples,
+        "mass_kg": chain.mass_kg,
+        "stiffness_N_m-3/2": chain.stiffness,
+        "overlap_m": chain.overlap_m,
+        "velocity_m_s": chain.velocity_m_s,
+        "load_N": chain.load_N,
+        **({"damping_N_s_m-5/4": chain.damping} if chain.damping_ratio else {}),
+        "height_m": chain.height_m,  # not integrated, but part of what the run reports
         "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
-        **(_in_repo_tube.values_of(case, chain.lateral) if chain.lateral else {}),
     }
-    lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(value)}" for key, value in values.items())
-    return Deck({"chain.json": f"{{{lines}}}\n"}, COMMAND, raw=("chain.npy",))
+    if chain.lateral is not None:
+        lateral, bore, zeros = chain.lateral, chain.lateral.bore, np.zeros(chain.bodies)
+        values |= {
+            "place_m": np.column_stack([lateral.offset_m, chain.height_m]),
+            "velocity_xyz_m_s": np.column_stack([lateral.velocity_m_s, chain.velocity_m_s]),
+            "wall_m": chain.wall_height_m,
+            "shear_N_m-3/2": lateral.shear_stiffness,
+            "friction": lateral.friction,
+            "bore_m": bore.radius_m if bore else 0.0,
+            "bore_stiffness_N_m-3/2": bore.stiffness if bore else zeros,
+            "bore_shear_N_m-3/2": bore.shear_stiffness if bore else zeros,
+            "bore_friction": bore.friction if bore else 0.0,
+            "turns": lateral.turns,
+        }
+    lines = (f"{json.dumps(key)}: {json.dumps(value, default=np.ndarray.tolist)}" for key, value in values.items())
+    return Deck({"chain.json": "{" + ",\n".join(lines) + "}\n"}, COMMAND, raw=("chain.npy",))
 
 
 def read(case: Case, folder: Path) -> Trace:
-    """The arrays as a trace.
+    """The array as a trace.
 
     Raises:
         RunError: the file or part of it is missing.
     """
-    if case.chain.lateral is not None:
-        return _in_repo_tube.read(case, case.chain.lateral, folder)
-    force, displacement, velocity = load_array(folder / "chain.npy", (3, case.scene.samples, case.chain.bodies))
-    height = case.chain.height_m + displacement
-    return make_trace(case.chain, case.sample_times_s, force, height, velocity)
-
-
-def refusal(case: Case) -> InputProblem | None:
-    """A three-dimensional chain in a bore of flat sides; it takes every straight one."""
-    return _in_repo_tube.refusal(case)
+    chain, times = case.chain, case.sample_times_s
+    shape = (COLUMNS if chain.lateral else 3, case.scene.samples, chain.bodies)
+    columns = read_arrays(folder / "chain.npy", {"an array": shape})["an array"]
+    if chain.lateral is None:
+        force, displacement, velocity = columns
+        return make_trace(chain, times, force, chain.height_m + displacement, velocity)
+    bore, place, velocity, spin = np.moveaxis(columns[1:].reshape(4, 3, *shape[1:]), 1, 3)
+    return make_sideways_trace(chain, times, columns[0], place, velocity, spin, bore)
 
 
 def in_repository_engine(**own: Any) -> Engine:
@@ -79,7 +99,7 @@ def in_repository_engine(**own: Any) -> Engine:
         in_repository=True,
         variables={"PYTHONPATH": str(paths.ROOT)},
         refusal=refusal,
-        server=Deck({}, ("python", "-m", "validation.reference", "-"), raw=()),  # takes requests from stdin
+        server=Deck({}, (*COMMAND[:-1], "-"), raw=()),  # takes requests from stdin
         read=read,
         loop_pattern=r"^completed \d+ samples in ([0-9.]+) s$",
         **own,

@@ -1,49 +1,47 @@
 """LIGGGHTS: renders its deck, reads its dump."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
-from drivers.base.errors import InputProblem, RunError
+from drivers.base.errors import InputProblem
 from drivers.base.processes import find_program, version_in_words
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in, free_fall, sphere_for_face
 from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, restitution_with_attraction
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
-from drivers.chain.trace import Trace, make_trace
+from drivers.chain.trace import Trace, make_sideways_trace, make_trace
 from drivers.engines import IN_HEIGHTS, TOTAL, Engine, Style, last_line
-from drivers.engines import _liggghts_tube as sideways
-from drivers.engines._materials import named_material
-from drivers.engines._sums import contact_forces
+from drivers.engines._deck_values import named_material, request_by_include, table_of_pairs
+from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
 
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
-FEW = 200  # bodies up to which all pairs are searched for neighbours: bins of the whole space would take longer
-MESH = "tube.stl"
-MOST_TRIANGLES = 100_000  # of a mesh: some 20 MB of text
-MOST_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
-LEAST_COEFFICIENT = 0.05  # of restitution, which it takes only from above here
+MAX_BODIES_IN_PAIRS = 200  # up to which all pairs are searched for neighbours: bins of the whole space take longer
+MESH, DUMP = "tube.stl", "chain.bin"
+MAX_TRIANGLES = 100_000  # of a mesh: some 20 MB of text
+MAX_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
+MIN_COEFFICIENT = 0.05  # of restitution, which it takes only from above here
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
+TUBE = " tube"  # the type of the bore: no material's name begins with a space
+PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
+WALL_FORCE, BORE_FORCE = "f_force_wall[3]", tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
 
 
 @dataclass(frozen=True)
 class Atom:
-    """A line of the data file."""
+    """A line of the data file; lengths in m, velocities in m/s, the density in kg/m^3."""
 
     type: int
     diameter: float
     density: float
-    x: float
-    y: float
-    height: float
-    x_velocity: float
-    y_velocity: float
-    velocity: float
+    place: tuple[float, float, float]
+    velocity: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -59,30 +57,30 @@ class Box:
 def refusal(case: Case) -> InputProblem | None:
     """Too much damping, too fine a mesh, or a box too high for its neighbour search, whose bins are half a cutoff."""
     chain, radius = case.chain, _radii(case)
-    if restitution_with_attraction(chain.damping_ratio) <= LEAST_COEFFICIENT:
-        most = damping_ratio_with_attraction(LEAST_COEFFICIENT)
+    if restitution_with_attraction(chain.damping_ratio) <= MIN_COEFFICIENT:
+        most = damping_ratio_with_attraction(MIN_COEFFICIENT)
         if case.scene.contact.restitution is None:
             return "contact.damping_ratio", f"{chain.damping_ratio:g}", f"below {most:.4g}"
         return "contact.restitution", f"{case.scene.contact.restitution:g}", f"above {restitution(most):.4g}"
     bore = chain.bore
-    if bore is not None and bore.sides and bore.triangles > MOST_TRIANGLES:
-        return "tube.sides", f"{bore.sides}, {bore.triangles:.2g} triangles", f"at most {MOST_TRIANGLES:,}: fewer sides"
+    if bore is not None and bore.sides and bore.triangles > MAX_TRIANGLES:
+        return "tube.sides", f"{bore.sides}, {bore.triangles:.2g} triangles", f"at most {MAX_TRIANGLES:,}: fewer sides"
     if not _binned(chain):
         return None
     box = _box(case, radius, chain.height_m)
     bin_m = radius.max() + box.skin / 2
     height = box.high - box.low
     bins = height / bin_m * (2 * box.half_width / bin_m) ** 2
-    if bins <= MOST_BINS:
+    if bins <= MAX_BINS:
         return None
     found = f"a space {height:.3g} m high for beads to fly in, {bins:.2g} bins"
-    return "run.duration", found, f"at most {MOST_BINS:.0e} bins: less speed, smaller gaps or a shorter run"
+    return "run.duration", found, f"at most {MAX_BINS:.0e} bins: less speed, smaller gaps or a shorter run"
 
 
 def _binned(chain: Chain) -> bool:
     """Whether neighbours are searched in bins: where there are many, and where a mesh asks for it."""
     bore = chain.bore
-    return chain.bodies > FEW or (bore is not None and bore.sides is not None)
+    return chain.bodies > MAX_BODIES_IN_PAIRS or (bore is not None and bore.sides is not None)
 
 
 def _radii(case: Case) -> Array:
@@ -133,187 +131,155 @@ def _box(case: Case, radius: Array, height: Array) -> Box:
 
 def render(case: Case) -> Deck:
     """``chain.in`` and ``chain.data``; atoms are numbered as the bodies, from the wall up."""
-    scene, chain, radius = case.scene, case.chain, _radii(case)
-    flat = bool(np.isinf(chain.radius_m[-1]))
-    labels = sideways.bead_labels(case)
-    if flat:
-        labels[-1] = FLAT + labels[-1]
+    scene, chain, lateral, radius = case.scene, case.chain, case.chain.lateral, _radii(case)
+    bore = chain.bore
+    flat, springs = bool(np.isinf(chain.radius_m[-1])), _by_springs(case)
+    labels = _labels(case)
     material_of = dict(zip(labels, chain.materials, strict=True))
-    unique = list(material_of)
-    types = [named_material(scene, material, label) for label, material in material_of.items()]
-    wall_type = 0
-    if chain.wall and case.models("wall"):
-        if chain.wall not in unique:
-            types.append(named_material(scene, chain.wall))
-            unique.append(chain.wall)
-        wall_type = unique.index(chain.wall) + 1
-    lateral = chain.lateral
-    if lateral is not None and lateral.bore is not None:
+    if chain.wall:
+        material_of.setdefault(chain.wall, chain.wall)
+    if bore:
         assert scene.tube is not None
-        types.append(named_material(scene, scene.tube.material, sideways.TUBE))
-        unique.append(sideways.TUBE)
-    springs = _by_springs(case)
+        material_of[TUBE] = scene.tube.material
+    types = list(material_of)
+    materials = [named_material(scene, material, label.strip()) for label, material in material_of.items()]
     if flat and not springs:
-        face = unique.index(labels[-1])
-        types[face] = replace(types[face], youngs_modulus=sphere_for_face(scene, chain)[1])
-    moduli = [kind.youngs_modulus for kind in types]
-    volume = 4 / 3 * math.pi * radius**3
-    height = chain.height_m + _above_face(case)
-    box = _box(case, radius, height)
+        face = types.index(labels[-1])
+        materials[face] = replace(materials[face], youngs_modulus=sphere_for_face(scene, chain)[1])
+    moduli = [material.youngs_modulus for material in materials]
+    density, height = chain.mass_kg / (4 / 3 * math.pi * radius**3), chain.height_m + _above_face(case)
     offset, across = (lateral.offset_m, lateral.velocity_m_s) if lateral else (np.zeros((chain.bodies, 2)),) * 2
     atoms = [
         Atom(
-            type=unique.index(labels[i]) + 1,
+            type=types.index(labels[i]) + 1,
             diameter=2 * radius[i],
-            density=chain.mass_kg[i] / volume[i],
-            x=offset[i, 0],
-            y=offset[i, 1],
-            height=height[i],
-            x_velocity=across[i, 0],
-            y_velocity=across[i, 1],
-            velocity=chain.velocity_m_s[i],
+            density=density[i],
+            place=(*offset[i], height[i]),
+            velocity=(*across[i], chain.velocity_m_s[i]),
         )
         for i in range(chain.bodies)
     ]
     values = {
-        "summary": case.summary,
-        "types": types,
-        "stiffnesses": _pair_stiffnesses(chain, radius, labels, unique, wall_type) if springs else [],
-        "model": "hertz/stiffness" if springs else "hertz",
-        "damping_ratio": chain.damping_ratio,
+        "case": case,
+        "scene": scene,
+        "chain": chain,
+        "lateral": lateral,
+        "bore": bore,
+        "box": _box(case, radius, height),
+        "atoms": atoms,
+        "types": materials,
+        "wall_type": types.index(chain.wall) + 1 if chain.wall else 0,
+        "contact_kn": table_of_pairs(types, _contact_kn(chain, radius, labels), 1.0) if springs else [],
+        "bore_kn": table_of_pairs(types, _bore_kn(chain, labels), 0.0),
+        "bore_kt": table_of_pairs(types, _bore_kn(chain, labels, shear=True), 0.0),
+        "friction": _friction(chain, types),
         "coefficient": restitution_with_attraction(chain.damping_ratio),
         "face_radius": radius[-1] if flat and not springs else None,
+        "guided_face": flat and lateral,
         "hard": not springs and max(moduli) > HARD_PA,
         "soft": not springs and min(moduli) < SOFT_PA,
-        "tube": sideways.tube_of(case, lateral, labels, unique, MESH) if lateral else None,
-        "friction": sideways.friction_of(lateral, unique) if lateral else [],
-        "slips_between": lateral is not None and lateral.friction > 0,
-        "rotation": case.models("rotation"),
-        "guided_face": chain.bodies if flat and lateral else None,
-        "columns": sideways.columns(case),
-        "skin": box.skin,
         "binned": _binned(chain),
-        "triangles": lateral.bore.triangles if lateral and lateral.bore else 0,
-        "wall_type": wall_type,
-        "wall_height": chain.wall_height_m,
-        "gravity": chain.gravity_m_s2 if case.models("gravity") else None,
-        "precompression": chain.precompression_N if case.models("precompression") else None,
-        "top": chain.beads,
-        "time_step": scene.time_step_s,
-        "every": scene.steps_per_sample,
-        "steps": scene.steps,
-        "thermo": max(1, scene.steps // 10),
-        "atoms": atoms,
-        "half_width": box.half_width,
-        "z_low": box.low,
-        "z_high": box.high,
+        "mesh": MESH,
+        "columns": _columns(case),
     }
     files = {name: render_template(f"liggghts/{name}.j2", **values) for name in ("chain.in", "chain.data")}
-    if lateral is not None and lateral.bore is not None and lateral.bore.sides:
-        files[MESH] = lateral.bore.mesh
-    return Deck(files, COMMAND, raw=("chain.bin",))
+    if bore and bore.sides:
+        files[MESH] = bore.mesh
+    return Deck(files, COMMAND, raw=(DUMP,))
 
 
-def _pair_stiffnesses(chain: Chain, radius: Array, labels: list[str], unique: list[str], wall_type: int) -> list[float]:
-    """Kn of each pair of types in F = kn sqrt(R*) overlap^(3/2), row by row; pairs that never meet get 1."""
-    kn = np.ones((len(unique), len(unique)))
-    for j in range(chain.bodies):
-        if j == 0 and not wall_type:
-            continue
-        below = wall_type - 1 if j == 0 else unique.index(labels[j - 1])
-        here = unique.index(labels[j])
-        reduced = radius[j] if j == 0 else 1 / (1 / radius[j - 1] + 1 / radius[j])
-        kn[below, here] = kn[here, below] = chain.stiffness[j] / math.sqrt(reduced)
-    return [float(value) for value in kn.ravel()]
+def _labels(case: Case) -> list[str]:
+    """Names of the types of the bodies: a material, and a size where the bore tells one from another."""
+    chain = case.chain
+    labels = list(chain.materials)
+    if chain.lateral is not None and chain.lateral.bore is not None:
+        sizes: dict[str, set[float]] = {}
+        for label, radius in zip(labels, chain.radius_m, strict=True):
+            sizes.setdefault(label, set()).add(float(radius))
+        labels = [
+            f"{label} {2e3 * radius:g} mm" if len(sizes[label]) > 1 and np.isfinite(radius) else label
+            for label, radius in zip(labels, chain.radius_m, strict=True)
+        ]
+    if np.isinf(chain.radius_m[-1]):
+        labels[-1] = FLAT + labels[-1]
+    return labels
 
 
-def request(folder: str, word: str) -> str:
-    """Runs the deck of a folder, forgets it, and says the word; without a folder, just says it."""
-    deck = f"shell cd {folder}\ninclude chain.in\nclear\nshell cd ..\n" if folder else ""
-    return f'{deck}print "{word}"\n'
+def _contact_kn(chain: Chain, radius: Array, labels: list[str]) -> Iterator[tuple[str, str, float]]:
+    """Kn of pairs of types in ``F = kn sqrt(R*) overlap^(3/2)``, for contacts between bodies and with the wall."""
+    if chain.wall:
+        yield chain.wall, labels[0], chain.stiffness[0] / math.sqrt(radius[0])
+    for j in range(1, chain.bodies):
+        reduced = 1 / (1 / radius[j - 1] + 1 / radius[j])
+        yield labels[j - 1], labels[j], chain.stiffness[j] / math.sqrt(reduced)
+
+
+def _bore_kn(chain: Chain, labels: list[str], *, shear: bool = False) -> Iterator[tuple[str, str, float]]:
+    """The same for contacts with the bore, ``F = kn sqrt(R) overlap^(3/2)``; with ``shear`` kt."""
+    bore = chain.bore
+    if bore is None:
+        return
+    stiffness = bore.shear_stiffness * (bore.friction > 0) if shear else bore.stiffness
+    for body in bore.guided:
+        yield labels[body], TUBE, stiffness[body] / math.sqrt(chain.radius_m[body])
+
+
+def _friction(chain: Chain, types: list[str]) -> list[float]:
+    """Coefficients of friction of each pair of types, row by row; nothing where none slips."""
+    if chain.lateral is None or not chain.lateral.slips:
+        return []
+    bore = chain.lateral.bore
+    return table_of_pairs(
+        types, [(each, TUBE, bore.friction) for each in types] if bore else [], chain.lateral.friction
+    )
+
+
+def _columns(case: Case) -> tuple[str, ...]:
+    """Columns of the dump."""
+    wall, lateral = (WALL_FORCE,) if case.chain.wall else (), case.chain.lateral
+    if lateral is None:
+        return ("id", "z", "vz", "fz", *wall)
+    spin, bore = SPIN if lateral.turns else (), BORE_FORCE if lateral.bore else ()
+    return ("id", *PLACE, *VELOCITY, *spin, "fz", *wall, *bore)
 
 
 def read(case: Case, folder: Path) -> Trace:
     """The binary dump as a trace.
 
-    ``fz`` is the total force on a bead, so with the wall's force F_1 known, contact forces follow upwards:
-    ``F_{j+1} = F_j - fz_j + load_j``.
-
     Raises:
         RunError: frames or beads are missing, or the file is torn.
     """
-    chain, samples = case.chain, case.scene.samples
-    frames = _frames(case, folder)
-    good = _whole(case, frames)
-    if not good.all():
-        first = int(np.argmin(good))
-        atoms, count = frames["atoms"][first], frames["count"][first]
-        if 0 <= atoms < chain.bodies and count == atoms * len(sideways.columns(case)):
-            at = case.sample_times_s[min(first, samples - 1)]
-            raise RunError(f"unstable at t = {at:g} s: {atoms} bodies instead of {chain.bodies}, one was lost")
-        raise RunError(f"output is torn in sample {first + 1}")
-    if len(frames) != samples:
-        raise RunError(f"output ends in sample {min(len(frames) + 1, samples)} of {samples}")
-    if not np.array_equal(frames["step"], case.sample_steps):
-        raise RunError("output has other time steps than the samples")
-    if (frames["values"][:, :, 0] != np.arange(1, chain.bodies + 1)).any():
-        raise RunError("output has its beads in another order")
-    return _trace(case, frames)
+    return _trace(case, read_dump(case, folder / DUMP, _columns(case)))
 
 
 def partial_trace(case: Case, folder: Path) -> Trace | None:
     """The samples before a body was lost, or the run ended."""
-    try:
-        frames = _frames(case, folder)
-    except RunError:
-        return None
-    whole = np.logical_and.accumulate(_whole(case, frames))[: case.scene.samples]
-    return _trace(case, frames[: whole.sum()]) if whole.any() else None
+    found = read_partial_dump(case, folder / DUMP, _columns(case))
+    return _trace(case, found) if found else None
 
 
-def _trace(case: Case, frames: NDArray[np.void]) -> Trace:
-    chain = case.chain
-    dumped = {name: frames["values"][:, :, place] for place, name in enumerate(sideways.columns(case))}
-    height = dumped["z"]
+def _trace(case: Case, found: dict[str, Array]) -> Trace:
+    """The trace of a dump's columns.
+
+    ``fz`` is the total force on a bead, so with the wall's force F_1 known, contact forces follow upwards, without the
+    bore's share: ``F_{j+1} = F_j - fz_j + load_j + bore_j``.
+    """
+    chain, height, on_bodies = case.chain, found["z"], found["fz"] - case.chain.load_N
+    times = case.sample_times_s[: len(height)]
     if np.isinf(chain.radius_m[-1]):
         height = height - _above_face(case)
-    if chain.lateral is not None:
-        return sideways.sideways_trace(case, dumped, height)
-    lowest = dumped["f_force_wall[3]"][:, 0] if chain.wall else np.zeros(len(frames))
-    force = contact_forces(lowest, dumped["fz"] - chain.load_N)
-    return make_trace(chain, case.sample_times_s[: len(frames)], force, height, dumped["vz"])
-
-
-def _whole(case: Case, frames: NDArray[np.void]) -> NDArray[np.bool_]:
-    """Which frames hold all bodies."""
-    bodies = case.chain.bodies
-    return np.asarray((frames["atoms"] == bodies) & (frames["count"] == bodies * len(sideways.columns(case))))
-
-
-def _frames(case: Case, folder: Path) -> NDArray[np.void]:
-    """The whole frames of a binary dump, as LIGGGHTS 3.8 lays them out on one process.
-
-    Raises:
-        RunError: there is no dump.
-    """
-    frame = np.dtype(
-        [
-            ("step", "i8"),
-            ("atoms", "i8"),
-            ("triclinic", "i4"),
-            ("boundary", "i4", 6),
-            ("box", "f8", 6),
-            ("columns", "i4"),
-            ("processes", "i4"),
-            ("count", "i4"),
-            ("values", "f8", (case.chain.bodies, len(sideways.columns(case)))),
-        ]
+    lowest = found[WALL_FORCE][:, 0] if chain.wall else np.zeros(len(height))
+    if chain.lateral is None:
+        return make_trace(chain, times, contact_forces(lowest, on_bodies), height, found["vz"])
+    place, velocity, spin, bore = (
+        np.stack([found[name] for name in names], axis=2) if names[0] in found else None
+        for names in (PLACE, VELOCITY, SPIN, BORE_FORCE)
     )
-    try:
-        raw = (folder / "chain.bin").read_bytes()
-    except OSError as error:
-        raise RunError(f"no output: {error.strerror}") from error
-    return np.frombuffer(raw, frame, count=len(raw) // frame.itemsize)
+    assert place is not None
+    assert velocity is not None
+    place[:, :, 2] = height
+    force = contact_forces(lowest, on_bodies if bore is None else on_bodies - bore[:, :, 2])
+    return make_sideways_trace(chain, times, force, place, velocity, spin, bore)
 
 
 def failure_reason(stdout: str, stderr: str) -> str:
@@ -339,7 +305,7 @@ ENGINE = Engine(
     refusal=refusal,
     render=render,
     server=Deck({}, ("stdbuf", "-oL", "liggghts", "-log", "none"), raw=()),  # takes its commands from stdin
-    request=request,
+    request=request_by_include,
     read=read,
     partial_trace=partial_trace,
     failure_reason=failure_reason,

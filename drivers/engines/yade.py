@@ -1,6 +1,7 @@
 """YADE: renders its deck, reads its arrays."""
 
 from dataclasses import dataclass, replace
+from math import atan
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,10 @@ from drivers.base.errors import InputProblem, RunError
 from drivers.base.processes import find_program, version_in_words
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
-from drivers.chain.trace import Trace, make_trace
-from drivers.engines import IN_HEIGHTS, INCREMENTAL, Engine, Style, _yade_tube, last_line
-from drivers.engines._arrays import load_arrays
-from drivers.engines._yade_values import common_values, staggered_velocities
+from drivers.chain.trace import Trace, make_sideways_trace, make_trace
+from drivers.engines import IN_HEIGHTS, INCREMENTAL, Engine, Style, last_line
+from drivers.engines._deck_values import named_material
+from drivers.engines._raw_output import contact_forces, read_arrays
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
@@ -22,70 +23,13 @@ CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLR
 
 @dataclass(frozen=True)
 class Body:
-    """A bead, a striker, or its face."""
+    """A bead, a striker, or its face; place in m, velocity in m/s."""
 
-    height: float
+    place: tuple[float, float, float]
     radius: float
     mass: float
-    velocity: float
+    velocity: tuple[float, float, float]
     material: str
-
-
-def render(case: Case) -> Deck:
-    """``chain.py``."""
-    chain = case.chain
-    if chain.lateral is not None:
-        return Deck({"chain.py": _yade_tube.render(case)}, COMMAND, raw=("chain.npz",))
-    staggered = staggered_velocities(case)
-    bodies = [
-        Body(chain.height_m[i], chain.radius_m[i], chain.mass_kg[i], staggered[i], chain.materials[i])
-        for i in range(chain.bodies)
-    ]
-    flat = bodies.pop() if np.isinf(chain.radius_m[-1]) else None
-    geometries = ["Ig2_Sphere_Sphere_ScGeom()"] if len(bodies) > 1 else []
-    if chain.wall or flat:
-        geometries.append("Ig2_Wall_Sphere_ScGeom(hertzian=True)")
-    text = render_template(
-        "yade/chain.py.j2",
-        **common_values(case),
-        spheres=bodies,
-        flat=flat,
-        geometries=geometries,
-    )
-    return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
-
-
-def read(case: Case, folder: Path) -> Trace:
-    """The arrays as a trace, brought to the time of the forces.
-
-    After a step YADE's positions are one step and its velocities half a step ahead of its forces, so with
-    ``m a = F_j - F_{j+1} + load``: ``z_n = z - v dt`` and ``v_n = v - a dt/2``.
-
-    Raises:
-        RunError: the file or part of it is missing.
-    """
-    trace = _straight(case, folder) if case.chain.lateral is None else _yade_tube.read(case, folder)
-    try:
-        completed = ENGINE.loop_seconds((folder / "stdout.txt").read_text(errors="replace")) is not None
-    except OSError as error:
-        raise RunError(f"no stdout: {error.strerror}") from error
-    if not completed:
-        raise RunError("the deck's closing line is missing: it did not run to its end")
-    return trace
-
-
-def _straight(case: Case, folder: Path) -> Trace:
-    chain, step = case.chain, case.scene.time_step_s
-    contacts = chain.bodies - (chain.wall is None)
-    shapes = {"force": contacts, "height": chain.bodies, "velocity": chain.bodies}
-    arrays = load_arrays(folder / "chain.npz", {name: (case.scene.samples, n) for name, n in shapes.items()})
-    force = arrays["force"]
-    if chain.wall is None:
-        force = np.column_stack([np.zeros(len(force)), force])
-    acceleration = (force - np.column_stack([force[:, 1:], np.zeros(len(force))]) + chain.load_N) / chain.mass_kg
-    height = arrays["height"] - step * arrays["velocity"]
-    velocity = arrays["velocity"] - 0.5 * step * acceleration
-    return make_trace(chain, case.sample_times_s, force, height, velocity)
 
 
 def refusal(case: Case) -> InputProblem | None:
@@ -97,6 +41,97 @@ def refusal(case: Case) -> InputProblem | None:
         return None
     found = f"bead {int(np.argmax(moving)) + 1} pressed and moving at time 0"
     return "chain.bead", found, "no such velocities, or contacts that are elastic"
+
+
+def render(case: Case) -> Deck:
+    """``chain.py``; velocities are those of half a step before time 0, where YADE's leapfrog keeps them."""
+    scene, chain, lateral = case.scene, case.chain, case.chain.lateral
+    early = chain.velocity_m_s - 0.5 * scene.time_step_s * chain.acceleration_m_s2
+    offset, across = (lateral.offset_m, lateral.velocity_m_s) if lateral else (np.zeros((chain.bodies, 2)),) * 2
+    bodies = [
+        Body(
+            place=(*offset[i], chain.height_m[i]),
+            radius=chain.radius_m[i],
+            mass=chain.mass_kg[i],
+            velocity=(*across[i], early[i]),
+            material=chain.materials[i],
+        )
+        for i in range(chain.bodies)
+    ]
+    labels = dict.fromkeys([*chain.materials, *([chain.wall] if chain.wall else [])])
+    text = render_template(
+        "yade/chain.py.j2",
+        case=case,
+        scene=scene,
+        chain=chain,
+        lateral=lateral,
+        bore=chain.bore,
+        face=bodies.pop() if np.isinf(chain.radius_m[-1]) else None,
+        spheres=bodies,
+        materials=[named_material(scene, name) for name in labels],
+        friction_angle=atan(lateral.friction) if lateral else 0.0,
+    )
+    return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
+
+
+def read(case: Case, folder: Path) -> Trace:
+    """The arrays as a trace, brought to the time of the forces.
+
+    After a step YADE's positions are one step and its velocities half a step ahead of its forces, so with
+    ``m a = F_j - F_{j+1} + load``: ``z_n = z - v dt`` and ``v_n = v - a dt/2``.
+
+    Raises:
+        RunError: the file, an array or part of it is missing.
+    """
+    trace = _read_straight(case, folder) if case.chain.lateral is None else _read_sideways(case, folder)
+    try:
+        completed = ENGINE.loop_seconds((folder / "stdout.txt").read_text(errors="replace")) is not None
+    except OSError as error:
+        raise RunError(f"no stdout: {error.strerror}") from error
+    if not completed:
+        raise RunError("the deck's closing line is missing: it did not run to its end")
+    return trace
+
+
+def _read_straight(case: Case, folder: Path) -> Trace:
+    """Forces of the contacts, heights and velocities along the axis."""
+    chain, step, samples = case.chain, case.scene.time_step_s, case.scene.samples
+    contacts = chain.bodies - (chain.wall is None)
+    shapes = {"force": (samples, contacts), **dict.fromkeys(("height", "velocity"), (samples, chain.bodies))}
+    arrays = read_arrays(folder / "chain.npz", shapes)
+    none = np.zeros(samples)
+    force = arrays["force"] if chain.wall else np.column_stack([none, arrays["force"]])
+    acceleration = (force - np.column_stack([force[:, 1:], none]) + chain.load_N) / chain.mass_kg
+    height = arrays["height"] - step * arrays["velocity"]
+    velocity = arrays["velocity"] - 0.5 * step * acceleration
+    return make_trace(chain, case.sample_times_s, force, height, velocity)
+
+
+def _read_sideways(case: Case, folder: Path) -> Trace:
+    """Forces on the bodies, from which those of the contacts follow by summing from the wall up."""
+    chain, samples, step = case.chain, case.scene.samples, case.scene.time_step_s
+    assert chain.lateral is not None
+    bore, turns = chain.bore, chain.lateral.turns
+    shape = (samples, chain.bodies, 3)
+    shapes = dict.fromkeys(("force", "place", "velocity", *(("spin", "torque") if turns else ())), shape)
+    shapes |= {"on_bore": (samples, len(bore.guided), 3)} if bore else {}
+    arrays = read_arrays(folder / "chain.npz", shapes | ({"on_wall": (samples, 3)} if chain.wall else {}))
+    by_bore = np.zeros(shape)
+    if bore:
+        by_bore[:, bore.guided] = arrays["on_bore"]
+    total = arrays["force"].copy()  # all but gravity's
+    total[:, :, 2] -= chain.gravity_m_s2 * chain.mass_kg
+    velocity = arrays["velocity"] - 0.5 * step * total / chain.mass_kg[:, np.newaxis]
+    place = arrays["place"] - step * arrays["velocity"]
+    flat = np.isinf(chain.radius_m)
+    velocity[:, flat, :2], place[:, flat, :2] = 0.0, 0.0  # guided
+    from_wall = -arrays["on_wall"][:, 2] if chain.wall else np.zeros(samples)
+    force = contact_forces(from_wall, total[:, :, 2] - chain.load_N - by_bore[:, :, 2])
+    spin = None
+    if turns:
+        inertia = 0.4 * chain.mass_kg * chain.radius_m**2  # inf of a flat face
+        spin = arrays["spin"] - 0.5 * step * arrays["torque"] / inertia[:, np.newaxis]
+    return make_sideways_trace(chain, case.sample_times_s, force, place, velocity, spin, by_bore)
 
 
 ENGINE = Engine(

@@ -7,8 +7,7 @@ import numpy as np
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, sphere_for_face
 from drivers.chain.integrator_arrays import arrays_of, tube_arrays_of
-from drivers.chain.trace import Sideways, Trace, make_sideways_trace, make_trace
-from drivers.engines._sums import towards_axis
+from drivers.chain.trace import Trace, make_sideways_trace, make_trace
 from validation.reference.hertz_chain import Motion
 from validation.reference.tube import TOTAL, integrate_tube
 from validation.reference.tube_chain import TubeChain, TubeMotion
@@ -92,9 +91,6 @@ def _tube_motion(case: Case, chain: TubeChain, law: str, finer: int = 1) -> Tube
 
 
 def _trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
-    place = motion.place_m[:, :, :2]
-    towards = towards_axis(place, motion.bore_N[:, :, :2])
-    sideways = Sideways(place, motion.velocity_m_s[:, :, :2], motion.spin_rad_s, towards)
-    friction = motion.bore_N[:, :, 2].sum(axis=1) if case.chain.lateral and case.chain.lateral.bore else None
-    height, velocity = motion.place_m[:, :, 2], motion.velocity_m_s[:, :, 2]
-    return make_sideways_trace(case.chain, case.sample_times_s, motion.force_N, height, velocity, friction, sideways)
+    force, place, velocity = motion.force_N, motion.place_m, motion.velocity_m_s
+    times, spin, bore = case.sample_times_s, motion.spin_rad_s, motion.bore_N
+    return make_sideways_trace(case.chain, times, force, place, velocity, spin, bore)
