@@ -43,8 +43,7 @@ class Film:
         wall_m: height of the wall; None for a free chain.
         low_m, high_m: ends of the picture.
         largest_N: of the whole run.
-        sideways: factor of what is exaggerated.
-        still: why no body moves.
+        notes: what is not as it was.
     """
 
     time_s: Array
@@ -58,8 +57,7 @@ class Film:
     low_m: float
     high_m: float
     largest_N: float
-    sideways: float
-    still: str
+    notes: list[str]
 
     @property
     def half_m(self) -> float:
@@ -78,28 +76,26 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     """
     scene, chain = chain_of(run)
     chosen = spread(len(run.trace.time_s), frames)
+    place = np.zeros((len(chosen), chain.bodies, 2))
+    place[..., 1], notes = chain.height_m, ["bodies as at time 0: the run kept no others"]
     if keeps_motion(run):
         where = read_motion(run).place_m[chosen]
-        place, still = np.stack([sideways * where[..., 0], where[..., 2]], axis=-1), ""
-    else:
-        height = np.broadcast_to(chain.height_m, (len(chosen), chain.bodies))
-        place, still = np.stack([np.zeros_like(height), height], axis=-1), "bodies as at time 0: the run kept no others"
+        place, notes = np.stack([sideways * where[..., 0], where[..., 2]], axis=-1), []
+    if sideways != 1:
+        notes.append(f"sideways displacements {sideways:g} times as large")
     force = mean_forces(run.trace.force_N)
     radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
-    flat = flat_size(scene)
-    low = float((place[..., 1] - radius).min())
-    high = float((place[..., 1] + radius).max()) + flat[1]
-    size, tube = scene.chain.diameter, scene.tube
-    bore = None
+    flat, size, tube = flat_size(scene), scene.chain.diameter, scene.tube
+    low, high = float((place[..., 1] - radius).min()), float((place[..., 1] + radius).max()) + flat[1]
+    bore, top = None, high
     if tube is not None and tube.inner_diameter < 5 * size:
         bore = (size + sideways * (tube.inner_diameter - size)) / 2  # a bead leans on it in the picture as in the tube
-    inside = 2 * radius <= (tube.inner_diameter if tube is not None else 0.0)
-    tops = (place[..., 1] + radius)[:, inside]
-    top = tube.top if tube is not None and tube.top is not None else float(tops.max(initial=low))
-    wall = chain.wall_height_m if chain.wall else None
+        tops = (place[..., 1] + radius)[:, 2 * radius <= tube.inner_diameter]
+        top = float(tops.max(initial=low)) if tube.top is None else tube.top
     return Film(
-        run.trace.time_s[chosen], place, force[chosen], radius, flat, bore, min(top, high), wall,
-        min(low, chain.wall_height_m), high, float(force.max(initial=0.0)) or 1.0, sideways, still,
+        run.trace.time_s[chosen], place, force[chosen], radius, flat, bore, min(top, high),
+        chain.wall_height_m if chain.wall else None, min(low, chain.wall_height_m), high,
+        float(force.max(initial=0.0)) or 1.0, notes,
     )  # fmt: skip
 
 
@@ -109,7 +105,7 @@ def sheet(film: Film, title: str) -> Product:
     pitch_in = WIDTH_IN / count
     scale_in = min(TALLEST_IN / tall, pitch_in / (2.5 * film.half_m))
     height_in = max(scale_in * tall, LEAST_IN) + 0.1
-    words = _notes(film, title)
+    words = [title, *film.notes]
     page_in = height_in + 0.45 + 0.15 * len(words)
     figure = plt.figure(figsize=(WIDTH_IN + 0.9, page_in))
     axis = _axis(figure, (0.1, 0.35, WIDTH_IN, height_in))
@@ -138,7 +134,7 @@ def write_animation(film: Film, title: str, path: Path) -> Path:
     limits = _around(film, height_in / scale_in)
     beside.set(xlim=(0, 1.05 * film.largest_N), ylim=limits, xlabel="mean of the contact forces (N)", yticks=[])
     line = beside.plot([], [], color=FAINT, lw=0.8, marker="o" if _circles(film, scale_in) else "", ms=2.5)[0]
-    figure.text(0.03, 0.98, fill("; ".join(_notes(film, title)), 62), va="top")
+    figure.text(0.03, 0.98, fill("; ".join([title, *film.notes]), 62), va="top")
     images = []
     for i, time_s in enumerate(film.time_s):
         axis.clear()
@@ -227,12 +223,6 @@ def _band(film: Film, frame: int) -> Any:
     found = np.full(BAND_ROWS, -1.0)
     np.maximum.at(found, rows, np.repeat(film.force_N[frame], counts))
     return np.ma.masked_less_equal(found, LEAST * film.largest_N)[:, np.newaxis]
-
-
-def _notes(film: Film, title: str) -> list[str]:
-    """The title, and what is not as it was."""
-    larger = f"sideways displacements {film.sideways:g} times as large" if film.sideways != 1 else ""
-    return [title, *filter(None, [film.still, larger])]
 
 
 def _table(film: Film) -> pd.DataFrame:

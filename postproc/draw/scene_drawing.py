@@ -253,15 +253,11 @@ def _mm(length_m: float) -> str:
 
 def _table(scene: Scene, chain: Chain, sketch: Sketch) -> pd.DataFrame:
     sensors, drawn = {sensor.from_wall - 1 for sensor in scene.chain.sensors}, sketch.bodies
-    return pd.DataFrame(
-        {
-            "body": [i + 1 for i in drawn],
-            "role": ["striker" if i >= chain.beads else "sensor" if i in sensors else "bead" for i in drawn],
-            "material": [chain.materials[i] for i in drawn],
-            "height_m": chain.height_m[drawn],
-            "drawn_height_m": sketch.height_m[drawn],
-            "diameter_m": np.where(np.isinf(chain.radius_m[drawn]), np.nan, 2 * chain.radius_m[drawn]),
-            "mass_kg": chain.mass_kg[drawn],
-            "velocity_m_s": chain.velocity_m_s[drawn],
-        }
-    )
+    return pd.DataFrame({
+        "body": [i + 1 for i in drawn],
+        "role": ["striker" if i >= chain.beads else "sensor" if i in sensors else "bead" for i in drawn],
+        "material": [chain.materials[i] for i in drawn],
+        "height_m": chain.height_m[drawn], "drawn_height_m": sketch.height_m[drawn],
+        "diameter_m": np.where(np.isinf(chain.radius_m[drawn]), np.nan, 2 * chain.radius_m[drawn]),
+        "mass_kg": chain.mass_kg[drawn], "velocity_m_s": chain.velocity_m_s[drawn],
+    })  # fmt: skip

@@ -12,6 +12,7 @@ from postproc.read.residual import REFERENCE
 
 LESS, MORE = "#56b4e9", "#d55e00"  # a tornado's bars
 MARKERS = "osD^vPX*"
+DECADES = 30  # ratio of swept values from which on their axis is logarithmic
 SHAPES = {"s": "squares", "x": "crosses", "^": "triangles", "v": "triangles", "D": "diamonds", "+": "plus signs"}
 
 
@@ -55,7 +56,7 @@ def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], wh
         for name, axis in axes.items():
             _draw_curves(axis, done, across, name, others)
             axis.set(xlabel=across, ylabel=name)
-            if across in numeric and _spans_decades(done[across]):
+            if across in numeric and done[across].min() > 0 and done[across].max() / done[across].min() > DECADES:
                 axis.set_xscale("log")
         if others:
             axes[observables[0]].legend(fontsize=6, loc="best")
@@ -66,11 +67,7 @@ def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], wh
 def draw_tornado(table: pd.DataFrame, title: str, observables: tuple[str, ...], where: str) -> Product:
     """How far each input moves each observable: one panel for each that is asked for, all of them in the numbers.
 
-    Args:
-        table: of a study whose axes were varied one by one; its first case is the base.
-        title: of the figure.
-        observables: one panel each.
-        where: the study as messages name it.
+    Takes what ``draw_study`` takes, with a table of a study whose axes were varied one by one, the base first.
 
     Raises:
         InputError: the table lacks one of the observables or its base.
@@ -170,10 +167,6 @@ def _label(names: list[str], values: Any) -> str:
     values = values if isinstance(values, tuple) else (values,)
     told = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in values)
     return ", ".join(f"{name} {value}" for name, value in zip(names, told, strict=True))
-
-
-def _spans_decades(values: pd.Series) -> bool:
-    return bool(values.min() > 0 and values.max() / values.min() > 30)
 
 
 def _subtitle(title: str, table: pd.DataFrame) -> str:
