@@ -49,6 +49,21 @@ class Style:
 
 
 @dataclass(frozen=True)
+class Defaults:
+    """What a code takes where a deck says nothing, by which a forgotten line is found out; None where it refuses.
+
+    Attributes:
+        local_damping: d of Cundall's non-viscous damping, ``a (1 - d sign(a v))``.
+        wall_stiffness: of a sphere's contact with a wall, over that of a plane.
+    """
+
+    youngs_modulus_Pa: float | None = None
+    poisson_ratio: float | None = None
+    local_damping: float | None = None
+    wall_stiffness: float | None = None
+
+
+@dataclass(frozen=True)
 class Engine:
     """Interface of an engine: what an adapter module provides, in values and functions.
 
@@ -75,6 +90,7 @@ class Engine:
         on_two_cores: a deck changed so that it runs on two cores; None where the engine cannot.
         precise_builds: executables beside its own that compute in higher precision, each with the number of beads up
             to which a few steps take seconds.
+        defaults: what it takes where a deck says nothing.
         style: its look in figures; None gives it one that no other engine has.
     """
 
@@ -97,6 +113,7 @@ class Engine:
     loss_message: str = ""
     on_two_cores: Callable[[Deck], Deck] | None = None
     precise_builds: Mapping[str, int] = field(default_factory=dict)
+    defaults: Defaults = Defaults()
     style: Style | None = None
 
     def loop_seconds(self, stdout: str) -> float | None:

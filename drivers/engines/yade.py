@@ -13,11 +13,13 @@ from drivers.base.processes import find_program, version_in_words
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_sideways_trace, make_trace
-from drivers.engines import IN_HEIGHTS, INCREMENTAL, Engine, Style, last_line
+from drivers.engines import IN_HEIGHTS, INCREMENTAL, Defaults, Engine, Style, last_line
 from drivers.engines._deck_values import named_material
 from drivers.engines._raw_output import contact_forces, read_arrays
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
+# of FrictMat and NewtonIntegrator (2023.02a; ``FrictMat()`` prints them), and of walls taken for spheres: R* = R/2
+DEFAULTS = Defaults(youngs_modulus_Pa=1e9, poisson_ratio=0.25, local_damping=0.2, wall_stiffness=0.5**0.5)
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
 
 
@@ -148,6 +150,7 @@ ENGINE = Engine(
     failure_reason=lambda stdout, stderr: last_line(stdout, stderr, CHATTER),
     loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",
     on_two_cores=lambda deck: replace(deck, command=("yade", "-j2", *deck.command[1:])),
+    defaults=DEFAULTS,
     precise_builds={"yade-longdouble": 10_000, "yade-float128": 1000},
     style=Style("#d55e00", dashes=(0, (4, 3)), marker="x", size=4.0),
 )

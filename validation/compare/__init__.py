@@ -1,1 +1,1 @@
-"""Verdicts: a run against the reference, a run against a run, and when they part."""
+"""Verdicts: a run against the reference, a run against a run, when they part, and what a run that is off matches."""

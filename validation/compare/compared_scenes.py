@@ -80,7 +80,7 @@ def _diagnoses(case: Case, verdicts: list[Verdict], traces: dict[str, Trace]) ->
     """Of red runs, which are few: only then are the variants loaded."""
     if not any(verdict.verdict == FAIL for verdict in verdicts):
         return {}
-    from validation.diagnosis.failed_verdicts import diagnoses_of
+    from validation.compare.diagnosis import diagnoses_of
 
     return diagnoses_of(case, verdicts, traces)
 

@@ -13,12 +13,12 @@ from drivers.run.finished import EndedRun
 from validation.accuracy.baseline import baseline_of, comparable
 from validation.accuracy.schemes import trace_of, verlet_in_heights, verlet_of
 from validation.compare.comparison import compare_case
+from validation.compare.diagnosis import ITS_OWN, WINDOW, Diagnosis, Found, diagnose, diagnoses_of
+from validation.compare.misreadings import half_step
+from validation.compare.variants import model_of
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
-from validation.diagnosis.diagnose import LEAST_WINDOW, Diagnosis, Found, diagnose
-from validation.diagnosis.failed_verdicts import ITS_OWN, diagnoses_of
-from validation.diagnosis.faulty_model import Motion, model_of, moved
 from validation.reference.adaptive import integrate_adaptive
-from validation.reference.hertz_chain import HertzChain
+from validation.reference.hertz_chain import HertzChain, Motion
 from validation.stability.random_scenes import random_case
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.sabotage_in_memory import SABOTAGES, softer_wall, trace_with
@@ -102,7 +102,7 @@ def test_what_two_faults_do_is_not_pinned_on_one(scene_file: SceneWriter) -> Non
 
 def recorded(case: Case, motion: Motion, **changes: np.ndarray) -> Trace:
     """A trace of a motion, with some of it recorded otherwise."""
-    values = {"force": motion.force_N, "rise": motion.rise_m, "velocity": motion.velocity_m_s} | changes
+    values = {"force": motion.force_N, "rise": motion.displacement_m, "velocity": motion.velocity_m_s} | changes
     height = case.chain.height_m + values["rise"]
     return make_trace(case.chain, case.sample_times_s, values["force"], height, values["velocity"])
 
@@ -125,19 +125,20 @@ def recorded(case: Case, motion: Motion, **changes: np.ndarray) -> Trace:
 def test_what_is_recorded_wrongly_is_named(changed: str, sentence: str, scene_file: SceneWriter) -> None:
     case = case_of(scene_file(top=GRAVITY))
     model, samples = model_of(case, "yade"), case.scene.samples
-    right = moved(model, samples)
+    right = model.motion(samples)
+    later = right.velocity_m_s + half_step(model, right)
     force, summed = right.force_N, -np.append(0, np.cumsum(case.chain.load_N)[:-1])
     made = {
-        "velocity later": {"velocity": right.later_m_s},
-        "velocity now": {"velocity": 2 * right.velocity_m_s - right.later_m_s},
+        "velocity later": {"velocity": later},
+        "velocity now": {"velocity": 2 * right.velocity_m_s - later},
         "sign": {"force": -force},
         "order": {"force": force[:, ::-1]},
         "swap": {"force": force[:, [0, 2, 1, 3, 4, 5]]},
-        "sample": {"force": moved(model, samples + 1).force_N[1:]},
+        "sample": {"force": model.motion(samples + 1).force_N[1:]},
         "loads": {"force": force + summed},
         "factor": {"force": 1000 * force},
         "one": {"force": force * [1, 0.5, 1, 1, 1, 1]},
-        "rise": {"rise": right.rise_m + case.scene.time_step_s * right.later_m_s},
+        "rise": {"rise": right.displacement_m + case.scene.time_step_s * later},
     }[changed]
     said = diagnose(case, "yade", recorded(case, right, **made))
     assert said is not None
@@ -148,8 +149,9 @@ def test_velocities_half_a_step_off_turn_a_row_red(scene_file: SceneWriter, shar
     """They change no force."""
     case = case_of(scene_file())
     run = finished(case, "verlet", shared_runs)
-    motion = moved(model_of(case, "verlet"), case.scene.samples)
-    odd = with_trace(run, recorded(case, motion, velocity=motion.later_m_s))
+    model = model_of(case, "verlet")
+    motion = model.motion(case.scene.samples)
+    odd = with_trace(run, recorded(case, motion, velocity=motion.velocity_m_s + half_step(model, motion)))
     verdicts = {verdict.quantity: verdict for verdict in compare_case(case, {"verlet": run, "yade": odd}, {})
                 if verdict.engine == "yade"}  # fmt: skip
     assert verdicts["force against verlet"].verdict == PASS
@@ -263,7 +265,7 @@ def test_what_leaves_the_scene_when_rounding_does_is_not_diagnosed() -> None:
     case = case_of("fig4", "run.duration=20 ms", "run.time_step=0.5 us")
     rounded = verlet_in_heights(case)
     _, samples = comparable(baseline_of(case).rounding_N / rounded.force_N.max())
-    first = samples - LEAST_WINDOW // 2
+    first = samples - WINDOW // 2
     force = rounded.force_N.copy()
     force[first:] += 0.01 * force.max()
     said = diagnose(case, "yade", replace(rounded, force_N=force))

@@ -1,0 +1,303 @@
+"""What runs that are off match, in a sentence."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from drivers.base.tolerances import tolerance
+from drivers.chain.case import Case
+from drivers.chain.chain import Array, furthest_m
+from drivers.chain.trace import Trace
+from drivers.run.guard import ROUNDINGS
+from validation.accuracy.baseline import ROUNDING_MARGIN, baseline_of, comparable
+from validation.compare.deviation import motion_scales
+from validation.compare.misreadings import Misreading, misread_forces, misread_rises, misread_velocities
+from validation.compare.variants import Model, Variant, families, model_of, plain_variants, single_families
+from validation.compare.verdict import FAIL, Verdict
+from validation.reference.hertz_chain import Motion
+
+BUDGET = 2_000_000_000  # bodies times steps of all variants together, some 10 s
+RUNS = 400  # of all that is compared, within that budget
+EXACT_COSTS = 8  # runs of fixed steps that one of the adaptive integrator costs
+WINDOW = 20  # samples after the first that is off, without which nothing matches: a few match too much
+KEPT = (12, 5)  # variants with a parameter that are followed from a window to the next
+NEAREST = 7  # beads and contacts that are tried one by one
+EXPLAINED = 0.01  # of a deviation: what leaves more does not explain it
+NAMED = 0.5  # of a deviation: what leaves more is not worth naming
+AT_ONCE = 1e-4  # of a deviation: what rounding may leave where it is large at once, as where damped bodies just touch
+BLOW_UP = 100.0  # times the largest force of the scene
+NO_NUMBER = 1e3  # what a motion that is no number counts, of the largest force
+ITS_OWN = (
+    "the run is its scene at its time step, but for rounding: what it misses is the time step's, or that of what it is "
+    "measured against"
+)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a run matches.
+
+    Attributes:
+        kind: what is at fault, short; of the nearest variant where none matches, empty where none comes near or nothing
+            was tried.
+        sentence: what the run matches and how closely, or what comes nearest and what it leaves.
+        matched: whether a variant explains it to rounding.
+        left, deviation: of the largest force, with the variant and with the scene as it should be.
+    """
+
+    kind: str
+    sentence: str
+    matched: bool = False
+    left: float = float("nan")
+    deviation: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Found:
+    """A variant with what it leaves of a deviation, over the samples that it is compared at, and what it may leave."""
+
+    kind: str
+    words: str
+    left: float
+    allowed: float
+    deviation: float
+
+    @property
+    def matches(self) -> bool:
+        """Whether only rounding is left, and little of the deviation: where that is small, rounding is much of it."""
+        return self.left <= min(self.allowed, EXPLAINED * self.deviation)
+
+
+@dataclass(frozen=True)
+class Target:
+    """Forces that are to be explained.
+
+    Attributes:
+        force_N: of the run. Shape (samples, bodies).
+        largest_N: what deviations are counted by.
+        off: deviation of the case as it should be from the run. Shape (samples, bodies).
+        allowed: what rounding explains of it.
+    """
+
+    case: Case
+    force_N: Array
+    largest_N: float
+    off: Array
+    allowed: float
+
+    @property
+    def first(self) -> int:
+        """The first sample that is off."""
+        return int(np.argmax(self.off.max(axis=1) > self.allowed))
+
+    @property
+    def least(self) -> int:
+        """How many samples a match takes, where there are as many."""
+        return min(self.first + 1 + WINDOW, len(self.off))
+
+    def missed(self, model: Model, samples: int | None = None) -> Array:
+        """Deviation of a model from the first samples, read as it comes nearer. Shape (samples, bodies)."""
+        force = self.force_N[:samples]
+        with np.errstate(all="ignore"):
+            try:
+                readings = list(model.readings(model.motion(len(force)).force_N))
+            except (ArithmeticError, ValueError):
+                return np.full(force.shape, NO_NUMBER)
+            shares = [np.nan_to_num((reading - force) / self.largest_N, nan=NO_NUMBER) for reading in readings]
+        return min((np.clip(share, -NO_NUMBER, NO_NUMBER) for share in shares), key=_root_mean_square)
+
+
+def diagnoses_of(case: Case, verdicts: Iterable[Verdict], traces: Mapping[str, Trace]) -> dict[str, str]:
+    """What each engine with a failed verdict matches, in a sentence.
+
+    Args:
+        case: the case that was run.
+        verdicts: on all its runs.
+        traces: by engine, also of runs that a guard failed; an engine without one gets no diagnosis.
+    """
+    red = dict.fromkeys(verdict.engine for verdict in verdicts if verdict.verdict == FAIL)
+    found = {engine: diagnose(case, engine, traces[engine]) for engine in red if engine in traces}
+    return {engine: diagnosis.sentence if diagnosis else ITS_OWN for engine, diagnosis in found.items()}
+
+
+def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
+    """What a run that is off matches; None where it is off by no more than rounding, which says nothing."""
+    if case.chain.lateral is not None:
+        return _untried("the variants are those of straight chains")
+    model = model_of(case, engine)
+    cost = case.chain.bodies * case.scene.steps_per_sample * (EXACT_COSTS if model.exact else 1)
+    affordable = min(BUDGET // (cost * RUNS), case.scene.samples)
+    if affordable < min(WINDOW, case.scene.samples):
+        return _untried(f"{case.chain.bodies} bodies over {case.scene.steps} steps are too much to try variants of")
+    part = ""
+    if affordable < case.scene.samples:
+        part = f" in the first {affordable} samples"
+        case = replace(case, scene=case.scene.model_copy(update={"samples": affordable}))
+        model = replace(model, case=case)
+    own = model.motion(affordable)
+    own_largest = float(np.abs(own.force_N).max())
+    allowed, comparable_samples = tolerance("model", "force").limit, affordable
+    if not model.exact:
+        rounding, comparable_samples = comparable(baseline_of(case).rounding_N / (own_largest or 1.0))
+        allowed = max(allowed, rounding)
+    with np.errstate(invalid="ignore"):
+        usable = (np.abs(trace.force_N) <= BLOW_UP * (own_largest or np.inf)).all(axis=1)
+    samples = min(comparable_samples, int(np.argmin(np.append(usable, False))))
+    force = trace.force_N[:samples]
+    largest = max(own_largest, float(np.abs(force).max(initial=0.0)))
+    if not samples or not largest:
+        return _untried("there are no forces to compare")
+    target = Target(case, force, largest, np.abs(own.force_N[:samples] - force) / largest, allowed)
+    if target.off.max() <= allowed and samples == comparable_samples:
+        return _of_record(model, own, trace, samples, max(allowed, tolerance("model", "motion").limit))
+    when_us = case.sample_times_s * 1e6
+    if target.off.max() <= allowed:
+        return _untried(f"it is its scene until {when_us[samples]:g} us, where it ends or blows up")
+    if samples == comparable_samples < min(target.first + 1 + WINDOW, int(usable.sum())):
+        why = f"it leaves its scene at {when_us[target.first]:g} us, and from {when_us[samples]:g} us on rounding alone"
+        return _untried(f"{why} may do that", float(target.off.max()))
+    return _said(_tried(target, model, engine), float(target.off.max()), f"of the largest force{part}")
+
+
+def _untried(why: str, deviation: float = float("nan")) -> Diagnosis:
+    return Diagnosis("", f"no diagnosis: {why}", deviation=deviation)
+
+
+def _of_record(model: Model, own: Motion, trace: Trace, samples: int, allowed: float) -> Diagnosis | None:
+    """What recorded velocities match, where the forces are right; where these are, too, what heights do."""
+    mass, scales = model.chain.mass_kg, motion_scales(model.chain, trace)
+
+    def sums(velocity_m_s: Array) -> Array:
+        return np.column_stack([0.5 * (velocity_m_s**2 @ mass), velocity_m_s @ mass])[:samples] / scales
+
+    found = np.column_stack([trace.kinetic_energy_J, trace.momentum_N_s])[:samples] / scales
+    off = float(np.abs(sums(own.velocity_m_s) - found).max())
+    if off > allowed:
+        readings = ((kind, words, sums(v), chosen) for kind, words, v, chosen in misread_velocities(model, own))
+        compared = _compared(readings, found, sums(own.velocity_m_s), allowed)
+        return _said(compared, off, "of the energy and the momentum; the forces are right")
+    if trace.height_m is None:
+        return None
+    right, found = own.displacement_m[:samples], (trace.height_m - model.case.chain.height_m)[:samples]
+    allowed = ROUNDINGS * float(np.spacing(furthest_m(model.chain))) * np.sqrt(model.case.scene.steps + 1)
+    if not model.exact:  # a chaotic chain multiplies what steps gather
+        baseline = baseline_of(model.case)
+        rounded_m, plain_m = np.asarray(baseline.rounded.height_m), np.asarray(baseline.plain.height_m)
+        allowed = max(allowed, ROUNDING_MARGIN * float(np.abs(rounded_m - plain_m)[:samples].max()))
+    off = float(np.abs(right - found).max())
+    readings = ((kind, words, v[:samples], chosen) for kind, words, v, chosen in misread_rises(model, own))
+    what = "m; forces and velocities are right"
+    return _said(_compared(readings, found, right, allowed), off, what) if off > allowed else None
+
+
+def _compared(readings: Iterable[Misreading], found: Array, right: Array, allowed: float) -> Iterator[Found]:
+    for kind, words, values, chosen in readings:
+        left, deviation = (float(np.abs(each - found)[chosen].max()) for each in (values, right))
+        yield Found(kind, words, left, allowed, deviation)
+
+
+def _said(found: Iterable[Found], deviation: float, what: str) -> Diagnosis:
+    """The first that matches, else the nearest, if any comes near."""
+    tried = []
+    for each in found:
+        if each.matches:
+            closely = f"to {each.left:.0e}" if each.left else "to the last bit"
+            return Diagnosis(each.kind, f"matches {each.words} {closely} {what}", True, each.left, deviation)
+        tried.append(each)
+    best = min(tried, key=lambda each: each.left / each.deviation)
+    sentence = f"no variant explains it: it is off by {deviation:.1e} {what}, "
+    if best.left > NAMED * best.deviation:
+        return Diagnosis("", f"{sentence}and none comes near", False, best.left, deviation)
+    nearest = f"nearest is {best.words}, which leaves {best.left:.1e}"
+    return Diagnosis(best.kind, sentence + nearest, False, best.left, deviation)
+
+
+def _tried(target: Target, model: Model, engine: str) -> Iterator[Found]:
+    """All that forces may match, the plainest first."""
+    for variant in plain_variants(model, engine):
+        yield from _followed(target, variant, 0.0)
+    largest, right = target.largest_N, model.motion(len(target.off)).force_N
+    for kind, words, values, chosen in misread_forces(model, target.force_N):
+        readings = [(kind, words, values / largest, chosen)]
+        yield from _compared(readings, target.force_N / largest, right / largest, target.allowed)
+    place = int(np.argmax(target.off[target.first] > 0.5 * target.off[target.first].max()))
+    near = sorted(range(model.chain.bodies), key=lambda j: abs(j - place))[:NEAREST]
+    for variants in (families(model, engine), single_families(model, near)):
+        for variant, value in _nearest(target, list(variants)):
+            yield from _followed(target, variant, value)
+
+
+def _nearest(target: Target, variants: Sequence[Variant]) -> list[tuple[Variant, float]]:
+    """Variants with a parameter that come nearest in early windows, with the value at which they do."""
+    windows = target.least, max(target.least, len(target.off) // 8)
+    candidates = [(variant, value) for variant in variants for value in _scanned(target, variant)]
+    for window, kept in zip(windows, KEPT, strict=True):
+        fits = [(variant, *_refined(target, variant, value, window, 1e-6)) for variant, value in candidates]
+        fits.sort(key=lambda fit: max(fit[2], target.allowed))  # of those as near the plainest first
+        candidates = [(variant, value) for variant, value, _ in fits[:kept]]
+    return candidates
+
+
+def _scanned(target: Target, variant: Variant) -> list[float]:
+    """The two lowest minima of a variant among its first values, and the middle one: of factors that is 1."""
+    misses = np.array([_root_mean_square(target.missed(variant.at(value), target.least)) for value in variant.values])
+    padded = np.pad(misses, 1, constant_values=np.inf)
+    minima = np.flatnonzero((misses <= padded[:-2]) & (misses <= padded[2:]))
+    lowest = [int(i) for i in minima[np.argsort(misses[minima])][:2]]
+    return [float(variant.values[i]) for i in dict.fromkeys([*lowest, len(misses) // 2])]
+
+
+def _refined(
+    target: Target, variant: Variant, value: float, samples: int, precision: float = 1e-15
+) -> tuple[float, float]:
+    """The value next to another at which a variant comes nearest, and the root mean square that it leaves."""
+
+    def missed(log: Array) -> Array:  # 1 and not 0 at the start, by which steps for slopes are counted
+        return target.missed(variant.at(value * float(np.exp(log[0] - 1))), samples).ravel()
+
+    if not variant.values.size:
+        return value, float("nan")
+    fit = least_squares(
+        missed, [1.0], method="lm", diff_step=[1e-4], max_nfev=40, xtol=precision, ftol=precision, gtol=precision
+    )
+    return value * float(np.exp(fit.x[0] - 1)), _root_mean_square(np.asarray(fit.fun))
+
+
+def _followed(target: Target, variant: Variant, value: float) -> Iterator[Found]:
+    """A variant fitted to the whole run, in each convention of start velocities in which it is another.
+
+    Where rounding parts it from itself, it is compared until then.
+    """
+    starts = replace(variant, at=lambda t: replace(variant.at(t), staggered=True))
+    same = np.array_equal(variant.at(value).start_velocity_m_s, starts.at(value).start_velocity_m_s)
+    for each in (variant,) if same else (variant, starts):
+        samples, allowed, until = len(target.off), target.allowed, ""
+        fitted, _ = _refined(target, each, value, samples)
+        left = float(np.abs(target.missed(each.at(fitted))).max())
+        if allowed < left < 0.1 and not each.at(fitted).exact:
+            apart, samples = _horizon(target, each.at(fitted))
+            allowed, (fitted, _) = max(allowed, apart), _refined(target, each, fitted, samples)
+            left = float(np.abs(target.missed(each.at(fitted), samples)).max())
+            if samples < len(target.off):
+                until = f" until {target.case.sample_times_s[samples] * 1e6:g} us, where rounding parts them,"
+        if each is starts and each.at(fitted).time_step_s != target.case.scene.time_step_s:
+            until = f", with velocities that are set back by half the scene's step{until}"
+        yield Found(variant.kind, variant.described(fitted) + until, left, allowed, float(target.off[:samples].max()))
+
+
+def _horizon(target: Target, model: Model) -> tuple[float, int]:
+    """What rounding does to a variant, of the largest force, and for how many samples that is small."""
+    samples = len(target.off)
+    forces = [model.motion(samples, lift).force_N for lift in (0.0, furthest_m(model.chain) / 3)]
+    share = np.abs(forces[0] - forces[1]).max(axis=1) / target.largest_N
+    apart, small = comparable(share)
+    if small >= target.least:
+        return apart, small
+    at_once = ROUNDING_MARGIN * float(share[: target.least].max())
+    return min(at_once, AT_ONCE * float(target.off[: target.least].max())), target.least
+
+
+def _root_mean_square(off: Array) -> float:
+    return float(np.sqrt(np.mean(off**2)))
