@@ -1,4 +1,4 @@
-"""What a run is measured with: the exact motion, its own scheme at the same step, and what rounding alone may add.
+"""Baseline of a run: the exact motion, its own scheme at the same step, and what rounding alone may add.
 
 This is the one place that says whether a difference is only rounding. It knows of a straight chain and of a
 three-dimensional one alike
@@ -117,7 +117,7 @@ class Baseline:
 
     @property
     def order(self) -> float:
-        """By which the scheme converges."""
+        """Order of convergence of the scheme."""
         if isinstance(self.truth, Extrapolation):
             return self.truth.order
         return 1.0 if self.case.chain.damping_ratio else 2.0
@@ -128,12 +128,12 @@ class Baseline:
         return self.plain if self.case.chain.lateral is None else until(self.plain, self.samples)
 
     def stepped_by(self, engine: str) -> Trace:
-        """What the scheme of an engine that has a time step makes of the case, rounded likewise."""
+        """The case by the scheme of an engine that has a time step, rounded as the engine does."""
         in_heights = load_engine(engine).scheme == IN_HEIGHTS and self.case.chain.lateral is None
         return self.rounded if in_heights else self.plain
 
     def scheme_of(self, engine: str) -> Trace:
-        """What a run on an engine should be but for rounding, at the samples at which the exact motion is known."""
+        """The motion of a run without faults, but for rounding, at the samples at which the exact motion is known."""
         if load_engine(engine).scheme == EXACT:
             return self.exact
         stepped = self.stepped_by(engine)
@@ -152,7 +152,7 @@ class Baseline:
 
     @property
     def explained(self) -> Array:
-        """What rounding explains until each sample, in another order of adding. Shape (samples,)."""
+        """Share that rounding explains until each sample, in another order of adding. Shape (samples,)."""
         return ROUNDING_MARGIN * self.rounding
 
     @property
@@ -162,7 +162,7 @@ class Baseline:
 
     @cached_property
     def stated(self) -> Tolerance:
-        """By how much a run may differ from its scheme, as ``inputs/tolerances.toml`` has it."""
+        """Tolerance of a run against its scheme, as ``inputs/tolerances.toml`` has it."""
         return tolerance("model", model_quantity(self.case), shipped_name(self.case))
 
     @property
@@ -188,7 +188,7 @@ class Baseline:
         return int(np.argmax(arrived)) if arrived.any() else len(force_N)
 
     def growth(self, sample: int) -> float:
-        """How often larger rounding is by then than when the wave came to the wall; 1 before."""
+        """Growth of rounding since the wave came to the wall; 1 before."""
         if sample <= self.arrival:
             return 1.0
         return float(self.rounding[sample] / max(self.rounding[self.arrival], np.finfo(float).eps))
@@ -199,7 +199,7 @@ class Baseline:
 
 
 def comparable(rounding_share: Array) -> tuple[float, int]:
-    """What rounding alone lets two engines differ by, of the largest force, and for how many samples that is small.
+    """Difference of two engines that rounding explains, of the largest force, and for how many samples that is small.
 
     Args:
         rounding_share: what rounding does to the forces at each sample, over the largest force. Shape (samples,).
@@ -236,7 +236,7 @@ _looking = Lock()
 
 
 def baseline_of(case: Case, engine: str = VERLET) -> Baseline:
-    """What runs of a case on an engine are measured with; of the last case it is kept."""
+    """Baseline of a case for an engine; that of the last case is kept."""
     law = load_engine(engine if case.chain.lateral is not None else VERLET).shear
     with _looking:
         keys = [key for key, kept in _last.items() if kept.case is case]
