@@ -110,8 +110,8 @@ def _table(verdicts: list[Verdict]) -> Iterator[str]:
 def _explanations(compared: ComparedScene) -> Iterator[str]:
     """When each run first leaves the exact motion and why, and what a failed one matches."""
     name = compared.case.scene.name
-    for row in departure_rows(compared.departures):
-        yield f"{name:<12} {row.engine:<10} {row.words}"
+    for engine, each in departure_rows(compared.departures):
+        yield f"{name:<12} {engine:<10} {each.words}"
     for engine, sentence in compared.diagnoses.items():
         yield f"{name:<12} {engine:<10} diagnosis: {sentence}"
 

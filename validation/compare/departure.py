@@ -55,16 +55,6 @@ class Departure:
 
 
 @dataclass(frozen=True)
-class DepartureRow:
-    """A line of a table."""
-
-    engine: str
-    words: str
-    time_s: float
-    kind: str
-
-
-@dataclass(frozen=True)
 class HeldRun:
     """A run held against what it should be, at the samples that all have.
 
@@ -127,13 +117,9 @@ def _departure(baseline: Baseline, engine: str, trace: Trace) -> Departure:
     return replace(found[0], words=f"{found[0].words}; {furthest}", later=tuple(found[1:]))
 
 
-def departure_rows(departures: Mapping[str, Departure]) -> list[DepartureRow]:
+def departure_rows(departures: Mapping[str, Departure]) -> list[tuple[str, Departure]]:
     """Lines of a table: of each engine the first departure, then when larger levels are passed."""
-    return [
-        DepartureRow(engine, each.words, each.time_s, each.kind)
-        for engine, first in departures.items()
-        for each in (first, *first.later)
-    ]
+    return [(engine, each) for engine, first in departures.items() for each in (first, *first.later)]
 
 
 def _nowhere(kind: str, words: str) -> Departure:

@@ -15,7 +15,7 @@ from postproc.read.observables import observe
 from postproc.read.residual import REFERENCE
 from validation.accuracy.budget import PARTS
 from validation.compare.compared_scenes import ComparedScene
-from validation.compare.departure import DepartureRow, departure_rows
+from validation.compare.departure import Departure, departure_rows
 from validation.compare.verdict import FAIL
 from validation.report.charts import Chart, chart_of, failed_label
 from validation.report.spacetime_raster import Raster, raster_of
@@ -45,7 +45,7 @@ class SceneSection:
     judged: list[tuple[str, list[Any]]]
     chart: Chart | None
     raster: Raster | None
-    departures: list[DepartureRow]
+    departures: list[tuple[str, Departure]]
     budget: list[tuple[str, str, list[str]]]
     observables: list[tuple[str, list[str]]]
     decks: list[tuple[str, str, str]]
@@ -113,14 +113,14 @@ def _decks(scene: ComparedScene, row: Row) -> list[tuple[str, str, str]]:
     ]
 
 
-def _departures(scene: ComparedScene) -> list[DepartureRow]:
+def _departures(scene: ComparedScene) -> list[tuple[str, Departure]]:
     """Of engines that part from the exact motion alike, one line."""
     labels = {name: failed_label(name) if name in scene.refused else name for name in in_order(scene.departures)}
     rows = departure_rows({label: scene.departures[name] for name, label in labels.items()})
-    alike: dict[str, list[DepartureRow]] = {}
-    for row in rows:
-        alike.setdefault(row.words, []).append(row)
-    return [replace(same[0], engine=", ".join(row.engine for row in same)) for same in alike.values()]
+    alike: dict[str, list[tuple[str, Departure]]] = {}
+    for label, each in rows:
+        alike.setdefault(each.words, []).append((label, each))
+    return [(", ".join(label for label, _ in same), same[0][1]) for same in alike.values()]
 
 
 def _judged(scene: ComparedScene, engines: list[str]) -> list[tuple[str, list[Any]]]:

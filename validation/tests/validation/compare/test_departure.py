@@ -263,12 +263,12 @@ def test_departures_come_with_the_comparison(
     compared = run_and_compare("fig4", (WEIGHTLESS,), shared_runs)
     assert set(compared.departures) == set(compared.runs)
     rows = departure_rows(compared.departures)
-    assert {row.engine for row in rows} == set(compared.runs)
-    assert {row.kind for row in rows if row.engine == "reference"} == {NONE}
+    assert {engine for engine, _ in rows} == set(compared.runs)
+    assert {each.kind for engine, each in rows if engine == "reference"} == {NONE}
     monkeypatch.setattr("sys.argv", ["", "compare", "fig4", "--set", WEIGHTLESS, "--runs", str(shared_runs)])
     assert main() == 0
     printed = capsys.readouterr().out
-    assert all(row.words in printed for row in rows)
+    assert all(each.words in printed for _, each in rows)
 
 
 def _all(found: Departure) -> list[Departure]:
