@@ -3,7 +3,7 @@
 import sys
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import isnan, nan
 from pathlib import Path
 from typing import Any
@@ -82,17 +82,12 @@ def write_claims(judged: list[Judged], path: Path) -> None:
 
 def _row(judged: Judged) -> Row:
     claim = judged.claim
+    same = {name: getattr(claim, name) for name in ("id", "where", "quote", "relation", "quoted", "unit", "because")}
     return Row(
-        id=claim.id,
-        where=claim.where,
-        quote=claim.quote,
-        relation=claim.relation,
-        quoted=claim.quoted,
+        **same,
         number_is="ours" if claim.ours else "the paper's",
-        unit=claim.unit,
         kind="arithmetic" if claim.arithmetic else "computed",
         within=nan if claim.within is None else claim.within,
-        because=claim.because,
         computed=judged.computed,
         difference=judged.off,
         verdict=judged.verdict,
@@ -114,27 +109,22 @@ def read_section(results: Path) -> dict[str, Any]:
     if [row.id for row in table] != [claim.id for claim in read_claims()]:
         found = f"not the claims of {paths.shown(paths.CLAIMS)}"
         raise InputError(paths.shown(path), "id", found, "the table that make claims writes")
-    rows: dict[str, list[dict[str, str]]] = {verdict: [] for verdict in (DIFFERS, REPRODUCED, EXPERIMENT_ONLY)}
+    rows: dict[str, list[dict[str, Any]]] = {verdict: [] for verdict in (DIFFERS, REPRODUCED, EXPERIMENT_ONLY)}
     with refused_if_damaged(path, "claims"):
         for row in table:
             rows[row.verdict].append(_cells(row))
     return {"rows": rows, "engines": in_order({engine for row in table for engine in row.computed})}
 
 
-def _cells(row: Row) -> dict[str, str]:
+def _cells(row: Row) -> dict[str, Any]:
     computed = row.computed.get(REFERENCE, nan)
     # more digits than four only where the tolerance looks at them
     digits = 8 if 0 < row.within < 1e-4 * abs(row.quoted) else 4
-    return {
-        "id": row.id,
-        "where": row.where,
-        "quote": row.quote,
-        "unit": row.unit,
+    return asdict(row) | {
         "ours": "our criterion" if row.number_is == "ours" else "",
         "kind": "plain arithmetic" if row.kind == "arithmetic" else "",
         "quoted": f"{RELATIONS[row.relation]}{row.quoted:.8g}",
         "within": f"± {row.within:g}" if not isnan(row.within) and row.relation == "equals" else "",
         "computed": "–" if isnan(computed) else f"{computed:.{digits}g}",
         "why": row.why or row.because,
-        "how": row.how,
     }

@@ -43,8 +43,8 @@ def as_junit(made: dict[str, Any], rows: list[Row], cases: list[Row]) -> str:
     for kind, row in [*((SCENES, row) for row in rows), *((CASES, row) for row in cases)]:
         name = f"{kind}.{row.name}"
         found = Counter(verdict.verdict for verdict in _verdicts(row))
-        suite = ElementTree.SubElement(root, "testsuite", _numbers(found), name=_words(name))
-        suite.set("hostname", _words(made["machine"]["host"]))
+        suite = ElementTree.SubElement(root, "testsuite", _numbers(found), name=name)
+        suite.set("hostname", made["machine"]["host"])
         for cell in row.cells.values():
             for verdict in cell.verdicts:
                 _test(suite, name, row, cell, verdict)
@@ -52,24 +52,23 @@ def as_junit(made: dict[str, Any], rows: list[Row], cases: list[Row]) -> str:
     for key, value in _numbers(totals).items():
         root.set(key, value)
     ElementTree.indent(root)
-    return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+    text = UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", ElementTree.tostring(root, encoding="unicode"))
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
 
 def _test(suite: ElementTree.Element, name: str, row: Row, cell: Cell, verdict: Verdict) -> None:
-    case = ElementTree.SubElement(
-        suite, "testcase", classname=_words(f"{name}.{cell.engine}"), name=_words(verdict.quantity), time="0"
-    )
+    case = ElementTree.SubElement(suite, "testcase", classname=f"{name}.{cell.engine}", name=verdict.quantity, time="0")
     measured = not math.isnan(verdict.limit)
     words = f"{verdict.value:.3e} of {verdict.limit:.3e}: {verdict.where}" if measured else verdict.where
     if verdict.verdict == FAIL:
         kind = "tolerance" if measured else "run"
-        failure = ElementTree.SubElement(case, "failure", message=_words(words), type=kind)
+        failure = ElementTree.SubElement(case, "failure", message=words, type=kind)
         lines = [words, f"tolerance: {verdict.reason}", cell.diagnosis, f"look closer: {row.again}"]
-        failure.text = _words("\n".join(line for line in lines if line))
+        failure.text = "\n".join(line for line in lines if line)
     elif verdict.verdict == NOT_RUN:
-        ElementTree.SubElement(case, "skipped", message=_words(words))
+        ElementTree.SubElement(case, "skipped", message=words)
     else:
-        ElementTree.SubElement(case, "system-out").text = _words(words)
+        ElementTree.SubElement(case, "system-out").text = words
 
 
 def _numbers(found: Counter[str]) -> dict[str, str]:
@@ -139,8 +138,3 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "item"):
         return _plain(value.item())
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _words(text: str) -> str:
-    """Text without what XML cannot hold."""
-    return UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", text)
