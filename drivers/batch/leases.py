@@ -21,8 +21,8 @@ from drivers.base.files import whole_file
 
 LEASE = "lease.json"
 ALIVE = "alive"
-FRESH_S = 120.0  # a workplace of another machine touched within this is alive
-FORGOTTEN_S = 86400.0
+ALIVE_S = 120.0  # a workplace of another machine touched within this is alive
+ABANDONED_S = 86400.0
 WORK = ".work"  # of a store: where workplaces are
 
 
@@ -63,7 +63,7 @@ def workplace(home: Path) -> Iterator[Workplace]:
 
 
 def leased(home: Path, own: Path | None = None) -> set[str]:
-    """What live processes work on; the workplaces of dead ones are cleared."""
+    """Rows that live processes work on; the workplaces of dead ones are cleared."""
     identities: set[str] = set()
     for folder in home.glob("*@*"):
         if folder == own:
@@ -80,15 +80,15 @@ def _alive(folder: Path) -> bool:
     """Whether the process of a workplace is; clears it if certainly not."""
     age_s = time.time() - (folder / ALIVE).stat().st_mtime
     if not folder.name.endswith(f"@{_machine()}"):
-        if age_s > FORGOTTEN_S:
+        if age_s > ABANDONED_S:
             shutil.rmtree(folder, ignore_errors=True)
-        return age_s < FRESH_S
+        return age_s < ALIVE_S
     with open(folder / ALIVE, "r+") as alive:
         try:
             fcntl.flock(alive.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             return True
-    if not (folder.name.startswith(".") and age_s < FRESH_S):  # a draft is not locked yet
+    if not (folder.name.startswith(".") and age_s < ALIVE_S):  # a draft is not locked yet
         shutil.rmtree(folder, ignore_errors=True)
     return False
 

@@ -15,10 +15,10 @@ from drivers.batch.store import Store
 from drivers.batch.study import Selection, Study
 from drivers.batch.worker import CHUNK
 
-MOST_TASKS = 1000  # Slurm's own limit of an array, unless its administrator raised it
+MAX_TASKS = 1000  # Slurm's own limit of an array, unless its administrator raised it
 SECONDS_PER_TASK = 60.0  # a shorter one is not worth the scheduler's trouble
 POLL_S = 2.0
-PATIENCE = 30  # failures of squeue in a row
+MAX_FAILURES = 30  # of squeue, in a row
 FOLDER = ".slurm"
 
 SCRIPT = """\
@@ -35,7 +35,7 @@ exec {command} --slice "$SLURM_ARRAY_TASK_ID/{parts}"
 def parts_for(cases: int, expected_s: float | None) -> int:
     """Into how many tasks to deal cases that will take so long altogether."""
     wanted = math.ceil(cases / CHUNK) if expected_s is None else math.ceil(expected_s / SECONDS_PER_TASK)
-    return max(1, min(wanted, cases, MOST_TASKS))
+    return max(1, min(wanted, cases, MAX_TASKS))
 
 
 def write_script(study: Study, selection: Selection, todo: list[int], store: Store, parts: int, *, retry: bool) -> Path:
@@ -93,7 +93,7 @@ def waiting_for(job: str) -> Iterator[None]:
     """
     words = ["squeue", "--noheader", "--jobs", job, "--format=%T"]
     failures = 0
-    while failures < PATIENCE:
+    while failures < MAX_FAILURES:
         done = subprocess.run(words, capture_output=True, text=True, check=False)
         if done.returncode == 0:
             failures = 0

@@ -22,16 +22,16 @@ from drivers.batch.study_cases import Setup, Steps, StudyPlan, joined, plan_case
 from drivers.batch.worker import CHUNK, run_cases
 
 POLL_S = 0.2
-OTHERS_S = 2.0  # between looks at what another batch is at work on
-PATIENCE_S = 10.0  # with workers that are asked to end
-LIVES = 3  # how often in a row workers may die without having done anything
+RETRY_S = 2.0  # between looks at what another batch is at work on
+EXIT_LIMIT_S = 10.0  # for workers that are asked to end
+MAX_DEATHS = 3  # of workers in a row, without a row done
 PLAN_CHUNK = 250
 MANY_TO_PLAN = 500  # cases; from here on, workers share the planning
 
 
 @dataclass(frozen=True)
 class _Work:
-    """What a worker process is for."""
+    """Task of a worker process."""
 
     setup: Setup
     store: Store
@@ -65,7 +65,7 @@ def worker_pool(workers: int, setup: Setup, store: Store) -> Iterator[ProcessPoo
         for process in processes:
             process.terminate()
         for process in processes:
-            process.join(PATIENCE_S)
+            process.join(EXIT_LIMIT_S)
         # only now: a worker that is stopped while it reads the pool's farewell leaves half of it to the next
         pool.shutdown(wait=False, cancel_futures=True)
         raise
@@ -104,7 +104,7 @@ def run_locally(
         RunError: workers die again and again.
         OSError: the disk is full, or something else is wrong with the runs folder.
     """
-    lives = LIVES
+    deaths = 0
     while numbers:
         known = len(store.rows)
         try:
@@ -113,12 +113,12 @@ def run_locally(
                 yield from _waiting(futures)
             numbers = [number for future in futures for number in future.result()]
             if numbers:  # another batch is at work on them
-                time.sleep(OTHERS_S)
+                time.sleep(RETRY_S)
         except BrokenProcessPool as error:
             store.refresh()
-            lives = LIVES if len(store.rows) > known else lives - 1
-            if not lives:
-                raise RunError(f"workers were killed {LIVES} times; what is done is kept") from error
+            deaths = 0 if len(store.rows) > known else deaths + 1
+            if deaths == MAX_DEATHS:
+                raise RunError(f"workers were killed {deaths} times; what is done is kept") from error
 
 
 def _waiting(futures: list[Future[Any]]) -> Iterator[None]:

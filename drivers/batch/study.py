@@ -274,7 +274,7 @@ def _parts_of(annotation: Any) -> list[Any]:
 
 
 def value_at(scene: Scene, key: str) -> Any:
-    """What a scene has at a key, in SI units; None where it has nothing there."""
+    """Value of a scene at a key, in SI units; None where there is none."""
     here: Any = scene
     for part in key.split("."):
         if isinstance(here, dict):

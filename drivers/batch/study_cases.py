@@ -1,4 +1,4 @@
-"""What a study asks for: its cases with their decks, and the identities by which finished rows are found.
+"""Cases of a study with their decks, and the identities by which finished rows are found.
 
 All identities of a study are worked out once and kept until something that they depend on changes.
 """

@@ -25,7 +25,7 @@ STATES = ("done", "failed", "stale", "running", "to do", "not installed")
 
 @dataclass(frozen=True)
 class Where:
-    """Where a batch runs, and how.
+    """Place and manner of a batch.
 
     Attributes:
         workers: processes on this machine.

@@ -32,7 +32,7 @@ class EndedRun:
 
     @property
     def missed(self) -> str | None:
-        """What it missed of the accuracy its scene asks for; None before it is assessed."""
+        """Quantities that miss the accuracy its scene asks for, in words; None before it is assessed."""
         beyond = [
             f"{name} is off by {each['measured']:.3g}, asked were {each['asked']:g}"
             for name, each in (self.record.accuracy or {}).items()
@@ -42,7 +42,7 @@ class EndedRun:
 
     @cached_property
     def layout(self) -> Layout:
-        """What post-processing needs to know of the chain."""
+        """Layout of the chain, for post-processing."""
         return read_layout(self.record.layout)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What a finished run has to satisfy before it counts as done."""
+"""Guard: conditions that a finished run has to satisfy before it counts as done."""
 
 from collections.abc import Iterator
 from math import sqrt
@@ -17,9 +17,9 @@ from drivers.chain.trace import Trace, energy_error_J
 from drivers.engines import Engine
 from drivers.limits.energy_bounds import share_at_most
 
-LONGEST_COMPLAINT = 300
+REASON_CHARACTERS = 300
 ROUNDINGS = 64  # units in the last place of coordinates that a start may be off by
-EXACTLY = 1e-9  # of the largest force and speed, likewise
+START_TOLERANCE = 1e-9  # of the largest force and speed
 
 
 def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) -> Trace:
@@ -36,7 +36,7 @@ def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) ->
         words = "".join(c if c.isprintable() else " " for c in engine.failure_reason(stdout, stderr))
         before = engine.partial_trace(case, folder)
         blown_up = _blown_up(case, engine, words, before)
-        raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:LONGEST_COMPLAINT]}"))), partial=before)
+        raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:REASON_CHARACTERS]}"))), partial=before)
     try:
         trace = engine.read(case, folder)
     except RunError as error:
@@ -49,7 +49,7 @@ def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) ->
 
 
 def wrong_start(case: Case, trace: Trace) -> str | None:
-    """Where a run does not start as its scene does, by more than rounding; None where it does."""
+    """First deviation of the start from the scene's, by more than rounding; None where there is none."""
     chain = case.chain
     if trace.height_m is None or trace.velocity_m_s is None:
         return None
@@ -57,13 +57,13 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
     resting = np.maximum(chain.overlap_m, 0.0)
     force = (
         chain.stiffness * (hertz_force(1.0, resting + rounded) - hertz_force(1.0, resting))
-        + EXACTLY * chain.force_N.max()
+        + START_TOLERANCE * chain.force_N.max()
     )
     if chain.lateral is not None and chain.lateral.velocity_m_s.any():  # YADE shears for a step before its first forces
         bore = chain.lateral.bore
         force = force + max(chain.lateral.friction, bore.friction if bore else 0.0) * chain.force_N.max()
     fastest = float(np.abs(trace.velocity_m_s).max())
-    speed = EXACTLY * fastest + case.scene.time_step_s * (force + np.append(force[1:], 0.0)) / chain.mass_kg
+    speed = START_TOLERANCE * fastest + case.scene.time_step_s * (force + np.append(force[1:], 0.0)) / chain.mass_kg
     for name, unit, found, expected, allowed in (
         ("height", "m", trace.height_m[0], chain.height_m, np.full(chain.bodies, rounded)),
         ("velocity", "m/s", trace.velocity_m_s[0], chain.velocity_m_s, speed),
@@ -79,7 +79,7 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
 
 
 def _blown_up(case: Case, engine: Engine, words: str, before: Trace | None) -> str | None:
-    """What a run that ended badly had shown of a blow-up until then, or its engine says of one."""
+    """Blow-up of a run that ended badly, as its samples or its engine's words show it; None where there is none."""
     seen = 0 if before is None else len(before.time_s)
     reason = reason_to_fail(case, before) if before is not None else None
     if reason is None and engine.loss_message and engine.loss_message in words:
@@ -88,7 +88,7 @@ def _blown_up(case: Case, engine: Engine, words: str, before: Trace | None) -> s
 
 
 def reason_to_fail(case: Case, trace: Trace) -> str | None:
-    """Why a trace cannot be right, with the time from which on; None where nothing is wrong.
+    """Reason why a trace cannot be right, with the time from which on; None where nothing is wrong.
 
     Values have to be finite, beads must not pass through the wall or each other, and the energy has to stay what the
     scene put in, as nearly as the scheme at this step and the rounding of heights can keep it; where contacts lose
@@ -103,7 +103,7 @@ def reason_to_fail(case: Case, trace: Trace) -> str | None:
 
 
 def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]:
-    """What can be wrong with samples: which are, and in words."""
+    """Faults of samples: which have them, and the words for it."""
     chain = case.chain
     finite = np.isfinite(trace.force_N).all(axis=1) & np.isfinite(trace.total_energy_J)
     yield np.logical_not(finite), "values are not finite"

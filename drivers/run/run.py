@@ -24,14 +24,14 @@ from drivers.run.finished import EndedRun, find_run
 from drivers.run.guard import checked_trace
 from drivers.run.record import UNASSESSED, RunRecord, provenance, read_record
 
-LEAST_LIMIT_S = 60.0
+MIN_LIMIT_S = 60.0
 _asking_version = threading.Lock()
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: beyond it, a run hangs
 
 
 def default_limit_s(case: Case) -> float:
     """Time limit of a run."""
-    return LEAST_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.chain.bodies * case.scene.steps
+    return MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.chain.bodies * case.scene.steps
 
 
 def run_case(
@@ -82,10 +82,10 @@ def run_case(
         if faster and not rerun and _is_whole(faster, case):
             return refresh_record(faster, case)
         target = home / f"{case.scene.name}-{identity}"
-        spared = faster and faster.done and record.status != "done"
-        if spared:  # what is done stays
+        kept = faster and faster.done and record.status != "done"
+        if kept:  # what is done stays
             target = target.with_name(f"{target.name}-failed")
-        _move_into_place(folder, target, None if spared or not faster else faster.folder)
+        _move_into_place(folder, target, None if kept or not faster else faster.folder)
     return EndedRun(target, record, partial_trace)
 
 
@@ -106,7 +106,7 @@ def refresh_record(found: EndedRun, case: Case) -> EndedRun:
 
 
 def _description(case: Case) -> dict[str, Any]:
-    """What a record says of the scene, none of which the numbers depend on beyond the deck."""
+    """Keys of a record that describe the scene; beyond the deck, numbers do not depend on them."""
     return {
         "scene_name": case.scene.name,
         "scene": {"units": "SI"} | case.scene.model_dump(mode="json", exclude_none=True),

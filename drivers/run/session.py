@@ -14,11 +14,11 @@ from drivers.base.processes import COULD_NOT_START, Outcome, reap, start
 from drivers.engines import Engine, load_engine
 
 DONE = "the-case-has-ended"  # the word a server says; no engine does by itself
-START_LIMIT_S, LEAST_START_S = 60.0, 10.0  # a start gets the case's limit, within these
+MAX_START_S, MIN_START_S = 60.0, 10.0  # a start gets the case's limit, within these
 EXIT_LIMIT_S = 5.0
-LONGEST_WAIT_S = 3600.0  # at once: the system counts no further than some weeks
+MAX_WAIT_S = 3600.0  # at once: the system counts no further than some weeks
 STDERR = "stderr.txt"
-LONGEST_SAYING = 1 << 20  # bytes of what an engine says that are kept
+OUTPUT_BYTES = 1 << 20  # of what an engine says, that are kept
 
 
 class Session:
@@ -59,7 +59,7 @@ class Session:
             (self.case / STDERR).write_text(f"cannot start: {error}\n")
             return Outcome(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
         if self.served == 0:
-            outcome = self._ask("", min(START_LIMIT_S, max(limit_s, LEAST_START_S)))
+            outcome = self._ask("", min(MAX_START_S, max(limit_s, MIN_START_S)))
             self.start_s += time.perf_counter() - began
             if self.ended:
                 return outcome
@@ -154,7 +154,7 @@ def _await_end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _listen(process: subprocess.Popen[bytes], until: float) -> tuple[bytes, str]:
-    """What the process says before the word, and whether it is ``done``, has ``ended`` or is ``late``."""
+    """Output of the process before the word, and whether it is ``done``, has ``ended`` or is ``late``."""
     assert process.stdout is not None
     word = f"{DONE}\n".encode()
     said = b""
@@ -162,14 +162,14 @@ def _listen(process: subprocess.Popen[bytes], until: float) -> tuple[bytes, str]
         selector.register(process.stdout, selectors.EVENT_READ)
         while not said.endswith(word):
             rest = until - time.perf_counter()
-            if not selector.select(min(max(rest, 0.0), LONGEST_WAIT_S)):
-                if rest > LONGEST_WAIT_S:
+            if not selector.select(min(max(rest, 0.0), MAX_WAIT_S)):
+                if rest > MAX_WAIT_S:
                     continue
                 return said, "late"
             part = os.read(process.stdout.fileno(), 1 << 16)
             if not part:
                 return said, "ended"
-            said = (said + part)[-LONGEST_SAYING:]
+            said = (said + part)[-OUTPUT_BYTES:]
             if time.perf_counter() > until and not said.endswith(word):
                 return said, "late"
     return said.removesuffix(word), "done"

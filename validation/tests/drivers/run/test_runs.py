@@ -16,6 +16,7 @@ from drivers.chain.trace import read_forces
 from drivers.engines import load_engine
 from drivers.run.finished import open_run
 from drivers.run.run import run_case
+from validation.accuracy.assess import assess
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import assessed, failing_run, finished, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
@@ -70,6 +71,22 @@ def test_a_sensor_that_moves_reads_another_contact_of_the_same_run(scene_file: S
     assert (moved.folder / "forces.parquet").stat().st_mtime_ns == stamp
     assert list(pd.read_csv(moved.folder / "sensors.csv").columns) == ["time_s", "bead_4_N", "wall_N"]
     assert open_run(moved.folder).layout.sensors[0].from_wall == 4
+
+
+def test_a_run_is_assessed_once_for_each_scene(scene_file: SceneWriter, tmp_path: Path) -> None:
+    case, runs = case_of(scene_file("one")), tmp_path / "runs"
+    bare = run_case(case, "verlet", runs)
+    assert (bare.record.error_budget, bare.record.warnings) == (None, None)
+    assert not (bare.folder / "sensors.csv").exists()
+    once = assess(bare, case)
+    assert once.record.error_budget
+    stamp = (bare.folder / "run.json").stat().st_mtime_ns
+    assert assess(run_case(case, "verlet", runs), case) == once
+    assert (bare.folder / "run.json").stat().st_mtime_ns == stamp
+    other = run_case(case_of(scene_file("two")), "verlet", runs)
+    assert other.folder == bare.folder
+    assert other.record.error_budget is None
+    assert not (bare.folder / "sensors.csv").exists()
 
 
 def test_the_reference_serves_every_time_step(scene_file: SceneWriter, tmp_path: Path) -> None:
