@@ -81,7 +81,7 @@ def test_a_run_is_assessed_once_for_each_scene(scene_file: SceneWriter, tmp_path
     once = assess(bare, case)
     assert once.record.error_budget
     stamp = (bare.folder / "run.json").stat().st_mtime_ns
-    assert assess(run_case(case, "verlet", runs), case) == once
+    assert assess(run_case(case, "verlet", runs), case).record.error_budget == once.record.error_budget
     assert (bare.folder / "run.json").stat().st_mtime_ns == stamp
     other = run_case(case_of(scene_file("two")), "verlet", runs)
     assert other.folder == bare.folder
