@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,14 +23,26 @@ class Served:
     case_s: float
 
 
+def builds_of(name: str) -> list[str]:
+    """Builds of an installed engine: its own, which has no name, and those of higher precision that are there."""
+    engine = load_engine(name)
+    executable = engine.find()
+    assert executable is not None
+    return ["", *(build for build in engine.precise_builds if executable.with_name(build).exists())]
+
+
 @contextmanager
 def serving(name: str, build: str = "") -> Iterator[Session]:
     """A session of an installed engine, or of another build that stands beside its executable."""
     engine = load_engine(name)
     executable = engine.find()
     assert executable is not None
+    if build:
+        command = tuple(build if word == executable.name else word for word in engine.server.command)
+        engine = replace(engine, server=replace(engine.server, command=command))
+        executable = executable.with_name(build)
     with TemporaryDirectory() as folder:
-        session = Session(engine, executable.with_name(build) if build else executable, Path(folder))
+        session = Session(engine, executable, Path(folder))
         try:
             yield session
         finally:

@@ -56,7 +56,7 @@ def measure_effects(pairs: Sequence[Pair], engines: Iterable[str], repeats: int,
         costs = _costs([pair for pair in own if pair.scene == pairs[0].scene], engine, repeats, runs)
         for scene, element in dict.fromkeys((pair.scene, pair.element) for pair in own):
             group = [pair for pair in own if (pair.scene, pair.element) == (scene, element)]
-            for word, name in observables_of(group[0].without).items():
+            for word, name in observables_of(group[0].cases[0]).items():
                 sides = np.array([[side[name] for side in values[pair]] for pair in group])
                 yield _effect(group[0], engine, word, sides, *costs[element])
 
@@ -71,7 +71,7 @@ def _effect(pair: Pair, engine: str, word: str, sides: Array, cost_without: floa
     )  # fmt: skip
 
 
-def _costs(pairs: Sequence[Pair], engine: str, repeats: int, runs: Path) -> dict[str, tuple[float, float]]:
+def _costs(pairs: Sequence[Pair], engine: str, repeats: int, runs: Path) -> dict[str, tuple[float, ...]]:
     """Nanoseconds per body and step without and with each element: the least of several runs, one after the other."""
     first = {pair.element: pair for pair in reversed(pairs)}  # of random ones the first seed
     cases = {_deck(case, engine): case for pair in first.values() for case in pair.cases}
@@ -82,10 +82,7 @@ def _costs(pairs: Sequence[Pair], engine: str, repeats: int, runs: Path) -> dict
             if record.status != "done" or record.loop_s is None:
                 raise RunError(f"{case.scene.file}: {engine} {record.status}: {record.reason}")
             least[deck] = min(least[deck], record.loop_s / (case.chain.bodies * case.scene.steps) * 1e9)
-    return {
-        element: (least[_deck(pair.without, engine)], least[_deck(pair.with_, engine)])
-        for element, pair in first.items()
-    }
+    return {element: tuple(least[_deck(case, engine)] for case in pair.cases) for element, pair in first.items()}
 
 
 def _deck(case: Case, engine: str) -> str:

@@ -53,18 +53,11 @@ class Elements(Part):
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """The two sides of a switch, for one seed."""
+    """The two sides of a switch, without the element and with it, for one seed."""
 
     scene: str
     element: str
-    seed: int
-    without: Case
-    with_: Case
-
-    @property
-    def cases(self) -> tuple[Case, Case]:
-        """Both sides."""
-        return self.without, self.with_
+    cases: tuple[Case, ...]
 
 
 def read_elements() -> Elements:
@@ -75,17 +68,11 @@ def read_elements() -> Elements:
 def pairs_of(elements: Elements, seeds: int) -> list[Pair]:
     """All switches of all scenes, random ones for the seeds from 1 on."""
     return [
-        Pair(
-            subject.name,
-            element.name,
-            seed,
-            case_on(subject, element.without, seed),
-            case_on(subject, element.with_, seed),
-        )
+        Pair(subject.name, switch.name, tuple(case_on(subject, side, seed) for side in (switch.without, switch.with_)))
         for subject in elements.scene
-        for element in elements.element
-        if not element.only or subject.name in element.only
-        for seed in range(1, (seeds if element.random else 1) + 1)
+        for switch in elements.element
+        if not switch.only or subject.name in switch.only
+        for seed in range(1, (seeds if switch.random else 1) + 1)
     ]
 
 

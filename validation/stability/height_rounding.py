@@ -5,6 +5,7 @@ At time 0 the exact force is known: the chain rests in equilibrium under the loa
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from drivers.chain.chain import Array
 from drivers.engines import installed_codes, load_engine
 from postproc.paper.simulate import case_of
 from validation.accuracy.schemes import verlet_in_heights, verlet_of
-from validation.served_runs import serve, serving
+from validation.served_runs import builds_of, serve, serving
 from validation.studies import progress
 
 HEIGHTS_M = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
@@ -47,7 +48,7 @@ def measure_rounding() -> Iterator[Rounded]:
     for case in cases:
         yield from in_repo(case)
     for engine in installed_codes():
-        for build in ("", *load_engine(engine).precise_builds):
+        for build in builds_of(engine):
             progress(f"rounding of heights: {build or engine}")
             yield from by_build(engine, build, cases)
 
@@ -66,14 +67,11 @@ def in_repo(case: Case) -> Iterator[Rounded]:
 
 
 def by_build(engine: str, build: str, cases: list[Case]) -> Iterator[Rounded]:
-    """By a code, or a build of it where that is installed; the longest chains only where they take seconds."""
-    module = load_engine(engine)
-    executable = module.find()
-    if executable is None or (build and not executable.with_name(build).exists()):
-        return
+    """By a code, or a build of it; the longest chains only where they take seconds."""
+    most_bodies = load_engine(engine).precise_builds.get(build, inf)
     with serving(engine, build) as session:
         for case in cases:
-            if case.chain.bodies <= module.precise_builds.get(build, case.chain.bodies):
+            if case.chain.bodies <= most_bodies:
                 yield _rounded(case, build or engine, serve(session, case).trace.force_N)
 
 

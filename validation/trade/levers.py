@@ -3,16 +3,15 @@
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from math import nan, sqrt
 from pathlib import Path
-
-import numpy as np
+from statistics import median
 
 from drivers.base.decks import Deck
-from drivers.base.errors import RunError
 from drivers.base.processes import run_command
 from drivers.chain.case import Case
-from drivers.engines import installed_codes, load_engine
+from drivers.engines import Engine, installed_codes, load_engine
 from drivers.limits.criteria import rayleigh_time
 from drivers.run.run import default_limit_s
 from postproc.paper.simulate import case_of, exact
@@ -20,7 +19,7 @@ from postproc.read.observables import of_kind
 from postproc.read.residual import residual
 from validation.accuracy.error_measures import errors_of, quantities, truth_of
 from validation.accuracy.schemes import verlet_of
-from validation.served_runs import serve, serving
+from validation.served_runs import builds_of, serve, serving
 from validation.trade.climb import start_up
 
 PAIR_STEPS_US = (1.0, 0.5, 0.2, 0.1, 0.05)
@@ -118,49 +117,38 @@ def softened() -> Iterator[Lever]:
 
 def two_cores() -> Iterator[Lever]:
     """The same run on two cores: how much faster its loop is."""
-    for scene in ("fig4", "long-chain"):
-        case = case_of(scene, "run.time_step=1 us")
-        for name in installed_codes():
-            engine = load_engine(name)
-            if engine.on_two_cores:
-                deck = engine.render(case)
-                one, two = (_run(case, name, each)[0] for each in (deck, engine.on_two_cores(deck)))
-                if one and two:
-                    yield Lever("two cores", scene, name, "2 cores", "loop", gain=one / two)
+    for scene, name in product(("fig4", "long-chain"), installed_codes()):
+        case, engine = case_of(scene, "run.time_step=1 us"), load_engine(name)
+        if engine.on_two_cores:
+            deck = engine.render(case)
+            one, two = (_loop_s(case, engine, each) for each in (deck, engine.on_two_cores(deck)))
+            if one and two:
+                yield Lever("two cores", scene, name, "2 cores", "loop", gain=one / two)
+
+
+def _loop_s(case: Case, engine: Engine, deck: Deck) -> float | None:
+    """Seconds in the loop of a process by itself; None where it failed."""
+    executable = engine.find()
+    assert executable is not None
+    with tempfile.TemporaryDirectory() as folder:
+        for file, text in deck.files.items():
+            Path(folder, file).write_text(text)
+        run_command(deck.command_with(executable), Path(folder), default_limit_s(case), **engine.variables)
+        return engine.loop_seconds(Path(folder, "stdout.txt").read_text(errors="replace"))
 
 
 def precision() -> Iterator[Lever]:
     """What builds of higher precision leave of the rounding of heights, also a kilometre up."""
-    for name in installed_codes():
-        builds = load_engine(name).precise_builds
-        for origin, wall in (("0 m", "wall at height 0"), ("1 km", "wall at 1 km")) if builds else ():
-            case = case_of("fig4", f"chain.origin={origin}", "run.time_step=0.1 us", "run.sample_interval=2 us")
-            deck = load_engine(name).render(case)
-            runs = {build: _run(case, name, deck, build) for build in ("", *builds)}
-            known = {build: (loop, error) for build, (loop, error) in runs.items() if loop and error is not None}
-            double_s = next((loop for loop, _ in known.values()), nan)
-            for build, (loop, error) in known.items():
-                yield Lever("extended precision", "fig4", build or name, wall, "rounding", error, double_s / loop)
-
-
-def _run(case: Case, name: str, deck: Deck, build: str = "") -> tuple[float | None, float | None]:
-    """Seconds of the loop and force error against the same scheme in overlaps; None what a build does not give."""
-    engine = load_engine(name)
-    own = engine.find()
-    assert own is not None
-    executable = own.with_name(build) if build else own
-    if not executable.exists():
-        return None, None
-    command = [str(executable) if word == str(own.absolute()) else word for word in deck.command_with(own)]
-    with tempfile.TemporaryDirectory() as folder:
-        for file, text in deck.files.items():
-            Path(folder, file).write_text(text)
-        run_command(tuple(command), Path(folder), default_limit_s(case), **engine.variables)
-        loop = engine.loop_seconds(Path(folder, "stdout.txt").read_text(errors="replace"))
-        try:
-            return loop, float(residual(engine.read(case, Path(folder)), verlet_of(case)).max())
-        except RunError:
-            return loop, None
+    for name, (origin, wall) in product(installed_codes(), (("0 m", "wall at height 0"), ("1 km", "wall at 1 km"))):
+        case = case_of("fig4", f"chain.origin={origin}", "run.time_step=0.1 us", "run.sample_interval=2 us")
+        builds = builds_of(name)
+        double_s = nan
+        for build in builds if len(builds) > 1 else ():
+            with serving(name, build) as session:
+                run = serve(session, case)
+            double_s = run.loop_s if not build else double_s
+            error = float(residual(run.trace, verlet_of(case)).max())
+            yield Lever("extended precision", "fig4", build or name, wall, "rounding", error, double_s / run.loop_s)
 
 
 def one_process() -> Iterator[Lever]:
@@ -170,7 +158,5 @@ def one_process() -> Iterator[Lever]:
         alone = start_up(name, case)
         with serving(name) as session:
             runs = [serve(session, case) for _ in range(MANY)]
-        loop, each = (
-            float(np.median(times)) for times in zip(*((run.loop_s, run.case_s) for run in runs), strict=True)
-        )
-        yield Lever("one process for many", "fig4", name, f"{MANY} cases", "run", gain=(alone + loop) / each)
+        loop_s, case_s = median(run.loop_s for run in runs), median(run.case_s for run in runs)
+        yield Lever("one process for many", "fig4", name, f"{MANY} cases", "run", gain=(alone + loop_s) / case_s)

@@ -18,6 +18,7 @@ from drivers.run.run import run_case
 from validation.accuracy.schemes import verlet_of
 from validation.compare.compared_scenes import run_and_compare
 from validation.report.write_report import write_report
+from validation.served_runs import builds_of
 from validation.stability.extremes import Extreme, extremes, run_extreme
 from validation.stability.height_rounding import by_build, in_repo, pressed
 from validation.stability.long_runs import energy_of
@@ -195,6 +196,13 @@ def test_heights_round_and_overlaps_do_not() -> None:
         need(name)
         for each in by_build(name, "", [near, far]):
             assert each.error == pytest.approx(errors["in-repo, heights", each.height_m], rel=1e-6)
+
+
+def test_a_build_of_higher_precision_is_run_and_rounds_otherwise() -> None:
+    case = pressed(3, 1e-4, 1e3)
+    for name in installed(codes()):
+        errors = {each.error for build in builds_of(name)[:2] for each in by_build(name, build, [case])}
+        assert len(errors) == len(builds_of(name)[:2])
 
 
 def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) -> None:
