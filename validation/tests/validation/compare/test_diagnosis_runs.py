@@ -1,6 +1,7 @@
 """Real engines with sabotaged decks: each row turns red, and its diagnosis names what was done."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,11 +12,12 @@ from validation.compare.compared_scenes import ComparedScene, run_and_compare
 from validation.compare.comparison import REFUSED
 from validation.compare.verdict import FAIL
 from validation.tests.helpers.commands import command_line
-from validation.tests.helpers.runs import need
-from validation.tests.helpers.scenes import SceneWriter, StandIn
+from validation.tests.helpers.runs import finished, need
+from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 LIGGGHTS, YADE, DATA = "chain.in", "chain.py", "chain.data"
 SENSOR = 'sensors = [{ from_wall = 3, mass = "0.116 g" }]'
+IN_REPOSITORY = ("reference", "verlet")
 GRAVITY = 'gravity = "9.81 m/s^2"'
 # what is done to which file, by which pattern, and what the diagnosis has to say, in order
 SABOTAGE = {
@@ -114,9 +116,14 @@ QUICK = [
     ("engine", "name"), [pytest.param(*key, marks=() if key in QUICK else pytest.mark.long) for key in SABOTAGE]
 )
 def test_a_sabotaged_deck_is_red_and_named(
-    engine: str, name: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    compared = sabotaged(engine, name, stand_in, scene_file, tmp_path, monkeypatch)
+    engine: str, name: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path, shared_runs: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    scene = scene_file(top=GRAVITY, chain=SENSOR)
+    for yardstick in IN_REPOSITORY:  # the same for every deck
+        run = finished(case_of(scene), yardstick, shared_runs).folder
+        shutil.copytree(run, tmp_path / "runs" / yardstick / run.name)
+    compared = sabotaged(engine, name, stand_in, scene, tmp_path, monkeypatch)
     assert FAIL in {verdict.verdict for verdict in compared.verdicts if verdict.engine == engine}
     assert set(compared.diagnoses) == {engine}
     assert re.match(SABOTAGE[engine, name][3], compared.diagnoses[engine]), compared.diagnoses[engine]
@@ -137,13 +144,13 @@ def test_the_comparison_prints_the_diagnosis(stand_in: StandIn, scene_file: Scen
 
 
 def sabotaged(
-    engine: str, name: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    engine: str, name: str, stand_in: StandIn, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> ComparedScene:
     """The small scene with gravity and a sensor, on one engine with its deck changed and on those in the repository."""
     file, good, bad, _ = SABOTAGE[engine, name]
     swap(engine, file, good, bad, stand_in, tmp_path)
-    monkeypatch.setattr("validation.compare.compared_scenes.engine_names", lambda: [engine, "reference", "verlet"])
-    compared = run_and_compare(scene_file(top=GRAVITY, chain=SENSOR), runs=tmp_path / "runs")
+    monkeypatch.setattr("validation.compare.compared_scenes.engine_names", lambda: [engine, *IN_REPOSITORY])
+    compared = run_and_compare(scene, runs=tmp_path / "runs")
     assert not any(why.startswith(REFUSED) for why in compared.absent.values())
     return compared
 
