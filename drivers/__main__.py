@@ -27,7 +27,7 @@ def _parser() -> Parser:
 
     render = commands.add_parser("render", help="write an engine's deck for a scene")
     _add_scene(render)
-    render.add_argument("--engine", required=True, metavar="E", help="liggghts, yade, verlet or reference")
+    render.add_argument("--engine", required=True, metavar="E", help="its name, such as verlet")
     render.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder to write the deck to")
     _add_unsafe(render)
     render.set_defaults(action=_render)
