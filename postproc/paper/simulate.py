@@ -75,7 +75,7 @@ def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path = paths.RUNS) -> d
     for (case, code), ended in zip(jobs, run_all_done(jobs, runs), strict=True):
         if not (ended.folder / SENSORS).exists():
             with whole_file(ended.folder / SENSORS) as draft:
-                write_sensors(case.layout, ended.trace, draft)
+                write_sensors(ended.layout, ended.trace, draft)
         found[code].append(Simulation(case, code, ended.trace))
     return found
 
