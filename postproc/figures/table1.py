@@ -32,7 +32,7 @@ def _drawn(values: pd.DataFrame) -> Any:
     rows, colours = [], []
     for _, row in values.iterrows():
         measured = [f"{row[f'measured_{name}']:g}" for name in ("duration_us", "speed_m_s", "width_diameters")]
-        printed = [f"{row[f'computed_{name}']:g}" for name in COLUMNS]
+        printed = [f"{row[f'computed_{name}']:{how}}" for name, how in zip(COLUMNS, ("g", ".1f", ".1f"), strict=True)]
         rows.append([f"{row['force_N']:g}", *measured, "paper", *printed])
         colours.append(["#eeeeee"] * len(WIDTHS))
         for engine in engines_of(values):
