@@ -4,6 +4,7 @@ Bodies are the beads 1 to n from the wall upwards, then the striker; contact j l
 all arrays have one entry a body. A contact that does not exist (under bead 1 of a free chain) has stiffness 0.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, pi, sqrt
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chain.contact_law import (
+    ContactStiffness,
     contact_stiffness,
     damping_coefficient,
     damping_ratio,
@@ -20,7 +22,7 @@ from drivers.chain.contact_law import (
     hertz_stiffness,
 )
 from drivers.chain.lateral import Bore, Lateral
-from drivers.scene.model import RIGID, Contact, Scene
+from drivers.scene.model import Contact, Scene
 from validation.reference.hertz_chain import ENERGY_SHARE
 
 Array = NDArray[np.float64]
@@ -166,7 +168,7 @@ def build_chain(scene: Scene) -> Chain:
         velocity[-1] = -striker.speed
     mass, radius = np.array(masses), np.array(radii)
 
-    stiffness = _stiffnesses(scene, materials, radius)
+    stiffness = stiffness_by(hertz_stiffness, scene, materials, radius)
     load = -scene.gravity * mass
     if count:
         load[count - 1] -= table.precompression
@@ -307,20 +309,20 @@ def _sphere_mass(scene: Scene, material: str, diameter_m: float) -> float:
     return density * pi / 6 * diameter_m**3
 
 
-def _stiffnesses(scene: Scene, materials: list[str], radius_m: Array) -> Array:
-    """Hertz stiffness of the contact under each body; 0 where there is none."""
-    if not materials:
-        return np.zeros(0)
-    cache: dict[tuple[str, float, str, float], float] = {}
+def stiffness_by(law: ContactStiffness, scene: Scene, materials: Sequence[str], radius_m: Array) -> Array:
+    """Stiffness of the contact under each body, by a law of two materials and radii; 0 where there is none."""
+    known: dict[tuple[str, float, str, float], float] = {}
     stiffness = np.zeros(len(materials))
-    if scene.wall is not None:
-        wall = None if scene.wall.material == RIGID else scene.materials.get(scene.wall.material)
-        stiffness[0] = hertz_stiffness(scene.materials[materials[0]], float(radius_m[0]), wall, inf)
-    for j in range(1, len(materials)):
-        pair = (materials[j - 1], float(radius_m[j - 1]), materials[j], float(radius_m[j]))
-        if pair not in cache:
-            cache[pair] = hertz_stiffness(scene.materials[pair[0]], pair[1], scene.materials[pair[2]], pair[3])
-        stiffness[j] = cache[pair]
+    for j, (material, radius) in enumerate(zip(materials, radius_m.tolist(), strict=True)):
+        if j:
+            pair = (materials[j - 1], float(radius_m[j - 1]), material, radius)
+        elif scene.wall is not None:
+            pair = (scene.wall.material, inf, material, radius)
+        else:
+            continue
+        if pair not in known:  # a rigid wall has no material
+            known[pair] = law(scene.materials.get(pair[0]), pair[1], scene.materials[material], radius)
+        stiffness[j] = known[pair]
     return stiffness
 
 

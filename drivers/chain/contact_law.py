@@ -12,6 +12,7 @@ Functions of overlap, force and energy take one contact or arrays of contacts. T
 in ``validation.reference.contact_kernels``.
 """
 
+from collections.abc import Callable
 from functools import cache
 from math import acos, acosh, cos, cosh, exp, log, pi, sqrt
 from typing import Any, TypeVar
@@ -22,6 +23,8 @@ from drivers.scene.model import Material
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Array
 
 Value = TypeVar("Value", float, Array)  # a stiffness of type Any is one or the other, too
+# k or k_t of a contact, by material and radius of both bodies
+ContactStiffness = Callable[[Material | None, float, Material | None, float], float]
 
 ZETA_1 = sqrt(5 / 6)  # the damping ratio B at which zeta is 1
 

@@ -5,12 +5,11 @@ from functools import cached_property
 from math import pi, tan
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.chain.mesh import stl_text, tube_mesh
+from validation.reference.hertz_chain import Array
 
-Array = NDArray[np.float64]
-CELL = 4.0  # height over width of a mesh's cells: as few as are no slivers
+CELL_ASPECT = 4.0  # height over width of a mesh's cells: as few as are no slivers
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class Bore:
     def _rings(self) -> int:
         assert self.sides is not None
         width = 2 * self.radius_m * tan(pi / self.sides)
-        return max(1, round((self.high_m - self.low_m) / (CELL * width)))
+        return max(1, round((self.high_m - self.low_m) / (CELL_ASPECT * width)))
 
     def overlaps(self, radius_m: Array, place_m: Array) -> Array:
         """How deep bodies are in the bore, or in each of its flat sides; a gap is negative.

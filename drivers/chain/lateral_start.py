@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.base.errors import InputError
-from drivers.chain.chain import AT_REST, Array, Chain
+from drivers.chain.chain import AT_REST, Array, Chain, stiffness_by
 from drivers.chain.contact_law import conformity, hertz_stiffness, mindlin_stiffness, side_share
 from drivers.chain.lateral import Bore, Lateral
 from drivers.chain.packing import Column, find_rest
-from drivers.scene.model import RIGID, Scene
+from drivers.scene.model import Scene
 
-ABOVE = 8.0  # bore radii above the highest body, where no tube.top is given
-OFFSETS = 1  # stream of random numbers beside that of the masses
+TUBE_ABOVE = 8.0  # bore radii above the highest body, where no tube.top is given
+OFFSET_STREAM = 1  # stream of random numbers beside that of the masses
 
 
 def with_lateral(scene: Scene, chain: Chain) -> Chain:
@@ -33,7 +33,7 @@ def with_lateral(scene: Scene, chain: Chain) -> Chain:
     lateral = Lateral(
         offset_m=_seeded_offsets(scene, chain),
         velocity_m_s=velocity,
-        shear_stiffness=_shear_stiffnesses(scene, chain),
+        shear_stiffness=stiffness_by(mindlin_stiffness, scene, chain.materials, chain.radius_m),
         friction=scene.contact.friction,
         turns=scene.contact.rotation and max(scene.contact.friction, scene.tube.friction if scene.tube else 0.0) > 0,
         bore=_bore(scene, chain),
@@ -50,21 +50,10 @@ def _seeded_offsets(scene: Scene, chain: Chain) -> Array:
     tube, spread = scene.tube, scene.chain.lateral_offset
     if tube is None or not spread:
         return np.zeros((chain.bodies, 2))
-    offset = np.random.default_rng([scene.seed, OFFSETS]).normal(0.0, spread, (chain.bodies, 2))
+    offset = np.random.default_rng([scene.seed, OFFSET_STREAM]).normal(0.0, spread, (chain.bodies, 2))
     play = np.maximum(tube.inner_diameter / 2 - chain.radius_m, 0.0)  # what is wider stands above the tube, on the axis
     distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-300)
     return np.asarray(offset * np.minimum(1.0, play / distance)[:, np.newaxis])
-
-
-def _shear_stiffnesses(scene: Scene, chain: Chain) -> Array:
-    stiffness = np.zeros(chain.bodies)
-    for j in range(chain.bodies):
-        if j == 0 and chain.wall is None:
-            continue
-        below = (chain.wall, np.inf) if j == 0 else (chain.materials[j - 1], chain.radius_m[j - 1])
-        first = None if below[0] == RIGID else scene.materials[str(below[0])]
-        stiffness[j] = mindlin_stiffness(first, below[1], scene.materials[chain.materials[j]], chain.radius_m[j])
-    return stiffness
 
 
 def _bore(scene: Scene, chain: Chain) -> Bore | None:
@@ -79,7 +68,7 @@ def _bore(scene: Scene, chain: Chain) -> Bore | None:
             stiffer = conformity(own, radius) * (side_share(tube.sides) if tube.sides else 1.0)
             stiffness[j] = stiffer * hertz_stiffness(scene.materials[tube.material], np.inf, material, own)
             shear[j] = stiffer * mindlin_stiffness(scene.materials[tube.material], np.inf, material, own)
-    top = float(chain.height_m[-1]) + ABOVE * radius if tube.top is None else tube.top
+    top = float(chain.height_m[-1]) + TUBE_ABOVE * radius if tube.top is None else tube.top
     return Bore(radius, stiffness, shear, tube.friction, chain.wall_height_m, top, tube.sides)
 
 

@@ -14,11 +14,11 @@ from drivers.chain.contact_law import contact_stiffness_at
 from drivers.chain.lateral import side_normals
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 
-POLISH = 5  # more steps, down to rounding
-MOST_STEPS = 20_000
-STUCK = 1e3  # a shift at which steps lead nowhere
-LEAST_SHIFT = 1e-14  # of the contacts' stiffness: turning about the axis costs nothing, and needs some
-REACH = 0.25  # of the play that a step may move a bead
+POLISHING_STEPS = 5  # more steps, down to rounding
+MAX_STEPS = 20_000
+MAX_SHIFT = 1e3  # a shift at which steps lead nowhere
+MIN_SHIFT = 1e-14  # of the contacts' stiffness: turning about the axis costs nothing, and needs some
+MAX_STEP_SHARE = 0.25  # of the play that a step may move a bead
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Rest:
         return self.residual_N <= AT_REST * self.load_N
 
 
-def find_rest(column: Column, place_m: Array, steps: int = MOST_STEPS) -> Rest:
+def find_rest(column: Column, place_m: Array, steps: int = MAX_STEPS) -> Rest:
     """The rest that beads fall into from given places, of shape (beads, 3)."""
     place, shift = place_m.copy(), 1e-6
     load = float(np.abs(column.load_N).sum())
@@ -70,17 +70,19 @@ def find_rest(column: Column, place_m: Array, steps: int = MOST_STEPS) -> Rest:
     best, least, polished = place, float(np.abs(gradient).max()), 0
     for _ in range(steps):
         polished += least <= AT_REST * load
-        if polished > POLISH or shift > STUCK:
+        if polished > POLISHING_STEPS or shift > MAX_SHIFT:
             break
         step = _step(bands, gradient, shift * scale)
-        if step is not None and np.abs(step).max() <= REACH * float((column.bore_radius_m - column.radius_m).min()):
+        if step is not None and np.abs(step).max() <= MAX_STEP_SHARE * float(
+            (column.bore_radius_m - column.radius_m).min()
+        ):
             trial = _potential(column, place + step)
             if trial[0] < energy or -float((gradient * step).sum()) < rounding:
                 place, (energy, gradient, bands) = place + step, trial
                 residual = float(np.abs(gradient).max())
                 if residual < least:
                     best, least = place, residual
-                shift = max(shift / 4, LEAST_SHIFT)
+                shift = max(shift / 4, MIN_SHIFT)
                 continue
         shift = max(4 * shift, 1e-12)
     gradient = _potential(column, best)[1]

@@ -4,9 +4,9 @@ Columns of the files that it is kept in, ``forces.parquet`` and ``state.parquet`
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -72,21 +72,12 @@ class Trace:
 def part_of(trace: Trace, chosen: slice) -> Trace:
     """Some of a trace's samples, with all that it has of them."""
 
-    def cut(values: Array | None) -> Array | None:
+    def cut(values: Any) -> Any:
+        if isinstance(values, Sideways):
+            return Sideways(*(getattr(values, each.name)[chosen] for each in fields(values)))
         return None if values is None else values[chosen]
 
-    side = trace.sideways
-    return Trace(
-        time_s=trace.time_s[chosen],
-        force_N=trace.force_N[chosen],
-        kinetic_energy_J=trace.kinetic_energy_J[chosen],
-        total_energy_J=trace.total_energy_J[chosen],
-        momentum_N_s=trace.momentum_N_s[chosen],
-        height_m=cut(trace.height_m),
-        velocity_m_s=cut(trace.velocity_m_s),
-        bore_friction_N=cut(trace.bore_friction_N),
-        sideways=side and Sideways(*(getattr(side, name)[chosen] for name in side.__dataclass_fields__)),
-    )
+    return Trace(*(cut(getattr(trace, each.name)) for each in fields(trace)))
 
 
 def until(trace: Trace, samples: int) -> Trace:

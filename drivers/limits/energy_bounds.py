@@ -17,7 +17,7 @@ SAFETY = 0.968  # of 2 / omega_max: 1000 random scenes blow up at 0.969 to 1.198
 # y = (v dt / overlap)^(5/2) has (5/8 y)^2 = 1 + y / 4, which is 2 / omega at 1.195 times the overlap v dt
 OVERSHOOT = 1.195
 # what coarse steps do to the energy of impacts adds up as a random walk; measured on bodies that bounce 5 to 5000 times
-SPARED, WALK = 3.0, 0.2
+IMPACTS_WITHOUT_WEAR, WEAR_EXPONENT = 3.0, 0.2
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def late_damping(chain: Chain, spring_N_m: Array, time_step_s: float) -> Array:
 
 def wear(impacts: float) -> float:
     """By what many impacts divide the limit."""
-    return float(max(1.0, impacts / SPARED) ** WALK)
+    return float(max(1.0, impacts / IMPACTS_WITHOUT_WEAR) ** WEAR_EXPONENT)
 
 
 def at_most(chain: Chain, duration_s: float) -> Reached:

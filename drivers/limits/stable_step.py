@@ -18,11 +18,11 @@ from drivers.limits.energy_bounds import SAFETY, Reached, at_most, bore_stiffnes
 from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import integrate_verlet
 
-CONVERGED, MOST_TRIES = 1e-9, 100
-FINE = 0.125  # of the bounds' step: limits so found are within 0.3 % of exact ones, on 300 random scenes
-AT_ONCE = 1_000_000  # bodies times steps kept at a time
+STEP_TOLERANCE, MAX_ITERATIONS = 1e-9, 100
+FINE_STEP_SHARE = 0.125  # of the bounds' step: limits so found are within 0.3 % of exact ones, on 300 random scenes
+BODY_STEPS_PER_CHUNK = 1_000_000  # bodies times steps kept at a time
 # bodies times steps that are followed, some seconds; what comes later is taken to be alike
-MOST, MOST_IN_THREE_DIMENSIONS = 500_000_000, 20_000_000
+MAX_BODY_STEPS, MAX_BODY_STEPS_3D = 500_000_000, 20_000_000
 
 
 def predicted_limit(chain: Chain, duration_s: float) -> float:
@@ -33,11 +33,11 @@ def predicted_limit(chain: Chain, duration_s: float) -> float:
 def reached(chain: Chain, duration_s: float) -> Reached:
     """Extremes of a motion, followed at a fine step: all of it, or where that takes long its beginning."""
     bounds = at_most(chain, duration_s)
-    step = FINE * stable_step(chain, bounds)
+    step = FINE_STEP_SHARE * stable_step(chain, bounds)
     if not np.isfinite(step):
         return bounds
     steps = max(1.0, np.ceil(duration_s / step))
-    most = MOST if chain.lateral is None else MOST_IN_THREE_DIMENSIONS
+    most = MAX_BODY_STEPS if chain.lateral is None else MAX_BODY_STEPS_3D
     followed = min(steps, max(1.0, most // chain.bodies))
     follow = _follow if chain.lateral is None else _follow_in_three_dimensions
     found = follow(chain, step, int(followed))
@@ -55,9 +55,9 @@ def stable_step(chain: Chain, reached: Reached) -> float:
     if not np.isfinite(step):  # no overlap to begin with: a step's own
         step = 1.0
     found = step
-    for _ in range(MOST_TRIES):
+    for _ in range(MAX_ITERATIONS):
         found = safety * _limit(chain, reached, step, safety)
-        if not np.isfinite(found) or abs(found / step - 1) < CONVERGED:
+        if not np.isfinite(found) or abs(found / step - 1) < STEP_TOLERANCE:
             break
         step = (step * found**4) ** 0.2  # where steps make the overlap, found goes with step^(-1/4)
     return found
@@ -159,7 +159,7 @@ def _follow(chain: Chain, step: float, left: int) -> Reached:
     nothing, energies = np.zeros(chain.bodies), np.zeros(0)
     overlap, closing = nothing, nothing
     while left:
-        steps = min(left, max(1, AT_ONCE // chain.bodies))
+        steps = min(left, max(1, BODY_STEPS_PER_CHUNK // chain.bodies))
         motion = integrate_verlet(arrays, step, 1, steps + 1)
         moved = motion.displacement_m
         pressed = arrays.overlap_m + np.column_stack([np.zeros(len(moved)), moved[:, :-1]]) - moved

@@ -40,10 +40,10 @@ LOCAL_SHARE = 0.04  # local tolerance over the one asked for: measured global er
 LEAST_DAMPED_TOLERANCE = 1e-11  # of contacts that lose energy: measured 7.6e-12 on eight damped scenes
 LOCAL_SHARE_DAMPED = 5e-4  # likewise: measured global errors are 20 to 1000 times the local one
 DENSE_LIMIT = 1e-9  # local tolerance below which samples are integrated to, the interpolant being of lower order
-TINY = 1e-13  # of the overlap scale: contacts that are open or closed by less are at no event
+EVENT_OVERLAP = 1e-13  # of the overlap scale: contacts that are open or closed by less are at no event
 MAX_TRIES = 12  # of Newton's method for the time of an event
 FIRST_STEP = 1e-3  # of the time scale
-MOST_REJECTED, MOST_REJECTED_DAMPED = 200, 400  # in a row
+MAX_REJECTED, MAX_REJECTED_DAMPED = 200, 400  # in a row
 
 
 def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAST_TOLERANCE) -> Motion:
@@ -112,12 +112,12 @@ def _integrate(
     slopes, spare, dense = np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
     samples = np.empty((times.size, size))
     samples[0] = state
-    tiny, final = TINY * scale[0], times[-1]
+    tiny, final = EVENT_OVERLAP * scale[0], times[-1]
     time, event_time = 0.0, 0.0
     s, h, sample, rejected = 0.0, sqrt(first_step), 1, 0
 
     while sample < times.size:
-        if rejected > MOST_REJECTED:
+        if rejected > MAX_REJECTED:
             return samples, False
         s = sqrt(time - event_time)
         reaches_end = s + h >= sqrt(final - event_time)
@@ -186,7 +186,7 @@ def _integrate_damped(
             e = error(end, 0.0, taken, 0.0, slopes, scale, bodies) / tolerance
             if not e <= 1.0:
                 rejected += 1
-                if rejected > MOST_REJECTED_DAMPED or time + taken == time:
+                if rejected > MAX_REJECTED_DAMPED or time + taken == time:
                     return samples, False
                 h = taken * step_factor(e)
                 continue

@@ -13,18 +13,18 @@ import numpy as np
 
 from validation.reference.hertz_chain import EXPONENT, Array
 
-PER_BEAD, PER_BEAD_LONG = (
+POINTS_PER_BEAD, POINTS_PER_BEAD_LONG = (
     64,
     16,
 )  # grid points, of steep waves and long ones: twice as many change nothing beyond rounding
-LONG = 1.05  # times the speed of sound: slower waves are long
-DECAYED = 38.0  # e-folds until the tail has fallen below rounding
-STABILISER = 2.2  # exponent of Petviashvili's factor: the nonlinearity acts like a power between 3/2 and 2
+LONG_WAVE_MACH = 1.05  # times the speed of sound: slower waves are long
+TAIL_EXPONENT = 38.0  # e-folds until the tail has fallen below rounding
+STABILISER_EXPONENT = 2.2  # exponent of Petviashvili's factor: the nonlinearity acts like a power between 3/2 and 2
 ITERATIONS = 500
-SETTLED = 1e-14  # relative change in an iteration
-RESIDUAL = 1e-13
-FASTEST = 1e4  # times the speed of sound
-WEAKEST, STRONGEST = 1e-2, 1e20  # amplitudes over the static force, both tested
+CHANGE_TOLERANCE = 1e-14  # relative change in an iteration
+MAX_RESIDUAL = 1e-13
+MAX_MACH = 1e4  # times the speed of sound
+MIN_AMPLITUDE, MAX_AMPLITUDE = 1e-2, 1e20  # amplitudes over the static force, both tested
 
 
 @dataclass(frozen=True)
@@ -71,17 +71,17 @@ def solve_at_speed(stiffness: float, mass_kg: float, static_N: float, speed: flo
     """The wave of a given speed, in beads per second.
 
     Raises:
-        ValueError: a speed not above that of sound, or beyond ``FASTEST`` times it.
+        ValueError: a speed not above that of sound, or beyond ``MAX_MACH`` times it.
         ArithmeticError: the iteration did not get there (amplitudes below some 0.005 of the static force).
     """
     sound = sound_speed(stiffness, mass_kg, static_N)
-    if not sound < speed <= FASTEST * sound:
-        expected = f"above that of sound ({sound:g}), up to {FASTEST:g} times it"
+    if not sound < speed <= MAX_MACH * sound:
+        expected = f"above that of sound ({sound:g}), up to {MAX_MACH:g} times it"
         raise ValueError(f"speed: {speed:g} beads/s, expected {expected}")
     mach = speed / sound
     decay = _tail_decay(mach)
-    per_bead = PER_BEAD_LONG if mach < LONG else PER_BEAD
-    points = 2 ** int(np.ceil(np.log2(2 * max(12.0, DECAYED / decay) * per_bead)))
+    per_bead = POINTS_PER_BEAD_LONG if mach < LONG_WAVE_MACH else POINTS_PER_BEAD
+    points = 2 ** int(np.ceil(np.log2(2 * max(12.0, TAIL_EXPONENT / decay) * per_bead)))
     place = (np.arange(points) - points // 2) / per_bead
     tent = np.sinc(np.fft.rfftfreq(points, 1 / per_bead)) ** 2
     overlap = (static_N / stiffness) ** (1 / EXPONENT)
@@ -97,14 +97,14 @@ def solve_at_speed(stiffness: float, mass_kg: float, static_N: float, speed: flo
     wave = overlap * (mach**4 - 0.5) * np.exp(-((place * min(decay / 3, 1.0)) ** 2))
     for _ in range(ITERATIONS):
         image = smooth(dynamic_force(wave) - rigidity * wave, tent / left)
-        new = float(wave @ wave / (wave @ image)) ** STABILISER * image
+        new = float(wave @ wave / (wave @ image)) ** STABILISER_EXPONENT * image
         change = float(np.abs(new - wave).max() / np.abs(new).max())
         wave = new
-        if change < SETTLED:
+        if change < CHANGE_TOLERANCE:
             break
     defect = smooth(dynamic_force(wave), tent) / (mass_kg * speed**2) - wave
     residual = float(np.abs(defect).max() / np.abs(wave).max())
-    if not residual < RESIDUAL:
+    if not residual < MAX_RESIDUAL:
         raise ArithmeticError(f"the precompressed wave is not found: residual {residual:.1e}")
     return PrecompressedWave(place, dynamic_force(wave), static_N, speed, residual)
 
@@ -113,12 +113,12 @@ def solve_at_amplitude(stiffness: float, mass_kg: float, static_N: float, amplit
     """The wave whose peak dynamic force is ``amplitude`` times the static force.
 
     Raises:
-        ValueError: an amplitude below ``WEAKEST``, where the wave is lost in rounding, or above ``STRONGEST``.
+        ValueError: below ``MIN_AMPLITUDE``, where the wave is lost in rounding, or above ``MAX_AMPLITUDE``.
     """
     from scipy.optimize import brentq
 
-    if not WEAKEST <= amplitude <= STRONGEST:
-        raise ValueError(f"amplitude: {amplitude:g}, expected from {WEAKEST:g} to {STRONGEST:g}")
+    if not MIN_AMPLITUDE <= amplitude <= MAX_AMPLITUDE:
+        raise ValueError(f"amplitude: {amplitude:g}, expected from {MIN_AMPLITUDE:g} to {MAX_AMPLITUDE:g}")
 
     sound = sound_speed(stiffness, mass_kg, static_N)
     # (c/c_0)^2 - 1 of the long-wave theory, Eq. (4) of the paper, is good to a few per cent

@@ -14,10 +14,10 @@ import numpy as np
 
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Array
 
-LENGTH = 24.0  # beads: the wave falls double-exponentially, to nothing within 4
+LENGTH_BEADS = 24.0  # beads: the wave falls double-exponentially, to nothing within 4
 POINTS = 2048
 ITERATIONS = 200
-RESIDUAL = 5e-15
+MAX_RESIDUAL = 5e-15
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def fixed_point(power: float = EXPONENT, speed: float = 1.0) -> tuple[Array, Arr
     Raises:
         ArithmeticError: the fixed point was not reached.
     """
-    place: Array = (np.arange(POINTS, dtype=float) - POINTS // 2) * (LENGTH / POINTS)
+    place: Array = (np.arange(POINTS, dtype=float) - POINTS // 2) * (LENGTH_BEADS / POINTS)
 
     def image_of(overlap: Array) -> Array:
         return _smooth(np.maximum(overlap, 0.0) ** power, 2) / speed**2
@@ -92,14 +92,14 @@ def fixed_point(power: float = EXPONENT, speed: float = 1.0) -> tuple[Array, Arr
         image = image_of(overlap)
         overlap = float(overlap @ overlap / (overlap @ image)) ** (power / (power - 1)) * image
     residual = float(np.abs(image_of(overlap) - overlap).max() / overlap.max())
-    if not residual < RESIDUAL:
+    if not residual < MAX_RESIDUAL:
         raise ArithmeticError(f"the travelling wave is not found: residual {residual:.1e}")
     return place, overlap, residual
 
 
 def _smooth(values: Array, times: int) -> Array:
     """Convolution with the box of width 1, once or twice: twice is the tent."""
-    wave_number = np.fft.rfftfreq(POINTS, LENGTH / POINTS)
+    wave_number = np.fft.rfftfreq(POINTS, LENGTH_BEADS / POINTS)
     return np.asarray(np.fft.irfft(np.fft.rfft(values) * np.sinc(wave_number) ** times, POINTS))
 
 
@@ -113,7 +113,7 @@ def solve_travelling_wave() -> TravellingWave:
     place, overlap, residual = fixed_point()
     force = np.maximum(overlap, 0.0) ** EXPONENT
     velocity = _smooth(force, 1)
-    spacing = LENGTH / POINTS
+    spacing = LENGTH_BEADS / POINTS
     peak_force, peak_velocity = float(force.max()), float(velocity.max())
     momentum = float(velocity.sum()) * spacing
     kinetic = 0.5 * float(velocity @ velocity) * spacing
