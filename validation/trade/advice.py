@@ -135,11 +135,16 @@ def front(rows: pd.DataFrame, quantity: str, cost: str) -> pd.DataFrame:
     return ordered[ordered[quantity] < ordered[quantity].cummin().shift(fill_value=np.inf)]
 
 
-def cheapest(rows: pd.DataFrame, quantity: str, target: float, cost: str) -> Any:
-    """The cheapest run with an error of at most the target that all finer steps keep too: none by chance."""
+def reaching(rows: pd.DataFrame, quantity: str, target: float) -> pd.DataFrame:
+    """Runs with an error of at most the target that all finer steps keep too: none by chance."""
     ordered = done(rows).sort_values("share_of_limit")
     good = (ordered[quantity] <= target).astype(int)
-    kept = ordered[good.groupby(ordered["method"]).cummin() == 1]
+    return ordered[good.groupby(ordered["method"]).cummin() == 1]
+
+
+def cheapest(rows: pd.DataFrame, quantity: str, target: float, cost: str) -> Any:
+    """The cheapest run that reaches an error; None where none does."""
+    kept = reaching(rows, quantity, target)
     return None if kept.empty else kept.iloc[int(kept[cost].to_numpy().argmin())]
 
 
@@ -147,10 +152,12 @@ def advice(rows: pd.DataFrame) -> Iterator[Advice]:
     """For each scene, quantity and error the cheapest way of all, and by each method, with and without start-up."""
     for scene, group in rows.groupby("scene", sort=False):
         among = {"any": group} | {str(name): part for name, part in group.groupby("method", sort=False)}
-        for quantity, target, name, cost in product(QUANTITIES, TARGETS, among, ("loop_s", "wall_s")):
-            found = Advice(str(scene), quantity, target, name, cost)
-            best = cheapest(among[name], quantity, target, cost)
-            if best is not None:
-                measured = {key: best[key] for key in ("method", "time_step_s", "loop_s", "wall_s")}
-                found = replace(found, **measured, error=best[quantity])
-            yield found
+        for quantity, target, name in product(QUANTITIES, TARGETS, among):
+            kept = reaching(among[name], quantity, target)
+            for cost in ("loop_s", "wall_s"):
+                found = Advice(str(scene), quantity, target, name, cost)
+                if not kept.empty:
+                    best = kept.iloc[int(kept[cost].to_numpy().argmin())]
+                    measured = {key: best[key] for key in ("method", "time_step_s", "loop_s", "wall_s")}
+                    found = replace(found, **measured, error=best[quantity])
+                yield found
