@@ -8,6 +8,7 @@ from drivers.base import paths
 from drivers.chain.case import Case, build_case
 from drivers.chain.contact_law import hertz_force
 from drivers.scene.read_scene import make_scene, read_toml
+from validation.accuracy.plan import plan_case
 
 DENSITY = 2200.0
 
@@ -54,4 +55,5 @@ def random_case(number: int, **run: Any) -> Case:
         data["chain"]["precompression"] = f"{hertz_force(between(1e-4, 1) * stiffness, collision_s * speed):.6g} N"
     if walled:
         data["wall"] = {"material": str(draw.choice(["brass", "rigid", "m"]))}
-    return build_case(make_scene(data, read_toml(paths.MATERIALS), f"random-{number}", f"random scene {number}"))
+    scene = make_scene(data, read_toml(paths.MATERIALS), f"random-{number}", f"random scene {number}")
+    return plan_case(build_case(scene))

@@ -11,7 +11,6 @@ from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.run.finished import EndedRun
 from validation.accuracy.baseline import baseline_of, comparable
-from validation.accuracy.plan import plan_case
 from validation.accuracy.schemes import trace_of, verlet_in_heights, verlet_of
 from validation.compare.comparison import compare_case
 from validation.compare.diagnosis import ITS_OWN, WINDOW, Diagnosis, Found, diagnose, diagnoses_of
@@ -41,7 +40,7 @@ CLOSELY = 1e-8  # of the largest force, where rounding does not take more: measu
 
 @pytest.mark.parametrize("number", [pytest.param(n, marks=() if n < QUICK else pytest.mark.long) for n in range(ALL)])
 def test_one_thing_wrong_in_a_random_scene_is_named(number: int) -> None:
-    case, draw = plan_case(random_case(number, accuracy=1e-3)), np.random.default_rng(number)
+    case, draw = random_case(number, accuracy=1e-3), np.random.default_rng(number)
     for place in draw.permutation(len(SABOTAGES)):  # the first that the scene can have
         changed = SABOTAGES[place](case, draw)
         if changed is not None:
