@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from drivers.base.errors import RunError
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine
 from drivers.run.guard import checked_trace
 from drivers.run.run import default_limit_s
 from drivers.run.session import Session
+from validation.studies import progress
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,15 @@ def builds_of(name: str) -> list[str]:
     executable = engine.find()
     assert executable is not None
     return ["", *(build for build in engine.precise_builds if executable.with_name(build).exists())]
+
+
+@contextmanager
+def left_out_if_failed(what: str) -> Iterator[None]:
+    """Tells that a build or a launch that is installed failed, in place of ending the study; it has no row."""
+    try:
+        yield
+    except RunError as error:
+        progress(f"{what} is left out: {error}")
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from postproc.read.observables import of_kind
 from postproc.read.residual import residual
 from validation.accuracy.error_measures import errors_of, quantities, truth_of
 from validation.accuracy.schemes import verlet_of
-from validation.served_runs import builds_of, serve, serving
+from validation.served_runs import builds_of, left_out_if_failed, serve, serving
 from validation.trade.climb import start_up
 
 PAIR_STEPS_US = (1.0, 0.5, 0.2, 0.1, 0.05)
@@ -144,19 +144,19 @@ def precision() -> Iterator[Lever]:
         builds = builds_of(name)
         double_s = nan
         for build in builds if len(builds) > 1 else ():
-            with serving(name, build) as session:
+            with left_out_if_failed(f"{build or name}, {wall}"), serving(name, build) as session:
                 run = serve(session, case)
-            double_s = run.loop_s if not build else double_s
-            error = float(residual(run.trace, verlet_of(case)).max())
-            yield Lever("extended precision", "fig4", build or name, wall, "rounding", error, double_s / run.loop_s)
+                double_s = double_s if build else run.loop_s
+                error = float(residual(run.trace, verlet_of(case)).max())
+                yield Lever("extended precision", "fig4", build or name, wall, "rounding", error, double_s / run.loop_s)
 
 
 def one_process() -> Iterator[Lever]:
     """Many cases in one process against a process each."""
     case = case_of("fig4")
     for name in installed_codes():
-        alone = start_up(name, case)
-        with serving(name) as session:
+        with left_out_if_failed(f"one process of {name} for many"), serving(name) as session:
+            alone = start_up(name, case)
             runs = [serve(session, case) for _ in range(MANY)]
-        loop_s, case_s = median(run.loop_s for run in runs), median(run.case_s for run in runs)
-        yield Lever("one process for many", "fig4", name, f"{MANY} cases", "run", gain=(alone + loop_s) / case_s)
+            loop_s, case_s = median(run.loop_s for run in runs), median(run.case_s for run in runs)
+            yield Lever("one process for many", "fig4", name, f"{MANY} cases", "run", gain=(alone + loop_s) / case_s)

@@ -102,6 +102,7 @@ def _on_steps(levers: pd.DataFrame) -> Iterator[str]:
 
 
 def _on_machines(levers: pd.DataFrame) -> Iterator[str]:
+    levers = levers.dropna(subset="gain")
     for _, row in levers[levers["lever"].isin(["two cores", "one process for many"])].iterrows():
         share = f"{row['gain']:.2g} times as fast" if row["gain"] >= 1 else f"{1 / row['gain']:.2g} times as slow"
         yield f"{row['engine']}, {row['lever']} ({row['scene']}, {row['setting']}): {share} as without."
