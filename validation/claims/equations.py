@@ -1,17 +1,19 @@
-"""What the paper's equations (1) to (7) say, computed from the discrete chain or from each other."""
+"""What equations (1) to (7) say, and of solitary waves, from the discrete chain, its exact wave, or each other."""
 
 from math import sqrt
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from drivers.chain.case import Case
 from postproc.paper import theory
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
 from validation.reference import precompressed_wave
-from validation.reference.travelling_wave import solve_travelling_wave
+from validation.reference.travelling_wave import fixed_point, solve_travelling_wave
 
-STATIC_N = 0.02  # any static force: the statements do not depend on it
+STATIC_N = 0.02  # any static force: the statements depend at most on the amplitude over it
+AMPLITUDES = (1.0, 10.0, 100.0)
 
 
 def _particles() -> theory.Particles:
@@ -78,14 +80,9 @@ def harmonics() -> float:
     return float(np.abs(np.cos(y) ** 4 - (3 + np.cos(4 * y) + 4 * np.cos(2 * y)) / 8).max())
 
 
-def short_wavelength() -> float:
-    """Wave length of the harmonic ``cos 4y`` of Eq. (2), in diameters."""
-    return 2 * np.pi / (4 * theory.HUMP_WAVE_NUMBER)
-
-
-def long_wavelength() -> float:
-    """Wave length of the harmonic ``cos 2y`` of Eq. (2), in diameters."""
-    return 2 * np.pi / (2 * theory.HUMP_WAVE_NUMBER)
+def wavelength(multiple: float) -> float:
+    """Wave length of the harmonic ``cos (multiple y)`` of Eq. (2), in diameters."""
+    return 2 * np.pi / (multiple * theory.HUMP_WAVE_NUMBER)
 
 
 def strain_coefficient() -> float:
@@ -156,3 +153,63 @@ def sensor_share() -> float:
 def contact_law() -> float:
     """The stiffness that decks are rendered with, over Eq. (7)'s."""
     return float(_case().chain.stiffness[1]) / _particles().stiffness
+
+
+def _beta(amplitude: float, modulus_MPa: float = 1460) -> float:
+    chain = case_of("table1", f"materials.ptfe.youngs_modulus={modulus_MPa} MPa").chain
+    stiffness, mass = float(chain.stiffness[1]), float(chain.mass_kg[0])
+    return precompressed_wave.solve_at_amplitude(stiffness, mass, STATIC_N, amplitude).beta
+
+
+def averaged_width() -> float:
+    """Width of the averaged force at 0.2 % of its peak, in diameters."""
+    return solve_travelling_wave().width(0.002, averaged=True)
+
+
+def energy_in_five() -> float:
+    """Share of the energy in five neighbouring beads, in per cent, at the moment when it is largest.
+
+    Kinetic energy of the five, and the energy of their six contacts, of the outer two one half.
+    """
+    wave = solve_travelling_wave()
+    velocity, force = CubicSpline(wave.place, wave.velocity), CubicSpline(wave.place, wave.force)
+
+    def share(centre: float, beads: int) -> float:
+        # bead j at place j, contacts half a bead to either side
+        place = np.arange(beads) - (beads - 1) / 2 + centre
+        contact = np.arange(beads + 1) - beads / 2 + centre
+        weight = np.ones(beads + 1)
+        weight[[0, -1]] = 0.5
+        kinetic = 0.5 * (velocity(place) ** 2).sum()
+        return float(kinetic + 0.4 * (weight * np.maximum(force(contact), 0.0) ** (5 / 3)).sum())
+
+    centres = np.linspace(-0.5, 0.5, 101)
+    return 100 * max(share(centre, 5) / share(centre, 15) for centre in centres)
+
+
+def power_three() -> float:
+    """Power of the speed in the peak overlap of exact waves of a chain with F ~ overlap^3, at two speeds."""
+    slow, fast = (float(fixed_point(3.0, speed)[1].max()) for speed in (1.0, 2.0))
+    return float(np.log2(fast / slow))
+
+
+def beta_linear() -> float:
+    """Beta of a wave of a tenth of the static force."""
+    return _beta(0.1)
+
+
+def beta_spread() -> float:
+    """Largest relative difference of beta between 600, 1000 and 1460 MPa, per cent."""
+    found = np.array([[_beta(a, modulus) for modulus in quoted().ptfe.moduli_MPa] for a in AMPLITUDES])
+    return float(100 * ((found.max(axis=1) - found.min(axis=1)) / found.mean(axis=1)).max())
+
+
+def averaging_lowers() -> float:
+    """Peak of the averaged force over that of the contact force."""
+    return 1 / solve_travelling_wave().contact_over_average
+
+
+def averaging_widens() -> float:
+    """Width of the averaged force at 0.2 % over that of the contact force."""
+    wave = solve_travelling_wave()
+    return wave.width(0.002, averaged=True) / wave.width(0.002, averaged=False)

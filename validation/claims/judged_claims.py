@@ -1,17 +1,15 @@
 """Reads the claims of ``inputs/paper/claims.toml``, computes each and judges it.
 
-A claim names the function that computes it, ``module.function`` in ``validation/claims``. One without parameters gives
-a number that no simulated chain enters; one of ``run`` is asked for every engine; one of ``table`` and ``force_N``
-reads a row of the solved Table 1.
+A claim names the function that computes it, ``module.function`` in ``validation/claims``, and its ``arguments``. One of
+``run`` is asked for every engine, one of ``table`` reads the solved Table 1; into others no simulated chain enters.
 """
 
 import inspect
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
+from functools import partial
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -28,10 +26,12 @@ from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation, exact, run_codes
 from postproc.paper.solved_table1 import solve_table1
 from postproc.read.residual import REFERENCE
+from validation.claims import equations, material_claims, simulated, table1_claims
 from validation.claims.simulated import Run
 
 REPRODUCED, DIFFERS, EXPERIMENT_ONLY = "reproduced", "differs", "experiment only"
-ROOM = "validation.claims"
+MODULES = {each.__name__.split(".")[-1]: each for each in (equations, material_claims, simulated, table1_claims)}
+GIVEN = ("run", "table")  # parameters whose arguments are not the claim's
 
 
 class Claim(Part):
@@ -41,7 +41,8 @@ class Claim(Part):
     where: str
     quote: str
     compute: str = ""
-    force_N: float | None = None
+    arguments: dict[str, float | str] = Field(default_factory=dict)
+    how: str = ""
     quoted: Annotated[float, Field(allow_inf_nan=False)]
     unit: str = ""
     relation: Literal["equals", "at most", "at least"] = "equals"
@@ -125,11 +126,17 @@ def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
         function = function_of(claim)
         if function is None and (claim.compute or not claim.experiment):
             found = shorten(claim.compute) if claim.compute else "nothing"
-            raise InputError(where, f"{key}: compute", found, f"module.function in {ROOM}")
-        amplitudes = tuple(quoted().table1.force_N) if "table" in parameters_of(function) else (None,)
-        if claim.force_N not in amplitudes:
-            allowed = ", ".join("none" if each is None else f"{each:g}" for each in amplitudes)
-            raise InputError(where, f"{key}: force_N", str(claim.force_N), allowed)
+            raise InputError(where, f"{key}: compute", found, f"module.function of {', '.join(MODULES)}")
+        amplitude, amplitudes = claim.arguments.get("force_N"), quoted().table1.force_N
+        if amplitude is not None and amplitude not in amplitudes:
+            allowed = ", ".join(f"{each:g}" for each in amplitudes)
+            raise InputError(where, f"{key}: arguments.force_N", str(amplitude), allowed)
+        given = [name for name in GIVEN if name in parameters_of(function)]
+        try:
+            if function:
+                inspect.signature(function).bind(*given, **claim.arguments)
+        except TypeError as error:
+            raise InputError(where, f"{key}: arguments", str(error), f"those of {claim.compute}") from error
         if claim.experiment:
             continue
         if claim.relation == "equals" and claim.within is None:
@@ -142,10 +149,9 @@ def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
 def function_of(claim: Claim) -> Callable[..., Any] | None:
     """What computes a claim; None where nothing of that name does."""
     module, _, name = claim.compute.partition(".")
-    if module not in {each.name for each in iter_modules(import_module(ROOM).__path__)}:
-        return None
-    function = getattr(import_module(f"{ROOM}.{module}"), name, None) if not name.startswith("_") else None
-    return function if inspect.isfunction(function) and function.__module__ == f"{ROOM}.{module}" else None
+    function = getattr(MODULES.get(module), name, None)
+    public = inspect.isfunction(function) and function.__module__.endswith(f".{module}") and not name.startswith("_")
+    return function if public else None
 
 
 def parameters_of(function: Callable[..., Any] | None) -> set[str]:
@@ -160,7 +166,7 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
         RunError: a run failed.
     """
     claims, table = read_claims(), solve_table1(runs)
-    functions = {claim.id: function for claim in claims if (function := function_of(claim))}
+    functions = {claim.id: partial(each, **claim.arguments) for claim in claims if (each := function_of(claim))}
     simulated = _by_engine({name: each for name, each in functions.items() if "run" in parameters_of(each)}, runs)
     judged = []
     for claim in claims:
@@ -168,12 +174,11 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
         if function is None:
             computed = {}
         elif "table" in parameters_of(function):
-            computed = function(table, claim.force_N)
-        elif claim.id in simulated:
-            computed = simulated[claim.id]
+            computed = function(table)
         else:
-            computed = {REFERENCE: function()}
-        judged.append(Judged(claim, computed, " ".join((inspect.getdoc(function) or "").replace("``", "").split())))
+            computed = simulated.get(claim.id) or {REFERENCE: function()}
+        how = claim.how or inspect.getdoc(function and function.func) or ""
+        judged.append(Judged(claim, computed, " ".join(how.replace("``", "").split())))
     return judged
 
 

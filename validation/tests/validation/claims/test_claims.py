@@ -45,7 +45,7 @@ quoted = 1
 within = 1
 because = "c"
 """
-TABLE1 = ONE.replace("equations.speed_constant", "table1_claims.speed")
+SOLVED = ONE.replace("equations.speed_constant", "table1_claims.solved")
 
 
 def claim(**values: object) -> Claim:
@@ -63,7 +63,7 @@ def test_there_are_enough_and_each_has_its_reason() -> None:
 def test_everything_that_is_computed_is_a_claim() -> None:
     named = {each.compute for each in read_claims() if each.compute}
     modules = {name.partition(".")[0] for name in named}
-    assert len(modules) == 8
+    assert len(modules) == 4
     computed = {
         f"{module}.{name}"
         for module in modules
@@ -124,9 +124,9 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
         (ONE.replace("within = 1", "within = inf"), "finite"),
         (ONE.replace("quoted = 1", "quoted = nan"), "finite"),
         (ONE.replace("quoted = 1", "quoted = true"), "quoted"),
-        (TABLE1, "force_N: found None"),
-        (TABLE1.replace("quoted", "force_N = 7\nquoted"), "force_N: found 7.0"),
-        (ONE.replace("quoted", "force_N = 5\nquoted"), "force_N: found 5.0"),
+        (SOLVED, "missing a required argument: 'force_N'"),
+        (SOLVED.replace("quoted", 'arguments = { force_N = 7, column = "speed_m_s" }\nquoted'), "force_N: found 7.0"),
+        (ONE.replace("quoted", "arguments = { force_N = 5 }\nquoted"), "unexpected keyword argument 'force_N'"),
         (ONE.replace("speed_constant", "_particles"), "equations._particles"),
         (ONE.replace("speed_constant", "quoted"), "equations.quoted"),
         (ONE.replace("equations.", "os."), "os.speed_constant"),
