@@ -29,6 +29,7 @@ FINE = 10  # coordinates are whole tenths
 SEEN = 0.1  # by how much a line may be moved by thinning
 VERLET = "verlet"
 NO_TRACES: Mapping[str, Trace] = {}
+PLACES = {"width": WIDTH, "left": LEFT, "right": RIGHT}
 TIMES = ((1e6, "µs"), (1e3, "ms"), (1.0, "s"))
 
 
@@ -99,21 +100,7 @@ class Chart:
     def data(self) -> dict[str, Any]:
         """What the script of the page reads."""
         panels = [{k: v for k, v in asdict(panel).items() if k != "paths"} for panel in self.panels]
-        return asdict(self) | {"left": LEFT, "right": RIGHT, "width": WIDTH, "panels": panels}
-
-
-@dataclass(frozen=True)
-class TimeAxis:
-    """The axis below a picture.
-
-    Attributes:
-        per_s: how many of its units are a second.
-        ticks: places and labels.
-    """
-
-    unit: str
-    per_s: float
-    ticks: list[tuple[float, str]]
+        return asdict(self) | PLACES | {"panels": panels}
 
 
 @dataclass(frozen=True)
@@ -137,7 +124,10 @@ def chart_of(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, T
     everything = {**traces, **failed}
     labels = {engine: failed_label(engine) if engine in failed else engine for engine in drawing_order([*everything])}
     time_s = next(iter(everything.values())).time_s
-    axis = time_axis(time_s, RIGHT)
+    # four digits at most
+    per_s, unit = next((each for each in TIMES if float(time_s[-1]) * each[0] < 1e4), TIMES[-1])
+    start, span = float(time_s[0]) * per_s, float(np.ptp(time_s)) * per_s
+    scale = (RIGHT - LEFT) / (span or 1.0)
     every = -(-len(time_s) // MAX_SAMPLES)
     x = LEFT + (RIGHT - LEFT) * (time_s - time_s[0]) / (float(np.ptp(time_s)) or 1.0)
     signals = {engine: sensor_signals(layout, trace) for engine, trace in everything.items()}
@@ -155,12 +145,12 @@ def chart_of(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, T
     panels += [_differences(differences, x, every, _top(len(panels)))] if differences else []
     return Chart(
         height=_top(len(panels)) - GAP + BELOW,
-        unit=axis.unit,
-        start=float(time_s[0]) * axis.per_s,
-        spacing=float(time_s[every] - time_s[0]) * axis.per_s if len(time_s) > every else 0.0,
+        unit=unit,
+        start=start,
+        spacing=float(time_s[every] - time_s[0]) * per_s if len(time_s) > every else 0.0,
         count=len(time_s[::every]),
         last=(len(time_s) - 1) / every,
-        ticks=axis.ticks,
+        ticks=[(LEFT + scale * t, f"{t + start:g}") for t in _round_ticks(0.0, span, 8)],
         engines=[_curve(_Series(engine, label, np.empty(0)), 1) for engine, label in labels.items()],
         panels=panels,
         left_out=max(0, len(gauges) - MAX_GAUGES),
@@ -172,15 +162,7 @@ def failed_label(engine: str) -> str:
     return f"{engine} (failed)"
 
 
-def time_axis(time_s: Array, right: float) -> TimeAxis:
-    """The axis of a record from ``LEFT`` to ``right``, in the unit in which times have four digits at most."""
-    per_s, unit = next((each for each in TIMES if float(time_s[-1]) * each[0] < 1e4), TIMES[-1])
-    long, start = float(np.ptp(time_s)) * per_s, float(time_s[0]) * per_s
-    scale = (right - LEFT) / (long or 1.0)
-    return TimeAxis(unit, per_s, [(LEFT + scale * t, f"{t + start:g}") for t in round_ticks(0.0, long, 8)])
-
-
-def round_ticks(low: float, high: float, count: int) -> list[float]:
+def _round_ticks(low: float, high: float, count: int) -> list[float]:
     """Round numbers between two, some ``count`` of them."""
     from matplotlib.ticker import MaxNLocator
 
@@ -200,7 +182,7 @@ def _forces(title: str, forces: list[_Series], x: Array, every: int, top: float)
         return top + PANEL * (1.0 - (values - low) / ((high - low) * 1.04))
 
     paths = [_path(x, place(each.values)) for each in forces]
-    ticks = [(float(place(np.array(value))), f"{value:g}") for value in round_ticks(low, high, 4)]
+    ticks = [(float(place(np.array(value))), f"{value:g}") for value in _round_ticks(low, high, 4)]
     return Panel(title, "N", top, top + PANEL, ticks, [_curve(each, every) for each in forces], paths, [])
 
 

@@ -11,6 +11,8 @@ from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
 from drivers.engines import in_order, load_engine
 from drivers.run.finished import EndedRun
+from postproc.draw.spacetime import draw_spacetime
+from postproc.draw.style import svg_of
 from postproc.read.observables import observe
 from postproc.read.residual import REFERENCE
 from validation.accuracy.budget import PARTS
@@ -18,7 +20,7 @@ from validation.compare.compared_scenes import ComparedScene
 from validation.compare.departure import Departure, departure_rows
 from validation.compare.verdict import FAIL
 from validation.report.charts import Chart, chart_of, failed_label
-from validation.report.spacetime_raster import Raster, raster_of
+from validation.report.page_figures import Image, image_of
 from validation.report.verdict_table import QUANTITIES, Row, number
 
 FORCE_RANGE = 2.0  # times the largest force of the runs that finished: what is larger would flatten their curves
@@ -31,7 +33,7 @@ class SceneSection:
     Attributes:
         row: of the verdict table.
         runs: those that finished.
-        chart: None where there is no trace, or neither a gauge nor a second engine; ``raster``: where none finished.
+        chart: None where there is no trace, or neither a gauge nor a second engine; ``chain``: where none finished.
         judged: quantity in words, then by engine the verdict or None.
         budget: quantity, engine and its parts.
         observables: name and its value by each run.
@@ -44,7 +46,7 @@ class SceneSection:
     timing: str
     judged: list[tuple[str, list[Any]]]
     chart: Chart | None
-    raster: Raster | None
+    chain: Image | None
     departures: list[tuple[str, Departure]]
     budget: list[tuple[str, str, list[str]]]
     observables: list[tuple[str, list[str]]]
@@ -68,7 +70,7 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
         timing=_timing(scene),
         judged=_judged(scene, engines),
         chart=chart if chart and chart.panels else None,
-        raster=raster_of(traces[shown], shown) if traces else None,
+        chain=image_of(svg_of(draw_spacetime({shown: traces[shown]}))) if traces else None,
         departures=_departures(scene),
         budget=_budget(scene, engines),
         observables=[(name, [number(observed[engine][name], 6) for engine in engines]) for name in names],

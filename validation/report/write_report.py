@@ -19,11 +19,11 @@ from validation.claims.claims_study import read_section as read_claims
 from validation.compare.compared_scenes import ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.independent.independent_study import read_section as read_independent
+from validation.report.charts import PLACES
 from validation.report.machine_readable import as_json, as_junit
 from validation.report.made_with import made_with, when_made
 from validation.report.page_figures import read_figures, read_table1
 from validation.report.scene_section import section_of
-from validation.report.spacetime_raster import PLACES
 from validation.report.verdict_table import case_rows, counted, reasons_of, scene_row, short, tolerances
 from validation.studies import read_section
 

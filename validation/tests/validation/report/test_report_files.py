@@ -21,10 +21,9 @@ from validation.compare.comparison import compare_case
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
 from validation.independent.judged_cases import Line
 from validation.independent.posed_cases import read_independent
-from validation.report.charts import chart_of
+from validation.report.charts import PLACES, chart_of
 from validation.report.made_with import cpu_name
 from validation.report.page_figures import image_of
-from validation.report.spacetime_raster import PLACES
 from validation.report.verdict_table import share_of, worst_of
 from validation.report.write_report import write_report
 from validation.study_tables import write_table
