@@ -16,7 +16,8 @@ from postproc.draw.product import Product
 from postproc.draw.scene_drawing import WALL, flat_size
 from postproc.draw.spacetime import GAMMA, LEAST
 from postproc.draw.style import FAINT, MICRO, finish_bar, force_colours, pyplot
-from postproc.read.motion import chain_of, keeps_motion, mean_forces, read_motion, spread
+from postproc.read.motion import chain_of, keeps_motion, read_motion, spread
+from postproc.read.sensors import mean_forces
 
 FRAMES, ANIMATED = 12, 80
 WIDTH_IN, TALLEST_IN, LEAST_IN = 6.4, 5.2, 1.2
@@ -30,34 +31,20 @@ FILM_DPI, FILM_PER_S = 80, 12
 
 @dataclass(frozen=True)
 class Film:
-    """A chain at some times.
+    """A chain at some times."""
 
-    Attributes:
-        time_s: shape (frames,).
-        place_m: x, exaggerated, and height of each body: the chain seen along y. Shape (frames, bodies, 2).
-        force_N: mean of the contact forces below and above each body. Shape (frames, bodies).
-        radius_m: 0 for a flat striker. Shape (bodies,).
-        flat_m: width and length of a flat striker; 0, 0 without one.
-        bore_m: half the width of the tube as drawn; None without one.
-        tube_top_m: where it ends.
-        wall_m: height of the wall; None for a free chain.
-        low_m, high_m: ends of the picture.
-        largest_N: of the whole run.
-        notes: what is not as it was.
-    """
-
-    time_s: Array
-    place_m: Array
-    force_N: Array
-    radius_m: Array
-    flat_m: tuple[float, float]
-    bore_m: float | None
+    time_s: Array  # shape (frames,)
+    place_m: Array  # x, exaggerated, and height of each body: the chain seen along y. Shape (frames, bodies, 2)
+    force_N: Array  # mean of the contact forces below and above each body. Shape (frames, bodies)
+    radius_m: Array  # 0 for a flat striker. Shape (bodies,)
+    flat_m: tuple[float, float]  # width and length of a flat striker; 0, 0 without one
+    bore_m: float | None  # half the width of the tube as drawn; None without one
     tube_top_m: float
-    wall_m: float | None
-    low_m: float
+    wall_m: float | None  # None for a free chain
+    low_m: float  # ends of the picture
     high_m: float
-    largest_N: float
-    notes: list[str]
+    largest_N: float  # of the whole run
+    notes: list[str]  # what is not as it was
 
     @property
     def half_m(self) -> float:
@@ -69,10 +56,7 @@ class Film:
 def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     """So many times of a run, evenly spread; its bodies where they were at time 0 if it kept no positions.
 
-    Args:
-        run: the run.
-        frames: how many.
-        sideways: factor by which displacements from the axis are exaggerated.
+    Displacements from the axis are exaggerated by the factor ``sideways``.
     """
     scene, chain = chain_of(run)
     chosen = spread(len(run.trace.time_s), frames)
@@ -118,7 +102,11 @@ def sheet(film: Film, title: str) -> Product:
     bar = figure.colorbar(_colours(film), cax=_axis(figure, (WIDTH_IN + 0.2, 0.35, 0.1, bar_in), framed=True))
     finish_bar(bar, "mean of the contact forces (N);\ngrey: none")
     figure.text(0.1 / (WIDTH_IN + 0.9), 1 - 0.05 / page_in, "\n".join(words), va="top")
-    return Product(figure, _table(film))
+    bodies = film.force_N.shape[1]
+    return Product(figure, pd.DataFrame({
+        "time_s": np.repeat(film.time_s, bodies), "body": np.tile(np.arange(1, bodies + 1), count),
+        "height_m": film.place_m[..., 1].ravel(), "force_N": film.force_N.ravel(),
+    }))  # fmt: skip
 
 
 def write_animation(film: Film, title: str, path: Path) -> Path:
@@ -147,10 +135,9 @@ def write_animation(film: Film, title: str, path: Path) -> Path:
         images.append(Image.open(image).convert("RGB"))
     plt.close(figure)
     path.parent.mkdir(parents=True, exist_ok=True)
+    look: dict[str, Any] = {"format": "GIF", "save_all": True, "duration": 1000 // FILM_PER_S, "loop": 0}
     with whole_file(path) as draft:
-        images[0].save(
-            draft, format="GIF", save_all=True, append_images=images[1:], duration=1000 // FILM_PER_S, loop=0
-        )
+        images[0].save(draft, append_images=images[1:], **look)
     return path
 
 
@@ -206,29 +193,16 @@ def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: floa
                                       offset_transform=axis.transData, **EDGE)  # fmt: skip
             axis.add_collection(beads, autolim=False)
         return
-    half = max(film.half_m, BAND_IN / 2 / scale_in)
-    extent = (middle - half, middle + half, film.low_m, film.high_m)
-    axis.set_autoscale_on(False)
-    axis.imshow(colours.to_rgba(_band(film, frame)), extent=extent, origin="lower", aspect="auto", interpolation="none")
-
-
-def _band(film: Film, frame: int) -> Any:
-    """The largest force in each of many slices of the height; where no body is, masked. Shape (rows, 1)."""
+    # a band: the largest force in each of many slices of the height; where no body is, masked
     height, step = film.place_m[frame, :, 1] - film.low_m, (film.high_m - film.low_m) / BAND_ROWS
-    first, last = (
-        np.clip(((height + side * film.radius_m) / step).astype(int), 0, BAND_ROWS - 1) for side in (-0.999, 0.999)
-    )
+    reach = np.multiply.outer((-0.999, 0.999), film.radius_m)
+    first, last = np.clip(((height + reach) / step).astype(int), 0, BAND_ROWS - 1)
     counts = last - first + 1
     rows = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
     found = np.full(BAND_ROWS, -1.0)
     np.maximum.at(found, rows, np.repeat(film.force_N[frame], counts))
-    return np.ma.masked_less_equal(found, LEAST * film.largest_N)[:, np.newaxis]
-
-
-def _table(film: Film) -> pd.DataFrame:
-    """A row per time and body: its height and force."""
-    bodies = film.force_N.shape[1]
-    return pd.DataFrame({
-        "time_s": np.repeat(film.time_s, bodies), "body": np.tile(np.arange(1, bodies + 1), len(film.time_s)),
-        "height_m": film.place_m[..., 1].ravel(), "force_N": film.force_N.ravel(),
-    })  # fmt: skip
+    band = np.ma.masked_less_equal(found, LEAST * film.largest_N)[:, np.newaxis]
+    half = max(film.half_m, BAND_IN / 2 / scale_in)
+    extent = (middle - half, middle + half, film.low_m, film.high_m)
+    axis.set_autoscale_on(False)
+    axis.imshow(colours.to_rgba(band), extent=extent, origin="lower", aspect="auto", interpolation="none")

@@ -12,7 +12,8 @@ from drivers.chain.mesh import tube_mesh, write_mesh
 from drivers.chain.trace import FORCES, read_bore_forces
 from drivers.run.finished import EndedRun
 from drivers.scene.model import Scene
-from postproc.read.motion import chain_of, mean_forces, read_motion, spread
+from postproc.read.motion import chain_of, read_motion, spread
+from postproc.read.sensors import mean_forces
 
 FRAMES = 100
 INDEX, TUBE, FRAME = "chain.pvd", "tube.vtu", "chain-{:05}.vtu"

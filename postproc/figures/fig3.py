@@ -17,10 +17,17 @@ import pandas as pd
 from drivers.chain.trace import Trace
 from postproc.draw.product import Product
 from postproc.draw.style import COLUMN_IN, FAINT, draw_table, drawing_order, line_of, marker_of, pyplot
-from postproc.paper.modulus_scores import measured_points, scores
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation, case_of, run_codes_on
-from postproc.paper.strikes import contact_peak, sensor_amplitude, speed_between_sensors, static_force, strike_for
+from postproc.paper.strikes import (
+    contact_peak,
+    measured_points,
+    scores,
+    sensor_amplitude,
+    speed_between_sensors,
+    static_force,
+    strike_for,
+)
 from postproc.paper.theory import particles_of, precompressed_speed, speed_from_force
 from postproc.read.residual import REFERENCE
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from drivers.base.errors import InputError
@@ -17,10 +18,9 @@ from postproc.draw.stack import chain_of_reference, draw_stack, stack_table
 from postproc.draw.style import FAINT, MICRO
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of, simulate_one
-from postproc.read.pulse import ENVELOPE_MAXIMA, Envelope, PulseShape, incident_pulse, train_envelope
 from postproc.read.residual import REFERENCE
 from postproc.read.sensors import sensor_signals
-from postproc.read.signals import peaks
+from postproc.read.signals import ENVELOPE_MAXIMA, Envelope, PulseShape, incident_pulse, peaks, train_envelope
 
 PLACES = ("top bead", "second bead")  # where the pulse enters
 
@@ -85,8 +85,9 @@ def _note_entrance(axis: Any, place: str, shape: PulseShape) -> None:
 
 def _draw_envelope(axis: Any, trace: Trace, shapes: Shapes) -> None:
     time, wall, paper = trace.time_s, shapes.wall, quoted().fig5
-    inside = (time <= shapes.until_s) & (wall.at(time) <= 1.5 * trace.force_N[:, 0].max())
-    axis.plot(time[inside] * MICRO, wall.at(time[inside]), color="black", lw=0.8)
+    curve = wall.amplitude_N * np.exp(wall.rate_per_s * time)
+    inside = (time <= shapes.until_s) & (curve <= 1.5 * trace.force_N[:, 0].max())
+    axis.plot(time[inside] * MICRO, curve[inside], color="black", lw=0.8)
     words = (
         f"exp({wall.rate_per_s / MICRO:.4f} t / µs)\n"
         f"paper: {paper.computed_envelope_per_us} computed,\n{paper.measured_envelope_per_us} measured"

@@ -11,8 +11,7 @@ import pandas as pd
 from postproc.draw.product import Product
 from postproc.draw.style import draw_table, pyplot
 from postproc.paper.quoted import quoted
-from postproc.paper.solved_table1 import COLUMNS, engines_of, solve_table1
-from postproc.paper.strikes import sensor_amplitude, strike_for
+from postproc.paper.strikes import COLUMNS, engines_of, sensor_amplitude, solve_table1, strike_for
 from postproc.read.residual import REFERENCE
 
 HEADINGS = (r"$V_s$ (m/s)", r"$L/2R$, 0.2 %", r"$L/2R$, 4 %")

@@ -72,11 +72,6 @@ class SensorParts(Part):
         """Of the whole bead."""
         return self.caps_g + self.gauge_g
 
-    @property
-    def gauge_share(self) -> float:
-        """The gauge's mass over that of the bead: ``m / (2M + m)`` of Eq. (5)."""
-        return self.gauge_g / self.mass_g
-
 
 class Ptfe(Part):
     """Young's moduli that the paper computes with, and the bulk sound speeds it takes two of them from."""
@@ -99,11 +94,7 @@ class Quoted(Part):
 
 @cache
 def quoted() -> Quoted:
-    """What the file holds.
-
-    Raises:
-        InputError: anything wrong with it.
-    """
+    """What the file holds, or an InputError that says what is wrong with it."""
     where = paths.shown(paths.QUOTED)
     found = validate(Quoted, read_toml(paths.QUOTED), where)
     rows = len(found.table1.force_N)

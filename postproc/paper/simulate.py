@@ -62,9 +62,7 @@ def exact(case: Case, tolerance: float = TOLERANCE) -> Simulation:
 
 
 def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
-    """Cases by code, run side by side, each code's in their order; what is done is not run again.
-
-    What gauges show is written into each run folder.
+    """Cases by code, run side by side, each code's in their order; what gauges show is written into each run folder.
 
     Raises:
         InputError: a case cannot end well on its code.

@@ -58,15 +58,7 @@ def particles_of(case: Case) -> Particles:
 def long_wave_acceleration(particles: Particles, strain: Array, length_m: float) -> Array:
     """u_tt by Eq. (1) for a strain that is periodic over ``length_m``, differentiated on its Fourier grid.
 
-    ``u_tt = -c^2 { xi^(3/2) + (a^2/10) xi^(1/4) (xi^(5/4))_xx }_x``
-
-    Args:
-        particles: give c and a.
-        strain: xi > 0 at equally spaced places. Shape (points,).
-        length_m: the period.
-
-    Returns:
-        Shape (points,), m/s^2.
+    ``u_tt = -c^2 { xi^(3/2) + (a^2/10) xi^(1/4) (xi^(5/4))_xx }_x``, for xi > 0 at equally spaced places.
     """
     a, c = particles.diameter_m, particles.speed_constant_m_s
     dispersive = strain**0.25 * _derivative(strain**1.25, length_m, 2)
@@ -81,13 +73,7 @@ def _derivative(values: Array, length_m: float, order: int) -> Array:
 def lattice_acceleration(particles: Particles, displacement_m: Array) -> Array:
     """Accelerations of the beads of a closed chain: ``m u_tt = F_j - F_{j+1}`` with Hertz forces between neighbours.
 
-    Args:
-        particles: give k and m.
-        displacement_m: of each bead from a uniformly compressed, closed chain, so that ``u_0 - u_1`` is the overlap
-            of beads 0 and 1. Shape (beads + 1,): the last entry is bead 0 again, one period on.
-
-    Returns:
-        Shape (beads,), m/s^2.
+    ``u_0 - u_1`` is the overlap of beads 0 and 1; the last of the beads + 1 displacements is bead 0's, one period on.
     """
     overlap = displacement_m[:-1] - displacement_m[1:]
     force = hertz_force(particles.stiffness, np.maximum(overlap, 0.0))
@@ -170,12 +156,8 @@ def precompressed_speed(particles: Particles, force_N: float, static_N: float) -
 def sensor_forces(first_N: Array, second_N: Array, gauge_share: float) -> tuple[Array, Array]:
     """Eq. (5): forces F_3, F_4 on the faces of a gauge of mass m between two caps, 2M together.
 
-    ``F_3,4 = (F_1 + F_2)/2 +- (F_1 - F_2)/2 m / (2M + m)``
-
-    Args:
-        first_N: contact force on the side that the wave comes from.
-        second_N: contact force on the other side.
-        gauge_share: m / (2M + m).
+    ``F_3,4 = (F_1 + F_2)/2 +- (F_1 - F_2)/2 m / (2M + m)``, F_1 on the side that the wave comes from; the gauge's share
+    is m / (2M + m).
     """
     mean, half = (first_N + second_N) / 2, (first_N - second_N) / 2
     return mean + half * gauge_share, mean - half * gauge_share
@@ -191,17 +173,9 @@ def bulk_modulus_to_youngs(bulk_speed_m_s: float, poisson_ratio: float, density_
     return 3 * density_kg_m3 * bulk_speed_m_s**2 * (1 - 2 * poisson_ratio)
 
 
-@dataclass(frozen=True)
-class ContactState:
-    """Hertz's contact of two equal spheres under a force."""
-
-    radius_m: float
-    peak_pressure_Pa: float
-
-
-def hertz_contact(particles: Particles, force_N: float) -> ContactState:
-    """Radius ``(3 F R* / 4 E*)^(1/3)`` and peak pressure ``3 F / (2 pi radius^2)`` of the contact (Hertz 1882)."""
+def hertz_contact(particles: Particles, force_N: float) -> tuple[float, float]:
+    """Radius ``(3 F R* / 4 E*)^(1/3)`` in m, peak pressure ``3 F / (2 pi radius^2)`` in Pa (Hertz 1882)."""
     reduced_radius = particles.diameter_m / 4
     reduced_modulus = particles.youngs_modulus_Pa / (2 * (1 - particles.poisson_ratio**2))
-    radius = (3 * force_N * reduced_radius / (4 * reduced_modulus)) ** (1 / 3)
-    return ContactState(radius, 3 * force_N / (2 * pi * radius**2))
+    radius_m = (3 * force_N * reduced_radius / (4 * reduced_modulus)) ** (1 / 3)
+    return radius_m, 3 * force_N / (2 * pi * radius_m**2)

@@ -4,7 +4,7 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.chain.chain import Array, Chain, build_chain
+from drivers.chain.chain import Chain, build_chain
 from drivers.chain.lateral_start import with_lateral
 from drivers.chain.trace import FORCES, STATE, State, read_state
 from drivers.run.finished import EndedRun
@@ -61,20 +61,6 @@ def read_motion(run: EndedRun) -> State:
     if not (np.isfinite(found.place_m).all() and np.isfinite(found.velocity_m_s).all()):
         raise InputError(paths.shown(path), "", "values that are not finite", "the positions of a run that is done")
     return found
-
-
-def mean_forces(force_N: Array) -> Array:
-    """``(F_j + F_{j+1}) / 2`` of every body, as a sensor bead reads (the paper's Eq. 5).
-
-    Args:
-        force_N: shape (..., bodies), contact j under body j; above the last body there is none.
-
-    Returns:
-        Of the same shape.
-    """
-    above = np.zeros_like(force_N)
-    above[..., :-1] = force_N[..., 1:]
-    return np.asarray((force_N + above) / 2)
 
 
 def spread(samples: int, frames: int) -> list[int]:

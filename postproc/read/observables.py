@@ -12,12 +12,10 @@ from functools import cache
 
 import numpy as np
 
-from drivers.chain.chain import Array
 from drivers.chain.layout import Layout
 from drivers.chain.trace import Trace, energy_error_J
-from postproc.read.pulse import ENVELOPE_MAXIMA, train_envelope
 from postproc.read.sensors import sensor_signals
-from postproc.read.signals import Peak, integral, peaks, rising_crossing
+from postproc.read.signals import ENVELOPE_MAXIMA, Peak, integral, peaks, rising_crossing, train_envelope
 
 LEVELS = (0.002, 0.04)  # of the peak, at which the paper's Table 1 cuts the width
 QUIET = 1e-14  # of the largest force: the wall has not felt anything yet
@@ -115,12 +113,12 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
         values[f"{name}_peak_N"] = first.value + static if first else np.nan
         values[f"{name}_arrival_s"] = first.time_s if first else np.nan
         for level in levels:
-            values[f"{name}_duration_{_percent(level)}_s"] = _duration(time, signal, first, level)
-    values |= _trains(layout, found)
-    values |= _reflected(layout, found)
+            edge_s = rising_crossing(time, signal, level * first.value, first) if first else np.nan
+            values[f"{name}_duration_{_percent(level)}_s"] = 2 * (first.time_s - edge_s) if first else np.nan
+    values |= _sensor_trains(layout, found)
     if layout.wall:
-        moves = bool(found["wall"])
-        values |= _wall_train(peaks(time, signals["wall"], LATER) if moves else [], values["wall_static_N"])
+        maxima = peaks(time, signals["wall"], LATER) if found["wall"] else []
+        values |= _wall_train(maxima, values["wall_static_N"])
     values |= _speeds_and_widths(layout, values, levels)
     values |= _balances(layout, trace)
     return values
@@ -130,41 +128,23 @@ def _percent(level: float) -> str:
     return f"{100 * level:g}pct"
 
 
-def _duration(time_s: Array, signal: Array, peak: Peak | None, level: float) -> float:
-    """Twice the time from the leading edge's crossing of ``level`` times the peak to the peak."""
-    if peak is None:
-        return float("nan")
-    return 2 * (peak.time_s - rising_crossing(time_s, signal, level * peak.value, peak))
-
-
-def _trains(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]:
-    """How many pulses come by each sensor before the wall's force peaks: those of the incident train."""
+def _sensor_trains(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]:
+    """How many pulses come by each sensor before the wall's force peaks, and the wave that comes back from the wall."""
     turned = found["wall"][0].time_s if layout.wall and found["wall"] else np.inf
     names = [f"bead_{sensor.from_wall}" for sensor in layout.sensors]
-    return {f"{name}_pulses": float(sum(peak.time_s < turned for peak in found[name])) for name in names}
-
-
-def _reflected(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]:
-    """Peaks of the wave that comes back from the wall."""
-    values: dict[str, float] = {}
-    if not layout.wall or not found["wall"]:
-        return values
-    turned = found["wall"][0].time_s
-    for sensor in layout.sensors:
-        name = f"bead_{sensor.from_wall}"
-        later = [peak for peak in found[name] if peak.time_s > turned]
-        values[f"{name}_reflected_amplitude_N"] = later[0].value if later else np.nan
-        values[f"{name}_reflected_arrival_s"] = later[0].time_s if later else np.nan
+    values = {f"{name}_pulses": float(sum(peak.time_s < turned for peak in found[name])) for name in names}
+    for name in names if turned < np.inf else ():
+        later = next((peak for peak in found[name] if peak.time_s > turned), None)
+        values[f"{name}_reflected_amplitude_N"] = later.value if later else np.nan
+        values[f"{name}_reflected_arrival_s"] = later.time_s if later else np.nan
     return values
 
 
 def _wall_train(found: list[Peak], static_N: float) -> dict[str, float]:
     """The wall's second and third peak, and the rate of the exponential through its first three."""
     shown = [replace(peak, value=peak.value + static_N) for peak in found[:ENVELOPE_MAXIMA]]
-    values = {
-        f"wall_peak_{number}_N": shown[number - 1].value if len(shown) >= number else np.nan
-        for number in range(2, ENVELOPE_MAXIMA + 1)
-    }
+    later = [peak.value for peak in shown] + [np.nan] * ENVELOPE_MAXIMA
+    values = {f"wall_peak_{number}_N": later[number - 1] for number in range(2, ENVELOPE_MAXIMA + 1)}
     curve = train_envelope(shown)
     return values | {"wall_envelope_per_s": curve.rate_per_s if curve else np.nan}
 
@@ -177,12 +157,12 @@ def _speeds_and_widths(layout: Layout, values: dict[str, float], levels: tuple[f
     result: dict[str, float] = {}
     for upper, lower in zip(layout.sensors[:-1], layout.sensors[1:], strict=True):
         first, second = f"bead_{upper.from_wall}", f"bead_{lower.from_wall}"
+        pair = f"{upper.from_wall}_to_{lower.from_wall}"
         travel = values[f"{second}_arrival_s"] - values[f"{first}_arrival_s"]
-        speed = (upper.height_m - lower.height_m) / travel if travel > 0 else np.nan
-        result[f"speed_{upper.from_wall}_to_{lower.from_wall}_m_s"] = speed
+        speed = result[f"speed_{pair}_m_s"] = (upper.height_m - lower.height_m) / travel if travel > 0 else np.nan
         share = values[f"{second}_amplitude_N"] / values[f"{first}_amplitude_N"]
         steps = upper.from_wall - lower.from_wall
-        result[f"transmission_{upper.from_wall}_to_{lower.from_wall}"] = share ** (1 / steps) if share > 0 else np.nan
+        result[f"transmission_{pair}"] = share ** (1 / steps) if share > 0 else np.nan
         for level in levels:
             duration = values[f"{second}_duration_{_percent(level)}_s"]
             result[f"{second}_width_{_percent(level)}_diameters"] = duration * speed / lower.diameter_m
@@ -200,9 +180,10 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
     net = layout.load_N + (trace.force_N[:, 0] if layout.wall else np.zeros_like(time))
     if trace.bore_friction_N is not None:
         net = net + trace.bore_friction_N
-    impulse = integral(time, net)
-    coarse = integral(time[::2], net[::2])
-    quiet = slice(0, _first_change(trace.force_N[:, 0], float(np.abs(trace.force_N).max())))
+    impulse, coarse = integral(time, net), integral(time[::2], net[::2])
+    wall_N, largest_N = trace.force_N[:, 0], float(np.abs(trace.force_N).max())
+    changed = np.abs(wall_N - wall_N[0]) > QUIET * largest_N
+    quiet = slice(0, int(np.argmax(changed)) if changed.any() else len(wall_N))
     steady = np.abs(momentum - momentum[0] - net[0] * time)[quiet]
     scale = max(float(np.abs(momentum).max()), layout.moving_N_s, abs(layout.load_N) * float(time[-1])) or 1.0
     drift = energy_error_J(energy, damped=layout.damped, slips=layout.slips)
@@ -217,9 +198,3 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
         "energy_error_before_wall_J": float(drift[quiet].max()),
         "impulse_sampling_share": float(np.abs(impulse[::2] - coarse).max()) / scale,
     }
-
-
-def _first_change(wall_N: Array, largest_N: float) -> int:
-    """How many samples pass until the force on the wall is no longer that at time 0."""
-    changed = np.abs(wall_N - wall_N[0]) > QUIET * largest_N
-    return int(np.argmax(changed)) if changed.any() else len(wall_N)

@@ -1,9 +1,10 @@
-"""Peaks and level crossings of a sampled signal, finer than its samples.
+"""Peaks, level crossings and integrals of a sampled signal, finer than its samples; envelopes and shapes of pulses.
 
 Between samples a signal is read off an interpolating quintic spline through the samples around the place:
 for a pulse of width w sampled every h the error goes with (h/w)^6.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
@@ -18,6 +19,10 @@ PROMINENCE = 0.05  # of the signal's range: smaller bumps are no peaks
 # integrals of Lagrange's polynomials through six samples, over their first two intervals and their middle one
 FIRST_INTERVALS = np.array([[475, 1427, -798, 482, -173, 27], [-27, 637, 1022, -258, 77, -11]]) / 1440
 MIDDLE_INTERVAL = np.array([11, -93, 802, 802, -93, 11]) / 1440
+ONSET = 0.02  # of its peak, from which on a pulse counts as begun
+UNLIKE = 2.0
+ENVELOPE_MAXIMA = 3  # that the envelope of a train goes through
+FINER = 100  # times the samples: where the fit and the pulse end
 REACH = 8  # samples to either side that a local spline goes through
 
 
@@ -31,27 +36,20 @@ class Peak:
 
 
 def peaks(time_s: Array, values: Array, prominence: float = PROMINENCE) -> list[Peak]:
-    """Maxima that rise by ``prominence`` of the signal's range, in the order of time.
-
-    Args:
-        time_s: shape (samples,), equally spaced.
-        values: shape (samples,).
-        prominence: share of the signal's range by which a peak stands out of its surroundings.
-    """
-    return [_refined(time_s, values, place) for place in _places(values, prominence)]
+    """Maxima that stand out by ``prominence`` of the signal's range, in the order of time; samples equally spaced."""
+    return list(_peaks(time_s, values, prominence))
 
 
 def first_peak(time_s: Array, values: Array, prominence: float = PROMINENCE) -> Peak | None:
     """The first of ``peaks``; None where there is none."""
-    places = _places(values, prominence)
-    return _refined(time_s, values, places[0]) if places else None
+    return next(_peaks(time_s, values, prominence), None)
 
 
-def _places(values: Array, prominence: float) -> list[int]:
+def _peaks(time_s: Array, values: Array, prominence: float) -> Iterator[Peak]:
     span = float(np.ptp(values))
-    if span <= 0 or len(values) < 3:
-        return []
-    return [int(place) for place in find_peaks(values, prominence=prominence * span)[0]]
+    if span > 0 and len(values) >= 3:
+        for place in find_peaks(values, prominence=prominence * span)[0]:
+            yield _refined(time_s, values, int(place))
 
 
 def _refined(time_s: Array, values: Array, place: int) -> Peak:
@@ -106,15 +104,7 @@ def _spline_of_units(count: int) -> Array:
 
 
 def integral(time_s: Array, values: Array) -> Array:
-    """Running integral from time 0, exact for quintics: each interval by the polynomial through six samples.
-
-    Args:
-        time_s: shape (samples,), equally spaced.
-        values: shape (samples,).
-
-    Returns:
-        Shape (samples,).
-    """
+    """Running integral from time 0, exact for quintics: each interval by the polynomial through six samples."""
     if len(time_s) < 6:
         steps = np.diff(time_s) * (values[1:] + values[:-1]) / 2
         return np.concatenate([[0.0], np.cumsum(steps)])
@@ -122,3 +112,60 @@ def integral(time_s: Array, values: Array) -> Array:
     steps = np.concatenate([first, np.convolve(values, middle, mode="valid"), last[::-1]])
     spacing = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
     return np.asarray(np.concatenate([[0.0], np.cumsum(steps)]) * spacing)
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """``amplitude_N exp(rate_per_s t)`` through maxima, by least squares of the logarithm."""
+
+    amplitude_N: float
+    rate_per_s: float
+
+
+def envelope(maxima: list[Peak]) -> Envelope:
+    """The exponential through maxima; at least two are needed."""
+    rate, start = np.polyfit([peak.time_s for peak in maxima], np.log([peak.value for peak in maxima]), 1)
+    return Envelope(float(np.exp(start)), float(rate))
+
+
+def train_envelope(maxima: list[Peak]) -> Envelope | None:
+    """The exponential through a train's first ``ENVELOPE_MAXIMA``; None where there are fewer, or one is not above 0.
+
+    Maxima of a train come at like intervals: one more than twice as late as another belongs to what comes back later.
+    """
+    leading = maxima[:ENVELOPE_MAXIMA]
+    if len(leading) < ENVELOPE_MAXIMA or min(peak.value for peak in leading) <= 0:
+        return None
+    intervals = np.diff([peak.time_s for peak in leading])
+    return envelope(leading) if intervals.max() <= UNLIKE * intervals.min() else None
+
+
+@dataclass(frozen=True)
+class PulseShape:
+    """An incident pulse at one place.
+
+    Attributes:
+        rise_s: from ``ONSET`` of the first maximum to it.
+        decay_per_s: rate of the exponential from the peak to half of it; NaN if it never falls so far.
+        duration_s: from ``ONSET`` until it first falls below that again, or until the reflected wave arrives.
+    """
+
+    rise_s: float
+    decay_per_s: float
+    duration_s: float
+
+
+def incident_pulse(time_s: Array, signal: Array) -> PulseShape | None:
+    """The shape of a signal's first pulse; None without a later maximum, the largest of which is the reflected wave."""
+    found = peaks(time_s, signal)
+    if len(found) < 2:
+        return None
+    first, reflected = found[0], max(found[1:], key=lambda peak: peak.value)
+    onset = rising_crossing(time_s, signal, ONSET * first.value, first)
+    after = np.linspace(first.time_s, reflected.time_s, FINER * (reflected.sample - first.sample))
+    falling = np.asarray(make_interp_spline(time_s, signal, k=5)(after))
+    half = int(np.argmax(falling < first.value / 2))
+    rate = np.polyfit(after[:half], np.log(falling[:half]), 1)[0] if half > 1 else np.nan
+    quiet = falling < ONSET * first.value
+    end = int(np.argmax(quiet)) if quiet.any() else int(np.argmin(falling))
+    return PulseShape(first.time_s - onset, float(rate), float(after[end]) - onset)

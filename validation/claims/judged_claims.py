@@ -24,7 +24,7 @@ from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation, exact, run_codes
-from postproc.paper.solved_table1 import solve_table1
+from postproc.paper.strikes import solve_table1
 from postproc.read.residual import REFERENCE
 from validation.claims import equations, material_claims, simulated, table1_claims
 from validation.claims.simulated import Run

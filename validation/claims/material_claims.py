@@ -32,18 +32,18 @@ def modulus_ratio() -> float:
 
 def peak_stress() -> float:
     """Hertz's peak pressure at 5 N, MPa."""
-    return theory.hertz_contact(_particles(), FORCE_N).peak_pressure_Pa / 1e6
+    return theory.hertz_contact(_particles(), FORCE_N)[1] / 1e6
 
 
 def strain() -> float:
     """The peak pressure over Young's modulus."""
     p = _particles()
-    return theory.hertz_contact(p, FORCE_N).peak_pressure_Pa / p.youngs_modulus_Pa
+    return theory.hertz_contact(p, FORCE_N)[1] / p.youngs_modulus_Pa
 
 
 def strain_depth() -> float:
     """Radius of the contact at 5 N, over which strains die out, micrometres."""
-    return theory.hertz_contact(_particles(), FORCE_N).radius_m * 1e6
+    return theory.hertz_contact(_particles(), FORCE_N)[0] * 1e6
 
 
 def strain_rate() -> float:

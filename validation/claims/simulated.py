@@ -14,9 +14,8 @@ from postproc.paper.quoted import quoted
 from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, exact
 from postproc.paper.strikes import contact_peak, sensor_amplitude, speed_between_sensors, static_force, strike_for
 from postproc.read.observables import observe
-from postproc.read.pulse import ENVELOPE_MAXIMA, PulseShape, envelope, incident_pulse
 from postproc.read.sensors import sensor_average
-from postproc.read.signals import Peak, peaks
+from postproc.read.signals import ENVELOPE_MAXIMA, Peak, PulseShape, envelope, incident_pulse, peaks
 from validation.reference.precompressed_wave import solve_at_amplitude
 
 Run = Callable[[Case], Simulation]
@@ -155,7 +154,7 @@ def _face(run: Run) -> tuple[Array, Array, Array]:
     one, parts = _fig4(run), quoted().sensor
     forces, time = one.trace.force_N, one.trace.time_s
     passing = np.abs(time - one.values["bead_5_arrival_s"]) < 90e-6
-    third, _ = theory.sensor_forces(forces[passing, 5], forces[passing, 4], parts.gauge_share)
+    third, _ = theory.sensor_forces(forces[passing, 5], forces[passing, 4], parts.gauge_g / parts.mass_g)
     return time[passing], third, sensor_average(forces, 5)[passing]
 
 

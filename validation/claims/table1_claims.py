@@ -3,10 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from postproc.paper.modulus_scores import deviations
 from postproc.paper.quoted import quoted
-from postproc.paper.solved_table1 import engines_of
-from postproc.paper.strikes import contact_peak, sensor_amplitude
+from postproc.paper.strikes import contact_peak, deviations, engines_of, sensor_amplitude
 
 ROWS = {"large": slice(0, 2), "small": slice(2, None)}  # of the table: 5 and 2 N; 0.6, 0.1 and 0.06 N
 READINGS = {"contact": contact_peak, "average": sensor_amplitude}

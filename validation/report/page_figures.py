@@ -18,7 +18,7 @@ from drivers.base.errors import InputError
 from postproc.draw.spacetime import SPACETIME
 from postproc.draw.style import svg_of
 from postproc.figures import figures
-from postproc.paper.solved_table1 import COLUMNS, engines_of
+from postproc.paper.strikes import COLUMNS, engines_of
 
 TABLE = "table1.csv"
 MEASURED = ("duration_us", "speed_m_s", "width_diameters")

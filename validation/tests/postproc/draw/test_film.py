@@ -17,7 +17,7 @@ from postproc.draw import film
 from postproc.draw.film import film_of, sheet, write_animation
 from postproc.draw.product import write_product
 from postproc.draw.spacetime import cells_of, draw_spacetime
-from postproc.read.motion import mean_forces
+from postproc.read.sensors import mean_forces
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import SceneWriter, case_of

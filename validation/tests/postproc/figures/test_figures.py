@@ -14,8 +14,7 @@ from postproc.draw.product import Product, write_product
 from postproc.figures import figures, make_figure
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import contact_peak, strike_for
-from postproc.read.pulse import envelope, incident_pulse
-from postproc.read.signals import Peak
+from postproc.read.signals import Peak, envelope, incident_pulse
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 

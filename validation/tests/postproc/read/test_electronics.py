@@ -15,11 +15,9 @@ from drivers.chain.trace import Trace
 from drivers.engines import engine_names, load_engine
 from drivers.run.finished import EndedRun, open_run
 from postproc.paper.simulate import exact
-from postproc.read.electronics import high_passed
 from postproc.read.observables import observe
-from postproc.read.pulse import envelope, train_envelope
-from postproc.read.sensors import sensor_signals
-from postproc.read.signals import Peak, peaks
+from postproc.read.sensors import high_passed, sensor_signals
+from postproc.read.signals import Peak, envelope, peaks, train_envelope
 from validation.accuracy.budget import error_budget
 from validation.accuracy.error_measures import truth_of
 from validation.accuracy.schemes import verlet_of

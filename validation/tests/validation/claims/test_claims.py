@@ -10,7 +10,7 @@ import pytest
 from drivers.base import paths
 from drivers.base.errors import InputError
 from postproc.paper.quoted import quoted
-from postproc.paper.solved_table1 import COLUMNS
+from postproc.paper.strikes import COLUMNS
 from validation.claims.claims_study import Row, read_section, write_claims
 from validation.claims.judged_claims import (
     DIFFERS,
