@@ -1,19 +1,20 @@
 """Measures by name: each reads the numbers of a case from a run, and says how large theory has them.
 
-A further measure is a module of the form of ``Measure`` and a line in ``MEASURES``.
+A further measure is a module or class of the form of ``Measure`` and a line in ``MEASURES``.
 """
 
 from typing import Protocol
 
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
-from validation.independent import collision, impact, linear, solitary, train, wall, weak
+from validation.independent import impact, linear, solitary, weak
+from validation.independent.passing_waves import Collision, Train, Wall
 
 UNITS = (("_m_s", "m/s"), ("_N", "N"), ("_Hz", "Hz"), ("_s", "s"), ("_m", "m"), ("_diameters", "diameters"))
 
 
 class Measure(Protocol):
-    """Two pure functions of a case, in a module; names of quantities end with their unit, or have none.
+    """Two pure functions of a case; names of quantities end with their unit, or have none.
 
     Attributes:
         QUANTITIES: what each quantity is, in words, by its name.
@@ -41,12 +42,12 @@ class Measure(Protocol):
 
 
 MEASURES: dict[str, Measure] = {
-    "collision": collision,
+    "collision": Collision(),
     "impact": impact,
     "small signal": linear,
     "solitary wave": solitary,
-    "train": train,
-    "wall": wall,
+    "train": Train(),
+    "wall": Wall(),
     "weak strike": weak,
 }
 

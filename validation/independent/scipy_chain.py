@@ -5,6 +5,8 @@ In units of the first bead's mass, a stiffness and a time, bodies from the wall 
     overlap_j' = v_j - v_(j-1),   m_j v_j' = F_(j+1) - F_j,   F_j = k_j max(overlap_j, 0)^(3/2)
 """
 
+from functools import cache
+
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
@@ -70,6 +72,7 @@ def forces_of(chain: Chain, duration_s: float) -> tuple[Array, Array]:
     return time * length / speed, hertz_force(force * stiffness, length)
 
 
+@cache
 def led_to_wall(beads: int, start: float, wall_stiffness: float, duration: float) -> tuple[Array, Array]:
     """Times and the forces in all contacts, shape (samples, beads), of an exact solitary wave that runs into a wall.
 

@@ -19,8 +19,7 @@ from validation.independent.scipy_chain import forces_of
 from validation.reference.travelling_wave import solve_travelling_wave
 
 LONG_WAVE_BY_VELOCITY = 0.64**0.2
-WIDTHS = (("4pct", 0.04), ("half", 0.5))
-SIGNALS = (("contact", False), ("average", True))
+WIDTHS = ((False, 0.04), (False, 0.5), (True, 0.04), (True, 0.5))  # by a sensor's average? at a share of its peak
 SETTLED = 30  # contacts below the strike: there the wave is the exact one to 2e-9
 
 
@@ -41,21 +40,18 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
     velocity = _peak(time, -trace.velocity_m_s[:, lower - 1]).value
     speed = (upper - lower) / (force.time_s - before.time_s)
     stiffness, mass = float(case.chain.stiffness[lower]), float(case.chain.mass_kg[lower - 1])
-    by_velocity = speed / ((stiffness / mass) ** 0.4 * velocity**0.2)
-    signals = {"contact": trace.force_N[:, lower - 1], "average": sensor_average(trace.force_N, lower)}
-    widths = {
-        f"{name}_width_{level}_diameters": _width_s(time, signals[name], share) * speed
-        for name, _ in SIGNALS
-        for level, share in WIDTHS
-    }
-    return {
-        "peak_velocity_over_strike": velocity / float(np.abs(case.chain.velocity_m_s).max()),
-        "force_by_velocity": force.value / (stiffness**0.4 * mass**0.6 * velocity**1.2),
-        "speed_by_force": speed / (stiffness ** (1 / 3) * mass**-0.5 * force.value ** (1 / 6)),
-        "speed_by_velocity": by_velocity,
-        "speed_below_long_wave": 1 - by_velocity / LONG_WAVE_BY_VELOCITY,
-        **widths,
-    }
+    average = sensor_average(trace.force_N, lower)
+    widths = [
+        _width_s(time, average if averaged else trace.force_N[:, lower - 1], share) * speed
+        for averaged, share in WIDTHS
+    ]
+    return _by_quantity(
+        velocity / float(np.abs(case.chain.velocity_m_s).max()),
+        force.value / (stiffness**0.4 * mass**0.6 * velocity**1.2),
+        speed / (stiffness ** (1 / 3) * mass**-0.5 * force.value ** (1 / 6)),
+        speed / ((stiffness / mass) ** 0.4 * velocity**0.2),
+        widths,
+    )
 
 
 def theory(case: Case) -> dict[str, float]:
@@ -67,19 +63,15 @@ def theory(case: Case) -> dict[str, float]:
     time, force = forces_of(chain, 1.3 * SETTLED * time_unit)
     peak = _peak(time, force[:, -1 - SETTLED]).value
     velocity = (peak / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6)
-    widths = {
-        f"{name}_width_{level}_diameters": wave.width(share, averaged=averaged)
-        for name, averaged in SIGNALS
-        for level, share in WIDTHS
-    }
-    return {
-        "peak_velocity_over_strike": velocity / speed,
-        "force_by_velocity": wave.force_by_velocity,
-        "speed_by_force": wave.speed_by_force,
-        "speed_by_velocity": wave.speed_by_velocity,
-        "speed_below_long_wave": 1 - wave.speed_by_velocity / LONG_WAVE_BY_VELOCITY,
-        **widths,
-    }
+    widths = [wave.width(share, averaged=averaged) for averaged, share in WIDTHS]
+    return _by_quantity(velocity / speed, wave.force_by_velocity, wave.speed_by_force, wave.speed_by_velocity, widths)
+
+
+def _by_quantity(
+    strike: float, force: float, by_force: float, by_velocity: float, widths: list[float]
+) -> dict[str, float]:
+    below = 1 - by_velocity / LONG_WAVE_BY_VELOCITY
+    return dict(zip(QUANTITIES, (strike, force, by_force, by_velocity, below, *widths), strict=True))
 
 
 def _peak(time_s: Array, values: Array) -> Peak:
@@ -102,17 +94,15 @@ def _width_s(time_s: Array, values: Array, share: float) -> float:
     return fall - rise
 
 
-WORDS = {"contact": "a contact's force", "average": "a sensor's average", "4pct": "4 % of", "half": "half"}
 QUANTITIES = {
     "peak_velocity_over_strike": "largest bead velocity over the striker's",
     "force_by_velocity": "F_m / (k^(2/5) m^(3/5) v_m^(6/5))",
     "speed_by_force": "c / (k^(1/3) m^(-1/2) F_m^(1/6)), c in beads per second",
     "speed_by_velocity": "c / ((k/m)^(2/5) v_m^(1/5)), c in beads per second",
     "speed_below_long_wave": "by how much the speed is below that of the long-wave limit for the same velocity",
-    **{
-        f"{name}_width_{level}_diameters": f"full width of {WORDS[name]} at {WORDS[level]} its peak"
-        for name, _ in SIGNALS
-        for level, _ in WIDTHS
-    },
+    "contact_width_4pct_diameters": "full width of a contact's force at 4 % of its peak",
+    "contact_width_half_diameters": "full width of a contact's force at half its peak",
+    "average_width_4pct_diameters": "full width of a sensor's average at 4 % of its peak",
+    "average_width_half_diameters": "full width of a sensor's average at half its peak",
 }
 SOURCE = "the exact travelling wave of the discrete chain (English and Pego, Proc. AMS 133:1763, 2005)"

@@ -18,7 +18,7 @@ from drivers.chain.trace import Trace
 from drivers.engines import installed_codes
 from drivers.run.run import run_case
 from drivers.scene.read_scene import read_scene
-from validation.independent import collision, linear, weak
+from validation.independent import linear, weak
 from validation.independent.judged_cases import HERE, trace_of
 from validation.independent.measures import MEASURES
 from validation.independent.posed_cases import Independent, pose, read_independent
@@ -101,8 +101,8 @@ def test_a_run_of_another_chain_is_red(name: str, settings: list[str], reds: set
 
 
 def test_waves_that_meet_at_a_bead_are_red_where_a_contact_is_asked_for() -> None:
-    found = collision.measure(posed(AT_BEAD), exact_trace(AT_BEAD))
-    theory = collision.theory(posed(AT_CONTACT))
+    found = MEASURES["collision"].measure(posed(AT_BEAD), exact_trace(AT_BEAD))
+    theory = MEASURES["collision"].theory(posed(AT_CONTACT))
     reds = {check.quantity for check in CASES[AT_CONTACT].check
             if check.error(found[check.quantity], theory[check.quantity]) > check.limit}  # fmt: skip
     assert reds == {"middle_share", "outgoing_share", "secondary_share"}
@@ -217,7 +217,7 @@ def test_what_is_fitted_does_not_depend_on_where_the_fit_starts() -> None:
 def test_the_middle_takes_what_a_wall_would(beads: int, published: float) -> None:
     """A wave's energy goes with its force to the power 5/3: what the outgoing one lacks the secondary one has."""
     name = AT_CONTACT if beads == 160 else AT_BEAD
-    shares = collision.theory(posed(name))
+    shares = MEASURES["collision"].theory(posed(name))
     assert shares["middle_share"] == pytest.approx(published, abs=5e-4)
     energy = shares["outgoing_share"] ** (5 / 3) + shares["secondary_share"] ** (5 / 3)
     assert energy == pytest.approx(1, abs=5e-4)  # further waves carry the rest
@@ -226,8 +226,8 @@ def test_the_middle_takes_what_a_wall_would(beads: int, published: float) -> Non
 def test_the_secondary_wave_does_not_depend_on_the_length_of_the_chain() -> None:
     longer = "chain.bead=[{ from_wall = 1, velocity = '1 m/s' }, { from_wall = 201, velocity = '-1 m/s' }]"
     case = with_settings(AT_BEAD, "chain.count=201", longer, "run.duration=5.6 ms")
-    values = collision.measure(case, HERE["reference"](case))
-    assert values["secondary_share"] == pytest.approx(collision.theory(case)["secondary_share"], rel=1e-6)
+    values = MEASURES["collision"].measure(case, HERE["reference"](case))
+    assert values["secondary_share"] == pytest.approx(MEASURES["collision"].theory(case)["secondary_share"], rel=1e-6)
 
 
 LOCAL = {45: -0.230, 130: -0.240, 500: -0.250, 1100: -0.254}
