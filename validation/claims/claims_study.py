@@ -1,19 +1,196 @@
-"""``python -m validation claims``: judges the paper's statements, tells and writes what came out; their section."""
+"""``python -m validation claims``: computes and judges the paper's statements, tells what came out; their section.
 
+A claim names the function that computes it, ``module.function`` in ``validation/claims``, and its ``arguments``. One of
+``run`` is asked for every engine, one of ``table`` reads the solved Table 1; into others no simulated chain enters.
+"""
+
+import inspect
 import sys
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from math import isnan, nan
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.engines import in_order, missing_codes
+from drivers.base.messages import shorten, validate
+from drivers.engines import in_order, installed_codes, missing_codes
+from drivers.run.many import workers
+from drivers.scene.model import Part
+from drivers.scene.read_scene import read_toml
+from postproc.paper.quoted import quoted
+from postproc.paper.simulate import exact, run_codes
+from postproc.paper.strikes import solve_table1
 from postproc.read.residual import REFERENCE
-from validation.claims.judged_claims import DIFFERS, EXPERIMENT_ONLY, REPRODUCED, Judged, judge_all, read_claims
+from validation.claims import equations, material_claims, simulated, table1_claims
+from validation.claims.simulated import Run
 from validation.study_tables import read_rows, refused_if_damaged, write_table
+
+REPRODUCED, DIFFERS, EXPERIMENT_ONLY = "reproduced", "differs", "experiment only"
+MODULES = {each.__name__.split(".")[-1]: each for each in (equations, material_claims, simulated, table1_claims)}
+GIVEN = ("run", "table")  # parameters whose arguments are not the claim's
+
+
+class Claim(Part):
+    """A statement of the paper; see the head of the file for the keys."""
+
+    id: str
+    where: str
+    quote: str
+    compute: str = ""
+    arguments: dict[str, float | str] = Field(default_factory=dict)
+    how: str = ""
+    quoted: Annotated[float, Field(allow_inf_nan=False)]
+    unit: str = ""
+    relation: Literal["equals", "at most", "at least"] = "equals"
+    within: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    because: str = ""
+    explained: str = ""
+    experiment: bool = False
+    ours: bool = False
+    arithmetic: bool = False
+    note: str = ""
+
+    def holds_for(self, value: float) -> bool:
+        """Whether a computed value agrees with the statement; NaN does not."""
+        if self.relation == "at most":
+            return value <= self.quoted
+        if self.relation == "at least":
+            return value >= self.quoted
+        return abs(value - self.quoted) <= (self.within or 0.0)
+
+
+class ClaimsFile(Part):
+    """The file."""
+
+    claim: Annotated[tuple[Claim, ...], Field(strict=False, min_length=1)]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A claim with what came out.
+
+    Attributes:
+        computed: by engine; what no engine enters stands under ``reference``. Empty where nothing is computed.
+        how: what was computed.
+    """
+
+    claim: Claim
+    computed: dict[str, float]
+    how: str
+
+    @property
+    def value(self) -> float:
+        """The reference's value."""
+        return self.computed.get(REFERENCE, float("nan"))
+
+    @property
+    def verdict(self) -> str:
+        """By the reference's value."""
+        if self.claim.experiment:
+            return EXPERIMENT_ONLY
+        return REPRODUCED if self.claim.holds_for(self.value) else DIFFERS
+
+    @property
+    def fault(self) -> str:
+        """Why this cannot stand: a difference that nobody explained or an explanation without one, engines apart."""
+        if self.verdict == DIFFERS and not self.claim.explained:
+            return f"differs without an explanation: {self.value:.6g}, quoted {self.claim.quoted:g}"
+        if self.verdict == REPRODUCED and self.claim.explained:
+            return "is reproduced, but a difference is explained"
+        other = [e for e, v in self.computed.items() if self.claim.holds_for(v) != self.claim.holds_for(self.value)]
+        return f"{', '.join(other)} disagree with the reference" if other and not self.claim.experiment else ""
+
+
+def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
+    """The claims of the file.
+
+    Raises:
+        InputError: anything wrong with it, a claim that nothing computes included.
+    """
+    where = paths.shown(path)
+    claims = validate(ClaimsFile, read_toml(path), where).claim
+    counts = Counter(claim.id for claim in claims)
+    for claim in claims:
+        key = f"claim {claim.id}"
+        if counts[claim.id] > 1:
+            raise InputError(where, key, "the same id twice", "an id of its own for each claim")
+        function = function_of(claim)
+        if function is None and (claim.compute or not claim.experiment):
+            found = shorten(claim.compute) if claim.compute else "nothing"
+            raise InputError(where, f"{key}: compute", found, f"module.function of {', '.join(MODULES)}")
+        amplitude, amplitudes = claim.arguments.get("force_N"), quoted().table1.force_N
+        if amplitude is not None and amplitude not in amplitudes:
+            allowed = ", ".join(f"{each:g}" for each in amplitudes)
+            raise InputError(where, f"{key}: arguments.force_N", str(amplitude), allowed)
+        given = [name for name in GIVEN if name in parameters_of(function)]
+        try:
+            if function:
+                inspect.signature(function).bind(*given, **claim.arguments)
+        except TypeError as error:
+            raise InputError(where, f"{key}: arguments", str(error), f"those of {claim.compute}") from error
+        if claim.experiment:
+            continue
+        if claim.relation == "equals" and claim.within is None:
+            raise InputError(where, key, "no within", "a tolerance")
+        if not claim.because:
+            raise InputError(where, key, "no because", "the reason of the tolerance")
+    return claims
+
+
+def function_of(claim: Claim) -> Callable[..., Any] | None:
+    """What computes a claim; None where nothing of that name does."""
+    module, _, name = claim.compute.partition(".")
+    function = getattr(MODULES.get(module), name, None)
+    public = inspect.isfunction(function) and function.__module__.endswith(f".{module}") and not name.startswith("_")
+    return function if public else None
+
+
+def parameters_of(function: Callable[..., Any] | None) -> set[str]:
+    """Names of a function's parameters; none of no function."""
+    return set(inspect.signature(function).parameters) if function else set()
+
+
+def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
+    """Computes and judges every claim; what simulations enter is computed by every engine.
+
+    Raises:
+        RunError: a run failed.
+    """
+    claims, table = read_claims(), solve_table1(runs)
+    functions = {claim.id: partial(each, **claim.arguments) for claim in claims if (each := function_of(claim))}
+    simulated = _by_engine({name: each for name, each in functions.items() if "run" in parameters_of(each)}, runs)
+    judged = []
+    for claim in claims:
+        function = functions.get(claim.id)
+        if function is None:
+            computed = {}
+        elif "table" in parameters_of(function):
+            computed = function(table)
+        else:
+            computed = simulated.get(claim.id) or {REFERENCE: function()}
+        how = claim.how or inspect.getdoc(function and function.func) or ""
+        judged.append(Judged(claim, computed, " ".join(how.replace("``", "").split())))
+    return judged
+
+
+def _by_engine(functions: dict[str, Callable[[Run], float]], runs: Path) -> dict[str, dict[str, float]]:
+    """Each claim on simulated chains by every engine, the codes side by side."""
+    engines = (REFERENCE, *installed_codes())
+
+    def compute(engine: str) -> dict[str, float]:
+        run: Run = exact if engine == REFERENCE else lambda case: run_codes({engine: [case]}, runs)[engine][0]
+        return {name: function(run) for name, function in functions.items()}
+
+    with workers(len(engines)) as pool:
+        found = dict(zip(engines, pool.map(compute, engines), strict=True))
+    return {name: {engine: values[name] for engine, values in found.items()} for name in functions}
+
 
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 
@@ -89,7 +266,7 @@ def _row(judged: Judged) -> Row:
         kind="arithmetic" if claim.arithmetic else "computed",
         within=nan if claim.within is None else claim.within,
         computed=judged.computed,
-        difference=judged.off,
+        difference=judged.value - claim.quoted,
         verdict=judged.verdict,
         why=claim.explained or claim.note,
         how=judged.how,

@@ -27,7 +27,7 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
     Raises:
         ValueError: the bodies do not meet and part.
     """
-    contact = _contact(case)
+    contact = case.chain.bodies - 1  # the topmost
     force = trace.force_N[:, contact]
     closed = np.flatnonzero(force > 0)
     if closed.size < 4 or closed[0] == 0 or closed[-1] == len(force) - 1:
@@ -67,7 +67,7 @@ def theory(case: Case) -> dict[str, float]:
     Raises:
         ValueError: more than one contact, or a load beside it.
     """
-    chain, contact = case.chain, _contact(case)
+    chain, contact = case.chain, case.chain.bodies - 1
     if np.count_nonzero(chain.stiffness) != 1 or chain.load_N.any():
         raise ValueError("more than two bodies and one contact without loads")
     returned = {"restitution": restitution(chain.damping_ratio) if chain.damping_ratio else 1.0}
@@ -81,11 +81,6 @@ def theory(case: Case) -> dict[str, float]:
         "peak_overlap_m": deepest,
         "duration_s": DURATION * deepest / speed,
     }
-
-
-def _contact(case: Case) -> int:
-    """Column of the topmost contact: the one of the impact."""
-    return case.chain.bodies - 1
 
 
 def _closing(velocity_m_s: Array, contact: int) -> float:

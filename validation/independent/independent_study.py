@@ -1,19 +1,183 @@
-"""``python -m validation independent``: runs the independent cases, tells and writes what they show; their section."""
+"""``python -m validation independent``: runs and judges the independent cases, writes what they show; their section."""
 
 import sys
 from collections import Counter
-from math import isfinite
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.engines import engine_names, in_order, missing_codes
-from validation.compare.verdict import FAIL, NOT_RUN, PASS
-from validation.independent.judged_cases import RUN, Line, judge_all, rows_of, verdict_of
-from validation.independent.measures import MEASURES
-from validation.independent.posed_cases import read_independent
+from drivers.chain.case import Case
+from drivers.chain.trace import Trace
+from drivers.engines import engine_names, in_order, load_engine, missing_codes
+from drivers.limits.refusal import inability, refuse
+from drivers.run.finished import EndedRun, open_run
+from drivers.run.many import run_many
+from postproc.paper.simulate import exact
+from postproc.read.motion import read_motion
+from postproc.read.residual import REFERENCE
+from validation.accuracy.schemes import verlet_of
+from validation.compare.comparison import NOT_INSTALLED, REFUSED
+from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict, pass_or_fail
+from validation.independent.posed_cases import MEASURES, Check, Independent, Posed, pose, read_independent, unit_of
 from validation.study_tables import read_rows, write_table
+
+RUN = "run"  # the quantity that a case without numbers fails, or is not run, in
+HERE: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, "verlet": verlet_of}
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of the table: one number of one engine.
+
+    Attributes:
+        id, title: of the independent case; ``label`` is its case's of a study.
+        quantity: ``run`` where there are no numbers; then ``why`` says why.
+        against: ``quoted`` or ``theory``; ``source`` says whose.
+        error: relative, unless ``error_is`` says absolute; ``within``: what is allowed of it, and ``reason`` why.
+    """
+
+    id: str
+    title: str
+    label: str
+    engine: str
+    quantity: str
+    unit: str
+    against: str
+    expected: float
+    found: float
+    error: float
+    error_is: str
+    within: float
+    verdict: str
+    why: str
+    reason: str
+    source: str
+
+
+def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[Line]:
+    """Runs what is not done, the codes side by side, and judges every number by every engine.
+
+    Raises:
+        InputError: the file, a scene or a study is wrong, or a scene cannot end well.
+    """
+    posed = [(one, label) for one in (pose(entry, path) for entry in read_independent(path)) for label in one.cases]
+    absent, jobs = {}, {}
+    for one, label in posed:
+        for engine in engine_names():
+            key, case = (one.entry.id, label, engine), one.cases[label]
+            absent[key] = _absence(case, engine)
+            if not absent[key] and engine not in HERE:
+                jobs[key] = (case, engine)
+    # of equal decks the last is run: one that keeps its state serves the others too
+    order = sorted(jobs, key=lambda key: "state" in jobs[key][0].scene.run.record)
+    for key in order:
+        refuse(*jobs[key])
+    ended = dict(zip(order, run_many([jobs[key] for key in order], runs), strict=True))
+    lines = []
+    for one, label in posed:
+        for engine in engine_names():
+            key = (one.entry.id, label, engine)
+            if absent[key]:
+                lines.append(_without(one.entry, label, engine, NOT_RUN, absent[key]))
+            else:
+                lines += _judged(one, label, engine, ended.get(key))
+    return lines
+
+
+def _absence(case: Case, engine: str) -> str:
+    """Why an engine need not run a case; empty where it has to."""
+    if load_engine(engine).find() is None:
+        return NOT_INSTALLED
+    cannot = inability(case, engine)
+    return f"{REFUSED}: {cannot}" if cannot is not None else ""
+
+
+def _judged(one: Posed, label: str, engine: str, ended: EndedRun | None) -> list[Line]:
+    entry, case = one.entry, one.cases[label]
+    if ended is not None and not ended.done:
+        return [_without(entry, label, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")]
+    try:
+        trace = HERE[engine](case) if ended is None else trace_of(case, ended.folder)
+        found = MEASURES[entry.measure].measure(case, trace)
+    except (ValueError, ArithmeticError, IndexError) as error:  # what the run does not show
+        return [_without(entry, label, engine, FAIL, str(error))]
+    theory = one.theory[label]
+    return [_line(entry, label, engine, check, found.get(check.quantity, nan), theory) for check in entry.check]
+
+
+def trace_of(case: Case, folder: Path) -> Trace:
+    """The trace of a finished run, with the state where the scene asks for it.
+
+    Raises:
+        InputError: a file is missing or damaged.
+    """
+    run = open_run(folder)
+    if "state" not in case.scene.run.record:
+        return run.trace
+    motion = read_motion(run)
+    return replace(run.trace, height_m=motion.place_m[:, :, 2], velocity_m_s=motion.velocity_m_s[:, :, 2])
+
+
+def _line(entry: Independent, label: str, engine: str, check: Check, found: float, theory: dict[str, float]) -> Line:
+    expected = theory[check.quantity] if check.expected is None else check.expected
+    error = check.error(found, expected)
+    return Line(
+        id=entry.id,
+        title=entry.title,
+        label=label,
+        engine=engine,
+        quantity=check.quantity,
+        unit=unit_of(check.quantity),
+        against=check.against,
+        expected=expected,
+        found=found,
+        error=error,
+        error_is="relative" if check.within is not None else "absolute",
+        within=check.limit,
+        verdict=pass_or_fail(error, check.limit),
+        why="" if found == found else "the run does not show it",
+        reason=check.reason,
+        source=MEASURES[entry.measure].SOURCE if check.expected is None else entry.source,
+    )
+
+
+def _without(entry: Independent, label: str, engine: str, verdict: str, why: str) -> Line:
+    reason = "a run has to be done and to show what is asked"
+    return Line(
+        entry.id, entry.title, label, engine, RUN, "", "", nan, nan, nan, "", nan, verdict, why, reason, entry.source
+    )
+
+
+def verdict_of(line: Line) -> Verdict:
+    """The line as a verdict: the scene is the case's id, what is found and expected stands in ``where``."""
+    if line.quantity == RUN:
+        quantity, where = RUN, line.why
+    else:
+        unit = f" {line.unit}" if line.unit else ""
+        quantity = f"{line.quantity} against {line.against}"
+        where = f"found {line.found:.8g}{unit}, expected {line.expected:.8g}{unit}: {line.source}"
+    if line.label:
+        quantity += f" ({line.label})"
+    return Verdict(line.id, line.engine, quantity, line.error, line.within, line.reason, where, line.verdict)
+
+
+def rows_of(lines: Iterable[Line]) -> list[dict[str, Line]]:
+    """A row for each number of each case: its lines by engine.
+
+    An engine without numbers has the line that says why in each row of its case; if none has any, it is the only row.
+    """
+    rows: dict[tuple[str, ...], dict[str, Line]] = {}
+    for line in sorted(lines, key=lambda each: each.quantity == RUN):
+        key = (line.id, line.label, line.quantity, line.against)
+        own = [row for other, row in rows.items() if other[:2] == key[:2]] if line.quantity == RUN else []
+        for row in own or [rows.setdefault(key, {})]:
+            row[line.engine] = line
+    return list(rows.values())
+
 
 TARGET = "independent"
 
@@ -98,10 +262,12 @@ def read_section(results: Path) -> dict[str, Any]:
     cases = []
     for entry in read_independent():
         own = [line for line in lines if line.id == entry.id]
+        rows = rows_of(own)
+        first = [min(row.values(), key=lambda line: line.quantity == RUN) for row in rows]  # with a number, if any has
         words = MEASURES[entry.measure].QUANTITIES | {RUN: "the run"}
         cases.append({
             "entry": entry,
-            "rows": [(words.get(line.quantity, line.quantity), line, row) for line, row in _with_first_number(own)],
+            "rows": [(words.get(one.quantity, one.quantity), one, row) for one, row in zip(first, rows, strict=True)],
             "counts": Counter(line.verdict for line in own),
         })  # fmt: skip
     return {
@@ -110,8 +276,3 @@ def read_section(results: Path) -> dict[str, Any]:
         "counts": Counter(line.verdict for line in lines),
         "verdicts": [verdict_of(line) for line in lines],
     }
-
-
-def _with_first_number(lines: list[Line]) -> list[tuple[Line, dict[str, Line]]]:
-    """Each row with its first line that has a number, if one has."""
-    return [(min(row.values(), key=lambda line: line.quantity == RUN), row) for row in rows_of(lines)]

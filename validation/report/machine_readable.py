@@ -13,7 +13,7 @@ from drivers.chain.case import Case
 from drivers.run.finished import EndedRun
 from validation.compare.compared_scenes import ComparedScene
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
-from validation.report.verdict_table import Cell, Row, counted, source_of
+from validation.report.scene_section import Cell, Row, counted, source_of
 
 SCHEMA = 1
 SCENES, CASES = "scenes", "independent"  # what the suites' names begin with

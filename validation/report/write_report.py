@@ -23,8 +23,7 @@ from validation.report.charts import PLACES
 from validation.report.machine_readable import as_json, as_junit
 from validation.report.made_with import made_with, when_made
 from validation.report.page_figures import read_figures, read_table1
-from validation.report.scene_section import section_of
-from validation.report.verdict_table import case_rows, counted, reasons_of, scene_row, short, tolerances
+from validation.report.scene_section import case_rows, counted, reasons_of, scene_row, section_of, short, tolerances
 from validation.studies import read_section
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")

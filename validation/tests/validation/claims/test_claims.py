@@ -11,15 +11,17 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS
-from validation.claims.claims_study import Row, read_section, write_claims
-from validation.claims.judged_claims import (
+from validation.claims.claims_study import (
     DIFFERS,
     EXPERIMENT_ONLY,
     REPRODUCED,
     Claim,
     Judged,
+    Row,
     judge_all,
     read_claims,
+    read_section,
+    write_claims,
 )
 from validation.report.write_report import write_report
 from validation.study_tables import read_rows

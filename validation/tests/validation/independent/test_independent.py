@@ -15,10 +15,8 @@ from drivers.chain.trace import Trace
 from drivers.engines import codes, load_engine
 from postproc.paper.simulate import exact
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
-from validation.independent.independent_study import read_lines, read_section
-from validation.independent.judged_cases import HERE, RUN, Line, judge_all, verdict_of
-from validation.independent.measures import MEASURES, unit_of
-from validation.independent.posed_cases import Posed, pose, read_independent
+from validation.independent.independent_study import HERE, RUN, Line, judge_all, read_lines, read_section, verdict_of
+from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
 from validation.report.write_report import write_report
 from validation.study_tables import write_table
 from validation.tests.helpers.commands import command_line

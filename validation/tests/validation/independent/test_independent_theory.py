@@ -11,7 +11,7 @@ from postproc.paper.simulate import exact
 from postproc.read.signals import first_peak
 from validation.independent import scipy_chain
 from validation.independent.impact import DURATION
-from validation.independent.measures import MEASURES
+from validation.independent.posed_cases import MEASURES
 from validation.reference.travelling_wave import solve_travelling_wave
 from validation.tests.helpers.scenes import case_of
 

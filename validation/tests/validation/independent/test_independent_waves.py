@@ -19,9 +19,8 @@ from drivers.engines import installed_codes
 from drivers.run.run import run_case
 from drivers.scene.read_scene import read_scene
 from validation.independent import linear, weak
-from validation.independent.judged_cases import HERE, trace_of
-from validation.independent.measures import MEASURES
-from validation.independent.posed_cases import Independent, pose, read_independent
+from validation.independent.independent_study import HERE, trace_of
+from validation.independent.posed_cases import MEASURES, Independent, pose, read_independent
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 

@@ -19,7 +19,7 @@ from validation.compare.compared_scenes import ComparedScene, run_and_compare
 from validation.compare.comparison import compare_case
 from validation.compare.departure import departure
 from validation.compare.verdict import FAIL, PASS
-from validation.independent.judged_cases import Line
+from validation.independent.independent_study import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.write_report import write_report
 from validation.study_tables import write_table

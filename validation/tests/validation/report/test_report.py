@@ -26,8 +26,7 @@ from validation.compare.departure import NONE, departure
 from validation.compare.deviation import deviation
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.report.charts import MAX_SAMPLES, Panel, chart_of
-from validation.report.scene_section import section_of
-from validation.report.verdict_table import scene_row, short
+from validation.report.scene_section import scene_row, section_of, short
 from validation.report.write_report import write_report
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import blown_up, finished

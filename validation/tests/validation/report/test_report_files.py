@@ -19,12 +19,12 @@ from postproc.draw.style import pyplot, svg_of
 from validation.compare.compared_scenes import ComparedScene
 from validation.compare.comparison import compare_case
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
-from validation.independent.judged_cases import Line
+from validation.independent.independent_study import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.charts import PLACES, chart_of
 from validation.report.made_with import cpu_name
 from validation.report.page_figures import image_of
-from validation.report.verdict_table import share_of, worst_of
+from validation.report.scene_section import share_of, worst_of
 from validation.report.write_report import write_report
 from validation.study_tables import write_table
 from validation.tests.helpers.commands import command_line
