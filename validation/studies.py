@@ -18,6 +18,8 @@ from validation.report.page_figures import read_image, stored_or_drawn
 from validation.study_tables import read_table, refused_if_damaged, write_frame, write_table
 
 STUDIES = ("trade", "stability", "elements")
+VERLET, ORDER_4, ADAPTIVE = "verlet", "order 4", "adaptive"  # this repository's methods, beside the codes
+DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # what came of a run
 Tables = Mapping[str, pd.DataFrame]
 
 

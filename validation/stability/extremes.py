@@ -21,11 +21,9 @@ from postproc.read.residual import REFERENCE, apart
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON
 from validation.accuracy.plan import planned_case
-from validation.studies import progress
+from validation.studies import DONE, NOT_RUN, VERLET, progress
 
-VERLET = "verlet"
 LEFT = 1e-2  # of the largest force: a run that is further from the reference has left it
-DONE, REFUSED, NOT_RUN = "done", "refused", "not run"
 
 
 class Extreme(Part):
@@ -98,32 +96,29 @@ def run_extreme(extreme: Extreme, runs: Path) -> list[Outcome]:
     """One scene on every engine, side by side, against the reference and Verlet."""
     case = planned_case(extreme.scene, *extreme.set)
     names = (REFERENCE, VERLET, *codes())
-    verdicts = dict.fromkeys(names, (NOT_RUN, "not installed"))
-    for name in installed(names):
+    there = installed(names)
+    verdicts = {name: (DONE, "") if name in there else (NOT_RUN, "not installed") for name in names}
+    for name in there:
         try:
             refuse(case, name)
-            verdicts[name] = (DONE, "")
         except InputError as refusal:
-            verdicts[name] = (REFUSED, str(refusal))
+            verdicts[name] = ("refused", str(refusal))
     running = [name for name in names if verdicts[name][0] == DONE]
     found = run_many([(case, name) for name in running], runs)
     ended = {name: assess(run, case) for name, run in zip(running, found, strict=True)}
+    for name, record in ((name, run.record) for name, run in ended.items()):
+        verdict = "warned" if record.status == DONE and record.warnings else record.status
+        verdicts[name] = (verdict, record.reason or "; ".join(record.warnings or ()))
     traces = {name: run.trace for name, run in ended.items() if run.done}
-    limit_s = predicted_limit(case.chain, float(case.sample_times_s[-1]))
+    scene, share = case.scene, case.scene.time_step_s / predicted_limit(case.chain, float(case.sample_times_s[-1]))
     outcomes = []
     for name in names:
-        verdict, reason = verdicts[name]
-        if name in ended:
-            record = ended[name].record
-            verdict = "warned" if record.status == DONE and record.warnings else record.status
-            reason = record.reason or "; ".join(record.warnings or ())
-        error, leaves_reference = _apart(traces, name, REFERENCE, LEFT)
-        model, leaves_verlet = _apart(traces, name, VERLET, HORIZON)
+        error, leaves_reference_s = _apart(traces, name, REFERENCE, LEFT)
+        model, leaves_verlet_s = _apart(traces, name, VERLET, HORIZON)
         outcomes.append(
             Outcome(
-                extreme.name, name, verdict, reason, case.chain.bodies, case.scene.steps, case.scene.time_step_s,
-                case.scene.time_step_s / limit_s, error, model, leaves_reference, leaves_verlet,
-                ended[name].record.wall_s if name in ended else nan,
+                extreme.name, name, *verdicts[name], case.chain.bodies, scene.steps, scene.time_step_s, share, error,
+                model, leaves_reference_s, leaves_verlet_s, ended[name].record.wall_s if name in ended else nan,
             )
         )  # fmt: skip
     return outcomes

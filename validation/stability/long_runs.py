@@ -19,7 +19,7 @@ from validation.accuracy.error_measures import truth_of
 from validation.accuracy.schemes import trace_of, verlet_of
 from validation.reference.symplectic import integrate_symplectic
 from validation.served_runs import serve, serving
-from validation.studies import progress
+from validation.studies import ADAPTIVE, ORDER_4, VERLET, progress
 
 # five beads whose contacts open and close under gravity, and five pressed together so that none ever opens
 SMALL = ("chain.count=5", "chain.sensors=[]", "run.sample_interval=1 ms", "run.time_step=1 us", "run.duration=10 s")
@@ -33,7 +33,6 @@ STATISTICS = ("run.duration=2 s", "run.sample_interval=20 us", "run.time_step=1 
 SETTLED_S = 0.2  # when statistics begin
 BLOCKS = 20  # parts of a run, for standard errors
 BEYOND_CHANCE = 3.0  # standard errors
-ORDER_4, EXACT, VERLET = "order 4", "adaptive", "verlet"
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ def energies() -> Iterator[Energy]:
     """Energy errors over ten million steps, of every method."""
     for name, settings in LONG.items():
         case = case_of("fig4", *settings)
-        for method, trace in _by_all(case, also=(ORDER_4, EXACT)):
+        for method, trace in _by_all(case, order_4=True):
             yield energy_of(name, method, case, trace)
         progress(f"energy over {case.scene.steps:.0e} steps: {name}")
 
@@ -96,7 +95,7 @@ def horizons() -> Iterator[Horizon]:
     for step in HORIZON_STEPS_US:
         case = case_of(BOUNCING, *HORIZON, f"run.time_step={step} us")
         traces = dict(_by_all(case))
-        for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), (VERLET, EXACT)):
+        for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), (VERLET, ADAPTIVE)):
             _, until_s = apart(traces[one], traces[other], AGREED)
             yield Horizon(case.scene.time_step_s, one, other, until_s, float(case.sample_times_s[-1]))
     progress(f"horizons at {len(HORIZON_STEPS_US)} time steps")
@@ -120,17 +119,16 @@ def statistics() -> Iterator[Statistic]:
     progress(f"statistics of {BOUNCING} over {case.scene.run.duration:g} s")
 
 
-def _by_all(case: Case, *, also: tuple[str, ...] = (EXACT,)) -> Iterator[tuple[str, Trace]]:
-    """The case by every installed code, side by side, by Verlet, and by further integrators of this repository."""
+def _by_all(case: Case, *, order_4: bool = False) -> Iterator[tuple[str, Trace]]:
+    """The case by every installed code, side by side, and by the integrators of this repository."""
     with ThreadPoolExecutor() as pool:
         traces = pool.map(lambda name: _by_code(case, name), names := installed_codes())
         yield VERLET, verlet_of(case)
         scene, arrays = case.scene, arrays_of(case.chain)
-        if ORDER_4 in also:
+        if order_4:
             motion = integrate_symplectic(arrays, scene.time_step_s, scene.steps_per_sample, scene.samples)
             yield ORDER_4, trace_of(case, case.sample_times_s, motion)
-        if EXACT in also:
-            yield EXACT, truth_of(case, finer=False).trace
+        yield ADAPTIVE, truth_of(case, finer=False).trace
         yield from zip(names, traces, strict=True)
 
 

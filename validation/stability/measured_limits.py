@@ -23,7 +23,7 @@ from validation.accuracy.error_measures import truth_of
 from validation.accuracy.schemes import verlet_of
 from validation.served_runs import serving
 from validation.stability.subjects import RANDOM, SHIPPED, Subject
-from validation.studies import progress
+from validation.studies import VERLET, progress
 
 BLOWN_UP, BAD = 1.0, 0.1  # energy gained, over the kinetic energy at time 0
 LEAST_KINETIC = 0.01  # of the energy put in; where it is less, that is what gains are counted in
@@ -31,7 +31,6 @@ FINENESS = 0.01
 LOWEST, HIGHEST = 0.15, 2.5  # shares of the predicted limit that are scanned
 SHARES = np.exp(np.arange(np.log(LOWEST), np.log(HIGHEST), np.log1p(FINENESS)))
 BELOW = 0.9  # where codes are scanned for the blow-up alone; Verlet, with the same errors, is scanned from ``LOWEST``
-VERLET = "verlet"
 CRITERION_KEYS = ("rayleigh_s", "hertz_s", "p_wave_s")
 JUDGED = (SHIPPED, RANDOM)  # groups on which the measured limit has to lie from 1 to WITHIN times the predicted one
 WITHIN = 1.25
@@ -69,7 +68,7 @@ class Limit:
 def measure_limits(subjects: Sequence[Subject], names: Sequence[str] | None = None) -> list[Limit]:
     """Limits of all subjects by Verlet and codes, all installed ones by default; these run side by side."""
     names = installed_codes() if names is None else names
-    limits = [_by_verlet(subject) for subject in subjects]
+    limits = [_scan(each, VERLET, prediction(each.case), lambda case: gain(case, verlet_of(case))) for each in subjects]
     progress(f"limits: {len(subjects)} scenes by {VERLET}")
     predicted_s = [limit.predicted_s for limit in limits]
     with ThreadPoolExecutor() as pool:
@@ -97,14 +96,6 @@ def gain(case: Case, trace: Trace) -> float:
     return float(change.max() / (put_in if settles else kinetic or put_in))
 
 
-def _by_verlet(subject: Subject) -> Limit:
-    def gain_at(case: Case) -> float:
-        with np.errstate(all="ignore"):
-            return gain(case, verlet_of(case))
-
-    return _scan(subject, VERLET, prediction(subject.case), gain_at)
-
-
 def _by_code(name: str, subjects: Sequence[Subject], predicted_s: Sequence[float]) -> Iterator[Limit]:
     with serving(name) as session:
         for subject, predicted in zip(subjects, predicted_s, strict=True):
@@ -113,13 +104,9 @@ def _by_code(name: str, subjects: Sequence[Subject], predicted_s: Sequence[float
 
 def _gain_in(session: Session, case: Case) -> float:
     """The gain on a code; inf where it lost a body before it could be seen."""
-    engine = session.engine
-    outcome = session.run(engine.render(case), default_limit_s(case))
-    if outcome.code != 0:
-        return inf
+    outcome = session.run(session.engine.render(case), default_limit_s(case))
     try:
-        with np.errstate(all="ignore"):
-            return gain(case, engine.read(case, session.case))
+        return gain(case, session.engine.read(case, session.case)) if outcome.code == 0 else inf
     except RunError:
         return inf
 
@@ -130,7 +117,8 @@ def _scan(
     """Tries larger and larger steps until the energy blows up; ``whole`` scans find where it is bad as well."""
     case, measured_s, bad_s = subject.case, nan, nan
     for step_s in predicted_s * SHARES[(LOWEST if whole else BELOW) <= SHARES]:
-        found = gain_at(case.sampled_at_every(step_s))
+        with np.errstate(all="ignore"):
+            found = gain_at(case.sampled_at_every(step_s))
         if whole and found > BAD and np.isnan(bad_s):
             bad_s = step_s
         if found > BLOWN_UP:

@@ -1,19 +1,22 @@
 """The stability study: limits of the time step, scenes at the edge, long runs, rounding of heights."""
 
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from drivers.engines import codes
 from drivers.limits.criteria import CRITERIA
+from postproc.draw.style import COLUMN_IN, FAINT, marker_of, pyplot
 from validation.stability.extremes import Outcome, extremes, run_all
 from validation.stability.height_rounding import Rounded, measure_rounding
-from validation.stability.long_runs import Energy, Horizon, Statistic, energies, horizons, statistics
-from validation.stability.measured_limits import CRITERION_KEYS, VERLET, Limit, measure_limits
-from validation.stability.stability_maps import figures
-from validation.stability.stability_sentences import WASTEFUL, missed, sentences
-from validation.stability.subjects import SHIPPED, at_random, bouncing, shipped, sweeps
-from validation.studies import Options, Study, Tables
+from validation.stability.long_runs import BEYOND_CHANCE, Energy, Horizon, Statistic, energies, horizons, statistics
+from validation.stability.measured_limits import CRITERION_KEYS, JUDGED, WITHIN, Limit, measure_limits
+from validation.stability.subjects import BOUNCING, SHIPPED, SWEEPS, at_random, bouncing, shipped, sweeps
+from validation.studies import VERLET, Options, Picture, Study, Tables
 
 RANDOM_SCENES = 100
 LONG: dict[str, Callable[[], Iterable[Any]]] = {
@@ -22,48 +25,237 @@ LONG: dict[str, Callable[[], Iterable[Any]]] = {
     "stability-statistics": statistics,
     "stability-rounding": measure_rounding,
 }
+WASTEFUL = 0.1  # of the measured limit: steps below it buy accuracy that stability does not ask for
+COLOURS = ("#cc79a7", "#e69f00", "#56b4e9")
+ULP = np.spacing(1.0)
 
 
 def measure(options: Options) -> dict[str, Any]:
     """All of it; the short study leaves out random scenes, most extremes, long runs and rounding."""
-    subjects = (
-        [*shipped(), *sweeps()] if options.quick else [*shipped(), *sweeps(), *bouncing(), *at_random(RANDOM_SCENES)]
-    )
-    edge = run_all(extremes(quick=options.quick), options.runs)
-    rows = {"stability": measure_limits(subjects), "stability-extremes": edge}
+    more = () if options.quick else (*bouncing(), *at_random(RANDOM_SCENES))
+    rows = {
+        "stability": measure_limits([*shipped(), *sweeps(), *more]),
+        "stability-extremes": run_all(extremes(quick=options.quick), options.runs),
+    }
     return rows if options.quick else rows | {name: run() for name, run in LONG.items()}
+
+
+def sentences(tables: Tables) -> list[str]:
+    """Sentences that a user can act on, most general first."""
+    said = {
+        "stability": _on_limits,
+        "stability-extremes": _on_extremes,
+        "stability-energy": _on_energy,
+        "stability-horizons": _on_horizons,
+        "stability-statistics": _on_statistics,
+        "stability-rounding": _on_rounding,
+    }
+    return [line for name, write in said.items() if name in tables for line in write(tables[name])]
+
+
+def missed(tables: Tables) -> list[str]:
+    """Where a prediction is wrong, or a scene at the edge fails."""
+    limits, edge = tables["stability"], tables["stability-extremes"]
+    wrong = limits[limits["group"].isin(JUDGED) & ~limits["ratio"].between(1.0, WITHIN)]
+    failed = edge[edge["verdict"].isin(["failed", "timeout"])]
+    return [
+        *(f"{row['scene']} by {row['method']}: blows up at {row['ratio']:.3f} of the predicted limit, allowed 1 to"
+          f" {WITHIN}" for _, row in wrong.iterrows()),
+        *(f"{row['name']} on {row['engine']}: {row['verdict']}: {row['reason']}" for _, row in failed.iterrows()),
+    ]  # fmt: skip
+
+
+def _on_limits(limits: pd.DataFrame) -> Iterator[str]:
+    ratio, *methods = limits["ratio"], *sorted(limits["method"].unique())
+    yield (
+        f"Steps blow up at {ratio.min():.2f} to {ratio.max():.2f} times the predicted limit, on"
+        f" {limits['scene'].nunique()} scenes by {' and '.join(filter(None, (', '.join(methods[:-1]), methods[-1])))};"
+        f" the prediction lies above the measured limit on {int((ratio < 1).sum())} of {len(ratio)}."
+    )
+    wide = limits.pivot_table(index="scene", columns="method", values="measured_s")
+    others = wide.drop(columns=VERLET)
+    if len(others.columns):
+        same = int((others.sub(wide[VERLET], axis=0).abs().max(axis=1) < 1e-9 * wide[VERLET]).sum())
+        yield f"Codes and the in-repo scheme blow up at the very same step of the scan on {same} of {len(wide)} scenes."
+    verlet = limits[limits["method"] == VERLET]
+    bounces, own = (verlet[verlet["group"] == group] for group in (BOUNCING, SHIPPED))
+    if not bounces.empty:
+        said = [
+            f"{row['scene']} blows up at {row['measured_s'] * 1e6:.3g} µs, {row['ratio']:.2f} of the prediction"
+            for _, row in bounces.iterrows()
+        ]
+        yield f"Errors of impacts add up, so that limits fall with them: {'; '.join(said)}."
+    share = own["bad_s"] / own["predicted_s"]
+    yield (
+        f"On the {SHIPPED} the energy gains a tenth from {share.min():.2f} to {share.max():.2f} of the predicted limit"
+        " on: between that and the limit runs are stable and of no use."
+    )
+    for key, label in zip(CRITERION_KEYS, CRITERIA, strict=True):
+        share, band = verlet[key] / verlet["measured_s"], verlet["bad_s"] / verlet["measured_s"]
+        useless = (share <= 1) & (share > band)
+        yield (
+            f"{label} lies between {share.min():.2g} and {share.max():.2g} of the measured limit on {len(verlet)}"
+            f" scenes: beyond it on {(share > 1).sum()}, in the useless band on {useless.sum()}, below"
+            f" a tenth of it on {(share < WASTEFUL).sum()}."
+        )
+
+
+def _on_extremes(extremes: pd.DataFrame) -> Iterator[str]:
+    for engine, part in extremes.groupby("engine", sort=False):
+        said = ", ".join(f"{count} {verdict}" for verdict, count in sorted(Counter(part["verdict"]).items()))
+        yield f"{len(part)} scenes at the edge by {engine}: {said}."
+    if extremes["model"].notna().any():
+        worst = extremes.iloc[int(np.nanargmax(extremes["model"]))]
+        yield (
+            f"A code is furthest from the same scheme at the same step on “{worst['name']}”: {worst['model']:.1e} of"
+            f" the largest force ({worst['engine']})."
+        )
+
+
+def _on_energy(energy: pd.DataFrame) -> Iterator[str]:
+    for scene, part in energy.groupby("scene", sort=False):
+        said = []
+        for _, row in part.iterrows():
+            drift = f"{row['drift']:.1e} ± {row['drift_error']:.0e}"
+            drifts = abs(row["drift"]) > BEYOND_CHANCE * row["drift_error"]
+            moves = f"drifts by {drift}" if drifts else f"does not drift ({drift})"
+            said.append(f"{row['method']} errs by {row['largest']:.1e} and {moves}")
+        yield f"Energy over {part['steps'].iloc[0]:.0e} steps, {scene}: {'; '.join(said)}."
+
+
+def _on_horizons(horizons: pd.DataFrame) -> Iterator[str]:
+    for (one, other), part in horizons.groupby(["one", "other"], sort=False):
+        until = part["until_s"].fillna(part["duration_s"]) * 1e3
+        steps = part["time_step_s"] * 1e6
+        yield (
+            f"{one} and {other} agree to 1 % for {until.min():.2g} to {until.max():.2g} ms at steps of"
+            f" {steps.min():g} to {steps.max():g} µs: {until.iloc[int(np.argmin(steps))]:.2g} ms at the smallest."
+        )
+
+
+def _on_statistics(statistics: pd.DataFrame) -> Iterator[str]:
+    for quantity, part in statistics.groupby("quantity", sort=False):
+        said = ", ".join(f"{row['method']} {row['mean']:.3g} ± {row['error']:.1g}" for _, row in part.iterrows())
+        yield f"Past the horizon, mean {quantity}: {said}."
+
+
+def _on_rounding(rounding: pd.DataFrame) -> Iterator[str]:
+    few, many = (rounding[rounding["beads"] == count] for count in (rounding["beads"].min(), rounding["beads"].max()))
+    for method, part in few.groupby("method", sort=False):
+        near, far = (part[part["height_m"] == height]["error"] for height in (0.0, 1e3))
+        yield (
+            f"Forces at rest by {method}: off by {near.min():.0e} to {near.max():.0e} with the wall at 0, by"
+            f" {far.min():.0e} to {far.max():.0e} with it at 1 km (overlaps from {part['overlap_m'].max():.1g} down to"
+            f" {part['overlap_m'].min():.1g} m)."
+        )
+    said = ", ".join(f"{row['method']} {row['error']:.0e}" for _, row in many.iterrows())
+    yield f"In a chain of {int(many['beads'].iloc[0]):,} beads pressed with 1 N: {said}."
+    yield (
+        "Heights lose 3/2 of a unit in the last place over the overlap: six digits are left as long as the overlap is"
+        f" above {1.5 * ULP * 1e6:.1g} of the height, {1.5 * ULP * 1e6 * 1e9:.1g} nm a metre up. Overlaps lose none."
+    )
+
+
+def figures(tables: Tables) -> dict[str, Picture]:
+    """Maps of the tables that are there."""
+    drawn = {
+        "limits": ("stability", draw_limits, "Predicted steps and users' criteria over the measured limit"),
+        "horizons": ("stability-horizons", draw_horizons, "How long two methods agree to a per cent, by time step"),
+        "rounding": ("stability-rounding", draw_rounding, "Relative error of a contact's force against its overlap"),
+    }
+    return {
+        f"stability-{name}": Picture(title, partial(draw, tables[table]))
+        for name, (table, draw, title) in drawn.items()
+        if table in tables
+    }
+
+
+def draw_limits(limits: pd.DataFrame) -> Any:
+    """Predicted steps and users' criteria over the measured limit, along each sweep. Returns a figure."""
+    figure, grid = pyplot().subplots(2, 2, figsize=(2 * COLUMN_IN, 5.6), sharey=True, layout="constrained")
+    for axis, group in zip(grid.flat, SWEEPS, strict=True):
+        part = limits[limits["group"] == group].sort_values("value")
+        verlet = part[part["method"] == VERLET]
+        x, limit = verlet["value"], verlet["measured_s"]
+        axis.fill_between(x, verlet["bad_s"] / limit, 1.0, color="0.85", lw=0, label="stable, worse than 10 %")
+        axis.axhline(1.0, color="black", lw=0.8)
+        for key, label, colour in zip(CRITERION_KEYS, CRITERIA, COLOURS, strict=True):
+            axis.plot(x, verlet[key] / limit, color=colour, lw=1.0, label=label)
+        for method, own in part.groupby("method"):
+            share = own["predicted_s"] / own["measured_s"]
+            axis.plot(own["value"], share, ls="", label=f"predicted, {method}", **marker_of(str(method)))
+        axis.set(xscale="log", yscale="log", xlabel=group)
+    for axis in grid[:, 0]:
+        axis.set_ylabel("step / measured limit")
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize="x-small")
+    return figure
+
+
+def draw_horizons(horizons: pd.DataFrame) -> Any:
+    """How long pairs agree to a per cent, by time step. Returns a figure."""
+    figure, axis = pyplot().subplots(figsize=(COLUMN_IN * 1.4, 2.8), layout="constrained")
+    for (one, other), part in horizons.sort_values("time_step_s").groupby(["one", "other"], sort=False):
+        until = part["until_s"].fillna(part["duration_s"])
+        axis.plot(part["time_step_s"] * 1e6, until * 1e3, marker="o", ms=3, lw=1, label=f"{one} and {other}")
+    axis.set(xscale="log", xlabel="time step, µs", ylabel="agree to 1 % until, ms")
+    axis.set_ylim(bottom=0)
+    axis.legend(fontsize="x-small")
+    return figure
+
+
+def draw_rounding(rounding: pd.DataFrame) -> Any:
+    """Relative error of a contact's force against its overlap, for walls at several heights. Returns a figure."""
+    figure, axis = pyplot().subplots(figsize=(COLUMN_IN * 1.7, 3.0), layout="constrained")
+    few = rounding[rounding["beads"] == rounding["beads"].min()]
+    overlaps_m, heights = (np.array(sorted(few[name].unique())) for name in ("overlap_m", "height_m"))
+    engines = [name for name in codes() if (few["method"] == name).any()]
+    colours = pyplot().get_cmap("viridis")(0.9 * np.arange(len(heights)) / max(len(heights) - 1, 1))
+    for colour, height in zip(colours, heights, strict=True):
+        for engine in engines:
+            own = few[(few["method"] == engine) & (few["height_m"] == height)]
+            axis.plot(own["overlap_m"], own["error"], ls="", **marker_of(engine) | {"color": colour})
+        bound = 1.5 * np.spacing(max(height, 0.01)) / overlaps_m
+        axis.plot(overlaps_m, bound, lw=0.8, color=colour, label=f"wall at {height:g} m")
+    for engine in engines:
+        axis.plot([], [], ls="", label=engine, **marker_of(engine) | {"color": FAINT})
+    axis.set(xscale="log", yscale="log", xlabel="overlap, m", ylabel="relative error of the force")
+    axis.set_title("lines: 3/2 of a unit in the last place over the overlap", fontsize="x-small")
+    figure.legend(fontsize="x-small", loc="outside right upper")
+    return figure
 
 
 def section(tables: Tables) -> dict[str, Any]:
     """Limits of the shipped scenes with users' criteria, verdicts at the edge, and whether it is the short study."""
+    limits, edge = tables["stability"], tables["stability-extremes"]
+    methods = list(limits["method"].unique())
+    own = limits[limits["group"] == SHIPPED].groupby("scene", sort=False)
     return {
         "short": not LONG.keys() <= tables.keys(),
         "criteria": list(CRITERIA),
-        "methods": list(tables["stability"]["method"].unique()),
-        "limits": _limits(tables["stability"]),
-        "extremes": _extremes(tables["stability-extremes"]),
+        "methods": methods,
+        "limits": [{"scene": scene, **_limits(part.set_index("method"), methods)} for scene, part in own],
+        "extremes": [
+            {
+                "name": name,
+                "engines": [_verdict(row) for _, row in part.iterrows()],
+                "share": f"{part['share_of_limit'].iloc[0]:.2g}",
+            }
+            for name, part in edge.groupby("name", sort=False)
+        ],
     }
 
 
-def _limits(limits: pd.DataFrame) -> list[dict[str, Any]]:
-    """For each shipped scene the predicted step, the measured ones, and users' criteria as shares of Verlet's."""
-    lines = []
-    for scene, part in limits[limits["group"] == SHIPPED].groupby("scene", sort=False):
-        own = part.set_index("method")
-        verlet: dict[Any, Any] = own.loc[VERLET].to_dict()
-        measured_s = own["measured_s"].reindex(limits["method"].unique())
-        shares = [verlet[key] / verlet["measured_s"] for key in CRITERION_KEYS]
-        band = verlet["bad_s"] / verlet["measured_s"]
-        lines.append(
-            {
-                "scene": scene,
-                "predicted": _micro(verlet["predicted_s"]),
-                "measured": [_micro(step_s) for step_s in measured_s],
-                "bad": _micro(verlet["bad_s"]),
-                "criteria": [(f"{share:.2f}", _usefulness(share, band)) for share in shares],
-            }
-        )
-    return lines
+def _limits(by_method: pd.DataFrame, methods: list[str]) -> dict[str, Any]:
+    """The predicted step of a scene, the measured ones, and users' criteria as shares of Verlet's."""
+    verlet: dict[Any, Any] = by_method.loc[VERLET].to_dict()
+    shares = [verlet[key] / verlet["measured_s"] for key in CRITERION_KEYS]
+    band = verlet["bad_s"] / verlet["measured_s"]
+    return {
+        "predicted": _micro(verlet["predicted_s"]),
+        "measured": [_micro(step_s) for step_s in by_method["measured_s"].reindex(methods)],
+        "bad": _micro(verlet["bad_s"]),
+        "criteria": [(f"{share:.2f}", _usefulness(share, band)) for share in shares],
+    }
 
 
 def _usefulness(share: float, band: float) -> str:
@@ -76,34 +268,19 @@ def _micro(seconds: float) -> str:
     return f"{seconds * 1e6:.4g}" if pd.notna(seconds) else "–"
 
 
-def _extremes(extremes: pd.DataFrame) -> list[dict[str, Any]]:
-    """For each scene its verdict and numbers on every engine."""
-    lines = []
-    for name, part in extremes.groupby("name", sort=False):
-        engines = [
-            {
-                "engine": row["engine"],
-                "verdict": row["verdict"],
-                "reason": row["reason"],
-                "numbers": [f"{row[key]:.0e}" for key in ("error", "model") if pd.notna(row[key])],
-                "leaves": f"{row['leaves_reference_s'] * 1e3:.3g} ms" if pd.notna(row["leaves_reference_s"]) else "",
-            }
-            for _, row in part.iterrows()
-        ]
-        lines.append({"name": name, "engines": engines, "share": f"{part['share_of_limit'].iloc[0]:.2g}"})
-    return lines
+def _verdict(row: "pd.Series[Any]") -> dict[str, Any]:
+    """What came of a scene at the edge on one engine."""
+    return {
+        **{key: row[key] for key in ("engine", "verdict", "reason")},
+        "numbers": [f"{row[key]:.0e}" for key in ("error", "model") if pd.notna(row[key])],
+        "leaves": f"{row['leaves_reference_s'] * 1e3:.3g} ms" if pd.notna(row["leaves_reference_s"]) else "",
+    }
 
 
 STUDY = Study(
     name="stability",
-    tables={
-        "stability": Limit,
-        "stability-extremes": Outcome,
-        "stability-energy": Energy,
-        "stability-horizons": Horizon,
-        "stability-statistics": Statistic,
-        "stability-rounding": Rounded,
-    },
+    tables={"stability": Limit, "stability-extremes": Outcome}
+    | dict(zip(LONG, (Energy, Horizon, Statistic, Rounded), strict=True)),
     measure=measure,
     sentences=sentences,
     figures=figures,

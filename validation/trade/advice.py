@@ -10,8 +10,7 @@ import numpy as np
 import pandas as pd
 
 from drivers.chain.chain import Array
-from validation.trade.climb import DONE
-from validation.trade.ladder import ADAPTIVE, ORDER_4, VERLET
+from validation.studies import ADAPTIVE, DONE, ORDER_4, VERLET
 
 TARGETS = tuple(10.0**-k for k in range(2, 9))
 STRAIGHT = 0.15  # by how much the order between neighbouring steps may stray from the range's

@@ -1,11 +1,11 @@
-"""Runs the ladder: the error of every quantity against the time of the loop and of the whole run."""
+"""The ladder: each scene from the stability limit down to 1e-4 of it, errors against time, within a budget of time."""
 
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
-from math import inf, nan
+from math import ceil, inf, nan
 from pathlib import Path
 from typing import Any
 
@@ -15,26 +15,49 @@ from drivers.base.errors import RunError
 from drivers.chain.case import Case
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace
-from drivers.engines import load_engine
+from drivers.engines import codes, installed_codes, load_engine
 from drivers.limits.attainable import FORCE
+from drivers.limits.stable_step import predicted_limit
 from drivers.run.run import run_case
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from postproc.read.residual import REFERENCE
+from validation.accuracy.costs import cost_on
 from validation.accuracy.error_measures import ENERGY, Truth, errors_of, momentum_error, quantities, truth_of
 from validation.accuracy.schemes import trace_of
-from validation.reference.adaptive import integrate_adaptive
+from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
 from validation.served_runs import Served, serve, serving
-from validation.studies import progress
-from validation.trade.ladder import ADAPTIVE, ORDER_4, SCENES, VERLET, Rung, affordable, rungs_of
+from validation.studies import ADAPTIVE, DONE, NOT_RUN, ORDER_4, VERLET, progress
 
+SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")
+SHARES = tuple(10 ** (-k / 3) for k in range(13))  # of the predicted stability limit
+TOLERANCES = (*(10.0**-k for k in range(2, 12)), LEAST_TOLERANCE)
+FORCES_OF_ORDER_4 = 4  # a step
+BUDGET_S = 300.0  # of engine time for the whole ladder
+LONGEST = 0.04  # of the budget: no single run takes more
 REPEATS, SHORT_S = 3, 0.1  # runs expected to be shorter are timed as the best of some
 PROCESS = {ADAPTIVE: REFERENCE, ORDER_4: VERLET, VERLET: VERLET}  # the engine that runs a method by itself
 FIXED_STEP = {VERLET: integrate_verlet, ORDER_4: integrate_symplectic}
-DONE, FAILED, NOT_RUN = "done", "failed", "not run"
-Truths = dict[tuple[float, int], Truth]
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One run of the ladder.
+
+    Attributes:
+        method: an engine, or an integrator of this repository.
+        case: at its time step and samples.
+        share: of the predicted stability limit; of ``ADAPTIVE`` the tolerance.
+        expected_s: of its loop.
+    """
+
+    scene: str
+    method: str
+    case: Case
+    share: float
+    expected_s: float
 
 
 @dataclass(frozen=True)
@@ -70,13 +93,49 @@ class Row:
     reason: str = ""
 
 
+def rungs_of(scene: str) -> Iterator[Rung]:
+    """Every code and in-repo method at every step, and the adaptive integrator at every tolerance."""
+    base = case_of(scene)
+    stable_s = predicted_limit(base.chain, float(base.sample_times_s[-1]))
+    for share in SHARES:
+        case = at_step(base, share, stable_s)
+        for method in (*installed_codes(), VERLET, ORDER_4):
+            yield Rung(scene, method, case, share, expected_loop_s(method, case))
+    for tolerance in TOLERANCES:
+        yield Rung(scene, ADAPTIVE, base, tolerance, cost_on(REFERENCE).loop_s(base))
+
+
+def expected_loop_s(method: str, case: Case) -> float:
+    """Expected seconds of a fixed-step loop; a code that nobody has measured is taken for the slowest one."""
+    if method == ORDER_4:
+        return FORCES_OF_ORDER_4 * expected_loop_s(VERLET, case)
+    costs = {name: cost_on(name).loop_s(case) for name in (method, VERLET, *codes())}
+    return costs[method] if costs[method] < inf else max(cost for cost in costs.values() if cost < inf)
+
+
+def at_step(case: Case, share: float, stable_s: float) -> Case:
+    """The case at about a share of the stability limit; where that exceeds the sample interval, with fewer samples."""
+    step, interval = share * stable_s, case.scene.run.sample_interval
+    return case.at(ceil(interval / step * (1 - 1e-12))) if step <= interval else case.sampled_at_every(step)
+
+
+def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Rung]]:
+    """Rungs that fit the budget, cheapest first, and those that do not."""
+    kept, left, spent = list[Rung](), list[Rung](), 0.0
+    for rung in sorted(rungs, key=lambda rung: rung.expected_s):
+        fits = rung.expected_s <= LONGEST * budget_s and spent + rung.expected_s <= budget_s
+        (kept if fits else left).append(rung)
+        spent += rung.expected_s if fits else 0.0
+    return kept, left
+
+
 def climb(budget_s: float, scenes: tuple[str, ...] = SCENES) -> list[Row]:
     """All rows of the ladder, within a budget of engine time."""
     kept, left = affordable([rung for scene in scenes for rung in rungs_of(scene)], budget_s)
     rows: list[Row] = []
     for scene in scenes:
         own = [rung for rung in kept if rung.scene == scene]
-        truths: Truths = {}
+        truths: dict[tuple[float, int], Truth] = {}
         began = time.perf_counter()
         for method in dict.fromkeys(rung.method for rung in own):
             rows += _by_method(method, [rung for rung in own if rung.method == method], truths)
@@ -84,8 +143,8 @@ def climb(budget_s: float, scenes: tuple[str, ...] = SCENES) -> list[Row]:
     return rows + [_row(rung, status=NOT_RUN, reason=f"its loop would take {rung.expected_s:.0f} s") for rung in left]
 
 
-def _by_method(method: str, rungs: list[Rung], truths: Truths) -> Iterator[Row]:
-    """Rows of one scene by one method, all by one process."""
+def _by_method(method: str, rungs: list[Rung], truths: dict[tuple[float, int], Truth]) -> Iterator[Row]:
+    """Rows of one scene by one method, all by one process; rungs that share their samples share their exact motion."""
     with ExitStack() as stack:
         if method in PROCESS:
             start_s, run = start_up(PROCESS[method], case_of(rungs[0].scene)), _in_repo
@@ -97,8 +156,12 @@ def _by_method(method: str, rungs: list[Rung], truths: Truths) -> Iterator[Row]:
                 if method in PROCESS:
                     run(rung)  # a first call may compile
                 runs = [run(rung) for _ in range(REPEATS if rung.expected_s < SHORT_S else 1)]
-                best = Served(runs[-1].trace, min(each.loop_s for each in runs), min(each.case_s for each in runs))
-                yield _measured(rung, best, start_s, truths)
+                key = (rung.case.scene.run.sample_interval, rung.case.scene.samples)
+                if key not in truths:
+                    truths[key] = truth_of(rung.case)
+                loop_s, case_s = min(each.loop_s for each in runs), min(each.case_s for each in runs)
+                times = {"loop_s": loop_s, "wall_s": start_s + case_s, "in_session_s": case_s}
+                yield _row(rung, **times, **errors_by_group(rung.case, runs[-1].trace, truths[key]))
             except RunError as error:
                 yield _row(rung, status=error.status, reason=str(error))
 
@@ -125,16 +188,6 @@ def _row(rung: Rung, **measured: Any) -> Row:
     fixed = rung.method != ADAPTIVE
     step_s, steps = (rung.case.scene.time_step_s, rung.case.scene.steps) if fixed else (nan, 0)
     return Row(rung.scene, rung.method, step_s, rung.share, steps, rung.case.chain.bodies, **measured)
-
-
-def _measured(rung: Rung, run: Served, start_s: float, truths: Truths) -> Row:
-    """Row of a run that ended well; the smallest steps of a scene share their samples, so their exact motion too."""
-    case = rung.case
-    key = (case.scene.run.sample_interval, case.scene.samples)
-    if key not in truths:
-        truths[key] = truth_of(case)
-    times = {"loop_s": run.loop_s, "wall_s": start_s + run.case_s, "in_session_s": run.case_s}
-    return _row(rung, **times, **errors_by_group(case, run.trace, truths[key]))
 
 
 def errors_by_group(case: Case, trace: Trace, truth: Truth) -> dict[str, float]:

@@ -1,19 +1,24 @@
-"""The trade study: errors against cost, for every engine and step, and what to use."""
+"""The trade study: errors against cost, for every engine and step, as sentences, diagrams and what to use."""
 
+from collections import Counter
+from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import pandas as pd
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from validation.studies import Options, Study, Tables
+from drivers.engines import codes, engine_names, in_order
+from postproc.draw.style import COLUMN_IN, line_of, marker_of, pyplot
+from validation.studies import ADAPTIVE, FAILED, NOT_RUN, ORDER_4, Options, Picture, Study, Tables
 from validation.study_tables import frame_of
-from validation.trade.advice import QUANTITIES, TARGETS, Advice, Order, advice, cheapest, orders
-from validation.trade.climb import Row, climb
-from validation.trade.ladder import BUDGET_S
+from validation.trade.advice import QUANTITIES, STRAIGHT, TARGETS, Advice, Order, advice, cheapest, done, front, orders
+from validation.trade.climb import BUDGET_S, Row, climb
 from validation.trade.levers import Lever, pull_all
-from validation.trade.trade_sentences import codes_in, sentences
-from validation.trade.work_precision import figures
 
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
+METHODS = {ORDER_4: ("#56b4e9", "D"), ADAPTIVE: ("#999999", "v")}  # colours and markers of what is no engine
+COSTS = {"loop_s": "time in the loop, s", "wall_s": "time of a run by itself, s"}
 
 
 def measure(options: Options) -> dict[str, Any]:
@@ -23,25 +28,164 @@ def measure(options: Options) -> dict[str, Any]:
     return {"trade": rows, "trade-levers": pull_all(), "trade-advice": advice(table), "trade-orders": orders(table)}
 
 
+def sentences(tables: Tables) -> list[str]:
+    """Sentences that a user can act on, most general first."""
+    rows, levers = tables["trade"], tables["trade-levers"]
+    return [_on_extent(rows), *_on_orders(tables["trade-orders"]), *_on_cost(rows), *_on_levers(levers)]
+
+
+def _on_extent(rows: pd.DataFrame) -> str:
+    left, unstable = (rows[rows["status"] == status] for status in (NOT_RUN, FAILED))
+    said = f"{len(rows) - len(left)} of {len(rows)} runs were made"
+    if not left.empty:
+        said += f"; {len(left)}, most of them of {left['scene'].mode()[0]}, did not fit the budget of computing time"
+    if not unstable.empty:
+        said += f"; {len(unstable)} failed, at {unstable['share_of_limit'].min():.2g} of the stability limit or above"
+    return said + "."
+
+
+def _on_orders(orders: pd.DataFrame) -> Iterator[str]:
+    known = orders[(orders["quantity"] == "force") & orders["order"].notna()]
+    for method, own in known.groupby("method", sort=False):
+        said = f"The force trace by {method} converges with order {own['order'].min():.2f} to {own['order'].max():.2f}"
+        said += f" ({len(own)} scenes), from {own['from_share'].min():.2g} of the stability limit on"
+        slower = own[own["below"] < own["order"] - 2 * STRAIGHT]
+        if not slower.empty:
+            bent = [f"{row['scene']} from {row['to_share']:.1g} ({row['why_bent']})" for _, row in slower.iterrows()]
+            said += f". Below these shares of the limit errors fall more slowly: {', '.join(bent)}"
+        yield said + "."
+
+
+def _on_cost(rows: pd.DataFrame) -> Iterator[str]:
+    first = rows["scene"].iloc[0]
+    for code in _codes_in(rows):
+        part = rows[(rows["scene"] == first) & (rows["method"] == code)]
+        found = {target: cheapest(part, "force", target, "wall_s") for target in (1e-2, 1e-4, 1e-6, 1e-8)}
+        costs = [
+            f"{target:.0e} costs {best['loop_s']:.2g} s at {best['time_step_s'] * 1e6:.2g} µs"
+            for target, best in found.items()
+            if best is not None
+        ]
+        if costs:
+            start = (done(part)["wall_s"] - done(part)["in_session_s"]).median()
+            yield f"{first} by {code}: an error of {', '.join(costs)}; {start:.2g} s of start-up come on top."
+    for target in (1e-4, 1e-6, 1e-8):
+        best_of = [cheapest(group, "force", target, "loop_s") for _, group in rows.groupby("scene")]
+        used = Counter(str(best["method"]) for best in best_of if best is not None)
+        if used:
+            counted = ", ".join(f"{name} on {count} of {len(best_of)} scenes" for name, count in used.most_common())
+            yield f"Cheapest loop for a force error of {target:.0e}: {counted}."
+
+
+def _codes_in(rows: pd.DataFrame) -> list[str]:
+    """The codes that a table has measurements of."""
+    return [name for name in codes() if (rows["method"] == name).any()]
+
+
+def _on_levers(levers: pd.DataFrame) -> Iterator[str]:
+    lever = {name: levers[levers["lever"] == name] for name in levers["lever"].unique()}
+    for quantity, word in (("force", "the force trace"), ("wall_peak", "the wall's peak")):
+        part = lever["Rayleigh fraction"]
+        errors = part[part["quantity"] == quantity].groupby("setting", sort=False)["error"]
+        ranges = [f"{each.min():.1e} to {each.max():.1e} at {setting}" for setting, each in errors]
+        yield f"A fraction of the Rayleigh time does not fix the error: that of {word} is {', '.join(ranges)}."
+    part = lever["softened modulus"]
+    for row in _worst(part[part["setting"].str.startswith("E/100,")]):
+        yield (
+            f"{row['setting']}: steps {row['gain']:.1f} times larger; scaled back, {row['quantity']} is off by"
+            f" {row['error']:.1e}."
+        )
+    part = lever["Richardson extrapolation"]
+    for _, row in part[part["scene"] == "fig4"].iloc[[0, -1]].iterrows():
+        yield (
+            f"Richardson's extrapolation of fig4 from {row['setting']}: error {row['error']:.1e}; a single run as good"
+            f" would take {row['gain']:.2g} times the steps of the pair."
+        )
+    part = lever["sampling interval"]
+    for row in _worst(part[part["setting"].isin(["1 us", "10 us"])]):
+        yield f"Samples every {row['setting']} on fig4: {row['quantity']} is read to {row['error']:.1e}."
+    gains = levers.dropna(subset="gain")
+    for _, row in gains[gains["lever"].isin(["two cores", "one process for many"])].iterrows():
+        share = f"{row['gain']:.2g} times as fast" if row["gain"] >= 1 else f"{1 / row['gain']:.2g} times as slow"
+        yield f"{row['engine']}, {row['lever']} ({row['scene']}, {row['setting']}): {share} as without."
+    for _, row in gains[gains["lever"] == "extended precision"].iterrows():
+        yield (
+            f"{row['engine']}, {row['setting']}: {row['error']:.1e} of the largest force off the scheme in overlaps,"
+            f" at {1 / row['gain']:.2g} times the time of double precision."
+        )
+
+
+def _worst(part: pd.DataFrame) -> Iterator[Any]:
+    """The row of each setting that errs most."""
+    for _, own in part.groupby("setting", sort=False):
+        yield own.iloc[int(own["error"].to_numpy().argmax())]
+
+
+def figures(tables: Tables) -> dict[str, Picture]:
+    """Error against time: the force of every scene against both costs, and all quantities of the first scene."""
+    rows = tables["trade"]
+    scenes = list(rows["scene"].unique())
+    pictures = {f"trade-{scene}": Picture(scene, partial(draw_scene, rows, scene)) for scene in scenes}
+    return pictures | {"trade-quantities": Picture("", partial(draw_quantities, rows, scenes[0]))}
+
+
+def draw_scene(rows: pd.DataFrame, scene: str) -> Any:
+    """The force error of a scene against both costs. Returns a figure."""
+    figure, axes = pyplot().subplots(1, 2, figsize=(2 * COLUMN_IN, 3.2), sharey=True, layout="constrained")
+    for axis, (cost, label) in zip(axes, COSTS.items(), strict=True):
+        _draw(axis, rows, scene, "force", cost)
+        axis.set_xlabel(label)
+        if cost == "wall_s":  # start-up keeps it within a decade or two
+            axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+            axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.xaxis.set_minor_formatter(NullFormatter())
+    axes[0].set_ylabel("error of the force trace")
+    axes[0].legend(fontsize="x-small")
+    figure.suptitle(scene, fontsize="medium")
+    return figure
+
+
+def draw_quantities(rows: pd.DataFrame, scene: str) -> Any:
+    """All quantities of a scene against the time in the loop. Returns a figure."""
+    figure, axes = pyplot().subplots(4, 2, figsize=(2 * COLUMN_IN, 9.0), sharex=True, layout="constrained")
+    for axis, (quantity, words) in zip(axes.flat, QUANTITIES.items(), strict=True):
+        _draw(axis, rows, scene, quantity, "loop_s")
+        axis.set_title(words, fontsize="small")
+    for axis in axes[-1]:
+        axis.set_xlabel(COSTS["loop_s"])
+    axes[0, 0].legend(fontsize="x-small")
+    figure.suptitle(f"{scene}: error against time in the loop", fontsize="medium")
+    return figure
+
+
+def _draw(axis: Any, rows: pd.DataFrame, scene: str, quantity: str, cost: str) -> None:
+    """A line for each method, and the Pareto front through what nothing beats."""
+    shown = done(rows[(rows["scene"] == scene) & (rows[quantity] > 0)])
+    for method in in_order(shown["method"]):
+        own = shown[shown["method"] == method].sort_values("share_of_limit")
+        known = method in engine_names()
+        colour, mark = (line_of(method).colour, marker_of(method)["marker"]) if known else METHODS[method]
+        axis.plot(own[cost], own[quantity], marker=mark, ms=3.5, lw=0.8, label=method, color=colour)
+    best = front(shown, quantity, cost)
+    axis.plot(best[cost], best[quantity], color="0.6", linewidth=4, alpha=0.4, zorder=0, label="Pareto front")
+    axis.set(xscale="log", yscale="log")
+
+
 def section(tables: Tables) -> dict[str, Any]:
     """Cheapest code for each error: on the first scene in all quantities, on the others of the force."""
     rows = tables["trade"]
     first, *others = rows["scene"].unique()
     chosen = [*((first, quantity) for quantity in QUANTITIES), *((scene, "force") for scene in others)]
-    among = rows[rows["method"].isin(codes_in(rows))] if codes_in(rows) else rows
-    return {
-        "table": [_line(among[among["scene"] == scene], scene, quantity) for scene, quantity in chosen],
-        "targets": [f"{target:.0e}" for target in TARGETS],
-    }
-
-
-def _line(rows: pd.DataFrame, scene: str, quantity: str) -> dict[str, Any]:
-    """For each error the cheapest run: its code, or method where no code was run, step, and time of the loop."""
-    cells: list[tuple[str, ...]] = []
-    for target in TARGETS:
-        best = cheapest(rows, quantity, target, "loop_s")
-        cells.append(() if best is None else (best["method"], _time(best["time_step_s"]), _time(best["loop_s"])))
-    return {"scene": scene, "quantity": QUANTITIES[quantity], "cells": cells}
+    among = rows[rows["method"].isin(_codes_in(rows) or rows["method"])]  # where no code was run, of all methods
+    table = []
+    for scene, quantity in chosen:
+        part = among[among["scene"] == scene]
+        runs = (cheapest(part, quantity, target, "loop_s") for target in TARGETS)
+        cells = [
+            () if run is None else (run["method"], *map(_time, (run["time_step_s"], run["loop_s"]))) for run in runs
+        ]
+        table.append({"scene": scene, "quantity": QUANTITIES[quantity], "cells": cells})
+    return {"table": table, "targets": [f"{target:.0e}" for target in TARGETS]}
 
 
 def _time(seconds: float) -> str:

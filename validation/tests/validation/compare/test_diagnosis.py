@@ -19,7 +19,7 @@ from validation.compare.variants import model_of
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
-from validation.stability.random_scenes import random_case
+from validation.stability.subjects import random_case
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.sabotage_in_memory import SABOTAGES, softer_wall, trace_with
 from validation.tests.helpers.scenes import SceneWriter, case_of

@@ -23,10 +23,8 @@ from validation.stability.extremes import Extreme, extremes, run_extreme
 from validation.stability.height_rounding import by_build, in_repo, pressed
 from validation.stability.long_runs import energy_of
 from validation.stability.measured_limits import WITHIN, gain, measure_limits, prediction
-from validation.stability.random_scenes import random_case
-from validation.stability.stability_sentences import missed
-from validation.stability.stability_study import STUDY
-from validation.stability.subjects import PAPER, RANDOM, SHIPPED, Subject, at_random, bouncing, sweeps
+from validation.stability.stability_study import STUDY, missed
+from validation.stability.subjects import PAPER, RANDOM, SHIPPED, Subject, at_random, bouncing, random_case, sweeps
 from validation.studies import read_section, write_study
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need

@@ -14,8 +14,7 @@ from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 from validation.trade.advice import advice, cheapest, front, orders
-from validation.trade.climb import Row, climb
-from validation.trade.ladder import Rung, affordable, at_step
+from validation.trade.climb import Row, Rung, affordable, at_step, climb
 from validation.trade.levers import extrapolation, rayleigh, sampling, softened
 from validation.trade.trade_study import STUDY
 
