@@ -1,23 +1,73 @@
 """The study of elements: what each adds and costs, whether the rule that leaves them out holds, and the experiment."""
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from drivers.base.tolerances import tolerance
 from drivers.engines import installed_codes
+from postproc.draw.style import FAINT, line_of, pyplot
+from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
 from validation.accuracy.costs import cost_on
-from validation.elements.between import Between, compare_codes
-from validation.elements.element_figures import draw_oscilloscope, figures
-from validation.elements.elements_sentences import missed, quotes, sentences
-from validation.elements.oscilloscope import Number, add_steps, vary
-from validation.elements.rule_checks import Asked, Nothing, accuracies_kept, nothing_changes
-from validation.elements.switch_effects import Effect, measure_effects
-from validation.elements.switches import pairs_of, read_elements
-from validation.studies import Options, Study, Tables
+from validation.elements.oscilloscope import STEPS, Number, Shown, add_steps, vary
+from validation.elements.rule_checks import (
+    WITHOUT_FRICTION,
+    Asked,
+    Between,
+    Nothing,
+    accuracies_kept,
+    compare_codes,
+    nothing_changes,
+)
+from validation.elements.switches import Effect, measure_effects, pairs_of, read_elements
+from validation.studies import VERLET, Options, Picture, Study, Tables
 
 REPEATS = 3  # runs from which a cost is the least
-VERLET = "verlet"  # where no code is installed
+ROUNDING = 1e-6  # of a mean: where a spread is none
+ELASTIC, *ADDED = STEPS
+LEAST = 1e-6  # of a change: what is smaller is drawn there
+SHAPES = "os^vDPX<>ph*d"
+WATCHED = {
+    "sensor peak": ("bead_{upper}_peak_N", 1.0, "N"),
+    "speed": ("speed_{upper}_to_{lower}_m_s", 1.0, "m/s"),
+    "wall peak": ("wall_peak_N", 1.0, "N"),
+    "wall envelope": ("wall_envelope_per_s", 1e-6, "per µs"),
+}
+
+
+@dataclass(frozen=True)
+class Quote:
+    """A number that the paper quotes from its experiment on a scene.
+
+    Attributes:
+        value: in ``unit``, which is ``scale`` times that of the observable.
+        about: what its label in figures says before it.
+    """
+
+    scene: str
+    observable: str
+    words: str
+    unit: str
+    scale: float
+    value: float
+    about: str = ""
+
+
+def quotes() -> list[Quote]:
+    """What the paper quotes of the scenes that are watched."""
+    told = quoted()
+    envelope = told.fig5.measured_envelope_per_us
+    return [
+        Quote("fig4", "bead_9_peak_N", "leading force", "N", 1.0, told.fig4.leading_force_N, "about "),
+        Quote("fig4", "speed_9_to_5_m_s", "speed", "m/s", 1.0, told.fig4.speed_m_s),
+        Quote("fig5", "wall_envelope_per_s", "wall envelope", "per µs", 1e-6, envelope),
+    ]
 
 
 def measure(options: Options) -> dict[str, Any]:
@@ -45,6 +95,166 @@ def measure(options: Options) -> dict[str, Any]:
         "oscilloscope-ranges": [number for each in varied for number in each.numbers],
         **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in steps.items()},
     }
+
+
+def sentences(tables: Tables) -> list[str]:
+    """What was found, each with its numbers; the effects themselves are a table."""
+    rule = _on_rule(tables["elements-nothing"], tables["elements-accuracies"])
+    gaps = (_on_gap(quote, tables["oscilloscope"], tables["oscilloscope-ranges"]) for quote in quotes())
+    return [*rule, *_on_codes(tables["elements-between"]), *chain.from_iterable(gaps)]
+
+
+def missed(tables: Tables) -> list[str]:
+    """Where the rule does not hold, or the codes differ where they must not."""
+    limit, codes = tolerance("elements", "nothing").limit, tolerance("elements", "codes").limit
+    nothing, accuracies, between = tables["elements-nothing"], tables["elements-accuracies"], tables["elements-between"]
+    without_friction = between[between["friction"] == WITHOUT_FRICTION].drop_duplicates(["scene", "codes"])
+    return [
+        *(f"{row['scene']} on {row['engine']}: what is always left out changes forces by {row['change']:.2g}, allowed"
+          f" {limit:g}" for _, row in nothing[~(nothing["change"] <= limit)].iterrows()),
+        *(f"accuracy {row['accuracy']} on {row['engine']}: {row['quantity']} is off by {row['error']:.2g}, asked were"
+          f" {row['asked']:g}" for _, row in accuracies[~(accuracies["error"] <= accuracies["asked"])].iterrows()),
+        *(f"{row['scene']} in its tube without friction: {row['codes'].replace(' ', ' and ')} differ by"
+          f" {row['before_wall']:.2g} before the wave reaches the wall, allowed {codes:g}"
+          for _, row in without_friction[~(without_friction["before_wall"] <= codes)].iterrows()),
+    ]  # fmt: skip
+
+
+def _on_rule(nothing: pd.DataFrame, accuracies: pd.DataFrame) -> list[str]:
+    equal = int((nothing["change"] == 0).sum())
+    kept = accuracies[accuracies["error"] <= accuracies["asked"]]
+    most = accuracies["left_out"].map(lambda names: len(names.split(", ")) if names else 0).max()
+    return [
+        "What is always left out of straight chains changes nothing: beads free to move, turn and rub change forces by"
+        f" {nothing['change'].max():.1e} of the largest at most; of {len(nothing)} runs {equal} are equal bit for bit.",
+        f"What an accuracy lets out (up to {most} elements) stays within it: {len(kept)} of {len(accuracies)} runs.",
+    ]
+
+
+def _on_codes(between: pd.DataFrame) -> Iterator[str]:
+    for (scene, friction, codes), rows in between.groupby(["scene", "friction", "codes"], sort=False):
+        row = rows.iloc[0]
+        if not row["seeds"]:
+            yield f"Codes in the tube against each other: {row['observable']}."
+            continue
+        parted = "they never differ by a per cent"
+        if pd.notna(row["earliest_parted_s"]):
+            median = f"{row['median_parted_s'] * 1e6:.0f} µs" if pd.notna(row["median_parted_s"]) else "never"
+            parted = f"they part by a per cent from {row['earliest_parted_s'] * 1e6:.0f} µs on (median {median})"
+        wall = rows[rows["observable"] == "wall peak"].iloc[0]
+        first, second = (_pm(wall[f"{each}_mean"], wall[f"{each}_spread"]) for each in ("first", "second"))
+        alike = f"equal distributions: p = {wall['same']:.2g}"
+        if max(wall["first_spread"], wall["second_spread"]) < ROUNDING * wall["first_mean"]:  # seeds change nothing
+            alike = f"the same for every seed, {wall['second_mean'] / wall['first_mean'] - 1:+.1e} apart"
+        yield (
+            f"{scene} {friction}, {codes}, {row['seeds']} seeds: until the wave reaches the wall they differ by"
+            f" at most {row['before_wall']:.1e}; {parted}. Wall peak {first} and {second} N ({alike})."
+        )
+
+
+def _on_gap(quote: Quote, numbers: pd.DataFrame, ranges: pd.DataFrame) -> Iterator[str]:
+    """How much of the gap between the elastic line and the experiment each step explains."""
+    own, varied = (
+        table[(table["scene"] == quote.scene) & (table["observable"] == quote.observable)]
+        for table in (numbers, ranges)
+    )
+    steps = own.set_index("step")
+    if ELASTIC not in steps.index:
+        return
+    mean, spread = quote.scale * steps["mean"], quote.scale * steps["spread"]
+    elastic = mean[ELASTIC]
+    shares = (mean - elastic) / (quote.value - elastic)
+    parts = [f"{step} {_pm(mean[step], spread[step])} ({_percent(shares[step])})" for step in ADDED]
+    yield (
+        f"{quote.scene}, {quote.words}: elastic line {elastic:.4g} {quote.unit}, experiment {quote.value:g}; of the"
+        f" gap, step by step and all before it included: {', '.join(parts)}."
+    )
+    for name, rows in varied.groupby("step", sort=False):
+        shares = (quote.scale * rows["mean"] - elastic) / (quote.value - elastic)
+        values = ", ".join(f"{value}: {_percent(share)}" for value, share in zip(rows["value"], shares, strict=True))
+        yield f"{quote.scene}, {quote.words}: share of the gap for a {name} of {values}."
+
+
+def _pm(mean: float, spread: float) -> str:
+    return f"{mean:.4g} ± {spread:.1g}" if spread > ROUNDING * abs(mean) else f"{mean:.4g}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if np.isfinite(share) else "not seen"
+
+
+def figures(tables: Tables) -> dict[str, Picture]:
+    """Effects against cost, and for each scene what its gauges show, which is drawn when it is measured."""
+    effects, numbers = tables["elements"], tables["oscilloscope"]
+    words = "what the gauges show, from the elastic line to the gauge's electronics"
+    return {"elements": Picture("Effect of each element against its cost", partial(draw_effects, effects))} | {
+        f"oscilloscope-{scene}": Picture(f"{scene}: {words}", None, numbers[numbers["scene"] == scene])
+        for scene in effects["scene"].unique()
+    }
+
+
+def draw_effects(effects: pd.DataFrame) -> Any:
+    """Largest change of an observable over the scenes against what the element costs, a point for each code."""
+    figure, axis = pyplot().subplots(figsize=(7.0, 4.2))
+    worst = effects.assign(size=effects["change"].abs()).groupby(["element", "engine"], sort=False)
+    table = worst.agg(size=("size", "max"), cost=("cost_ratio", "median")).reset_index()
+    for shape, (element, rows) in zip(SHAPES * 2, table.groupby("element", sort=False), strict=False):
+        for _, row in rows.iterrows():
+            colour = line_of(row["engine"]).colour
+            axis.plot(max(row["size"], LEAST), row["cost"], shape, ms=6, mfc="none", mec=colour, mew=1.2)
+        axis.plot([], [], shape, ms=6, mfc="none", mec=FAINT, label=element)
+    for engine in table["engine"].unique():
+        axis.plot([], [], "-", color=line_of(engine).colour, lw=2, label=engine)
+    axis.set(xscale="log", yscale="log", ylabel="time per body and step, with it over without")
+    axis.set_xlabel("largest relative change of speed, peaks, width or arrival, over all scenes")
+    axis.axhline(1.0, color=FAINT, lw=0.6)
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
+    return figure
+
+
+def draw_oscilloscope(shown: Sequence[Shown], quotes: Sequence[Quote]) -> Any:
+    """One scene: its gauges against time for all steps, and beside them their numbers with what the paper quotes."""
+    plt = pyplot()
+    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.8, len(STEPS)))
+    gauges = list(shown[0].signals)
+    numbers = _numbers(shown, *(gauge.removeprefix("bead_") for gauge in gauges[:2]))
+    figure = plt.figure(figsize=(7.2, 1.55 * len(gauges) + 0.6), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(3, 2))
+    axes = np.atleast_1d(left.subplots(len(gauges), 1, sharex=True))
+    for axis, gauge in zip(axes, gauges, strict=True):
+        for colour, each in zip(colours, shown, strict=True):
+            mean, spread = each.signals[gauge].mean(axis=0), each.signals[gauge].std(axis=0)
+            time = each.time_s * 1e6
+            axis.fill_between(time, mean - spread, mean + spread, color=colour, alpha=0.25, lw=0)
+            axis.plot(time, mean, color=colour, lw=1.0, label=each.step)
+        axis.set_ylabel(f"{gauge.replace('_', ' ')}, N")
+    axes[-1].set_xlabel("time, µs")
+    panels = np.atleast_1d(right.subplots(len(numbers), 1, sharex=True))
+    for axis, (name, (label, values)) in zip(panels, numbers.items(), strict=True):
+        for place, (colour, each) in enumerate(zip(colours, values, strict=True)):
+            axis.errorbar(place, each.mean(), yerr=each.std(), fmt="o", ms=4, color=colour, capsize=2)
+        for quote in (quote for quote in quotes if (quote.scene, quote.observable) == (shown[0].scene, name)):
+            axis.axhline(quote.value, color=FAINT, lw=0.8, ls="--")
+            words, place = f"experiment: {quote.about}{quote.value:g} {quote.unit}", axis.get_yaxis_transform()
+            axis.text(0.02, quote.value, words, transform=place, fontsize=6, color=FAINT, va="bottom")
+        axis.set_ylabel(label)
+        axis.margins(x=0.15, y=0.25)
+    panels[-1].set_xticks(range(len(shown)), [each.step for each in shown], rotation=35, ha="right", fontsize=7)
+    for colour, tick in zip(colours, panels[-1].get_xticklabels(), strict=True):
+        tick.set_color(0.55 * colour[:3])  # words need more contrast than lines
+        tick.set_fontweight("bold")
+    return figure
+
+
+def _numbers(shown: Sequence[Shown], upper: str, lower: str) -> dict[str, tuple[str, list[Any]]]:
+    """Label and values over the seeds, step by step, of the observables that are watched and seen."""
+    found = {}
+    for words, (pattern, scale, unit) in WATCHED.items():
+        name = pattern.format(upper=upper, lower=lower)
+        values = [scale * each.values[name] for each in shown]
+        if any(np.isfinite(each.mean()) for each in values):
+            found[name] = (f"{words}\n{unit}", values)
+    return found
 
 
 def section(tables: Tables) -> dict[str, Any]:

@@ -17,8 +17,8 @@ from drivers.engines import installed_codes, load_engine
 from drivers.run.many import run_all_done
 from postproc.paper.simulate import Simulation, run_codes
 from validation.__main__ import COMMANDS
-from validation.elements import between, elements_study, oscilloscope, rule_checks, switch_effects
-from validation.elements.elements_sentences import missed
+from validation.elements import elements_study, oscilloscope, rule_checks, switches
+from validation.elements.elements_study import missed
 from validation.elements.switches import read_elements
 from validation.stability.extremes import Extreme, run_extreme
 from validation.stability.measured_limits import measure_limits
@@ -74,7 +74,7 @@ def test_studies_are_those_of_the_command_line_and_of_make() -> None:
     assert set(STUDIES) <= set(measured[1].split())
 
 
-@pytest.mark.parametrize("count", [0, 1, 3])
+@pytest.mark.parametrize("count", [pytest.param(0, marks=pytest.mark.long), 1, pytest.param(3, marks=pytest.mark.long)])
 def test_trade_takes_any_number_of_codes(count: int, install: Installer, levers: list[Lever], tmp_path: Path) -> None:
     names = install(count)
     rows = climb(0.5, ("fig5",))
@@ -111,14 +111,12 @@ def on_verlet(monkeypatch: pytest.MonkeyPatch, shared_runs: Path) -> None:
         done = {name: run_codes({"verlet": own}, shared_runs)["verlet"] for name, own in cases.items()}
         return {name: [replace(run, engine=name) for run in own] for name, own in done.items()}
 
-    for module in (between, oscilloscope, switch_effects):
+    for module in (oscilloscope, rule_checks, switches):
         monkeypatch.setattr(module, "run_codes", run_all)
     monkeypatch.setattr(
         rule_checks, "run_all_done", lambda jobs, _: run_all_done([(case, "verlet") for case, _ in jobs], shared_runs)
     )
-    monkeypatch.setattr(
-        switch_effects, "run_case", lambda case, *_, rerun: run_all_done([(case, "verlet")], shared_runs)[0]
-    )
+    monkeypatch.setattr(switches, "run_case", lambda case, *_, rerun: run_all_done([(case, "verlet")], shared_runs)[0])
     monkeypatch.setattr(rule_checks, "ASKED", rule_checks.ASKED[:1])
     monkeypatch.setattr(oscilloscope, "RANGES", {"restitution": ("tube", ("contact.restitution={0}",), (0.9,))})
 
