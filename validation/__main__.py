@@ -19,7 +19,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "type": seconds,
         "metavar": "S",
         "dest": "budget_s",
-        "help": "engine time of all runs (default: 300 s)",
+        "help": "engine time in all (default: 300 s)",
     },
     "--quick": {"action": "store_true", "help": "the short study: fewer scenes and seeds, no long runs"},
     "--file": {"type": Path, "metavar": "FILE", "help": "cases (default: inputs/independent.toml)"},
@@ -89,31 +89,15 @@ def _wave(_: argparse.Namespace) -> int:
 
 
 # by name: what it does, how, and its options
-COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, tuple[str, ...]]] = {
-    "compare": (
-        _compare,
-        "verdicts on scenes, run where needed, or on two run folders",
-        ("what", "--set", "--runs", "--unsafe"),
-    ),
-    "report": (_report, "write the report page, and its verdicts for programs", ("scenes", "--out", "--runs")),
-    "claims": (_claims, "compute and judge every quantitative statement of the paper", ("--out", "--runs")),
-    "trade": (_study, "errors against cost, for all engines and steps, and what to use", ("--budget", "--results")),
-    "stability": (
-        _study,
-        "limits of the time step, extremes, long runs, rounding",
-        ("--quick", "--results", "--runs"),
-    ),
-    "elements": (
-        _study,
-        "what each modelling element adds and costs, step by step",
-        ("--quick", "--results", "--runs"),
-    ),
-    "independent": (
-        _independent,
-        "cases beyond the paper, against published numbers and theory",
-        ("--file", "--results", "--runs"),
-    ),
-    "wave": (_wave, "constants of the exact solitary wave of the discrete chain", ()),
+COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, str]] = {
+    "compare": (_compare, "verdicts on scenes, run where needed, or on two run folders", "what --set --runs --unsafe"),
+    "report": (_report, "write the report page, and its verdicts for programs", "scenes --out --runs"),
+    "claims": (_claims, "compute and judge every quantitative statement of the paper", "--out --runs"),
+    "trade": (_study, "errors against cost, for all engines and steps, and what to use", "--budget --results"),
+    "stability": (_study, "limits of the time step, extremes, long runs, rounding", "--quick --results --runs"),
+    "elements": (_study, "what each modelling element adds and costs, step by step", "--quick --results --runs"),
+    "independent": (_independent, "beyond the paper, against published numbers and theory", "--file --results --runs"),
+    "wave": (_wave, "constants of the exact solitary wave of the discrete chain", ""),
 }
 
 
@@ -122,7 +106,7 @@ def _parser() -> Parser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
     for name, (action, summary, options) in COMMANDS.items():
         command = commands.add_parser(name, help=summary)
-        for option in options:
+        for option in options.split():
             command.add_argument(option, **OPTIONS[option])
         command.set_defaults(action=action)
     return parser

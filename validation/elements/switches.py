@@ -165,16 +165,15 @@ def measure_effects(pairs: Sequence[Pair], engines: Iterable[str], repeats: int,
 def _costs(pairs: Sequence[Pair], engine: str, repeats: int, runs: Path) -> dict[str, tuple[float, ...]]:
     """Nanoseconds per body and step without and with each element: the least of several runs, one after the other."""
     first = {pair.element: pair for pair in reversed(pairs)}  # of random ones the first seed
-    cases = {_deck(case, engine): case for pair in first.values() for case in pair.cases}
+    render = load_engine(engine).render
+    decks = {element: [render(case).sha256 for case in pair.cases] for element, pair in first.items()}
+    cases = {
+        deck: case for element, pair in first.items() for deck, case in zip(decks[element], pair.cases, strict=True)
+    }
     least = dict.fromkeys(cases, inf)
-    for _ in range(repeats):
-        for deck, case in cases.items():
-            record = run_case(case, engine, runs, rerun=True).record
-            if record.status != "done" or record.loop_s is None:
-                raise RunError(f"{case.scene.file}: {engine} {record.status}: {record.reason}")
-            least[deck] = min(least[deck], record.loop_s / (case.chain.bodies * case.scene.steps) * 1e9)
-    return {element: tuple(least[_deck(case, engine)] for case in pair.cases) for element, pair in first.items()}
-
-
-def _deck(case: Case, engine: str) -> str:
-    return load_engine(engine).render(case).sha256
+    for deck, case in [*cases.items()] * repeats:
+        record = run_case(case, engine, runs, rerun=True).record
+        if record.status != "done" or record.loop_s is None:
+            raise RunError(f"{case.scene.file}: {engine} {record.status}: {record.reason}")
+        least[deck] = min(least[deck], record.loop_s / (case.chain.bodies * case.scene.steps) * 1e9)
+    return {element: tuple(least[deck] for deck in own) for element, own in decks.items()}

@@ -131,8 +131,7 @@ def _loop_s(case: Case, engine: Engine, deck: Deck) -> float | None:
     executable = engine.find()
     assert executable is not None
     with tempfile.TemporaryDirectory() as folder:
-        for file, text in deck.files.items():
-            Path(folder, file).write_text(text)
+        deck.write(Path(folder))
         run_command(deck.command_with(executable), Path(folder), default_limit_s(case), **engine.variables)
         return engine.loop_seconds(Path(folder, "stdout.txt").read_text(errors="replace"))
 
