@@ -15,16 +15,8 @@ from postproc.draw.style import FAINT, line_of, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
 from validation.accuracy.costs import cost_on
+from validation.elements import rule_checks
 from validation.elements.oscilloscope import STEPS, Number, Shown, add_steps, vary
-from validation.elements.rule_checks import (
-    WITHOUT_FRICTION,
-    Asked,
-    Between,
-    Nothing,
-    accuracies_kept,
-    compare_codes,
-    nothing_changes,
-)
 from validation.elements.switches import Effect, measure_effects, pairs_of, read_elements
 from validation.studies import VERLET, Options, Picture, Study, Tables
 
@@ -88,9 +80,9 @@ def measure(options: Options) -> dict[str, Any]:
     varied = [each for scene in scenes[:2] for each in vary(scene, seeds, fastest, runs)]
     return {
         "elements": measure_effects(pairs, engines, 1 if options.quick else REPEATS, runs),
-        "elements-nothing": nothing_changes(scenes, engines, runs),
-        "elements-accuracies": accuracies_kept(scenes[0].name, engines, runs),
-        "elements-between": compare_codes(scenes, seeds, codes, runs),
+        "elements-nothing": rule_checks.nothing_changes(scenes, engines, runs),
+        "elements-accuracies": rule_checks.accuracies_kept(scenes[0].name, engines, runs),
+        "elements-between": rule_checks.compare_codes(scenes, seeds, codes, runs),
         "oscilloscope": [number for own in steps.values() for each in own for number in each.numbers],
         "oscilloscope-ranges": [number for each in varied for number in each.numbers],
         **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in steps.items()},
@@ -108,7 +100,7 @@ def missed(tables: Tables) -> list[str]:
     """Where the rule does not hold, or the codes differ where they must not."""
     limit, codes = tolerance("elements", "nothing").limit, tolerance("elements", "codes").limit
     nothing, accuracies, between = tables["elements-nothing"], tables["elements-accuracies"], tables["elements-between"]
-    without_friction = between[between["friction"] == WITHOUT_FRICTION].drop_duplicates(["scene", "codes"])
+    without_friction = between[between["friction"] == rule_checks.WITHOUT_FRICTION].drop_duplicates(["scene", "codes"])
     return [
         *(f"{row['scene']} on {row['engine']}: what is always left out changes forces by {row['change']:.2g}, allowed"
           f" {limit:g}" for _, row in nothing[~(nothing["change"] <= limit)].iterrows()),
@@ -288,9 +280,9 @@ STUDY = Study(
     name="elements",
     tables={
         "elements": Effect,
-        "elements-nothing": Nothing,
-        "elements-accuracies": Asked,
-        "elements-between": Between,
+        "elements-nothing": rule_checks.Nothing,
+        "elements-accuracies": rule_checks.Asked,
+        "elements-between": rule_checks.Between,
         "oscilloscope": Number,
         "oscilloscope-ranges": Number,
     },

@@ -6,13 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from drivers.base.errors import InputError
+from drivers.base.errors import InputError, RunError
 from drivers.limits.criteria import rayleigh_time
 from validation.studies import read_section, write_study
 from validation.study_tables import frame_of
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
+from validation.trade import levers as trade_levers
 from validation.trade.advice import advice, cheapest, front, orders
 from validation.trade.climb import Row, Rung, affordable, at_step, climb
 from validation.trade.levers import extrapolation, rayleigh, sampling, softened
@@ -79,6 +80,19 @@ def test_softening_is_exact_without_gravity_only() -> None:
 
 def test_extrapolation_pays() -> None:
     assert all(lever.gain > 1 for lever in extrapolation())
+
+
+def test_a_build_that_is_there_and_fails_has_no_row(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object) -> None:
+        raise RunError("it is broken")
+
+    monkeypatch.setattr(trade_levers, "installed_codes", lambda: ["verlet"])
+    monkeypatch.setattr(trade_levers, "builds_of", lambda _: ["", "precise"])
+    monkeypatch.setattr(trade_levers, "serve", broken)
+    assert list(trade_levers.precision()) == []
+    assert "precise, wall at 1 km is left out: it is broken" in capsys.readouterr().err
 
 
 @pytest.mark.long
