@@ -7,15 +7,14 @@ import hashlib
 import json
 import os
 import threading
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.batch.leases import Workplace
+from drivers.run.workplaces import show_alive
 
 ENDING = ".jsonl"
 COMMIT_S = 1.0
+WORK = ".work"  # below its folder: where workplaces are
 
 
 @dataclass(frozen=True)
@@ -72,10 +71,7 @@ class Store:
 
     def refresh(self) -> list[Row]:
         """Reads what is new; the new rows."""
-        try:
-            names = {entry.name for entry in os.scandir(self.folder) if entry.name.endswith(ENDING)}
-        except FileNotFoundError:
-            names = set()
+        names = {file.name for file in self.folder.glob(f"*{ENDING}")}
         fresh: list[Row] = []
         for name in sorted(names - self._read):
             self._read.add(name)
@@ -98,37 +94,32 @@ class Store:
         return (study, engine, label) in self._labels
 
 
-def commit(rows: Iterable[Row], folder: Path, workplace: Path) -> None:
-    """Adds rows to the store in one file that is there whole or not at all, even after the power went."""
-    content = "".join(f"{json.dumps(vars(row))}\n" for row in rows).encode()
-    if not content:
-        return
-    draft = workplace / "draft"
-    with open(draft, "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    draft.replace(folder / _name_of(content))
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
 def _name_of(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:24] + ENDING
 
 
 class Outbox:
-    """Collects rows and commits them every second, many to a file."""
+    """Collects rows at a workplace and commits them every second, many to a file; empty after its block."""
 
-    def __init__(self, store: Path, place: Workplace) -> None:
+    def __init__(self, store: Path, place: Path) -> None:
         self._store = store
         self._place = place
         self._rows: list[Row] = []
         self._lock = threading.Lock()
         self._error: OSError | None = None
+        self._through = threading.Event()
+        self._thread = threading.Thread(target=self._keep_flushing, daemon=True)
+
+    def __enter__(self) -> "Outbox":
+        """Begins to commit."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Commits what is left, whatever happened."""
+        self._through.set()
+        self._thread.join()
+        self.flush()
 
     def add(self, row: Row) -> None:
         """Takes a row.
@@ -142,35 +133,33 @@ class Outbox:
             self._rows.append(row)
 
     def flush(self) -> None:
-        """Commits what there is, now.
+        """Commits what there is in one file that is there whole or not at all, even after the power went.
 
         Raises:
             OSError: the disk is full, or something else is wrong with the runs folder.
         """
         with self._lock:
-            commit(self._rows, self._store, self._place.folder)
+            content = "".join(f"{json.dumps(vars(row))}\n" for row in self._rows).encode()
+            if not content:
+                return
+            draft = self._place / "draft"
+            with open(draft, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            draft.replace(self._store / _name_of(content))
+            handle = os.open(self._store, os.O_RDONLY)
+            try:
+                os.fsync(handle)
+            finally:
+                os.close(handle)
             self._rows = []
 
-    def keep_flushing(self, until: threading.Event) -> None:
-        """Commits every second and shows that the workplace is alive."""
-        while not until.wait(COMMIT_S):
+    def _keep_flushing(self) -> None:
+        while not self._through.wait(COMMIT_S):
             try:
-                self._place.show_alive()
+                show_alive(self._place)
                 self.flush()
             except OSError as error:
                 self._error = error
                 return
-
-
-@contextmanager
-def outbox(store: Path, place: Workplace) -> Iterator[Outbox]:
-    """An outbox that is empty afterwards, whatever happens."""
-    box, through = Outbox(store, place), threading.Event()
-    thread = threading.Thread(target=box.keep_flushing, args=(through,), daemon=True)
-    thread.start()
-    try:
-        yield box
-    finally:
-        through.set()
-        thread.join()
-        box.flush()

@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 from drivers.base.errors import RunError
-from drivers.batch.leases import WORK, workplace
-from drivers.batch.store import Row, Store, outbox
+from drivers.batch.store import WORK, Outbox, Row, Store
 from drivers.batch.study import read_study, select
 from drivers.batch.study_cases import REFERENCE, Request, Setup, StudyCase, plan_cases, set_up
 from drivers.chain.trace import Trace, digest_of
@@ -18,6 +18,7 @@ from drivers.engines import load_engine
 from drivers.run.guard import checked_trace
 from drivers.run.run import default_limit_s
 from drivers.run.session import Session, served_by
+from drivers.run.workplaces import lease, workplace
 
 CHUNK = 64  # cases in a chunk, at most
 PROBE_BYTES = 1 << 20
@@ -56,8 +57,8 @@ def run_cases(
     left: list[int] = []
     with (
         workplace(store.folder / WORK) as place,
-        outbox(store.folder, place) as box,
-        _sessions(place.folder) as session_of,
+        Outbox(store.folder, place) as box,
+        _sessions(place) as session_of,
     ):
         runner = _Runner(setup, session_of)
         ran: set[str] = set()
@@ -66,7 +67,7 @@ def run_cases(
             store.refresh()
             asked = {each.identities[name] for each in cases for name in names}
             missing = {identity for identity in asked if to_run(store, identity, retry_before)}
-            free = place.lease(missing) if missing else set()
+            free = lease(place, missing) if missing else set()
             store.refresh()  # what others finished before the lease
             free = {identity for identity in free if to_run(store, identity, retry_before)}
             for each in cases:
@@ -220,13 +221,11 @@ def _disk_has_room(folder: Path) -> None:
 @contextmanager
 def _sessions(folder: Path) -> Iterator[Callable[[str], Session]]:
     """Sessions by engine, made when first asked for, ended afterwards."""
-    made: dict[str, Session] = {}
     with ExitStack() as stack:
 
+        @cache
         def session_of(name: str) -> Session:
-            if name not in made:
-                (folder / name).mkdir()
-                made[name] = stack.enter_context(served_by(name, folder / name))
-            return made[name]
+            (folder / name).mkdir()
+            return stack.enter_context(served_by(name, folder / name))
 
         yield session_of

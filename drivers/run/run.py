@@ -1,13 +1,13 @@
-"""Runs a case on an engine into a run folder, once: what is done is found again by its hash."""
+"""Runs cases on engines into run folders, once: what is done is found again by its hash."""
 
 import hashlib
 import json
-import os
 import shutil
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,14 @@ from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.files import sha256_of, whole_file
-from drivers.base.processes import UNKNOWN_VERSION, Outcome, run_command
+from drivers.base.processes import UNKNOWN_VERSION, Outcome, all_stopped, cores, run_command
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCES, SENSORS, STATE, write_forces, write_state
 from drivers.engines import Engine, load_engine
-from drivers.run.finished import EndedRun, find_run
+from drivers.limits.refusal import refuse
+from drivers.run.finished import UNASSESSED, EndedRun, RunRecord, find_run, provenance, read_record
 from drivers.run.guard import checked_trace
-from drivers.run.record import UNASSESSED, RunRecord, provenance, read_record
+from drivers.run.workplaces import workplace
 
 MIN_LIMIT_S = 60.0
 _asking_version = threading.Lock()
@@ -56,7 +57,9 @@ def run_case(
     found = find_run(home, identity)
     if found and not rerun and _is_whole(found, case):
         return refresh_record(found, case)
-    with _workplace(home, identity) as folder:
+    with workplace(home) as place:
+        folder = place / "run"
+        folder.mkdir()
         deck.write(folder)
         command = deck.command_with(executable)
         outcome = run_command(command, folder, limit_s or default_limit_s(case), **engine.variables)
@@ -87,6 +90,60 @@ def run_case(
             target = target.with_name(f"{target.name}-failed")
         _move_into_place(folder, target, None if kept or not faster else faster.folder)
     return EndedRun(target, record, partial_trace)
+
+
+def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[EndedRun]:
+    """Runs pairs of a case and an engine, in their order; what is done is found.
+
+    Equal decks run once: scenes that differ in their sensors alone share a folder, whose record is that of the last.
+
+    Raises:
+        RunError: an engine is not installed; what was under way has ended.
+    """
+    from tqdm import tqdm
+
+    keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
+    different = dict(zip(keys, jobs, strict=True))
+    with workers(cores()) as pool:
+        under_way = {key: pool.submit(run_case, *job, runs) for key, job in different.items()}
+        bar = tqdm(under_way.items(), unit="run", leave=False, disable=None, file=sys.stderr)
+        ended = {key: future.result() for key, future in bar}
+    return [ended[key] for key in keys]
+
+
+def run_all_done(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[EndedRun]:
+    """As ``run_many``, where every run is needed.
+
+    Raises:
+        InputError: a case cannot end well on its engine; nothing has been run.
+        RunError: a run failed; the others are done all the same.
+    """
+    for case, engine in jobs:
+        refuse(case, engine)
+    ended = run_many(jobs, runs)
+    failures = [
+        f"{case.scene.file}: {engine} {run.record.status}: {run.record.reason}"
+        for (case, engine), run in zip(jobs, ended, strict=True)
+        if not run.done
+    ]
+    if failures:
+        raise RunError(failures[0] + (f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""))
+    return ended
+
+
+@contextmanager
+def workers(count: int) -> Iterator[ThreadPoolExecutor]:
+    """Threads that wait for engines: an error lets those under way end, an interrupt kills them."""
+    with ThreadPoolExecutor(max_workers=count) as pool:
+        try:
+            yield pool
+        except (KeyboardInterrupt, SystemExit):
+            with all_stopped():
+                pool.shutdown(cancel_futures=True)
+            raise
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
 
 
 def run_identity(engine_name: str, version: str, deck: Deck) -> str:
@@ -167,47 +224,13 @@ def known_version(engine: Engine, executable: Path, home: Path) -> str:
     return version
 
 
-@contextmanager
-def _workplace(home: Path, identity: str) -> Iterator[Path]:
-    """A folder to work in, gone afterwards unless it was moved into place; leftovers of the dead are cleared."""
-    home.mkdir(parents=True, exist_ok=True)
-    for leftover in home.glob(f".{'?' * len(identity)}.*"):
-        if leftover.is_dir() and not _alive(leftover.suffix[1:].partition("-")[0]):
-            shutil.rmtree(leftover, ignore_errors=True)
-    folder = home / f".{identity}.{os.getpid()}-{threading.get_ident()}"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir()
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def _alive(process: str) -> bool:
-    try:
-        os.kill(int(process), 0)
-    except (ValueError, ProcessLookupError):
-        return False
-    except PermissionError:
-        pass
-    return True
-
-
 def _move_into_place(folder: Path, target: Path, former: Path | None) -> None:
     """Moves a complete folder to its name; a former run of the same hash gives way, and is there until then."""
-    asides = []
-    for place, old in enumerate({former, target} - {None}):
-        assert old is not None
-        aside = folder.with_name(f"{folder.name}-former{place}")
-        try:
-            old.rename(aside)
-        except FileNotFoundError:
-            continue  # there is none, or another process was faster
-        asides.append(aside)
+    for number, old in enumerate({former or target, target}):
+        with suppress(FileNotFoundError):  # there is none, or another process was faster
+            old.rename(folder.with_name(f"former{number}"))
     try:
         folder.rename(target)
     except OSError:
         if read_record(target) is None:
             raise
-    for aside in asides:
-        shutil.rmtree(aside, ignore_errors=True)

@@ -12,7 +12,7 @@ from drivers.chain.case import Case, build_case
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import SENSORS, Trace, make_trace
 from drivers.engines import installed_codes
-from drivers.run.many import run_all_done
+from drivers.run.run import run_all_done
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe
 from postproc.read.residual import REFERENCE

@@ -20,7 +20,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten, validate
 from drivers.engines import in_order, installed_codes, missing_codes
-from drivers.run.many import workers
+from drivers.run.run import workers
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.quoted import quoted

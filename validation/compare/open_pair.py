@@ -12,8 +12,7 @@ from drivers.chain.case import Case
 from drivers.chain.elements import choose_elements
 from drivers.chain.trace import Trace, part_of
 from drivers.engines import engine_names
-from drivers.run.finished import EndedRun, open_run
-from drivers.run.record import FILE
+from drivers.run.finished import FILE, EndedRun, open_run
 from postproc.read.motion import chain_of
 
 MIN_SAMPLES = 4  # of which peaks can be read

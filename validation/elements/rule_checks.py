@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import ks_2samp
 
-from drivers.run.many import run_all_done
+from drivers.run.run import run_all_done
 from postproc.paper.simulate import Simulation, run_codes
 from postproc.read.residual import apart, residual
 from validation.accuracy.assess import assess

@@ -15,7 +15,7 @@ from drivers.chain.trace import Trace
 from drivers.engines import engine_names, in_order, load_engine, missing_codes
 from drivers.limits.refusal import inability, refuse
 from drivers.run.finished import EndedRun, open_run
-from drivers.run.many import run_many
+from drivers.run.run import run_many
 from postproc.paper.simulate import exact
 from postproc.read.motion import read_motion
 from postproc.read.residual import REFERENCE

@@ -10,7 +10,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.engines import in_order
-from drivers.run.record import provenance
+from drivers.run.finished import provenance
 from validation.compare.compared_scenes import ComparedScene
 
 LIBRARIES = ("numpy", "scipy", "numba")

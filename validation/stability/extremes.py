@@ -14,7 +14,7 @@ from drivers.chain.trace import Trace
 from drivers.engines import codes, installed
 from drivers.limits.refusal import refuse
 from drivers.limits.stable_step import predicted_limit
-from drivers.run.many import run_many
+from drivers.run.run import run_many
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.read.residual import REFERENCE, apart

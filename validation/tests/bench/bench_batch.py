@@ -12,8 +12,7 @@ import pandas as pd
 
 from drivers.__main__ import request_of
 from drivers.base.processes import run_command
-from drivers.batch.status import SPENT
-from drivers.batch.study_commands import Where, batch, status
+from drivers.batch.study_commands import SPENT, Where, batch, status
 from drivers.chain.case import build_case
 from drivers.engines import installed_codes, load_engine
 from drivers.scene.read_scene import read_scene

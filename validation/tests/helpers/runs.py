@@ -11,8 +11,7 @@ from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine
 from drivers.limits.refusal import refuse
-from drivers.run.finished import EndedRun
-from drivers.run.record import read_record
+from drivers.run.finished import EndedRun, read_record
 from drivers.run.run import run_case
 from validation.accuracy.assess import assess
 from validation.tests.helpers.scenes import case_of

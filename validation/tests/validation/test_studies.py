@@ -14,7 +14,7 @@ import drivers.engines
 from drivers.base import paths
 from drivers.chain.case import Case
 from drivers.engines import installed_codes, load_engine
-from drivers.run.many import run_all_done
+from drivers.run.run import run_all_done
 from postproc.paper.simulate import Simulation, run_codes
 from validation.__main__ import COMMANDS
 from validation.elements import elements_study, oscilloscope, rule_checks, switches

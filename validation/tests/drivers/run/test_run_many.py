@@ -13,15 +13,14 @@ import pytest
 from drivers.base.errors import RunError
 from drivers.base.processes import all_stopped, run_command
 from drivers.run.finished import open_run
-from drivers.run.many import run_many
-from drivers.run.run import run_case
+from drivers.run.run import run_case, run_many
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 SLOW = """
 import sys
 from drivers.chain.case import build_case
 from drivers.scene.read_scene import read_scene
-from drivers.run.many import run_many
+from drivers.run.run import run_many
 from drivers.base.command_line import run_main
 from pathlib import Path
 def main():

@@ -9,7 +9,7 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.limits.attainable import beyond_rounding, refuse_beyond_rounding
 from drivers.limits.stable_step import linear_limit
-from drivers.run.record import RunRecord
+from drivers.run.finished import RunRecord
 from validation.accuracy.baseline import baseline_of
 from validation.accuracy.budget import parts_of
 from validation.accuracy.costs import cheapest

@@ -17,7 +17,7 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
 from drivers.chain.trace import until
-from drivers.run.record import provenance
+from drivers.run.finished import provenance
 from postproc.read.sensors import sensor_signals
 from validation.accuracy.baseline import HORIZON, baseline_of, shipped_name
 from validation.compare.compared_scenes import ComparedScene

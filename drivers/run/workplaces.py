@@ -1,4 +1,4 @@
-"""Workplaces of batches: folders that exist as long as a live process holds their lock.
+"""Workplaces: folders that exist as long as a live process holds their lock, with the rows it has leased.
 
 On one machine the lock is the kernel's: it goes with the process, however that ends, and the workplace of a dead one is
 cleared. Of other machines a shared file system may or may not show the locks, so there a workplace is alive as long as
@@ -14,7 +14,6 @@ import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.base.files import whole_file
@@ -23,56 +22,48 @@ LEASE = "lease.json"
 ALIVE = "alive"
 ALIVE_S = 120.0  # a workplace of another machine touched within this is alive
 ABANDONED_S = 86400.0
-WORK = ".work"  # of a store: where workplaces are
-
-
-@dataclass(frozen=True)
-class Workplace:
-    """A folder of one process at work."""
-
-    folder: Path
-
-    def lease(self, identities: set[str]) -> set[str]:
-        """Leases the rows that no other live process works on, in place of what was leased before."""
-        with _locked(self.folder.parent / "lock"):
-            free = identities - leased(self.folder.parent, self.folder)
-            with whole_file(self.folder / LEASE) as draft:
-                draft.write_text(json.dumps(sorted(free)))
-        return free
-
-    def show_alive(self) -> None:
-        """Touches the workplace, for other machines to see."""
-        os.utime(self.folder / ALIVE)
 
 
 @contextmanager
-def workplace(home: Path) -> Iterator[Workplace]:
-    """A workplace below ``home``, gone afterwards."""
+def workplace(home: Path) -> Iterator[Path]:
+    """A folder to work in below ``home``, gone afterwards; those of the dead are cleared."""
     home.mkdir(parents=True, exist_ok=True)
-    folder = home / f"{uuid.uuid4().hex[:12]}@{_machine()}"
-    draft = folder.with_name(f".{folder.name}")
-    draft.mkdir()
-    with open(draft / ALIVE, "w") as alive:
+    leased(home)
+    folder = home / f".{uuid.uuid4().hex[:12]}@{_machine()}"
+    folder.mkdir()
+    with open(folder / "unlocked", "w") as alive:
         with suppress(OSError):  # no locks here: it is alive as long as it is touched
             fcntl.flock(alive.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-        draft.rename(folder)
+        (folder / "unlocked").rename(folder / ALIVE)
         try:
-            yield Workplace(folder)
+            yield folder
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def show_alive(place: Path) -> None:
+    """Touches a workplace, for other machines to see."""
+    os.utime(place / ALIVE)
+
+
+def lease(place: Path, identities: set[str]) -> set[str]:
+    """Leases the rows that no other live process works on, in place of what was leased before."""
+    with open(place.parent / "lock", "a") as file:
+        with suppress(OSError):  # no locks here
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX)
+        free = identities - leased(place.parent, place)
+        with whole_file(place / LEASE) as draft:
+            draft.write_text(json.dumps(sorted(free)))
+    return free
 
 
 def leased(home: Path, own: Path | None = None) -> set[str]:
     """Rows that live processes work on; the workplaces of dead ones are cleared."""
     identities: set[str] = set()
-    for folder in home.glob("*@*"):
-        if folder == own:
-            continue
-        try:
-            if _alive(folder):
+    for folder in home.glob(".*@*"):
+        with suppress(OSError, ValueError):  # it is just beginning or just ending, or no place of leases
+            if folder != own and _alive(folder):
                 identities |= set(json.loads((folder / LEASE).read_text()))
-        except (OSError, ValueError):
-            continue  # it is just beginning or just ending
     return identities
 
 
@@ -88,8 +79,7 @@ def _alive(folder: Path) -> bool:
             fcntl.flock(alive.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             return True
-    if not (folder.name.startswith(".") and age_s < ALIVE_S):  # a draft is not locked yet
-        shutil.rmtree(folder, ignore_errors=True)
+    shutil.rmtree(folder, ignore_errors=True)
     return False
 
 
@@ -100,11 +90,3 @@ def _machine() -> str:
     except OSError:
         boot = "boot"
     return f"{platform.node()}-{boot}"
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    with open(path, "a") as file:
-        with suppress(OSError):  # no locks here
-            fcntl.flock(file.fileno(), fcntl.LOCK_EX)
-        yield
