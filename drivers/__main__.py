@@ -2,10 +2,11 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from drivers.base import paths
 from drivers.base.command_line import Parser, must_be_folder, run_main, seconds
 from drivers.base.errors import InputError, RunError
 
@@ -18,100 +19,11 @@ AUTO = "auto"  # in place of an engine: the cheapest that models what the scene 
 def main() -> int:
     """Reads the command line and does what it says."""
     arguments = _parser().parse_args()
+    for option, default in (("runs", paths.RUNS), ("results", paths.RESULTS), ("out", None)):
+        if option in arguments:
+            setattr(arguments, option, getattr(arguments, option) or default)
+            must_be_folder(f"--{option}", getattr(arguments, option))
     return int(arguments.action(arguments))
-
-
-def _parser() -> Parser:
-    parser = Parser(prog="python -m drivers", description="Scene files to decks to runs.")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-
-    render = commands.add_parser("render", help="write an engine's deck for a scene")
-    _add_scene(render)
-    render.add_argument("--engine", required=True, metavar="E", help="its name, such as verlet")
-    render.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder to write the deck to")
-    _add_unsafe(render)
-    render.set_defaults(action=_render)
-
-    run = commands.add_parser("run", help="run a scene and print the run folders")
-    _add_scene(run)
-    run.add_argument(
-        "--engine", action="append", metavar="E", help="repeatable; auto: the cheapest; left out: all installed"
-    )
-    run.add_argument("--runs", type=Path, metavar="DIR", help="where run folders go (default: runs/ of the checkout)")
-    run.add_argument("--rerun", action="store_true", help="run again what is done")
-    run.add_argument("--time-limit", type=seconds, metavar="S", help="seconds after which a run is killed")
-    _add_unsafe(run)
-    run.set_defaults(action=_run)
-
-    plan = commands.add_parser("plan", help="time step, engine, errors and cost to expect of a scene")
-    _add_scene(plan)
-    plan.set_defaults(action=_plan)
-
-    batch = commands.add_parser("batch", help="run what is not done of a study and write its table")
-    _add_study(batch)
-    batch.add_argument("--results", type=Path, metavar="DIR", help="where the tables go (default: results/)")
-    batch.add_argument("--workers", type=_count, metavar="N", help="processes on this machine (default: its cores)")
-    batch.add_argument(
-        "--dry-run", action="store_true", help="validate every case, say what there is to do, run nothing"
-    )
-    batch.add_argument("--retry", action="store_true", help="run failed cases again")
-    batch.add_argument("--yes", action="store_true", help="yes, more than 20,000 cases")
-    place = batch.add_mutually_exclusive_group()
-    place.add_argument("--slice", type=_slice, metavar="I/N", help="run part I of N here, and write no table")
-    place.add_argument(
-        "--dask",
-        nargs="?",
-        const="local",
-        metavar="ADDRESS",
-        help="run on a Dask cluster; without an address on one of its own",
-    )
-    place.add_argument("--slurm", action="store_true", help="run as a Slurm job array")
-    batch.add_argument(
-        "--slices", type=_count, metavar="N", help="tasks of the job array (default: by the time to expect)"
-    )
-    batch.add_argument("--wait", action="store_true", help="wait for the job array, then write the table")
-    batch.set_defaults(action=_batch)
-
-    status = commands.add_parser("status", help="what is done, failed, stale, running and to do of a study")
-    _add_study(status)
-    status.add_argument("--list", action="store_true", help="case by case")
-    status.set_defaults(action=_status)
-
-    show = commands.add_parser("show", help="lay a case of a study out as run folders with their decks")
-    _add_study(show, select=False)
-    show.add_argument("case", type=_count, metavar="CASE", help="its number, as in the table")
-    show.set_defaults(action=_show)
-    return parser
-
-
-def _add_scene(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", metavar="SCENE", help="a scene file, or the name of one in inputs/scenes")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        dest="settings",
-        help="lay a value over the scene, such as chain.count=60 or run.time_step='10 ns'; empty: leave the key out",
-    )
-
-
-def _add_unsafe(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--unsafe", action="store_true", help="do what a guard refuses, such as too large a time step")
-
-
-def _add_study(parser: argparse.ArgumentParser, *, select: bool = True) -> None:
-    parser.add_argument("study", metavar="STUDY", help="a study file, or the name of one in inputs/studies")
-    parser.add_argument("--runs", type=Path, metavar="DIR", help="where runs are kept (default: runs/ of the checkout)")
-    parser.add_argument("--engine", action="append", default=[], metavar="E", help="repeatable; one of the study's")
-    if select:
-        parser.add_argument(
-            "--only",
-            action="append",
-            default=[],
-            metavar="PATTERN",
-            help="cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label like GLOB; repeatable",
-        )
 
 
 def _count(text: str) -> int:
@@ -124,19 +36,19 @@ def _slice(text: str) -> tuple[int, int]:
     part, _, parts = text.partition("/")
     try:
         found = _count(part), _count(parts)
+        if found[0] <= found[1]:
+            return found
     except argparse.ArgumentTypeError:
-        found = (1, 0)
-    if found[0] > found[1]:
-        raise argparse.ArgumentTypeError(f"found {text}; allowed: I/N with I from 1 to N")
-    return found
+        pass
+    raise argparse.ArgumentTypeError(f"found {text}; allowed: I/N with I from 1 to N")
 
 
-def _engines(asked: list[str] | None, *, automatic: bool = False) -> tuple[list[str], list[str]]:
+def _engines(asked: list[str], *, automatic: bool = False) -> tuple[list[str], list[str]]:
     """Engines to run and engines left out because nobody asked for them and they are not installed."""
     from drivers.engines import engine_names, load_engine
 
     names = engine_names()
-    for name in asked or []:
+    for name in asked:
         if name not in names:
             raise InputError("--engine", "", f'"{name}"', ", ".join(names + [AUTO] * automatic))
     if asked:
@@ -155,7 +67,6 @@ def _render(arguments: argparse.Namespace) -> int:
     if not arguments.unsafe:
         refuse(case, name)
     deck = load_engine(name).render(case)
-    must_be_folder("--out", arguments.out)
     arguments.out.mkdir(parents=True, exist_ok=True)
     for file in deck.write(arguments.out):
         print(file)
@@ -163,14 +74,13 @@ def _render(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from drivers.base import paths
     from drivers.limits.refusal import inability, refuse
     from drivers.run.run import run_case
     from validation.accuracy.assess import assess
     from validation.accuracy.costs import cheapest
     from validation.accuracy.plan import planned_case
 
-    asked = arguments.engine or []
+    asked = arguments.engine
     named = [name for name in asked if name != AUTO]
     _engines(named, automatic=True)  # a wrong name is wrong before anything is planned
     case = planned_case(arguments.scene, *arguments.settings)
@@ -179,11 +89,10 @@ def _run(arguments: argparse.Namespace) -> int:
     names = [name for name in names if name not in refusals]
     for name in [] if arguments.unsafe else names:
         refuse(case, name)  # before any engine starts
-    runs = _runs(arguments)
     failures = 0
     for name in names:
         try:
-            ended = run_case(case, name, runs, rerun=arguments.rerun, limit_s=arguments.time_limit)
+            ended = run_case(case, name, arguments.runs, rerun=arguments.rerun, limit_s=arguments.time_limit)
             ended = assess(ended, case)
         except (RunError, OSError) as error:
             print(f"{case.scene.name}: {name}: {error}", file=sys.stderr)
@@ -217,24 +126,21 @@ def request_of(
     study: str | Path, runs: Path, engines: Sequence[str] = (), patterns: Sequence[str] = (), *, retry: bool = False
 ) -> "Request":
     """A study that is asked for, with the functions of higher rooms that a batch needs."""
-    from drivers.batch.study_cases import Request, Step, Steps
+    from drivers.batch.study_cases import Request, Steps
 
     steps = Steps(
-        plan=Step("validation.accuracy.plan", "plan_case"),
-        observe=Step("postproc.read.observables", "observe"),
-        residual=Step("postproc.read.residual", "residual"),
-        assess=Step("validation.accuracy.assess", "assess"),
+        plan="validation.accuracy.plan:plan_case",
+        observe="postproc.read.observables:observe",
+        residual="postproc.read.residual:residual",
+        assess="validation.accuracy.assess:assess",
     )
     return Request(study, runs, steps, tuple(engines), tuple(patterns), retry)
 
 
 def _batch(arguments: argparse.Namespace) -> int:
-    from drivers.base import paths
     from drivers.base.processes import cores
     from drivers.batch.study_commands import Where, batch, run_part
 
-    runs, results = _runs(arguments), arguments.results or paths.RESULTS
-    must_be_folder("--results", results)
     for option in ("wait", "slices"):
         if getattr(arguments, option) and not arguments.slurm:
             raise InputError(f"--{option}", "", "no --slurm", "it goes with --slurm")
@@ -242,33 +148,109 @@ def _batch(arguments: argparse.Namespace) -> int:
         if arguments.slice and getattr(arguments, option):
             words = f"--{option.replace('_', '-')}"
             raise InputError(words, "", "--slice", "one of the two: a slice runs here, by itself")
-    request = request_of(arguments.study, runs, arguments.engine, arguments.only, retry=arguments.retry)
+    request = request_of(arguments.study, arguments.runs, arguments.engine, arguments.only, retry=arguments.retry)
     if arguments.slice:
         return run_part(request, *arguments.slice)
     where = Where(arguments.workers or cores(), arguments.dask, arguments.slurm, arguments.wait, arguments.slices)
-    return batch(request, results, where, dry_run=arguments.dry_run, yes=arguments.yes)
+    return batch(request, arguments.results, where, dry_run=arguments.dry_run, yes=arguments.yes)
 
 
 def _status(arguments: argparse.Namespace) -> int:
     from drivers.batch.study_commands import status
 
-    request = request_of(arguments.study, _runs(arguments), arguments.engine, arguments.only)
+    request = request_of(arguments.study, arguments.runs, arguments.engine, arguments.only)
     return status(request, every=arguments.list)
 
 
 def _show(arguments: argparse.Namespace) -> int:
     from drivers.batch.study_commands import show
 
-    return show(request_of(arguments.study, _runs(arguments), arguments.engine), arguments.case)
+    return show(request_of(arguments.study, arguments.runs, arguments.engine), arguments.case)
 
 
-def _runs(arguments: argparse.Namespace) -> Path:
-    """Where runs are kept."""
-    from drivers.base import paths
+# by the word for its value in the help: how an option is read
+SEVERAL: dict[str, Any] = {"action": "append", "default": []}
+KINDS: dict[str, dict[str, Any]] = {
+    "": {"action": "store_true"},
+    "SCENE": {},
+    "STUDY": {},
+    "E": SEVERAL,
+    "PATTERN": SEVERAL,
+    "KEY=VALUE": SEVERAL | {"dest": "settings"},
+    "NAME": {"required": True},
+    "DIR": {"type": Path},
+    "FOLDER": {"type": Path, "required": True},
+    "CASE": {"type": _count},
+    "N": {"type": _count},
+    "S": {"type": seconds},
+    "I/N": {"type": _slice},
+    "ADDRESS": {"nargs": "?", "const": "local"},
+}
+PLACES = ("--slice", "--dask", "--slurm")  # of a batch, one of them
+OPTIONS = {
+    "scene SCENE": "a scene file, or the name of one in inputs/scenes",
+    "study STUDY": "a study file, or the name of one in inputs/studies",
+    "case CASE": "its number, as in the table",
+    "--set KEY=VALUE": "a value over the scene's, as in chain.count=60 or run.time_step='10 ns'; empty: leave the key out",
+    "--engine NAME": "its name, such as verlet",
+    "--engine E": "repeatable; left out: all that are installed, or the study's; for run also auto: the cheapest",
+    "--only PATTERN": "cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label like GLOB; repeatable",
+    "--out FOLDER": "folder to write the deck to",
+    "--runs DIR": "where runs are kept (default: runs/ of the checkout)",
+    "--results DIR": "where the tables go (default: results/)",
+    "--rerun": "run again what is done",
+    "--time-limit S": "seconds after which a run is killed",
+    "--unsafe": "do what a guard refuses, such as too large a time step",
+    "--workers N": "processes on this machine (default: its cores)",
+    "--dry-run": "validate every case, say what there is to do, run nothing",
+    "--retry": "run failed cases again",
+    "--yes": "yes, more than 20,000 cases",
+    "--slice I/N": "run part I of N here, and write no table",
+    "--dask ADDRESS": "run on a Dask cluster; without an address on one of its own",
+    "--slurm": "run as a Slurm job array",
+    "--slices N": "tasks of the job array (default: by the time to expect)",
+    "--wait": "wait for the job array, then write the table",
+    "--list": "case by case",
+}
+SCENE = ("scene SCENE", "--set KEY=VALUE")
+STUDY = ("study STUDY", "--runs DIR", "--engine E")
+CLUSTER = ("--slice I/N", "--dask ADDRESS", "--slurm", "--slices N", "--wait")
+HERE = ("--workers N", "--dry-run", "--retry", "--yes")
+BATCH = (
+    "--results DIR, --workers N, --dry-run, --retry, --yes, --slice I/N, --dask ADDRESS, --slurm, --slices N, --wait"
+)
+RUN = ("--engine E", "--runs DIR", "--rerun", "--time-limit S", "--unsafe")
+# by name: what it does, how, and its options
+COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, tuple[str, ...]]] = {
+    "render": (_render, "write an engine's deck for a scene", (*SCENE, "--engine NAME", "--out FOLDER", "--unsafe")),
+    "run": (_run, "run a scene and print the run folders", (*SCENE, *RUN)),
+    "plan": (_plan, "time step, engine, errors and cost to expect of a scene", SCENE),
+    "batch": (
+        _batch,
+        "run what is not done of a study and write its table",
+        (*STUDY, "--only PATTERN", "--results DIR", *HERE, *CLUSTER),
+    ),
+    "status": (
+        _status,
+        "what is done, failed, stale, running and to do of a study",
+        (*STUDY, "--only PATTERN", "--list"),
+    ),
+    "show": (_show, "lay a case of a study out as run folders with their decks", (*STUDY, "case CASE")),
+}
 
-    runs: Path = arguments.runs or paths.RUNS
-    must_be_folder("--runs", runs)
-    return runs
+
+def _parser() -> Parser:
+    parser = Parser(prog="python -m drivers", description="Scene files to decks to runs.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for name, (action, summary, options) in COMMANDS.items():
+        command = commands.add_parser(name, help=summary)
+        command.set_defaults(action=action)
+        place = command.add_mutually_exclusive_group() if "--slurm" in options else command
+        for option in options:
+            flag, _, word = option.partition(" ")
+            kind = KINDS[word] | ({"metavar": word} if word else {})
+            (place if flag in PLACES else command).add_argument(flag, help=OPTIONS[option], **kind)
+    return parser
 
 
 if __name__ == "__main__":

@@ -1,24 +1,21 @@
 """Workers on this machine: processes that live as long as the batch."""
 
-import ctypes
 import multiprocessing
 import os
 import signal
-import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
 from multiprocessing import connection, forkserver
 from pathlib import Path
 from typing import Any
 
 from drivers.base.errors import RunError
 from drivers.batch.store import Store
-from drivers.batch.study_cases import Setup, Steps, StudyPlan, joined, plan_cases
+from drivers.batch.study_cases import Setup, Steps, StudyPlan, facts_of, plan_of
 from drivers.batch.worker import CHUNK, run_cases
 
 POLL_S = 0.2
@@ -28,35 +25,21 @@ MAX_DEATHS = 3  # of workers in a row, without a row done
 PLAN_CHUNK = 250
 MANY_TO_PLAN = 500  # cases; from here on, workers share the planning
 
-
-@dataclass(frozen=True)
-class _Work:
-    """Task of a worker process."""
-
-    setup: Setup
-    store: Store
-    taken: Any  # shared: how many of the numbers have been taken up
+_work: tuple[Setup, Store, Any]  # of a worker process; the last: how many numbers all workers have taken up
 
 
-_work: _Work | None = None  # of a worker process
-
-
-def get_ready(steps: Steps) -> None:
+def get_ready(steps: Steps) -> multiprocessing.context.ForkServerContext:
     """Starts what workers are forked from, with all that they need loaded, without waiting for it."""
-    _context(steps)
-    forkserver.ensure_running()
-
-
-def _context(steps: Steps) -> multiprocessing.context.ForkServerContext:
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([run_cases.__module__, steps.plan.module, *steps.observing])
+    context.set_forkserver_preload([run_cases.__module__, steps.plan.partition(":")[0], *steps.observing])
+    forkserver.ensure_running()
     return context
 
 
 @contextmanager
 def worker_pool(workers: int, setup: Setup, store: Store) -> Iterator[ProcessPoolExecutor]:
     """Worker processes for a study; whatever happens here, they end with it."""
-    context = _context(setup.steps)
+    context = get_ready(setup.steps)
     pool = ProcessPoolExecutor(workers, context, _begin, (setup, store.runs, context.Value("q", 0)))
     try:
         yield pool
@@ -80,19 +63,13 @@ def plan_side_by_side(setup: Setup, store: Store, workers: int) -> StudyPlan:
     """
     from tqdm import tqdm
 
-    count = setup.study.count
-    if count < MANY_TO_PLAN or workers == 1:
-        return plan_cases(setup, range(1, count + 1))
-    starts = range(1, count + 1, PLAN_CHUNK)
-    chunks = [range(start, min(start + PLAN_CHUNK, count + 1)) for start in starts]
-    parts = []
+    numbers = range(1, setup.study.count + 1)
+    if len(numbers) < MANY_TO_PLAN or workers == 1:
+        return plan_of(setup, (facts_of(setup, number) for number in numbers))
     with worker_pool(workers, setup, store) as pool:
-        bar = tqdm(total=count, unit="case", desc="validating", leave=False, disable=None, file=sys.stderr)
-        for part in pool.map(_plan, chunks):
-            parts.append(part)
-            bar.update(len(part.work))
-        bar.close()
-    return joined(parts)
+        facts = pool.map(_facts, numbers, chunksize=PLAN_CHUNK)
+        bar = tqdm(facts, total=len(numbers), unit="case", desc="validating", leave=False, disable=None)
+        return plan_of(setup, bar)
 
 
 def run_locally(
@@ -110,7 +87,7 @@ def run_locally(
         try:
             with worker_pool(workers, setup, store) as pool:
                 futures = [pool.submit(_run, numbers, workers, engines, retry_before) for _ in range(workers)]
-                yield from _waiting(futures)
+                yield from waiting_for_all(futures)
             numbers = [number for future in futures for number in future.result()]
             if numbers:  # another batch is at work on them
                 time.sleep(RETRY_S)
@@ -121,7 +98,7 @@ def run_locally(
                 raise RunError(f"workers were killed {deaths} times; what is done is kept") from error
 
 
-def _waiting(futures: list[Future[Any]]) -> Iterator[None]:
+def waiting_for_all(futures: list[Future[Any]]) -> Iterator[None]:
     """Yields until all are through; the first error ends it."""
     waiting = set(futures)
     while waiting:
@@ -136,13 +113,10 @@ def _begin(setup: Setup, runs: Path, taken: Any) -> None:
     global _work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
-    if sys.platform == "linux":
-        death_signal = 1
-        ctypes.CDLL(None).prctl(death_signal, signal.SIGKILL)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-    _work = _Work(setup, Store(runs), taken)
+    _work = setup, Store(runs), taken
 
 
 def _end_with(sentinel: int) -> None:
@@ -158,10 +132,9 @@ def _end(*_: object) -> None:
 
 def _run(numbers: Sequence[int], workers: int, engines: Sequence[str], retry_before: float) -> list[int]:
     """Takes up chunk after chunk of the numbers that all workers share; those left to another batch."""
-    assert _work is not None
+    setup, store, taken = _work
     try:
-        chunks = _chunks(numbers, workers, _work.taken)
-        return run_cases(_work.setup, chunks, engines, _work.store, retry_before)
+        return run_cases(setup, _chunks(numbers, workers, taken), engines, store, retry_before)
     except SystemExit:
         os._exit(1)  # everything is closed: the pool must not hand out more, nor say a word
 
@@ -178,6 +151,5 @@ def _chunks(numbers: Sequence[int], workers: int, taken: Any) -> Iterator[Sequen
         yield numbers[start : start + size]
 
 
-def _plan(numbers: Sequence[int]) -> StudyPlan:
-    assert _work is not None
-    return plan_cases(_work.setup, numbers)
+def _facts(number: int) -> tuple[list[str], int, list[Any]]:
+    return facts_of(_work[0], number)

@@ -4,14 +4,15 @@ All identities of a study are worked out once and kept until something that they
 """
 
 import hashlib
+import itertools
 import json
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from drivers.base import paths
@@ -35,20 +36,8 @@ RUNNING = ("drivers.run.guard", "drivers.run.session")  # modules that turn raw 
 
 
 @dataclass(frozen=True)
-class Step:
-    """A function by the names of its module and its own: it passes between processes, and loads when it is called."""
-
-    module: str
-    name: str
-
-    def __call__(self, *values: Any) -> Any:
-        """Calls it."""
-        return getattr(import_module(self.module), self.name)(*values)
-
-
-@dataclass(frozen=True)
 class Steps:
-    """Functions of higher rooms that a batch is handed.
+    """Functions of higher rooms that a batch is handed, as ``module:name``: these pass between processes.
 
     Attributes:
         plan: of a case: the case at the time step of its accuracy, where its scene asks for one.
@@ -57,15 +46,15 @@ class Steps:
         assess: of a run that ended and its case: the run with its errors measured.
     """
 
-    plan: Step
-    observe: Step
-    residual: Step
-    assess: Step
+    plan: str
+    observe: str
+    residual: str
+    assess: str
 
     @property
     def observing(self) -> tuple[str, ...]:
         """Modules that turn raw output into a row."""
-        return (*RUNNING, self.observe.module, self.residual.module)
+        return (*RUNNING, *(step.partition(":")[0] for step in (self.observe, self.residual)))
 
 
 @dataclass(frozen=True)
@@ -110,7 +99,7 @@ class Setup:
             InputError: it makes no scene, or none that can end well on an engine (``drivers.limits.refusal``).
         """
         study, versions = self.study, self.versions
-        case: Case = self.steps.plan(study.case(number))
+        case: Case = resolve_name(self.steps.plan)(study.case(number))
         # exact forces, by which errors are counted, are known of straight chains only
         names = [name for name in versions if name in study.engines or inability(case, name) is None]
         if not study.file.unsafe:
@@ -194,42 +183,34 @@ class StudyPlan:
         return [store.rows.get(identity) for identity in self.identities[engine]]
 
 
-def plan_cases(setup: Setup, numbers: Sequence[int]) -> StudyPlan:
-    """The plan of some cases, which validates them.
+def facts_of(setup: Setup, number: int) -> tuple[list[str], int, list[Any]]:
+    """Identities by engine, work and swept values of a case, as a plan has them.
 
     Raises:
-        InputError: one of them makes no scene, or none that can end well.
+        InputError: it makes no scene, or none that can end well.
     """
-    columns = {column_name(name, key): key for name, key in setup.study.columns.items()}
-    plan = StudyPlan({name: [] for name in setup.versions}, [], {column: [] for column in columns})
-    for case in map(setup.case, numbers):
-        plan.work.append(case.work)
-        for column, key in columns.items():
-            plan.values[column].append(value_at(case.case.scene, key))
-        for name, identities in plan.identities.items():
-            identities.append(case.identities.get(name, ""))  # none of what does not model the case
-    return plan
+    case = setup.case(number)
+    identities = [case.identities.get(name, "") for name in setup.versions]  # none of what does not model the case
+    return identities, case.work, [value_at(case.case.scene, key) for key in setup.study.columns.values()]
 
 
-def joined(parts: Sequence[StudyPlan]) -> StudyPlan:
-    """Plans of consecutive cases as one."""
+def plan_of(setup: Setup, facts: Iterable[tuple[list[str], int, list[Any]]]) -> StudyPlan:
+    """The plan of a study from the facts of all its cases."""
+    identities, work, values = zip(*facts, strict=True)
+    columns = itertools.starmap(column_name, setup.study.columns.items())
     return StudyPlan(
-        {name: [each for part in parts for each in part.identities[name]] for name in parts[0].identities},
-        [work for part in parts for work in part.work],
-        {name: [each for part in parts for each in part.values[name]] for name in parts[0].values},
+        {name: list(each) for name, each in zip(setup.versions, zip(*identities, strict=True), strict=True)},
+        list(work),
+        {name: list(each) for name, each in zip(columns, zip(*values, strict=True), strict=True)},
     )
 
 
 def kept_plan(setup: Setup, store: Store) -> StudyPlan | None:
     """The plan as it was worked out before, if nothing it depends on has changed since."""
     try:
-        plan = StudyPlan(**json.loads(_plan_file(setup, store).read_text()))
-        columns: list[list[Any]] = [*plan.identities.values(), plan.work, *plan.values.values()]
-        lengths = {len(column) for column in columns}
-        whole = set(plan.identities) == set(setup.versions) and lengths == {setup.study.count}
-    except (OSError, ValueError, TypeError, AttributeError):
+        return StudyPlan(**json.loads(_plan_file(setup, store).read_text()))
+    except (OSError, ValueError, TypeError):
         return None
-    return plan if whole else None
 
 
 def keep_plan(plan: StudyPlan, setup: Setup, store: Store) -> None:
@@ -246,7 +227,7 @@ def keep_plan(plan: StudyPlan, setup: Setup, store: Store) -> None:
 
 def _plan_file(setup: Setup, store: Store) -> Path:
     """Named by all that a plan depends on: the study with its scene, versions, sources, templates and tolerances."""
-    sources = sources_of((__name__, setup.steps.plan.module, *map(_module_of, setup.versions)))
+    sources = sources_of((__name__, setup.steps.plan.partition(":")[0], *map(_module_of, setup.versions)))
     templates = sorted((paths.ROOT / "templates").rglob("*.j2"))
     content = _content_of((*sources, *templates, paths.TOLERANCES))
     key = f"{setup.study!r}\0{sorted(setup.versions.items())}\0{sorted(setup.readers.items())}\0{content}"
@@ -259,32 +240,25 @@ def _module_of(engine: str) -> str:
 
 def sources_of(modules: Iterable[str]) -> tuple[Path, ...]:
     """Source files of modules of this project and of all that these import, in order."""
-    found: dict[str, Path] = {}
-    waiting = list(modules)
+    found: set[Path] = set()
+    waiting = [*modules]
     while waiting:
-        module = waiting.pop()
-        file = _file_of(module)
-        if file is not None and module not in found:
-            found[module] = file
+        path = paths.ROOT / waiting.pop().replace(".", "/")
+        file = next((file for file in (path / "__init__.py", path.with_suffix(".py")) if file.is_file()), None)
+        if file is not None and file not in found:
+            found.add(file)
             waiting += _imports_of(file)
-    return tuple(sorted(set(found.values())))
-
-
-def _file_of(module: str) -> Path | None:
-    if module.partition(".")[0] not in PACKAGES:
-        return None
-    path = paths.ROOT / module.replace(".", "/")
-    return next((file for file in (path / "__init__.py", path.with_suffix(".py")) if file.is_file()), None)
+    return tuple(sorted(found))
 
 
 @cache
 def _imports_of(file: Path) -> tuple[str, ...]:
-    """All that a file imports, wherever in it; some of it may be no module."""
+    """What a file imports of this project, wherever in it; some of it may be no module."""
     found: list[str] = []
     for module, names in IMPORT.findall(file.read_text()):
         words = re.findall(r"[\w.]+", names)
         found += [module, *(f"{module}.{word}" for word in words)] if module else words
-    return tuple(found)
+    return tuple(name for name in found if name.partition(".")[0] in PACKAGES)
 
 
 def _content_of(files: Iterable[Path]) -> str:

@@ -1,11 +1,13 @@
 """``batch``, ``status`` and ``show``: what the command line does with a study."""
 
+import shutil
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from pkgutil import resolve_name
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -68,10 +70,8 @@ class _Batch:
 
 def batch(request: Request, results: Path, where: Where, *, dry_run: bool = False, yes: bool = False) -> int:
     """Runs what is not done of a study and writes its tables; the exit code."""
-    if where.slurm:
-        from drivers.batch.on_slurm import must_have_slurm
-
-        must_have_slurm()
+    if where.slurm and shutil.which("sbatch") is None:
+        raise InputError("--slurm", "", "no sbatch", "a machine that submits to Slurm")
     if not (where.dask or where.slurm or dry_run):
         get_ready(request.steps)
     found = _open(request, where.workers, yes=yes)
@@ -139,7 +139,9 @@ def show(request: Request, number: int) -> int:
             print(f"{name}: not installed", file=sys.stderr)
             code = 1
             continue
-        ended: EndedRun = request.steps.assess(run_case(case.case, name, runs, limit_s=study.file.limit), case.case)
+        ended: EndedRun = resolve_name(request.steps.assess)(
+            run_case(case.case, name, runs, limit_s=study.file.limit), case.case
+        )
         row = store.rows.get(case.identities[name])
         for warning in ended.record.warnings or ():
             print(f"{name} warning: {warning}", file=sys.stderr)
@@ -181,12 +183,12 @@ def _run(
     """Runs cases where they are to be run; yields now and then."""
     setup, selection, store = found.setup, found.selection, found.store
     if where.dask:
-        from drivers.batch.on_dask import run_on_dask
+        from drivers.batch.on_clusters import run_on_dask
 
         request = replace(found.request, source=setup.study.path, runs=store.runs.resolve())
         yield from run_on_dask(where.dask, request, selection, numbers, where.workers)
     elif where.slurm:
-        from drivers.batch.on_slurm import parts_for, submit, waiting_for, write_script
+        from drivers.batch.on_clusters import parts_for, submit, waiting_for, write_script
 
         parts = where.parts or parts_for(len(selection.numbers), expected_s(found.plan, store, todo))
         script = write_script(setup.study, selection, numbers, store, parts, retry=found.request.retry)
@@ -241,7 +243,7 @@ def follow(under_way: Iterator[None], study: Study, plan: StudyPlan, awaited: se
     from tqdm import tqdm
 
     numbers = {identity: n for some in plan.identities.values() for n, identity in enumerate(some, start=1)}
-    with tqdm(total=len(awaited), unit="row", leave=False, disable=None, file=sys.stderr) as bar:
+    with tqdm(total=len(awaited), unit="row", leave=False, disable=None) as bar:
 
         def update() -> None:
             for row in store.refresh():

@@ -8,11 +8,12 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from pkgutil import resolve_name
 
 from drivers.base.errors import RunError
 from drivers.batch.store import WORK, Outbox, Row, Store
 from drivers.batch.study import read_study, select
-from drivers.batch.study_cases import REFERENCE, Request, Setup, StudyCase, plan_cases, set_up
+from drivers.batch.study_cases import REFERENCE, Request, Setup, StudyCase, set_up
 from drivers.chain.trace import Trace, digest_of
 from drivers.engines import load_engine
 from drivers.run.guard import checked_trace
@@ -92,18 +93,10 @@ def to_run(store: Store, identity: str, retry_before: float) -> bool:
 
 
 def run_slice(request: Request, part: int, parts: int) -> list[Row]:
-    """Runs what is not done of part I of N of a study, and returns when all of it is done or failed.
+    """Runs what is not done of part I of N of a study, and returns its rows when all is done or failed.
 
     The one door for schedulers. Safe to be called twice, to be killed, and to be called again; every case of the slice
     is validated first.
-
-    Args:
-        request: the study; its selected cases are dealt to the parts.
-        part: from 1 to ``parts``.
-        parts: how many there are.
-
-    Returns:
-        The rows of the slice.
 
     Raises:
         InputError: the study or a case of the slice is wrong.
@@ -112,17 +105,16 @@ def run_slice(request: Request, part: int, parts: int) -> list[Row]:
     retry_before = time.time() if request.retry else 0.0
     study, store = read_study(request.source), Store(request.runs)
     selection = select(study, request.engines, request.patterns)
-    numbers = selection.slice_of(part, parts)
     setup = set_up(study, selection.engines, request.runs, request.steps)
-    plan = plan_cases(setup, numbers)
-    left = list(numbers)
+    left = list(selection.slice_of(part, parts))
+    identities = [setup.case(number).identities for number in left]
     while left:
         chunks = [left[start : start + CHUNK] for start in range(0, len(left), CHUNK)]
         left = run_cases(setup, chunks, selection.engines, store, retry_before)
         if left:  # another process is at work on them
             time.sleep(POLL_S)
     store.refresh()
-    return [row for name in selection.engines if name in setup.versions for row in plan.rows_of(store, name) if row]
+    return [row for name in selection.engines for each in identities if (row := store.rows.get(each.get(name, "")))]
 
 
 class _Runner:
@@ -139,9 +131,9 @@ class _Runner:
 
         Of three-dimensional cases there are no exact forces.
         """
-        result = self._exact_result(case) if name == REFERENCE else self._run(case, name)
+        result, steps = self._exact_result(case) if name == REFERENCE else self._run(case, name), self._setup.steps
         began = time.perf_counter()
-        force_error = None
+        force_error, values, digest = None, {}, ""
         if name != REFERENCE and result.trace is not None and case.exact:
             exact = self._exact_result(case)
             result.cost["reference_s"] = time.perf_counter() - began
@@ -149,9 +141,9 @@ class _Runner:
             if exact.trace is None:
                 result.status, result.reason = exact.status, f"no exact forces to count its error by: {exact.reason}"
             else:
-                force_error = float(self._setup.steps.residual(result.trace, exact.trace).max())
-        values = self._setup.steps.observe(case.case.layout, result.trace) if result.trace is not None else {}
-        digest = digest_of(result.trace) if result.trace is not None else ""
+                force_error = float(resolve_name(steps.residual)(result.trace, exact.trace).max())
+        if result.trace is not None:
+            values, digest = resolve_name(steps.observe)(case.case.layout, result.trace), digest_of(result.trace)
         workflow_s = (result.cost["workflow_s"] or 0.0) + time.perf_counter() - began
         return Row(
             identity=case.identities[name],

@@ -106,7 +106,7 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[
     different = dict(zip(keys, jobs, strict=True))
     with workers(cores()) as pool:
         under_way = {key: pool.submit(run_case, *job, runs) for key, job in different.items()}
-        bar = tqdm(under_way.items(), unit="run", leave=False, disable=None, file=sys.stderr)
+        bar = tqdm(under_way.items(), unit="run", leave=False, disable=None)
         ended = {key: future.result() for key, future in bar}
     return [ended[key] for key in keys]
 

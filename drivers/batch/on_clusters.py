@@ -1,20 +1,30 @@
-"""Slices of a study as a Slurm job array."""
+"""Slices of a study on a Dask cluster, through the executor of ``distributed``, or as a Slurm job array."""
 
 import math
 import shlex
-import shutil
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from contextlib import ExitStack
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
+from drivers.batch.on_this_machine import waiting_for_all
 from drivers.batch.store import Store
 from drivers.batch.study import Selection, Study
-from drivers.batch.worker import CHUNK
+from drivers.batch.study_cases import Request
+from drivers.batch.worker import CHUNK, run_slice
 
+LOCAL = "local"  # a Dask cluster of one's own
+CONNECT_S = 5
+SLICES_PER_THREAD = 4  # so that a slow slice does not keep the others waiting
+RETRIES = 3  # of a slice of which the worker died
 MAX_TASKS = 1000  # Slurm's own limit of an array, unless its administrator raised it
 SECONDS_PER_TASK = 60.0  # a shorter one is not worth the scheduler's trouble
 POLL_S = 2.0
@@ -30,6 +40,54 @@ SCRIPT = """\
 cd {root} || exit 1
 exec {command} --slice "$SLURM_ARRAY_TASK_ID/{parts}"
 """
+
+
+def run_on_dask(address: str, request: Request, selection: Selection, todo: list[int], workers: int) -> Iterator[None]:
+    """Runs the slices that have something to do, and yields now and then until all are through.
+
+    Args:
+        address: of a scheduler, or ``local`` for a cluster of ``workers`` processes that lives as long as this.
+        request: the study, on a runs folder that all Dask workers have to see; its paths are absolute.
+        selection: what is asked for of it.
+        todo: numbers of the cases that are not done.
+        workers: of a local cluster.
+
+    Raises:
+        InputError: ``distributed`` is not installed, or no scheduler answers.
+        RunError: a slice failed as a whole.
+    """
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise InputError("--dask", "", "no distributed package", "an environment with it: make cluster") from error
+    with ExitStack() as stack:
+        client: Any
+        if address == LOCAL:
+            former = signal.signal(signal.SIGINT, signal.SIG_IGN)  # its processes leave Ctrl-C to this one
+            cluster = stack.enter_context(
+                LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50)
+            )
+            signal.signal(signal.SIGINT, former)
+            client = stack.enter_context(Client(cluster))
+        else:
+            try:
+                client = stack.enter_context(Client(address, timeout=CONNECT_S))
+            except (OSError, ValueError) as error:
+                allowed = "the address of a running scheduler, such as tcp://10.0.0.1:8786"
+                raise InputError(f"--dask {address}", "", "nobody who answers", allowed) from error
+        threads = max(1, sum(client.nthreads().values()))
+        parts = max(SLICES_PER_THREAD * threads, math.ceil(len(selection.numbers) / CHUNK))
+        executor = client.get_executor(pure=False, retries=RETRIES)
+        stack.callback(executor.shutdown, wait=False)  # after an error or Ctrl-C nobody waits for the rest
+        futures = [executor.submit(run_slice, request, part, parts) for part in selection.slices_with_work(todo, parts)]
+        try:
+            yield from waiting_for_all(futures)
+        except CancelledError as lost:
+            raise RunError("the cluster was lost; what is done is kept") from lost
+        except (InputError, RunError, OSError):
+            raise
+        except Exception as error:
+            raise RunError(f"a slice failed on the cluster: {type(error).__name__}: {error}") from error
 
 
 def parts_for(cases: int, expected_s: float | None) -> int:
@@ -61,16 +119,6 @@ def write_script(study: Study, selection: Selection, todo: list[int], store: Sto
         )
     )
     return path
-
-
-def must_have_slurm() -> None:
-    """Refuses to go on without Slurm.
-
-    Raises:
-        InputError: there is no ``sbatch``.
-    """
-    if shutil.which("sbatch") is None:
-        raise InputError("--slurm", "", "no sbatch", "a machine that submits to Slurm")
 
 
 def submit(script: Path) -> str:
@@ -110,10 +158,5 @@ def waiting_for(job: str) -> Iterator[None]:
 
 def _ranges(numbers: list[int]) -> str:
     """Numbers as Slurm lists them: ``1-4,7,9-10``."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1][1:] = [number]
-        else:
-            runs.append([number])
-    return ",".join("-".join(map(str, run)) for run in runs)
+    runs = [[number for _, number in run] for _, run in groupby(enumerate(numbers), lambda each: each[1] - each[0])]
+    return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
