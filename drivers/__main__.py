@@ -191,7 +191,7 @@ OPTIONS = {
     "scene SCENE": "a scene file, or the name of one in inputs/scenes",
     "study STUDY": "a study file, or the name of one in inputs/studies",
     "case CASE": "its number, as in the table",
-    "--set KEY=VALUE": "a value over the scene's, as in chain.count=60 or run.time_step='10 ns'; empty: leave the key out",
+    "--set KEY=VALUE": "a value over the scene's, as chain.count=60 or run.time_step='10 ns'; empty: leave the key out",
     "--engine NAME": "its name, such as verlet",
     "--engine E": "repeatable; left out: all that are installed, or the study's; for run also auto: the cheapest",
     "--only PATTERN": "cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label like GLOB; repeatable",

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BaseModel, BeforeValidator, Field
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError
@@ -48,12 +48,6 @@ class Axis(Part):
     seeds: Annotated[int, Field(ge=1, le=MAX_VALUES)] | None = None
     table: str | None = None
 
-    @property
-    def form(self) -> str:
-        """The form it has; empty where it has none or several."""
-        given = [form for form in FORMS if getattr(self, "from_" if form == "from" else form) is not None]
-        return given[0] if len(given) == 1 else ""
-
 
 def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: str) -> list[Choice]:
     """The choices of an axis, in order.
@@ -68,30 +62,27 @@ def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: st
     Raises:
         InputError: it has no form or no values.
     """
-    form = axis.form
-    if not form:
+    given = {form: getattr(axis, "from_" if form == "from" else form) for form in FORMS}
+    forms = [form for form, value in given.items() if value is not None]
+    if len(forms) != 1:
         raise InputError(where, place, "none or several of its forms", f"exactly one of {', '.join(FORMS)}")
+    form, value = forms[0], given[forms[0]]
     if bool(axis.key) != (form in ("values", "from", "factors")):
         needs = "a key" if not axis.key else f"no key beside {form}"
         raise InputError(where, f"{place}.key", str(list(axis.key)), needs)
-    if form == "zip":
-        assert axis.zip is not None
-        return _zipped(axis.zip, where, f"{place}.zip")
-    if form == "table":
-        assert axis.table is not None
-        return _table(folder / axis.table, where, f"{place}.table")
-    if form == "seeds":
-        assert axis.seeds is not None
-        return [{"seed": seed} for seed in range(1, axis.seeds + 1)]
-    if form == "factors":
-        assert axis.factors is not None
-        if not axis.factors:
-            raise InputError(where, f"{place}.factors", "an empty list", "at least one factor")
-        return [{key: _multiplied(base, key, factor, where, place) for key in axis.key} for factor in axis.factors]
-    values = _range(axis, where, place) if form == "from" else list(axis.values or ())
-    if not values:
-        raise InputError(where, f"{place}.values", "an empty list", "at least one value")
-    return [dict.fromkeys(axis.key, value) for value in values]
+    if value == ():
+        raise InputError(where, f"{place}.{form}", "an empty list", f"at least one {form.removesuffix('s')}")
+    match form:
+        case "zip":
+            return _zipped(value, where, f"{place}.zip")
+        case "table":
+            return _table(folder / value, where, f"{place}.table")
+        case "seeds":
+            return [{"seed": seed} for seed in range(1, value + 1)]
+        case "factors":
+            return [{key: _multiplied(base, key, factor, where, place) for key in axis.key} for factor in value]
+    values = _range(axis, where, place) if form == "from" else value
+    return [dict.fromkeys(axis.key, each) for each in values]
 
 
 def _zipped(lists: dict[str, tuple[Any, ...]], where: str, place: str) -> list[Choice]:
@@ -107,24 +98,24 @@ def _zipped(lists: dict[str, tuple[Any, ...]], where: str, place: str) -> list[C
 def _range(axis: Axis, where: str, place: str) -> list[Any]:
     """Values from one end to the other, both included; whole ends give whole values."""
     if axis.from_ is None or axis.to is None or axis.count is None:
-        missing = next(name for name in ("to", "count") if getattr(axis, name) is None)
+        missing = "count" if axis.to is not None else "to"
         raise InputError(where, f"{place}.{missing}", "nothing", "from, to and count go together")
     low, unit = _number(axis.from_, where, f"{place}.from")
     high, other = _number(axis.to, where, f"{place}.to")
     if unit != other:
-        high = _converted(str(axis.to), unit, where, f"{place}.to")
+        try:
+            high = units.to_si(str(axis.to), unit)
+        except ValueError as error:
+            allowed = f"a quantity in {unit or 'plain numbers'}, as from has"
+            raise InputError(where, f"{place}.to", shorten(str(axis.to)), allowed) from error
+    ends, log = f"{axis.from_} to {axis.to}", axis.spacing == "log"
     if not math.isfinite(high - low):
-        raise InputError(
-            where, f"{place}.from", shorten(f"{axis.from_} to {axis.to}"), "ends that are not so far apart"
-        )
-    if axis.spacing == "log" and not (low > 0 and high > 0):
-        raise InputError(where, f"{place}.from", f"{axis.from_} to {axis.to}", 'ends above zero for spacing = "log"')
-    steps = axis.count - 1
-    if axis.spacing == "log":
-        inner = [math.exp(math.log(low) + (math.log(high) - math.log(low)) * i / steps) for i in range(1, steps)]
-    else:
-        inner = [low + (high - low) * i / steps for i in range(1, steps)]
-    values = [low, *inner, high]
+        raise InputError(where, f"{place}.from", shorten(ends), "ends that are not so far apart")
+    if log and not (low > 0 and high > 0):
+        raise InputError(where, f"{place}.from", ends, 'ends above zero for spacing = "log"')
+    first, last = (math.log(low), math.log(high)) if log else (low, high)
+    inner = [first + (last - first) * i / (axis.count - 1) for i in range(1, axis.count - 1)]
+    values = [low, *(math.exp(each) if log else each for each in inner), high]
     if isinstance(axis.from_, int) and isinstance(axis.to, int):
         return list(dict.fromkeys(round(value) for value in values))
     return [f"{value!r} {unit}" if unit else value for value in values]
@@ -132,61 +123,42 @@ def _range(axis: Axis, where: str, place: str) -> list[Any]:
 
 def _number(value: str | int | float, where: str, place: str) -> tuple[float, str]:
     """A plain number, or a number with its unit."""
+    number, unit = str(value), ""
     if isinstance(value, str):
         match = units.NUMBER_AND_UNIT.fullmatch(value)
         if match is None:
             raise InputError(where, place, shorten(value), 'a number, with its unit where it has one: "2 m/s"')
-        number, unit = float(match.group(1)), match.group(2)
-    else:
-        number, unit = _float(value), ""
-    if not math.isfinite(number):
+        number, unit = match.groups()
+    if not math.isfinite(float(number)):
         raise InputError(where, place, shorten(value), "a finite number")
-    return number, unit
-
-
-def _float(value: int | float) -> float:
-    """A number as a float; a whole one that is too large for that is infinite."""
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf
-
-
-def _converted(text: str, unit: str, where: str, place: str) -> float:
-    """A quantity's number in the unit of another."""
-    try:
-        return units.to_si(text, unit)
-    except ValueError as error:
-        raise InputError(
-            where, place, shorten(text), f"a quantity in {unit or 'plain numbers'}, as from has"
-        ) from error
+    return float(number), unit
 
 
 def _multiplied(base: dict[str, Any], key: str, factor: float, where: str, place: str) -> Any:
     """The base scene's value at a key, times a factor."""
-    value = _look_up(base, key)
+    value = look_up(base, key)
     if value is None and key.startswith("materials."):
-        value = _look_up(read_toml(paths.MATERIALS), key.removeprefix("materials."))
+        value = look_up(read_toml(paths.MATERIALS), key.removeprefix("materials."))
     if isinstance(value, (int, float)) and not isinstance(value, bool):
-        product = _float(value) * factor
+        product = float(str(value)) * factor  # by its text: a whole number may be too large to be a float
         return int(product) if isinstance(value, int) and product.is_integer() else product
     match = units.NUMBER_AND_UNIT.fullmatch(value) if isinstance(value, str) else None
     if match is None:
-        found = "nothing" if value is None else shorten(value)
-        raise InputError(
-            where, f"{place}.factors", f"{found} at {key} of the base scene", "a number or a quantity there"
-        )
+        found = f"{'nothing' if value is None else shorten(value)} at {key} of the base scene"
+        raise InputError(where, f"{place}.factors", found, "a number or a quantity there")
     return f"{float(match.group(1)) * factor!r} {match.group(2)}"
 
 
-def _look_up(tables: Any, key: str) -> Any:
+def look_up(tables: Any, key: str) -> Any:
+    """What stands at a key of a file's tables, or of a scene; None where there is nothing."""
     for part in key.split("."):
         if isinstance(tables, dict):
             tables = tables.get(part)
-        elif isinstance(tables, list) and part.isascii() and part.isdecimal() and int(part) < len(tables):
-            tables = tables[int(part)]
+        elif isinstance(tables, (list, tuple)):
+            known = part.isascii() and part.isdecimal() and int(part) < len(tables)
+            tables = tables[int(part)] if known else None
         else:
-            return None
+            tables = getattr(tables, part, None) if isinstance(tables, BaseModel) else None
     return tables
 
 
@@ -201,19 +173,19 @@ def _table(path: Path, where: str, place: str) -> list[Choice]:
     shown = paths.shown(path)
     if len(rows) < 2:
         raise InputError(shown, "", f"{len(rows)} lines", "a line of keys and at least one line of values")
-    matches = [HEADING.fullmatch(heading.strip()) for heading in rows[0]]
-    columns: list[tuple[str, str]] = []
-    for heading, match in zip(rows[0], matches, strict=True):
+    columns: dict[str, str] = {}
+    for heading in rows[0]:
+        match = HEADING.fullmatch(heading.strip())
         if match is None:
             raise InputError(shown, "line 1", shorten(heading), "a key of the scene, such as striker.speed [m/s]")
-        columns.append((match["key"].strip(), match["unit"] or ""))
-    if len({key for key, _ in columns}) < len(columns):
-        raise InputError(shown, "line 1", "a key twice", "each key once")
+        if match["key"].strip() in columns:
+            raise InputError(shown, "line 1", "a key twice", "each key once")
+        columns[match["key"].strip()] = match["unit"] or ""
     choices = []
     for number, row in enumerate(rows[1:], start=2):
         if len(row) != len(columns):
             raise InputError(shown, f"line {number}", f"{len(row)} values", f"{len(columns)}, one for each key")
-        cells = zip(columns, row, strict=True)
+        cells = zip(columns.items(), row, strict=True)
         choices.append({key: _cell(cell.strip(), unit, shown, f"line {number}, {key}") for (key, unit), cell in cells})
     return choices
 

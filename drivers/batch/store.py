@@ -58,6 +58,7 @@ class Store:
 
     Attributes:
         rows: by identity; of several, one that is done, or else the last.
+        labels: study, engine and label of each row there has been, whatever its identity.
         damaged: files that are not as this version writes them; their rows do not count.
     """
 
@@ -67,7 +68,7 @@ class Store:
         self.rows: dict[str, Row] = {}
         self.damaged: set[str] = set()
         self._read: set[str] = set()
-        self._labels: set[tuple[str, str, str]] = set()
+        self.labels: set[tuple[str, str, str]] = set()
 
     def refresh(self) -> list[Row]:
         """Reads what is new; the new rows."""
@@ -86,12 +87,8 @@ class Store:
             known = self.rows.get(row.identity)
             if known is None or (row.done, row.ended) > (known.done, known.ended):
                 self.rows[row.identity] = row
-            self._labels.add((row.study, row.engine, row.label))
+            self.labels.add((row.study, row.engine, row.label))
         return fresh
-
-    def was_run(self, study: str, engine: str, label: str) -> bool:
-        """Whether a study has had a row for these values, whatever its identity."""
-        return (study, engine, label) in self._labels
 
 
 def _name_of(content: bytes) -> str:

@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field
 from drivers.base import paths, units
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten, validate
-from drivers.batch.axes import Axis, Choice, expand
+from drivers.batch.axes import Axis, Choice, expand, look_up
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed
 from drivers.scene.model import Part, Scene, SceneFile
@@ -128,22 +128,13 @@ class Study:
         return build_case(make_scene(data, self.library, self.scene.stem, where))
 
 
-def find_study(source: str | Path) -> Path:
-    """The path of a study file, given by path or by the name of one in ``inputs/studies``.
-
-    Raises:
-        InputError: there is none.
-    """
-    return find_input(source, paths.STUDIES, "study")
-
-
 def read_study(source: str | Path) -> Study:
-    """The study of a file.
+    """The study of a file, given by its path or by the name of one in ``inputs/studies``.
 
     Raises:
         InputError: anything wrong with the file, its axes, or its base scene.
     """
-    path = find_study(source)
+    path = find_input(source, paths.STUDIES, "study")
     where = paths.shown(path)
     file = validate(StudyFile, read_toml(path), where)
     scene = _base_scene(file.scene, path, where)
@@ -275,14 +266,7 @@ def _parts_of(annotation: Any) -> list[Any]:
 
 def value_at(scene: Scene, key: str) -> Any:
     """Value of a scene at a key, in SI units; None where there is none."""
-    here: Any = scene
-    for part in key.split("."):
-        if isinstance(here, dict):
-            here = here.get(part)
-        elif isinstance(here, tuple):
-            here = here[int(part)] if part.isdecimal() and int(part) < len(here) else None
-        else:
-            here = getattr(here, part, None)
+    here = look_up(scene, key)
     if isinstance(here, BaseModel):
         return here.model_dump_json(exclude_none=True, exclude_defaults=True)
     if isinstance(here, (tuple, dict)):

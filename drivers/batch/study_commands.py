@@ -1,5 +1,6 @@
 """``batch``, ``status`` and ``show``: what the command line does with a study."""
 
+import itertools
 import shutil
 import sys
 import time
@@ -15,7 +16,7 @@ from drivers.base.processes import cores
 from drivers.base.tolerances import tolerance
 from drivers.batch.on_this_machine import get_ready, plan_side_by_side, run_locally
 from drivers.batch.store import WORK, Row, Store
-from drivers.batch.study import Selection, Study, read_study, select
+from drivers.batch.study import Selection, read_study, select
 from drivers.batch.study_cases import Request, Setup, StudyPlan, keep_plan, kept_plan, set_up
 from drivers.batch.worker import run_slice, to_run
 from drivers.run.workplaces import leased
@@ -61,11 +62,22 @@ class _Batch:
         }
 
     def states(self) -> dict[str, dict[int, str]]:
-        """States of the selected cases by engine and number."""
-        running = leased(self.store.folder / WORK)
-        return {
-            name: states_on(name, self.setup.study, self.plan, self.store, running) for name in self.selection.engines
-        }
+        """States of all cases by engine and number."""
+        running, label = leased(self.store.folder / WORK), self.setup.study.label
+
+        def state(name: str, number: int) -> str:
+            if name not in self.plan.identities:
+                return "not installed"
+            identity = self.plan.identities[name][number - 1]
+            row = self.store.rows.get(identity)
+            if row is not None:
+                return "done" if row.done else "failed"
+            if identity in running:
+                return "running"
+            return "stale" if (self.setup.study.name, name, label(number)) in self.store.labels else "to do"
+
+        numbers = range(1, self.setup.study.count + 1)
+        return {name: {number: state(name, number) for number in numbers} for name in self.selection.engines}
 
 
 def batch(request: Request, results: Path, where: Where, *, dry_run: bool = False, yes: bool = False) -> int:
@@ -82,8 +94,8 @@ def batch(request: Request, results: Path, where: Where, *, dry_run: bool = Fals
     study = found.setup.study
     numbers = sorted({number for some in todo.values() for number in some})
     if numbers:
-        awaited = {found.plan.identities[name][n - 1] for name, some in todo.items() for n in some}
-        follow(_run(found, todo, numbers, where, retry_before), study, found.plan, awaited, found.store)
+        awaited = {found.plan.identities[name][n - 1]: n for name, some in todo.items() for n in some}
+        _follow(_run(found, todo, numbers, where, retry_before), found, awaited)
         if where.slurm and not where.wait:
             print("once the jobs are through, the same command without --slurm writes the table")
             return 0
@@ -238,45 +250,23 @@ def _print_end(found: _Batch) -> int:
     return code
 
 
-def follow(under_way: Iterator[None], study: Study, plan: StudyPlan, awaited: set[str], store: Store) -> None:
-    """Shows a bar over the rows that are awaited while a batch is under way; quiet where nobody looks on."""
+def _follow(under_way: Iterator[None], found: _Batch, awaited: dict[str, int]) -> None:
+    """Shows a bar over the rows that are awaited, of cases by their numbers; quiet where nobody looks on."""
     from tqdm import tqdm
 
-    numbers = {identity: n for some in plan.identities.values() for n, identity in enumerate(some, start=1)}
     with tqdm(total=len(awaited), unit="row", leave=False, disable=None) as bar:
-
-        def update() -> None:
-            for row in store.refresh():
-                if row.identity in awaited:
-                    awaited.discard(row.identity)
+        for _ in itertools.chain(under_way, [None]):
+            for row in found.store.refresh():
+                number = awaited.pop(row.identity, None)
+                if number is not None:
                     bar.update()
                     if not row.done and not bar.disable:  # else the summary tells it
-                        bar.write(failure_line(study.label(numbers[row.identity]), row), file=sys.stderr)
-
-        for _ in under_way:
-            update()
-        update()
+                        bar.write(failure_line(found.setup.study.label(number), row), file=sys.stderr)
 
 
 def failure_line(label: str, row: Row) -> str:
     """A failed row of a case in one line."""
     return f"{label}: {row.engine} {row.status}: {row.reason}"
-
-
-def states_on(engine: str, study: Study, plan: StudyPlan, store: Store, running: set[str]) -> dict[int, str]:
-    """State of each case on an engine, by its number."""
-    if engine not in plan.identities:
-        return dict.fromkeys(range(1, study.count + 1), "not installed")
-
-    def state(number: int, identity: str) -> str:
-        row = store.rows.get(identity)
-        if row is not None:
-            return "done" if row.done else "failed"
-        if identity in running:
-            return "running"
-        return "stale" if store.was_run(study.name, engine, study.label(number)) else "to do"
-
-    return {number: state(number, each) for number, each in enumerate(plan.identities[engine], start=1)}
 
 
 def expected_s(plan: StudyPlan, store: Store, todo: dict[str, list[int]]) -> float | None:
