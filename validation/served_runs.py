@@ -1,7 +1,7 @@
 """Cases run by one process of a code, one after another, in a folder that is gone afterwards."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -52,12 +52,8 @@ def serving(name: str, build: str = "") -> Iterator[Session]:
         command = tuple(build if word == executable.name else word for word in engine.server.command)
         engine = replace(engine, server=replace(engine.server, command=command))
         executable = executable.with_name(build)
-    with TemporaryDirectory() as folder:
-        session = Session(engine, executable, Path(folder))
-        try:
-            yield session
-        finally:
-            session.close()
+    with TemporaryDirectory() as folder, closing(Session(engine, executable, Path(folder))) as session:
+        yield session
 
 
 def serve(session: Session, case: Case) -> Served:

@@ -5,8 +5,7 @@ import selectors
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, suppress
 from pathlib import Path
 
 from drivers.base.decks import Deck
@@ -74,28 +73,28 @@ class Session:
         """
         if self._process is not None:
             return
-        server = self.engine.server
-        server.write(self.folder)
+        self.engine.server.write(self.folder)
         self.served = 0
+        command, pipe = self.engine.server.command_with(self.executable), subprocess.PIPE
         with open(self.folder / STDERR, "wb") as stderr:
-            self._process = start(
-                server.command_with(self.executable),
-                self.folder,
-                subprocess.PIPE,
-                subprocess.PIPE,
-                stderr,
-                **self.engine.variables,
-            )
+            self._process = start(command, self.folder, pipe, pipe, stderr, **self.engine.variables)
 
     @property
     def ended(self) -> bool:
         """Whether there is no process at hand: the last case, or the start, ended it."""
         return self._process is None
 
-    def close(self) -> None:
-        """Ends the process."""
-        if self._process is not None:
-            self._end()
+    def close(self) -> int:
+        """Ends the process, if there is one; its exit code."""
+        process, self._process = self._process, None
+        if process is None:
+            return 0
+        for stream in (process.stdin, process.stdout):
+            with suppress(OSError):  # what was not sent is not needed any more
+                if stream is not None:
+                    stream.close()
+        reap(process)
+        return process.returncode
 
     def _ask(self, name: str, limit_s: float) -> Outcome:
         """Sends a request and waits for the word, the process's end, or the limit."""
@@ -103,11 +102,9 @@ class Session:
         assert process is not None
         assert process.stdin is not None
         began = time.perf_counter()
-        try:
+        with suppress(OSError):  # it is dead: there is an end of its output to read
             process.stdin.write(self.engine.request(name, DONE).encode())
             process.stdin.flush()
-        except OSError:
-            pass  # it is dead: there is an end of its output to read
         said, state = _listen(process, began + limit_s)
         wall_s = time.perf_counter() - began
         (self.case / "stdout.txt").write_bytes(said)
@@ -116,32 +113,15 @@ class Session:
         if state == "ended":
             _await_end(process)
         (self.case / STDERR).write_bytes((self.folder / STDERR).read_bytes())
-        return Outcome(self._end(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
-
-    def _end(self) -> int:
-        process, self._process = self._process, None
-        assert process is not None
-        for stream in (process.stdin, process.stdout):
-            if stream is not None:
-                try:
-                    stream.close()
-                except OSError:
-                    pass  # what was not sent is not needed any more
-        reap(process)
-        return process.returncode
+        return Outcome(self.close(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
 
 
-@contextmanager
-def served_by(name: str, folder: Path) -> Iterator[Session]:
-    """A session of an installed engine that ends with the block."""
+def served_by(name: str, folder: Path) -> closing[Session]:
+    """A session of an installed engine that ends with its block."""
     engine = load_engine(name)
     executable = engine.find()
     assert executable is not None
-    session = Session(engine, executable, folder)
-    try:
-        yield session
-    finally:
-        session.close()
+    return closing(Session(engine, executable, folder))
 
 
 def _await_end(process: subprocess.Popen[bytes]) -> None:
@@ -161,15 +141,11 @@ def _listen(process: subprocess.Popen[bytes], until: float) -> tuple[bytes, str]
     with selectors.DefaultSelector() as selector:
         selector.register(process.stdout, selectors.EVENT_READ)
         while not said.endswith(word):
-            rest = until - time.perf_counter()
-            if not selector.select(min(max(rest, 0.0), MAX_WAIT_S)):
-                if rest > MAX_WAIT_S:
-                    continue
-                return said, "late"
-            part = os.read(process.stdout.fileno(), 1 << 16)
-            if not part:
-                return said, "ended"
-            said = (said + part)[-OUTPUT_BYTES:]
+            if selector.select(min(max(until - time.perf_counter(), 0.0), MAX_WAIT_S)):
+                part = os.read(process.stdout.fileno(), 1 << 16)
+                if not part:
+                    return said, "ended"
+                said = (said + part)[-OUTPUT_BYTES:]
             if time.perf_counter() > until and not said.endswith(word):
                 return said, "late"
     return said.removesuffix(word), "done"
