@@ -15,11 +15,10 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from drivers.batch.on_this_machine import waiting_for_all
 from drivers.batch.store import Store
 from drivers.batch.study import Selection, Study
 from drivers.batch.study_cases import Request
-from drivers.batch.worker import CHUNK, run_slice
+from drivers.batch.worker import CHUNK, run_slice, waiting_for_all
 
 LOCAL = "local"  # a Dask cluster of one's own
 CONNECT_S = 5

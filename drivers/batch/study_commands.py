@@ -14,11 +14,10 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.processes import cores
 from drivers.base.tolerances import tolerance
-from drivers.batch.on_this_machine import get_ready, plan_side_by_side, run_locally
 from drivers.batch.store import WORK, Row, Store
 from drivers.batch.study import Selection, read_study, select
 from drivers.batch.study_cases import Request, Setup, StudyPlan, keep_plan, kept_plan, set_up
-from drivers.batch.worker import run_slice, to_run
+from drivers.batch.worker import get_ready, plan_side_by_side, run_locally, run_slice, to_run
 from drivers.run.workplaces import leased
 
 MAX_CASES = 20_000  # more are not run by accident
