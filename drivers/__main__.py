@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -134,7 +135,7 @@ def request_of(
         residual="postproc.read.residual:residual",
         assess="validation.accuracy.assess:assess",
     )
-    return Request(study, runs, steps, tuple(engines), tuple(patterns), retry)
+    return Request(study, runs, steps, tuple(engines), tuple(patterns), time.time() if retry else 0.0)
 
 
 def _batch(arguments: argparse.Namespace) -> int:

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from contextlib import ExitStack
 from itertools import groupby
-from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
@@ -44,12 +43,8 @@ exec {command} --slice "$SLURM_ARRAY_TASK_ID/{parts}"
 def run_on_dask(address: str, request: Request, selection: Selection, todo: list[int], workers: int) -> Iterator[None]:
     """Runs the slices that have something to do, and yields now and then until all are through.
 
-    Args:
-        address: of a scheduler, or ``local`` for a cluster of ``workers`` processes that lives as long as this.
-        request: the study, on a runs folder that all Dask workers have to see; its paths are absolute.
-        selection: what is asked for of it.
-        todo: numbers of the cases that are not done.
-        workers: of a local cluster.
+    The address is of a scheduler, or ``local`` for a cluster of ``workers`` processes that lives as long as this. All
+    Dask workers have to see the request's runs folder; its paths are absolute.
 
     Raises:
         InputError: ``distributed`` is not installed, or no scheduler answers.
@@ -95,12 +90,16 @@ def parts_for(cases: int, expected_s: float | None) -> int:
     return max(1, min(wanted, cases, MAX_TASKS))
 
 
-def write_script(study: Study, selection: Selection, todo: list[int], store: Store, parts: int, *, retry: bool) -> Path:
-    """The job array's script, below the runs folder, with the tasks that have something to do."""
+def submit(request: Request, study: Study, selection: Selection, todo: list[int], store: Store, parts: int) -> str:
+    """Submits a job array, its script below the runs folder, of the tasks with something to do; the job's number.
+
+    Raises:
+        RunError: Slurm refuses it.
+    """
     command = [sys.executable, "-m", "drivers", "batch", str(study.path), "--runs", str(store.runs.resolve())]
     command += [word for name in selection.engines for word in ("--engine", name)]
     command += [word for pattern in selection.patterns for word in ("--only", pattern)]
-    command += ["--retry"] if retry else []
+    command += ["--retry"] if request.retry_before else []
     folder = (store.folder / FOLDER).resolve()
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{study.name}.sh"
@@ -117,19 +116,12 @@ def write_script(study: Study, selection: Selection, todo: list[int], store: Sto
             parts=parts,
         )
     )
-    return path
-
-
-def submit(script: Path) -> str:
-    """Submits a script; the number of the job.
-
-    Raises:
-        RunError: Slurm refuses it.
-    """
-    done = subprocess.run(["sbatch", "--parsable", str(script)], capture_output=True, text=True, check=False)
+    done = subprocess.run(["sbatch", "--parsable", str(path)], capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise RunError(f"sbatch refused {paths.shown(script)}: {done.stderr.strip() or done.stdout.strip()}")
-    return done.stdout.strip().partition(";")[0]
+        raise RunError(f"sbatch refused {paths.shown(path)}: {done.stderr.strip() or done.stdout.strip()}")
+    job = done.stdout.strip().partition(";")[0]
+    print(f"job {job}: {paths.shown(path)}", flush=True)
+    return job
 
 
 def waiting_for(job: str) -> Iterator[None]:

@@ -67,7 +67,7 @@ class Request:
         steps: functions of higher rooms.
         engines: of the study; all where there are none.
         patterns: that select cases; all where there are none.
-        retry: run failed cases again.
+        retry_before: failures that ended before this time are run again.
     """
 
     source: str | Path
@@ -75,7 +75,7 @@ class Request:
     steps: Steps
     engines: Sequence[str] = ()
     patterns: Sequence[str] = ()
-    retry: bool = False
+    retry_before: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -145,18 +145,9 @@ class StudyCase:
     runs: dict[str, str]
     identities: dict[str, str]
 
-    def deck(self, engine: str) -> Deck:
-        """The deck of an engine."""
-        return self.kept_decks.get(engine) or load_engine(engine).render(self.case)
-
     def wanted(self, identities: set[str]) -> list[str]:
         """The engines of which the row is among these."""
         return [name for name, identity in self.identities.items() if identity in identities]
-
-    @property
-    def exact(self) -> bool:
-        """Whether there are exact forces to count errors by."""
-        return REFERENCE in self.runs
 
     @property
     def work(self) -> int:
@@ -179,8 +170,8 @@ class StudyPlan:
     values: dict[str, list[Any]]
 
     def rows_of(self, store: Store, engine: str) -> list[Row | None]:
-        """The rows that the store has on an engine, in the order of the cases."""
-        return [store.rows.get(identity) for identity in self.identities[engine]]
+        """The rows that the store has on an engine, in the order of the cases; none where it is not installed."""
+        return [store.rows.get(identity) for identity in self.identities.get(engine, [""] * len(self.work))]
 
 
 def facts_of(setup: Setup, number: int) -> tuple[list[str], int, list[Any]]:

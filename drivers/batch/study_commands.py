@@ -3,7 +3,6 @@
 import itertools
 import shutil
 import sys
-import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -52,10 +51,12 @@ class _Batch:
     selection: Selection
     store: Store
 
-    def todo(self, retry_before: float = 0.0) -> dict[str, list[int]]:
+    def todo(self) -> dict[str, list[int]]:
         """Numbers of the selected cases that are not done, by engine."""
         return {
-            name: [n for n in self.selection.numbers if to_run(self.store, identities[n - 1], retry_before)]
+            name: [
+                n for n in self.selection.numbers if to_run(self.store, identities[n - 1], self.request.retry_before)
+            ]
             for name in self.selection.engines
             if (identities := self.plan.identities.get(name)) is not None
         }
@@ -86,15 +87,14 @@ def batch(request: Request, results: Path, where: Where, *, dry_run: bool = Fals
     if not (where.dask or where.slurm or dry_run):
         get_ready(request.steps)
     found = _open(request, where.workers, yes=yes)
-    retry_before = time.time() if request.retry else 0.0
-    todo = found.todo(retry_before)
+    todo = found.todo()
     if dry_run:
         return _print_plan(found, todo, where.workers)
     study = found.setup.study
     numbers = sorted({number for some in todo.values() for number in some})
     if numbers:
         awaited = {found.plan.identities[name][n - 1]: n for name, some in todo.items() for n in some}
-        _follow(_run(found, todo, numbers, where, retry_before), found, awaited)
+        _follow(_run(found, todo, numbers, where), found, awaited)
         if where.slurm and not where.wait:
             print("once the jobs are through, the same command without --slurm writes the table")
             return 0
@@ -158,15 +158,14 @@ def show(request: Request, number: int) -> int:
             print(f"{name} warning: {warning}", file=sys.stderr)
         folder = paths.shown(ended.folder)
         if not ended.done:
-            print(f"{folder}  {ended.record.status}: {ended.record.reason}", file=sys.stderr)
-            code = 1
+            words, bad = f"{ended.record.status}: {ended.record.reason}", True
         elif row is None or not row.done:
-            print(f"{folder}  {'not run yet' if row is None else row.status} in the batch")
-        elif digest_of(ended.trace) == row.trace_sha256:
-            print(f"{folder}  as in the batch, bit for bit")
+            words, bad = f"{'not run yet' if row is None else row.status} in the batch", False
         else:
-            print(f"{folder}  differs from what the batch found", file=sys.stderr)
-            code = 1
+            bad = digest_of(ended.trace) != row.trace_sha256
+            words = "differs from what the batch found" if bad else "as in the batch, bit for bit"
+        print(f"{folder}  {words}", file=sys.stderr if bad else sys.stdout)
+        code = 1 if bad else code
     return code
 
 
@@ -188,9 +187,7 @@ def _open(request: Request, workers: int, *, yes: bool) -> _Batch:
     return _Batch(request, setup, plan, selection, store)
 
 
-def _run(
-    found: _Batch, todo: dict[str, list[int]], numbers: list[int], where: Where, retry_before: float
-) -> Iterator[None]:
+def _run(found: _Batch, todo: dict[str, list[int]], numbers: list[int], where: Where) -> Iterator[None]:
     """Runs cases where they are to be run; yields now and then."""
     setup, selection, store = found.setup, found.selection, found.store
     if where.dask:
@@ -199,16 +196,14 @@ def _run(
         request = replace(found.request, source=setup.study.path, runs=store.runs.resolve())
         yield from run_on_dask(where.dask, request, selection, numbers, where.workers)
     elif where.slurm:
-        from drivers.batch.on_clusters import parts_for, submit, waiting_for, write_script
+        from drivers.batch.on_clusters import parts_for, submit, waiting_for
 
         parts = where.parts or parts_for(len(selection.numbers), expected_s(found.plan, store, todo))
-        script = write_script(setup.study, selection, numbers, store, parts, retry=found.request.retry)
-        job = submit(script)
-        print(f"job {job}: {paths.shown(script)}", flush=True)
+        job = submit(found.request, setup.study, selection, numbers, store, parts)
         if where.wait:
             yield from waiting_for(job)
     else:
-        yield from run_locally(setup, numbers, selection.engines, store, where.workers, retry_before)
+        yield from run_locally(setup, numbers, selection.engines, store, where.workers, found.request.retry_before)
 
 
 def _print_plan(found: _Batch, todo: dict[str, list[int]], workers: int) -> int:
@@ -235,7 +230,7 @@ def _print_end(found: _Batch) -> int:
         counts = Counter(states[number] for number in numbers)
         print(f"{name:<10} {', '.join(f'{counts[state]} {state}' for state in STATES if counts[state])}")
         code = code if counts["done"] == len(numbers) else 1
-        rows = found.plan.rows_of(found.store, name) if name in found.plan.identities else []
+        rows = found.plan.rows_of(found.store, name)
         failed = [(number, row) for number in numbers if states[number] == "failed" and (row := rows[number - 1])]
         failures += [failure_line(found.setup.study.label(number), row) for number, row in failed]
         useless = sum(row is not None and row.done and (row.force_error or 0.0) > limit for row in rows)

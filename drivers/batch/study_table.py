@@ -16,22 +16,21 @@ COSTS = ("start_s", "engine_s", "loop_s", "workflow_s", "reference_s")  # the la
 
 def tables(study: Study, plan: StudyPlan, store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The numbers, which depend on nothing but the study, and the costs, which differ from run to run."""
-    by_engine = {
-        name: plan.rows_of(store, name) if name in plan.identities else [None] * study.count for name in study.engines
-    }
+    by_engine = {name: plan.rows_of(store, name) for name in study.engines}
     rows = [(place, name, by_engine[name][place]) for place in range(study.count) for name in study.engines]
+    found = [row for _, _, row in rows]
     keys: dict[str, list[Any]] = {"case": [place + 1 for place, _, _ in rows]}
     keys |= {name: [values[place] for place, _, _ in rows] for name, values in plan.values.items()}
     keys |= {"engine": [name for _, name, _ in rows]}
-    found = [row for _, _, row in rows]
     absent = {name: "to do" if name in plan.identities else "not installed" for name in study.engines}
     numbers = keys | {
         "status": [row.status if row else absent[name] for _, name, row in rows],
         "reason": [row.reason if row else "" for row in found],
         "force_error_share": [row.force_error if row else None for row in found],
     }
-    for name in (name for name in _observed(found) if any(fnmatchcase(name, glob) for glob in study.file.observables)):
-        numbers[name] = [row.values.get(name) if row else None for row in found]
+    for name in _observed(found):
+        if any(fnmatchcase(name, glob) for glob in study.file.observables):
+            numbers[name] = [row.values.get(name) if row else None for row in found]
     costs = {"case": keys["case"], "engine": keys["engine"], "bodies_times_steps": [plan.work[p] for p, _, _ in rows]}
     costs |= {name: [row.cost[name] if row else None for row in found] for name in COSTS}
     return _frame(numbers, set(plan.values)), _frame(costs, set())
@@ -53,13 +52,10 @@ def write_tables(study: Study, plan: StudyPlan, store: Store, results: Path) -> 
     results.mkdir(parents=True, exist_ok=True)
     written = []
     for table, name in zip(tables(study, plan, store), (study.name, f"{study.name}-cost"), strict=True):
-        for path in (results / f"{name}.parquet", results / f"{name}.csv"):
-            with whole_file(path) as draft:
-                if path.suffix == ".csv":
-                    table.to_csv(draft, index=False)
-                else:
-                    table.to_parquet(draft, index=False)
-            written.append(path)
+        for ending, write in (("parquet", table.to_parquet), ("csv", table.to_csv)):
+            written.append(results / f"{name}.{ending}")
+            with whole_file(written[-1]) as draft:
+                write(draft, index=False)
     return written
 
 

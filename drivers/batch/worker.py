@@ -86,7 +86,7 @@ def run_cases(
             free = {identity for identity in free if to_run(store, identity, retry_before)}
             for each in cases:
                 for name in each.wanted(free):  # they start side by side
-                    for engine in (name, REFERENCE) if each.exact else (name,):
+                    for engine in {name, REFERENCE} & set(each.runs):
                         with suppress(OSError):
                             session_of(engine).start()
             for each in cases:
@@ -115,7 +115,6 @@ def run_slice(request: Request, part: int, parts: int) -> list[Row]:
         InputError: the study or a case of the slice is wrong.
         OSError: the disk is full, or something else is wrong with the runs folder.
     """
-    retry_before = time.time() if request.retry else 0.0
     study, store = read_study(request.source), Store(request.runs)
     selection = select(study, request.engines, request.patterns)
     setup = set_up(study, selection.engines, request.runs, request.steps)
@@ -123,7 +122,7 @@ def run_slice(request: Request, part: int, parts: int) -> list[Row]:
     identities = [setup.case(number).identities for number in left]
     while left:
         chunks = [left[start : start + CHUNK] for start in range(0, len(left), CHUNK)]
-        left = run_cases(setup, chunks, selection.engines, store, retry_before)
+        left = run_cases(setup, chunks, selection.engines, store, request.retry_before)
         if left:  # another process is at work on them
             time.sleep(POLL_S)
     store.refresh()
@@ -136,8 +135,7 @@ class _Runner:
     def __init__(self, setup: Setup, session_of: Callable[[str], Session]) -> None:
         self._setup = setup
         self._session_of = session_of
-        self._exact_of = ""
-        self._exact = _Result()
+        self._exact: dict[str, _Result] = {}
 
     def row(self, case: StudyCase, name: str) -> Row:
         """A case on an engine, with its error against the exact forces; where these fail it fails, to be retried.
@@ -147,7 +145,7 @@ class _Runner:
         result, steps = self._exact_result(case) if name == REFERENCE else self._run(case, name), self._setup.steps
         began = time.perf_counter()
         force_error, values, digest = None, {}, ""
-        if name != REFERENCE and result.trace is not None and case.exact:
+        if name != REFERENCE and result.trace is not None and REFERENCE in case.runs:
             exact = self._exact_result(case)
             result.cost["reference_s"] = time.perf_counter() - began
             began = time.perf_counter()
@@ -175,10 +173,10 @@ class _Runner:
         )
 
     def _exact_result(self, case: StudyCase) -> _Result:
-        if self._exact_of != case.runs[REFERENCE]:
-            self._exact = self._run(case, REFERENCE)
-            self._exact_of = case.runs[REFERENCE]
-        return self._exact
+        run = case.runs[REFERENCE]
+        if run not in self._exact:
+            self._exact = {run: self._run(case, REFERENCE)}
+        return self._exact[run]
 
     def _run(self, case: StudyCase, name: str) -> _Result:
         """A case on an engine; if it kills a process that served others, or that did not start, it gets another."""
@@ -190,7 +188,8 @@ class _Runner:
 
     def _run_once(self, case: StudyCase, name: str, session: Session) -> _Result:
         began, starting = time.perf_counter(), session.start_s
-        engine, deck, result = load_engine(name), case.deck(name), _Result()
+        engine, result = load_engine(name), _Result()
+        deck = case.kept_decks.get(name) or engine.render(case.case)
         outcome = session.run(deck, self._setup.study.file.limit or default_limit_s(case.case))
         loop_s = engine.loop_seconds((session.case / "stdout.txt").read_text(errors="replace"))
         try:
