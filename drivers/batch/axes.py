@@ -52,12 +52,8 @@ class Axis(Part):
 def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: str) -> list[Choice]:
     """The choices of an axis, in order.
 
-    Args:
-        axis: as the study file has it.
-        base: tables of the base scene, which factors multiply.
-        folder: of the study file, where its tables lie.
-        where: the study as messages name it.
-        place: the axis as messages name it.
+    Factors multiply what stands in the ``base`` scene; tables lie in the study's ``folder``; messages name the study
+    ``where`` and the axis ``place``.
 
     Raises:
         InputError: it has no form or no values.

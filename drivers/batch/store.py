@@ -119,11 +119,7 @@ class Outbox:
         self.flush()
 
     def add(self, row: Row) -> None:
-        """Takes a row.
-
-        Raises:
-            OSError: rows could not be committed.
-        """
+        """Takes a row; an OSError where earlier ones could not be committed."""
         with self._lock:
             if self._error is not None:
                 raise self._error

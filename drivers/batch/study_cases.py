@@ -175,11 +175,7 @@ class StudyPlan:
 
 
 def facts_of(setup: Setup, number: int) -> tuple[list[str], int, list[Any]]:
-    """Identities by engine, work and swept values of a case, as a plan has them.
-
-    Raises:
-        InputError: it makes no scene, or none that can end well.
-    """
+    """Identities by engine, work and swept values of a case, as a plan has them (errors as of ``Setup.case``)."""
     case = setup.case(number)
     identities = [case.identities.get(name, "") for name in setup.versions]  # none of what does not model the case
     return identities, case.work, [value_at(case.case.scene, key) for key in setup.study.columns.values()]

@@ -205,11 +205,7 @@ class _Runner:
 
 
 def _disk_has_room(folder: Path) -> None:
-    """A full disk is no fault of the case.
-
-    Raises:
-        OSError: it is full.
-    """
+    """Raises OSError where the disk is full, which is no fault of the case."""
     try:
         with TemporaryFile(dir=folder) as probe:
             os.posix_fallocate(probe.fileno(), 0, PROBE_BYTES)
@@ -258,11 +254,7 @@ def worker_pool(workers: int, setup: Setup, store: Store) -> Iterator[ProcessPoo
 
 
 def plan_side_by_side(setup: Setup, store: Store, workers: int) -> StudyPlan:
-    """The plan of the whole study, which validates every case.
-
-    Raises:
-        InputError: one of the cases makes no scene, or none that can end well.
-    """
+    """The plan of the whole study; an InputError where a case makes no scene, or none that can end well."""
     from tqdm import tqdm
 
     numbers = range(1, setup.study.count + 1)

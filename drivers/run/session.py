@@ -66,11 +66,7 @@ class Session:
         return self._ask(self.case.name, limit_s)
 
     def start(self) -> None:
-        """Starts the server if there is none, without waiting for it.
-
-        Raises:
-            OSError: it cannot be started.
-        """
+        """Starts the server if there is none, without waiting for it; an OSError where it cannot be started."""
         if self._process is not None:
             return
         self.engine.server.write(self.folder)
