@@ -56,7 +56,7 @@ def test_an_interrupt_ends_all_and_leaves_no_folder(scene_file: SceneWriter, tmp
         process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=hear_interrupts)
         home = runs / "verlet"
         until = time.monotonic() + 60
-        while time.monotonic() < until and not (home.exists() and len(list(home.glob(".*.*/chain.json"))) >= 1):
+        while time.monotonic() < until and not (home.exists() and len(list(home.glob(".*@*/run/chain.json"))) >= 1):
             time.sleep(0.05)
         time.sleep(0.3)
         process.send_signal(request)
