@@ -130,10 +130,10 @@ def _film(arguments: argparse.Namespace) -> Iterator[Path]:
 
 def _spacetime(arguments: argparse.Namespace) -> Iterable[Path]:
     from drivers.run.finished import open_run
-    from postproc.draw.product import spacetime_product
+    from postproc.draw.product import draw_spacetime
 
     run = open_run(arguments.run)
-    return _write(arguments, spacetime_product({_title_of(run): run.trace}, SHEET_IN), _name_of(run, "spacetime"))
+    return _write(arguments, draw_spacetime({_title_of(run): run.trace}, SHEET_IN), _name_of(run, "spacetime"))
 
 
 def _name_of(run: "EndedRun", command: str) -> str:

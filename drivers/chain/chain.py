@@ -71,6 +71,11 @@ class Chain:
         return len(self.mass_kg)
 
     @property
+    def sphere_radius_m(self) -> Array:
+        """The radius of each body, 0 for a flat striker."""
+        return np.where(np.isinf(self.radius_m), 0.0, self.radius_m)
+
+    @property
     def slips(self) -> bool:
         """Whether contacts have friction."""
         return self.lateral is not None and self.lateral.slips
@@ -83,7 +88,7 @@ class Chain:
     @cached_property
     def height_m(self) -> Array:
         """Heights of the centres at time 0; of a flat striker: of its face. Shape (bodies,)."""
-        radius = np.where(np.isinf(self.radius_m), 0.0, self.radius_m)
+        radius = self.sphere_radius_m
         below = np.concatenate([[0.0], radius[:-1]])
         height = np.asarray(self.wall_height_m + np.cumsum((below + radius - self.overlap_m) * self.axial_share))
         if self.damping_ratio:  # its force goes with overlap^(1/4): rounding must not make one of just touching

@@ -133,7 +133,7 @@ def make_sideways_trace(
     towards_axis = _towards_axis(place_m[:, :, :2], on_bore[:, :, :2])
     sideways = Sideways(place_m[:, :, :2], velocity_m_s[:, :, :2], spin, towards_axis)
     height, speed_up = place_m[:, :, 2], velocity_m_s[:, :, 2]
-    radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
+    radius = chain.sphere_radius_m
     with np.errstate(over="ignore", invalid="ignore"):
         across = np.diff(sideways.place_m, axis=1, prepend=sideways.place_m[:, :1])
         across[:, np.isinf(chain.radius_m)] = 0.0  # a flat face is level

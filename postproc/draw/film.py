@@ -12,9 +12,8 @@ import pandas as pd
 from drivers.base.files import whole_file
 from drivers.chain.chain import Array
 from drivers.run.finished import EndedRun
-from postproc.draw.product import Product
+from postproc.draw.product import GAMMA, LEAST, Product
 from postproc.draw.scene_drawing import WALL, flat_size
-from postproc.draw.spacetime import GAMMA, LEAST
 from postproc.draw.style import FAINT, MICRO, finish_bar, force_colours, pyplot
 from postproc.read.motion import chain_of, keeps_motion, read_motion, spread
 from postproc.read.sensors import mean_forces
@@ -68,7 +67,7 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     if sideways != 1:
         notes.append(f"sideways displacements {sideways:g} times as large")
     force = mean_forces(run.trace.force_N)
-    radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
+    radius = chain.sphere_radius_m
     flat, size, tube = flat_size(scene), scene.chain.diameter, scene.tube
     low, high = float((place[..., 1] - radius).min()), float((place[..., 1] + radius).max()) + flat[1]
     bore, top = None, high

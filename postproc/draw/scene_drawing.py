@@ -23,40 +23,28 @@ TALLEST_IN = 7.0
 WRAP = 26  # characters a label
 BEAD, SENSOR, PLATE, OTHER, STRIKER = "#f2f2f2", "#e69f00", "#7f4f00", "#bfe3d5", "#cfe3f2"
 WALL, TUBE = "#c9b27c", "#dddddd"
+OUTLINE: dict[str, Any] = {"edgecolor": "black", "lw": 0.6}
 
 
 @dataclass(frozen=True)
 class Sketch:
-    """What is drawn where, in metres about the chain's axis.
+    """What is drawn where, in metres about the chain's axis."""
 
-    Attributes:
-        bodies: indices of the drawn bodies.
-        height_m: drawn heights of all bodies; of those in ``bodies`` only they mean something. Shape (bodies,).
-        radius_m: 0 for a flat striker. Shape (bodies,).
-        cuts: drawn heights at which something is left out, and what.
-        special: labels of beads unlike the others, and of sensors, by index.
-        widest_m: the largest diameter drawn.
-        flat_m: width and length of a flat striker as drawn; 0, 0 without one.
-        low_m, high_m: ends of the picture.
-    """
-
-    bodies: list[int]
-    height_m: Array
-    radius_m: Array
-    cuts: list[tuple[float, str]]
-    special: dict[int, str]
-    widest_m: float
-    flat_m: tuple[float, float]
-    low_m: float
+    bodies: list[int]  # indices of the drawn bodies
+    height_m: Array  # drawn heights of all bodies; of those in ``bodies`` only they mean something. Shape (bodies,)
+    radius_m: Array  # 0 for a flat striker. Shape (bodies,)
+    cuts: list[tuple[float, str]]  # drawn heights at which something is left out, and what
+    special: dict[int, str]  # labels of beads unlike the others, and of sensors, by index
+    widest_m: float  # the largest diameter drawn
+    flat_m: tuple[float, float]  # width and length of a flat striker as drawn; 0, 0 without one
+    low_m: float  # ends of the picture
     high_m: float
 
 
 def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
-    """The apparatus at time 0.
+    """The apparatus at time 0: the figure, and a row per drawn body with its place and size."""
+    from matplotlib.patches import Rectangle
 
-    Returns:
-        The figure, and a row per drawn body with its place and size.
-    """
     sketch = _sketch(scene, chain)
     height = sketch.high_m - sketch.low_m
     scale_in = min(TALLEST_IN / height, 0.3 * COLUMN_IN / sketch.widest_m)
@@ -69,7 +57,10 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
     top = max((sketch.height_m[i] + sketch.radius_m[i] for i in beads), default=chain.wall_height_m)
     words = [_tube(axis, scene, chain, float(top), sketch)] if scene.tube else []
     if chain.wall:
-        _draw_wall(axis, chain, sketch)
+        foot, wide = chain.wall_height_m - sketch.low_m, 2.4 * sketch.widest_m
+        axis.add_patch(Rectangle((-wide / 2, sketch.low_m), wide, foot, facecolor=WALL, hatch="////", **OUTLINE))
+        named = "rigid wall" if chain.wall == RIGID else f"wall of {chain.wall}"
+        axis.text(1.4 * sketch.widest_m, chain.wall_height_m - foot / 2, fill(named, WRAP), va="center")
     _draw_beads(axis, scene, beads, sketch)
     for height_m, left_out in sketch.cuts:
         axis.text(0, height_m, "⋮", ha="center", va="center")
@@ -84,15 +75,32 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
         middle = (sketch.high_m + chain.wall_height_m) / 2
         text = "\n".join(fill(line, 20) for line in "\n".join(words).split("\n"))
         axis.text(-0.75 * sketch.widest_m, middle, text, ha="right", va="center")
-    _draw_scale(axis, half, chain.wall_height_m if chain.wall else sketch.low_m, height)
-    return figure, _table(scene, chain, sketch)
+    longest = min(0.3 * half, 0.5 * height)  # of the scale bar, of a round length, on the left above the wall
+    decade = 10 ** np.floor(np.log10(longest))
+    length = decade * max(step for step in (1, 2, 5) if step * decade <= longest)
+    left, base = -0.78 * half, (chain.wall_height_m if chain.wall else sketch.low_m) + 0.02 * height
+    axis.plot([left, left + length], [base, base], color="black", lw=1.5, solid_capstyle="butt")
+    axis.text(left, base + 0.008 * height, _mm(length), ha="left", va="bottom")
+    sensors, drawn = {sensor.from_wall - 1 for sensor in scene.chain.sensors}, sketch.bodies
+    return figure, pd.DataFrame({
+        "body": [i + 1 for i in drawn],
+        "role": ["striker" if i >= chain.beads else "sensor" if i in sensors else "bead" for i in drawn],
+        "material": [chain.materials[i] for i in drawn],
+        "height_m": chain.height_m[drawn], "drawn_height_m": sketch.height_m[drawn],
+        "diameter_m": np.where(np.isinf(chain.radius_m[drawn]), np.nan, 2 * chain.radius_m[drawn]),
+        "mass_kg": chain.mass_kg[drawn], "velocity_m_s": chain.velocity_m_s[drawn],
+    })  # fmt: skip
 
 
 def _sketch(scene: Scene, chain: Chain) -> Sketch:
     special = _special(scene, chain)
-    bodies = _drawn(chain, special)
-    radius = np.where(np.isinf(chain.radius_m), 0.0, chain.radius_m)
-    height, cuts = _closed_up(chain, bodies, radius, special)
+    kept = set(range(chain.bodies))
+    if chain.beads > WHOLE:
+        near = {j for i in sorted(special)[:SPECIAL] for j in range(i - AROUND, i + AROUND + 1)}
+        kept &= set(range(ENDS)) | set(range(chain.beads - ENDS, chain.bodies)) | near
+    bodies = sorted(kept)
+    radius = chain.sphere_radius_m
+    height, cuts = _closed_up(chain, bodies, special)
     flat = flat_size(scene)
     bead = max((2 * float(radius[i]) for i in bodies), default=0.0)
     widest = max(bead, flat[0])
@@ -121,21 +129,9 @@ def _special(scene: Scene, chain: Chain) -> dict[int, str]:
     return {i: f"bead {i + 1}: {', '.join([*own, f'{1e3 * chain.mass_kg[i]:.4g} g'])}" for i, own in words.items()}
 
 
-def _drawn(chain: Chain, special: dict[int, str]) -> list[int]:
-    """Indices of the bodies to draw."""
-    if chain.beads <= WHOLE:
-        return list(range(chain.bodies))
-    wanted = set(range(ENDS)) | set(range(chain.beads - ENDS, chain.bodies))
-    for i in sorted(special)[:SPECIAL]:
-        wanted |= {j for j in range(i - AROUND, i + AROUND + 1) if 0 <= j < chain.bodies}
-    return sorted(wanted)
-
-
-def _closed_up(
-    chain: Chain, bodies: list[int], radius: Array, special: dict[int, str]
-) -> tuple[Array, list[tuple[float, str]]]:
+def _closed_up(chain: Chain, bodies: list[int], special: dict[int, str]) -> tuple[Array, list[tuple[float, str]]]:
     """Heights with left-out beads and wide gaps shortened, and where that is."""
-    height, cuts, shift = chain.height_m.copy(), [], 0.0
+    height, radius, cuts, shift = chain.height_m.copy(), chain.sphere_radius_m, [], 0.0
     for before, body in zip([-1, *bodies], bodies, strict=False):
         floor = height[before] + radius[before] if before >= 0 else chain.wall_height_m
         gap = chain.height_m[body] - shift - radius[body] - floor
@@ -170,7 +166,7 @@ def _draw_beads(axis: Any, scene: Scene, beads: list[int], sketch: Sketch) -> No
     for i in beads:
         radius, height = sketch.radius_m[i], sketch.height_m[i]
         colour = SENSOR if i in sensors else OTHER if i in sketch.special else BEAD
-        axis.add_patch(Circle((0, height), radius, facecolor=colour, edgecolor="black", lw=0.6))
+        axis.add_patch(Circle((0, height), radius, facecolor=colour, **OUTLINE))
         if i in sensors:
             axis.add_patch(Rectangle((-0.95 * radius, height - 0.1 * radius), 1.9 * radius, 0.2 * radius, color=PLATE))
         if i in sketch.special:
@@ -179,18 +175,6 @@ def _draw_beads(axis: Any, scene: Scene, beads: list[int], sketch: Sketch) -> No
             below = max(height, below + room)  # labels of neighbours do not lie on each other
             axis.annotate(words, (radius, height), (0.75 * sketch.widest_m, below), va="center",
                           arrowprops={"arrowstyle": "-", "lw": 0.5, "color": FAINT})  # fmt: skip
-
-
-def _draw_wall(axis: Any, chain: Chain, sketch: Sketch) -> None:
-    from matplotlib.patches import Rectangle
-
-    foot = chain.wall_height_m - sketch.low_m
-    corner = (-1.2 * sketch.widest_m, sketch.low_m)
-    axis.add_patch(
-        Rectangle(corner, 2.4 * sketch.widest_m, foot, facecolor=WALL, edgecolor="black", lw=0.6, hatch="////")
-    )
-    words = "rigid wall" if chain.wall == RIGID else f"wall of {chain.wall}"
-    axis.text(1.4 * sketch.widest_m, chain.wall_height_m - foot / 2, fill(words, WRAP), va="center")
 
 
 def _tube(axis: Any, scene: Scene, chain: Chain, beads_top: float, sketch: Sketch) -> str:
@@ -219,7 +203,7 @@ def _draw_striker(axis: Any, scene: Scene, chain: Chain, sketch: Sketch) -> None
 
     striker, height = scene.striker, float(sketch.height_m[-1])
     assert striker is not None
-    look: dict[str, Any] = {"facecolor": STRIKER, "edgecolor": "black", "lw": 0.6}
+    look = {"facecolor": STRIKER} | OUTLINE
     if striker.diameter is None:
         width, length = sketch.flat_m
         axis.add_patch(Rectangle((-width / 2, height), width, length, **look))
@@ -234,30 +218,8 @@ def _draw_striker(axis: Any, scene: Scene, chain: Chain, sketch: Sketch) -> None
     axis.annotate("", (0, top + 0.1 * (sketch.high_m - top)), (0, sketch.high_m), arrowprops=arrow)
 
 
-def _draw_scale(axis: Any, half: float, floor: float, height: float) -> None:
-    """A scale bar of a round length, on the left above the wall."""
-    raw = min(0.3 * half, 0.5 * height)
-    length = 10 ** np.floor(np.log10(raw))
-    length *= max(step for step in (1, 2, 5) if step * length <= raw)
-    left, base = -0.78 * half, floor + 0.02 * height
-    axis.plot([left, left + length], [base, base], color="black", lw=1.5, solid_capstyle="butt")
-    axis.text(left, base + 0.008 * height, _mm(length), ha="left", va="bottom")
-
-
 def _mm(length_m: float) -> str:
     """A length in the unit that suits it."""
     if length_m and abs(length_m) < 1e-4:
         return f"{1e6 * length_m:.4g} µm"
     return f"{1e3 * length_m:.4g} mm" if abs(length_m) < 1 else f"{length_m:.4g} m"
-
-
-def _table(scene: Scene, chain: Chain, sketch: Sketch) -> pd.DataFrame:
-    sensors, drawn = {sensor.from_wall - 1 for sensor in scene.chain.sensors}, sketch.bodies
-    return pd.DataFrame({
-        "body": [i + 1 for i in drawn],
-        "role": ["striker" if i >= chain.beads else "sensor" if i in sensors else "bead" for i in drawn],
-        "material": [chain.materials[i] for i in drawn],
-        "height_m": chain.height_m[drawn], "drawn_height_m": sketch.height_m[drawn],
-        "diameter_m": np.where(np.isinf(chain.radius_m[drawn]), np.nan, 2 * chain.radius_m[drawn]),
-        "mass_kg": chain.mass_kg[drawn], "velocity_m_s": chain.velocity_m_s[drawn],
-    })  # fmt: skip

@@ -19,12 +19,7 @@ GAUGE_IN, RESIDUAL_IN = 1.126, 1.426  # heights of panels
 def draw_stack(layout: Layout, traces: Mapping[str, Trace]) -> tuple[Any, dict[str, Any]]:
     """One panel a gauge in the order in which a wave meets them, and one with the residuals.
 
-    Args:
-        layout: of the chain.
-        traces: by engine, of equal sample times.
-
-    Returns:
-        The figure, and its axes by gauge name with that of the residuals under ``residual``.
+    The traces are of equal sample times; the axes come by gauge name, that of the residuals as ``residual``.
     """
     signals = {engine: sensor_signals(layout, trace) for engine, trace in traces.items()}
     gauges, time_s = list(next(iter(signals.values()))), next(iter(traces.values())).time_s
@@ -68,12 +63,7 @@ def gauge_title(layout: Layout, gauge: str) -> str:
 
 
 def residuals(traces: Mapping[str, Trace], baseline: str) -> dict[str, Array]:
-    """Deviation of each engine but the exact one from a baseline at each sample, in the order of drawing.
-
-    Args:
-        traces: by engine, of equal sample times.
-        baseline: one of the engines.
-    """
+    """Deviation of each engine but the exact one from a baseline engine at each sample, in the order of drawing."""
     others = [engine for engine in drawing_order(list(traces)) if engine not in (baseline, REFERENCE)]
     return {engine: residual(traces[engine], traces[baseline]) for engine in others}
 

@@ -29,13 +29,7 @@ def observable_columns(table: pd.DataFrame) -> list[str]:
 
 
 def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], where: str) -> Product:
-    """Observables against the swept column with most values, a curve for each set of the others.
-
-    Args:
-        table: of a study.
-        title: of the figure.
-        observables: one panel each.
-        where: the study as messages name it.
+    """Observables, a panel each, against the swept column with most values, a curve for each set of the others.
 
     Raises:
         InputError: the table lacks one of the observables.

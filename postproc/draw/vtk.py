@@ -23,16 +23,11 @@ Field = Array | np.ndarray[tuple[int, ...], np.dtype[np.int32]]
 
 @dataclass(frozen=True)
 class Frame:
-    """The bodies at one time.
-
-    Attributes:
-        point_m: shape (bodies, 3).
-        fields: by name, each of shape (bodies,) or (bodies, 3).
-    """
+    """The bodies at one time."""
 
     time_s: float
-    point_m: Array
-    fields: dict[str, Field]
+    point_m: Array  # shape (bodies, 3)
+    fields: dict[str, Field]  # by name, each of shape (bodies,) or (bodies, 3)
 
 
 def frames_of(run: EndedRun, scene: Scene, chain: Chain, frames: int) -> list[Frame]:
@@ -40,9 +35,6 @@ def frames_of(run: EndedRun, scene: Scene, chain: Chain, frames: int) -> list[Fr
 
     A flat striker has no radius and its position is that of its face. It is shown as a sphere of a bead's size that
     touches where the face does: its point lies that radius above the face.
-
-    Raises:
-        InputError: the run kept no positions.
     """
     motion, bore = read_motion(run), read_bore_forces(run.folder / FORCES, run.record.bodies)
     force = mean_forces(run.trace.force_N)
@@ -66,10 +58,7 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
     """Writes ``chain.pvd`` with its frames, and ``tube.vtu`` where the scene has a tube.
 
     All is written beside the folder first. The index goes first and comes last, so that it never names a frame that
-    is not there; frames of a former series go with it, other files stay.
-
-    Returns:
-        The index, and the tube's file.
+    is not there; frames of a former series go with it, other files stay. Returns the index, and the tube's file.
 
     Raises:
         InputError: the run kept no positions.
@@ -81,10 +70,14 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as drafts:  # of the same file system
         draft = Path(drafts)
         names = [FRAME.format(i) for i in range(len(found))]
+        root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
+        collection = ElementTree.SubElement(root, "Collection")
         for name, frame in zip(names, found, strict=True):
             vertices = np.arange(chain.bodies)[:, np.newaxis]
             write_mesh(draft / name, frame.point_m, "vertex", vertices, **frame.fields)
-        (draft / INDEX).write_bytes(_index(found, names))
+            ElementTree.SubElement(collection, "DataSet", timestep=repr(frame.time_s), part="0", file=name)
+        ElementTree.indent(root)
+        (draft / INDEX).write_bytes(ElementTree.tostring(root, xml_declaration=True, encoding="utf-8"))
         if scene.tube is not None:
             _write_tube(draft / TUBE, scene, chain, found)
             names.append(TUBE)
@@ -107,12 +100,3 @@ def _write_tube(path: Path, scene: Scene, chain: Chain, frames: list[Frame]) -> 
     rings = max(1, min(MOST_RINGS, round((high - chain.wall_height_m) / (2 * bore * np.pi / SIDES))))
     points, triangles = tube_mesh(bore, chain.wall_height_m, high, SIDES, rings)
     write_mesh(path, points, "triangle", triangles)
-
-
-def _index(frames: list[Frame], names: list[str]) -> bytes:
-    root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
-    collection = ElementTree.SubElement(root, "Collection")
-    for frame, name in zip(frames, names, strict=True):
-        ElementTree.SubElement(collection, "DataSet", timestep=repr(frame.time_s), part="0", file=name)
-    ElementTree.indent(root)
-    return bytes(ElementTree.tostring(root, xml_declaration=True, encoding="utf-8"))

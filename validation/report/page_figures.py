@@ -15,7 +15,7 @@ import pandas as pd
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from postproc.draw.spacetime import SPACETIME
+from postproc.draw.product import SPACETIME
 from postproc.draw.style import svg_of
 from postproc.figures import figures
 from postproc.paper.strikes import COLUMNS, engines_of

@@ -17,7 +17,7 @@ from drivers.chain.trace import Trace
 from drivers.engines import in_order, load_engine
 from drivers.run.finished import EndedRun
 from drivers.scene.model import Scene
-from postproc.draw.spacetime import draw_spacetime
+from postproc.draw.product import draw_spacetime
 from postproc.draw.style import svg_of
 from postproc.read.observables import observe
 from postproc.read.residual import REFERENCE
@@ -230,7 +230,7 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
         timing=_timing(scene),
         judged=_judged(scene, engines),
         chart=chart if chart and chart.panels else None,
-        chain=image_of(svg_of(draw_spacetime({shown: traces[shown]}))) if traces else None,
+        chain=image_of(svg_of(draw_spacetime({shown: traces[shown]}).figure)) if traces else None,
         departures=_departures(scene),
         budget=_budget(scene, engines),
         observables=[(name, [number(observed[engine][name], 6) for engine in engines]) for name in names],

@@ -15,8 +15,7 @@ from drivers.run.finished import open_run
 from drivers.scene.stored_scene import stored_scene
 from postproc.draw import film
 from postproc.draw.film import film_of, sheet, write_animation
-from postproc.draw.product import write_product
-from postproc.draw.spacetime import cells_of, draw_spacetime
+from postproc.draw.product import cells_of, draw_spacetime, write_product
 from postproc.read.sensors import mean_forces
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished
@@ -165,7 +164,7 @@ def test_open_contacts_are_grey_and_cells_lie_where_they_belong() -> None:
     force[20:30, 2] = 5.0
     none = np.zeros(50)
     trace = Trace(1e-6 * np.arange(50.0), force, none, none, none)
-    axis = draw_spacetime({"one": trace}, 4.0).axes[0]
+    axis = draw_spacetime({"one": trace}, 4.0).figure.axes[0]
     (image,) = axis.images
     assert image.get_extent() == pytest.approx([0, 50, 0.5, 4.5])
     colours = image.to_rgba(image.get_array())[..., :3]
