@@ -4,7 +4,8 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from math import isnan, nan
+from contextlib import suppress
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,17 +50,15 @@ def _write(arguments: argparse.Namespace, product: "Product", name: str, results
 
 
 def _observables(arguments: argparse.Namespace) -> Iterable[Path]:
-    from drivers.run.finished import open_run
     from postproc.read.observables import LEVELS, observe
 
-    run = open_run(arguments.run)
-    values = observe(run.layout, run.trace, tuple(arguments.level or LEVELS))
-    if arguments.json:
-        print(json.dumps({name: None if isnan(value) else value for name, value in values.items()}, indent=2))
-        return ()
+    run, _, _ = _open(arguments)
+    observed = observe(run.layout, run.trace, tuple(arguments.level or LEVELS))
+    values = {name: None if isnan(value) else value for name, value in observed.items()}
     width = max(map(len, values))
-    for name, value in values.items():
-        print(f"{name:<{width}}  {'not seen' if isnan(value) else format(value, '.6g')}")
+    shown = {name: "not seen" if value is None else format(value, ".6g") for name, value in values.items()}
+    lines = "\n".join(f"{name:<{width}}  {value}" for name, value in shown.items())
+    print(json.dumps(values, indent=2) if arguments.json else lines)
     return ()
 
 
@@ -107,21 +106,18 @@ def _figures(arguments: argparse.Namespace) -> Iterator[Path]:
 
 
 def _vtk(arguments: argparse.Namespace) -> Iterable[Path]:
-    from drivers.run.finished import open_run
     from postproc.draw import vtk
 
-    run = open_run(arguments.run)
-    folder = (arguments.out or paths.RESULTS) / _name_of(run, "vtk")
+    run, name, _ = _open(arguments)
+    folder = (arguments.out or paths.RESULTS) / name
     must_be_folder("--out", folder)
     return vtk.write_series(run, folder, arguments.frames or vtk.FRAMES)
 
 
 def _film(arguments: argparse.Namespace) -> Iterator[Path]:
-    from drivers.run.finished import open_run
     from postproc.draw import film
 
-    run = open_run(arguments.run)
-    name, title = _name_of(run, "film"), _title_of(run)
+    run, name, title = _open(arguments)
     still = film.film_of(run, arguments.frames or film.FRAMES, arguments.sideways)
     yield from _write(arguments, film.sheet(still, title), name)
     moving = film.film_of(run, film.ANIMATED, arguments.sideways)
@@ -129,33 +125,29 @@ def _film(arguments: argparse.Namespace) -> Iterator[Path]:
 
 
 def _spacetime(arguments: argparse.Namespace) -> Iterable[Path]:
-    from drivers.run.finished import open_run
     from postproc.draw.product import draw_spacetime
 
+    run, name, title = _open(arguments)
+    return _write(arguments, draw_spacetime({title: run.trace}, SHEET_IN), name)
+
+
+def _open(arguments: argparse.Namespace) -> tuple["EndedRun", str, str]:
+    """A command's run, the name of what is made of it, after its engine and its folder, and its title."""
+    from drivers.run.finished import open_run
+
     run = open_run(arguments.run)
-    return _write(arguments, draw_spacetime({_title_of(run): run.trace}, SHEET_IN), _name_of(run, "spacetime"))
-
-
-def _name_of(run: "EndedRun", command: str) -> str:
-    """What is made of a run is named after its engine and its folder."""
-    return f"{command}-{run.record.engine}-{run.folder.resolve().name}"
-
-
-def _title_of(run: "EndedRun") -> str:
-    return f"{run.record.scene.get('title') or run.record.scene_name} ({run.record.engine})"
+    name = f"{arguments.command}-{run.record.engine}-{run.folder.resolve().name}"
+    return run, name, f"{run.record.scene.get('title') or run.record.scene_name} ({run.record.engine})"
 
 
 def _number(kind: Callable[[str], float], allowed: Callable[[float], bool], words: str) -> Callable[[str], float]:
     """A reader of an option's number."""
 
     def read(text: str) -> float:
-        try:
-            value = kind(text)
-        except ValueError:
-            value = nan
-        if not allowed(value):
-            raise argparse.ArgumentTypeError(f"found {text}; allowed: {words}")
-        return value
+        with suppress(ValueError):
+            if allowed(value := kind(text)):
+                return value
+        raise argparse.ArgumentTypeError(f"found {text}; allowed: {words}")
 
     return read
 
@@ -191,11 +183,7 @@ COMMANDS: dict[str, tuple[str, Action, Options]] = {
     "draw": ("a scene drawn to scale", _draw, SCENE | OUT),
     "study": ("the figure of a study that has been run: curves, or a tornado chart", _study, STUDY | OUT),
     "vtk": ("a run as a ParaView series; it has to keep positions (run.record)", _vtk, RUN | FRAMES | OUT),
-    "film": (
-        "the chain of a run at some times: a contact sheet and an animation",
-        _film,
-        RUN | FRAMES | SIDEWAYS | OUT,
-    ),
+    "film": ("a run's chain at some times: a contact sheet and an animation", _film, RUN | FRAMES | SIDEWAYS | OUT),
     "spacetime": ("the contact forces of a run over the whole chain against time", _spacetime, RUN | OUT),
     "figures": ("all figures and the table", _figures, RUNS),
 }

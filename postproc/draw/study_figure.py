@@ -1,5 +1,6 @@
 """Figures of a study, drawn from its table: curves over what is swept, or a tornado of sensitivities."""
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -54,7 +55,9 @@ def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], wh
                 axis.set_xscale("log")
         if others:
             axes[observables[0]].legend(fontsize=6, loc="best")
-        figure.suptitle(_subtitle(title, done), fontsize=8)
+        codes = [str(engine) for engine in done["engine"].unique() if engine != REFERENCE]
+        marks = "".join(f", {code}: {SHAPES.get(line_of(code).marker, 'markers')}" for code in codes)
+        figure.suptitle(f"{title}\nlines: {REFERENCE}; {marks.removeprefix(', ')}" if codes else title, fontsize=8)
     return Product(figure, done[["case", *swept, "engine", *observables]])
 
 
@@ -110,14 +113,12 @@ def sensitivities(table: pd.DataFrame, where: str) -> pd.DataFrame:
         raise InputError(where, "", f"no base case done on {engine}", "a finished batch")
     base = rows.iloc[0]
     found = []
-    for _, row in rows.iloc[1:].iterrows():
-        for given in swept_columns(table):
-            if row[given] == base[given] or not isinstance(row[given], float | int) or not base[given]:
-                continue
-            change = row[given] / base[given] - 1
-            for name in observable_columns(table):
-                if not base[name] or not np.isfinite(row[name]) or not np.isfinite(base[name]):
-                    continue
+    for (_, row), given in product(rows.iloc[1:].iterrows(), swept_columns(table)):
+        if row[given] == base[given] or not isinstance(row[given], float | int) or not base[given]:
+            continue
+        change = row[given] / base[given] - 1
+        for name in observable_columns(table):
+            if base[name] and np.isfinite([row[name], base[name]]).all():
                 share = row[name] / base[name] - 1
                 found.append((name, given, change, share, share / change))
     columns = ["observable", "input", "input_change_share", "observable_change_share", "elasticity"]
@@ -125,25 +126,24 @@ def sensitivities(table: pd.DataFrame, where: str) -> pd.DataFrame:
 
 
 def _must_have(table: pd.DataFrame, observables: tuple[str, ...], where: str) -> None:
-    known = observable_columns(table)
-    for name in observables:
-        if name not in known:
-            allowed = f"observables of the table: {', '.join(known) or 'none yet'}"
-            raise InputError(where, "figure", f'"{name}"', allowed)
     if not observables:
         raise InputError(where, "figure", "nothing", "the observables to draw")
+    known = observable_columns(table)
+    for name in (name for name in observables if name not in known):
+        raise InputError(where, "figure", f'"{name}"', f"observables of the table: {', '.join(known) or 'none yet'}")
 
 
 def _draw_curves(axis: Any, done: pd.DataFrame, across: str, name: str, others: list[str]) -> None:
     """An observable over the swept column: lines of the reference, a colour a set of the others; the codes' markers."""
-    groups = done.groupby(others, dropna=False, sort=False) if others else [((), done)]
+    groups: Any = done.groupby(others, dropna=False, sort=False) if others else [((), done)]
     for place, (values, part) in enumerate(groups):
         for engine, own in part.groupby("engine", sort=False):
             rows = own.sort_values(across) if pd.api.types.is_numeric_dtype(own[across]) else own
             look = marker_of(str(engine)) | {"ls": "none"}
             if engine == REFERENCE:
                 look = {"color": f"C{place}", "lw": 1.0, "marker": MARKERS[place % len(MARKERS)], "ms": 3}
-                look["label"] = _label(others, values)
+                told = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in values)
+                look["label"] = ", ".join(f"{other} {value}" for other, value in zip(others, told, strict=True))
             axis.plot(rows[across], rows[name], **look)
 
 
@@ -155,15 +155,3 @@ def _draw_spread(axis: Any, rows: pd.DataFrame, name: str) -> None:
         axis.hist(values, bins=15, histtype="step", color=line.colour, lw=line.width, ls=line.dashes, label=told)
     axis.set(xlabel=name, ylabel="draws")
     axis.legend(fontsize=6)
-
-
-def _label(names: list[str], values: Any) -> str:
-    values = values if isinstance(values, tuple) else (values,)
-    told = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in values)
-    return ", ".join(f"{name} {value}" for name, value in zip(names, told, strict=True))
-
-
-def _subtitle(title: str, table: pd.DataFrame) -> str:
-    codes = [str(engine) for engine in table["engine"].unique() if engine != REFERENCE]
-    marks = [f"{code}: {SHAPES.get(line_of(code).marker, 'markers')}" for code in codes]
-    return f"{title}\nlines: {REFERENCE}; {', '.join(marks)}" if codes else title

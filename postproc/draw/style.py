@@ -12,8 +12,6 @@ MICRO = 1e6
 COLUMN_IN = 3.5  # a journal's column
 FAINT = "#555555"
 OPEN = "#e4e7ea"  # where there is no contact
-
-
 # engines without a style of their own get these, in the order of their names
 SPARE = (
     Style("#cc79a7", dashes=(0, (6, 2, 1, 2))),
@@ -78,21 +76,13 @@ def pyplot() -> Any:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    plt.rcParams.update(
-        {
-            "font.size": 8,
-            "axes.titlesize": 8,
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "axes.linewidth": 0.7,
-            "axes.grid": True,
-            "grid.linewidth": 0.4,
-            "grid.alpha": 0.5,
-            "legend.frameon": False,
-            "svg.fonttype": "none",
-            "path.simplify_threshold": 0.2,
-        }
-    )
+    matplotlib.rc("font", size=8)
+    matplotlib.rc("axes", titlesize=8, linewidth=0.7, grid=True)
+    matplotlib.rc("axes.spines", top=False, right=False)
+    matplotlib.rc("grid", linewidth=0.4, alpha=0.5)
+    matplotlib.rc("legend", frameon=False)
+    matplotlib.rc("svg", fonttype="none")
+    matplotlib.rc("path", simplify_threshold=0.2)
     return plt
 
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from drivers.chain.chain import Array
 from postproc.draw.product import Product
 from postproc.draw.stack import draw_lines
 from postproc.draw.style import COLUMN_IN, FAINT, MICRO, drawing_order, marker_of, pyplot
@@ -29,6 +28,7 @@ STRIKES = (1.0, 10.0, 100.0, 1e3, 1e4)  # amplitudes (F_m - F_0)/F_0 of the simu
 CHAIN = ("chain.count=60", "chain.sensors=[{ from_wall = 20 }, { from_wall = 10 }]", "gravity=")
 STEADY = 1e-3  # relative change of the amplitude between the sensors
 FACE, FACE_WORDS = "#d55e00", "#a34800"  # colours of the forces on the gauge's faces, and of their names
+ARROW = {"arrowstyle": "-|>"}
 SENSOR = 5  # bead of Fig. 4's chain shown in (b)
 
 
@@ -63,23 +63,22 @@ def _draw_free_body(axis: Any) -> None:
         cap = Wedge((centre, 0), 1, -90 * side, -90 * side + 180, facecolor="#f2f2f2", edgecolor="black", lw=0.8)
         axis.add_patch(cap)
         axis.text(centre + 0.45 * side, 0.2, "M", ha="center", va="center")
-        _draw_arrow(axis, (centre + 2.1 * side, 0), (centre + side, 0), "black")
+        axis.annotate("", (centre + side, 0), (centre + 2.1 * side, 0), arrowprops=ARROW | {"color": "black"})
         axis.text(centre + 1.8 * side, 0.14, outer, ha="center")
-        _draw_arrow(axis, (0.75 * side, -0.5), (0.14 * side, -0.5), FACE)
+        axis.annotate("", (0.14 * side, -0.5), (0.75 * side, -0.5), arrowprops=ARROW | {"color": FACE})
         axis.text(0.6 * side, -0.45, inner, color=FACE_WORDS, ha="center", va="bottom")
     axis.add_patch(Rectangle((-0.12, -0.85), 0.24, 1.7, facecolor="#e69f00", edgecolor="black", lw=0.8))
     axis.text(0, 1.08, f"gauge, m = {sensor.gauge_g:g} g; caps, 2M = {sensor.caps_g:g} g", ha="center", va="bottom")
-
-
-def _draw_arrow(axis: Any, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
-    axis.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": colour})
 
 
 def _draw_forces(axis: Any, runs: Path) -> pd.DataFrame:
     found = simulate_one(case_of("fig4", UNTIL_REFLECTED), runs)
     time = found[REFERENCE].trace.time_s
     near = np.abs(time - found[REFERENCE].values[f"bead_{SENSOR}_arrival_s"]) < 90e-6
-    forces = {engine: _sensor_forces(one.trace.force_N[near]) for engine, one in found.items()}
+    forces = {}
+    for engine, one in found.items():  # above, below, and what the gauge reads
+        force_N = one.trace.force_N[near]
+        forces[engine] = np.column_stack([force_N[:, SENSOR], force_N[:, SENSOR - 1], sensor_average(force_N, SENSOR)])
     draw_lines(axis, time[near], forces)
     first, second, average = forces[REFERENCE].T
     time_us = time[near] * MICRO
@@ -98,11 +97,6 @@ def _draw_forces(axis: Any, runs: Path) -> pd.DataFrame:
     tables = [pd.DataFrame(columns, columns=names).assign(panel="b", engine=engine, time_s=time[near])
               for engine, columns in forces.items()]  # fmt: skip
     return pd.concat(tables, ignore_index=True)
-
-
-def _sensor_forces(force_N: Array) -> Array:
-    """F_1 above, F_2 below, and their mean. Shape (samples, 3)."""
-    return np.column_stack([force_N[:, SENSOR], force_N[:, SENSOR - 1], sensor_average(force_N, SENSOR)])
 
 
 def _waves() -> pd.DataFrame:

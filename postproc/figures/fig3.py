@@ -7,14 +7,12 @@ the mean peak of the contact forces between them, static part included (F_m of E
 paper's: 1 to 4 for 600 MPa, 5 to 8 for 1460 MPa, in the order Eq. (3), simulated, Eq. (4), simulated with gravity.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from drivers.chain.trace import Trace
 from postproc.draw.product import Product
 from postproc.draw.style import COLUMN_IN, FAINT, draw_table, drawing_order, line_of, marker_of, pyplot
 from postproc.paper.quoted import quoted
@@ -27,6 +25,7 @@ from postproc.paper.strikes import (
     speed_between_sensors,
     static_force,
     strike_for,
+    striker_speed,
 )
 from postproc.paper.theory import particles_of, precompressed_speed, speed_from_force
 from postproc.read.residual import REFERENCE
@@ -38,8 +37,7 @@ XLIM_N = (0.011, 70)
 LARGE_N = 2.0  # amplitudes from here on are the large ones of the table
 
 
-@dataclass(frozen=True)
-class Curve:
+class Curve(NamedTuple):
     """One modulus with or without gravity."""
 
     modulus_MPa: float
@@ -51,16 +49,22 @@ class Curve:
         modulus = f"materials.ptfe.youngs_modulus={self.modulus_MPa} MPa"
         return (modulus,) if self.gravity else (modulus, "gravity=")
 
-
-def curves() -> list[Curve]:
-    """All of them."""
-    return [Curve(modulus, gravity) for modulus in quoted().ptfe.moduli_MPa for gravity in (False, True)]
+    @property
+    def number(self) -> int | None:
+        """That of its theory in the paper's figure; that of its simulations is the next."""
+        first = PRINTED.get(self.modulus_MPa)
+        return None if first is None else first + 2 * self.gravity
 
 
 def make(runs: Path) -> Product:
-    """Runs the strikes and draws them over the theory, with the codes' differences and the scores below."""
-    points = _points(runs)
-    theory = _theory(points)
+    """Runs the strikes and draws them over the theory, with the codes' differences and the scores below.
+
+    Beside it the chain under the weakest and the strongest strike, by the reference: the stiffest beads, with gravity.
+    """
+    curves = [Curve(modulus, gravity) for modulus in quoted().ptfe.moduli_MPa for gravity in (False, True)]
+    exact = {curve: [strike_for(force, contact_peak, *curve.settings) for force in FORCES_N] for curve in curves}
+    points = _points(exact, runs)
+    theory = _theory(curves, points)
     experiment, score = measured_points(), scores()
     figure, axes = pyplot().subplots(3, 1, figsize=(COLUMN_IN, 7.0), height_ratios=[3.4, 0.9, 1.5])
     _draw_speeds(axes[0], points, theory, experiment)
@@ -68,61 +72,45 @@ def make(runs: Path) -> Product:
     _draw_scores(axes[2], score)
     figure.subplots_adjust(hspace=0.45)
     tables = [points, theory, experiment.assign(source="experiment"), score.assign(source="score")]
-    return Product(figure, pd.concat(tables, ignore_index=True), _chains())
+    stiffest = max(curves)
+    title = f"{stiffest.modulus_MPa:g} MPa, with gravity ({REFERENCE})"
+    chains = {f"{FORCES_N[i]:g} N, {title}": exact[stiffest][i].trace for i in (0, -1)}
+    return Product(figure, pd.concat(tables, ignore_index=True), chains)
 
 
-def _chains() -> dict[str, Trace]:
-    """The chain under the weakest and the strongest strike, by the reference: the stiffest beads, with gravity."""
-    curve = max(curves(), key=lambda curve: (curve.modulus_MPa, curve.gravity))
-    return {
-        f"{force:g} N, {curve.modulus_MPa:g} MPa, with gravity ({REFERENCE})":
-            strike_for(float(force), contact_peak, *curve.settings).trace
-        for force in FORCES_N[[0, -1]]
-    }  # fmt: skip
-
-
-def _points(runs: Path) -> pd.DataFrame:
+def _points(exact: dict[Curve, list[Simulation]], runs: Path) -> pd.DataFrame:
     """A row per strike and engine."""
-    exact = {curve: [strike_for(force, contact_peak, *curve.settings) for force in FORCES_N] for curve in curves()}
     chosen = [(curve, simulation.case) for curve, some in exact.items() for simulation in some[BY_CODES]]
-    rows = []
-    for code, simulations in run_codes_on([case for _, case in chosen], runs).items():
-        rows += [_row(code, curve, one) for (curve, _), one in zip(chosen, simulations, strict=True)]
-    rows += [_row(REFERENCE, curve, one) for curve, some in exact.items() for one in some]
-    return pd.DataFrame(rows)
+    found = [
+        (curve, one)
+        for simulations in run_codes_on([case for _, case in chosen], runs).values()
+        for (curve, _), one in zip(chosen, simulations, strict=True)
+    ]
+    found += [(curve, one) for curve, some in exact.items() for one in some]
+    return pd.DataFrame([
+        {
+            "source": "simulated", "engine": one.engine, "curve": None if curve.number is None else curve.number + 1,
+            "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "striker_m_s": striker_speed(one),
+            "force_N": contact_peak(one), "static_N": static_force(one.case),
+            "sensor_amplitude_N": sensor_amplitude(one), "speed_m_s": speed_between_sensors(one),
+        }
+        for curve, one in found
+    ])  # fmt: skip
 
 
-def _row(engine: str, curve: Curve, simulation: Simulation) -> dict[str, Any]:
-    striker = simulation.case.scene.striker
-    assert striker is not None
-    return {
-        "source": "simulated", "engine": engine, "curve": _number(curve, theory=False),
-        "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "striker_m_s": striker.speed,
-        "force_N": contact_peak(simulation), "static_N": static_force(simulation.case),
-        "sensor_amplitude_N": sensor_amplitude(simulation), "speed_m_s": speed_between_sensors(simulation),
-    }  # fmt: skip
-
-
-def _number(curve: Curve, *, theory: bool) -> int | None:
-    """The curve's number in the paper's figure."""
-    first = PRINTED.get(curve.modulus_MPa)
-    return None if first is None else first + (0 if theory else 1) + (2 if curve.gravity else 0)
-
-
-def _theory(points: pd.DataFrame) -> pd.DataFrame:
+def _theory(curves: list[Curve], points: pd.DataFrame) -> pd.DataFrame:
     """Eqs. (3) and (4) at the same amplitudes; the static force of Eq. (4) is that between the sensors."""
     static = float(points.loc[points["gravity"], "static_N"].iloc[0])
     rows = []
-    for curve in curves():
+    for curve in curves:
         particles = particles_of(case_of("table1", *curve.settings))
         for force in FORCES_N:
-            speed = (
-                precompressed_speed(particles, force, static) if curve.gravity else speed_from_force(particles, force)
-            )
+            bare, pressed = speed_from_force(particles, force), precompressed_speed(particles, force, static)
             rows.append({
-                "source": "Eq. (4)" if curve.gravity else "Eq. (3)", "curve": _number(curve, theory=True),
+                "source": "Eq. (4)" if curve.gravity else "Eq. (3)", "curve": curve.number,
                 "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "force_N": force,
-                "static_N": static if curve.gravity else 0.0, "speed_m_s": speed,
+                "static_N": static if curve.gravity else 0.0,
+                "speed_m_s": pressed if curve.gravity else bare,
             })  # fmt: skip
     return pd.DataFrame(rows)
 
@@ -141,16 +129,12 @@ def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experime
         axis.plot(own["force_N"], own["speed_m_s"], ls="", label=engine, **look)
     for modulus in quoted().ptfe.moduli_MPa:
         own = points[(points["engine"] == REFERENCE) & (points["modulus_MPa"] == modulus)]
-        end = own[~own["gravity"]].iloc[-1]
-        axis.annotate(
-            f"{modulus:g} MPa", (end["force_N"], end["speed_m_s"]), xytext=(7, -2), textcoords="offset points"
-        )
-        if modulus in PRINTED:
-            first = PRINTED[modulus]
-            for gravity, number in ((False, first), (True, first + 2)):
-                start = own[own["gravity"] == gravity].iloc[0]
-                axis.annotate(f"{number}, {number + 1}", (start["force_N"], start["speed_m_s"]), xytext=(-5, -3),
-                              textcoords="offset points", ha="right", color=FAINT)  # fmt: skip
+        end, look = own[~own["gravity"]].iloc[-1], {"textcoords": "offset points"}
+        axis.annotate(f"{modulus:g} MPa", (end["force_N"], end["speed_m_s"]), (7, -2), **look)
+        for gravity in (False, True) if modulus in PRINTED else ():
+            start, number = own[own["gravity"] == gravity].iloc[0], PRINTED[modulus] + 2 * gravity
+            place = start["force_N"], start["speed_m_s"]
+            axis.annotate(f"{number}, {number + 1}", place, (-5, -3), ha="right", color=FAINT, **look)
     dots: dict[str, Any] = {"fmt": "o", "color": "black", "ms": 3.5, "zorder": 5, "capsize": 1.5}
     axis.errorbar(experiment["force_N"], experiment["speed_m_s"], xerr=experiment["force_error_N"],
                   yerr=experiment["speed_error_m_s"], elinewidth=0.7, label="experiment", **dots)  # fmt: skip

@@ -27,17 +27,11 @@ PLACES = ("top bead", "second bead")  # where the pulse enters
 
 @dataclass(frozen=True)
 class Shapes:
-    """What a trace shows of the two.
+    """What a trace shows of the two."""
 
-    Attributes:
-        wall: envelope of the force on the wall.
-        until_s: when its first maximum beyond the envelope comes.
-        entrance: the pulse in each of ``PLACES``.
-    """
-
-    wall: Envelope
-    until_s: float
-    entrance: tuple[PulseShape, ...]
+    wall: Envelope  # of the force on the wall
+    until_s: float  # when its first maximum beyond the envelope comes
+    entrance: tuple[PulseShape, ...]  # the pulse in each of ``PLACES``
 
 
 def make(runs: Path) -> Product:
@@ -48,9 +42,25 @@ def make(runs: Path) -> Product:
     traces = {engine: one.trace for engine, one in simulate_one(case, runs).items()}
     shapes = {engine: _shapes(case, trace) for engine, trace in traces.items()}
     figure, axes = draw_stack(case.layout, traces)
+    paper, look = quoted().fig5, {"va": "top", "color": FAINT}
     for bead, place, shape in zip((top, top - 1), PLACES, shapes[REFERENCE].entrance, strict=True):
-        _note_entrance(axes[f"bead_{bead}"], place, shape)
-    _draw_envelope(axes["wall"], traces[REFERENCE], shapes[REFERENCE])
+        axis = axes[f"bead_{bead}"]
+        axis.set_title(f"{place}: mean of its contact forces (in brackets: quoted)", loc="left")
+        words = (
+            f"rise {shape.rise_s * MICRO:.0f} µs ({paper.incident_rise_us:g})\n"
+            f"rate {shape.decay_per_s / MICRO:.4f} ({paper.incident_decay_per_us:g})\n"
+            f"lasts {shape.duration_s * MICRO:.0f} µs ({paper.incident_duration_us:g})"
+        )
+        axis.text(0.12, 1.0, words, transform=axis.transAxes, fontsize=6.5, **look)
+    axis, trace, wall = axes["wall"], traces[REFERENCE], shapes[REFERENCE].wall
+    curve = wall.amplitude_N * np.exp(wall.rate_per_s * trace.time_s)
+    inside = (trace.time_s <= shapes[REFERENCE].until_s) & (curve <= 1.5 * trace.force_N[:, 0].max())
+    axis.plot(trace.time_s[inside] * MICRO, curve[inside], color="black", lw=0.8)
+    words = (
+        f"exp({wall.rate_per_s / MICRO:.4f} t / µs)\n"
+        f"paper: {paper.computed_envelope_per_us} computed,\n{paper.measured_envelope_per_us} measured"
+    )
+    axis.text(0.57, 0.97, words, transform=axis.transAxes, fontsize=7, **look)
     tables = [_table(shapes).assign(part="shape"), stack_table(case.layout, traces).assign(part="trace")]
     return Product(figure, pd.concat(tables, ignore_index=True), chain_of_reference(traces))
 
@@ -70,29 +80,6 @@ def _shapes(case: Case, trace: Trace) -> Shapes:
     if wall is None or len(maxima) <= ENVELOPE_MAXIMA or len(whole) < len(PLACES):
         raise InputError(case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
     return Shapes(wall, maxima[ENVELOPE_MAXIMA].time_s, whole)
-
-
-def _note_entrance(axis: Any, place: str, shape: PulseShape) -> None:
-    paper = quoted().fig5
-    words = (
-        f"rise {shape.rise_s * MICRO:.0f} µs ({paper.incident_rise_us:g})\n"
-        f"rate {shape.decay_per_s / MICRO:.4f} ({paper.incident_decay_per_us:g})\n"
-        f"lasts {shape.duration_s * MICRO:.0f} µs ({paper.incident_duration_us:g})"
-    )
-    axis.set_title(f"{place}: mean of its contact forces (in brackets: quoted)", loc="left")
-    axis.text(0.12, 1.0, words, transform=axis.transAxes, va="top", color=FAINT, fontsize=6.5)
-
-
-def _draw_envelope(axis: Any, trace: Trace, shapes: Shapes) -> None:
-    time, wall, paper = trace.time_s, shapes.wall, quoted().fig5
-    curve = wall.amplitude_N * np.exp(wall.rate_per_s * time)
-    inside = (time <= shapes.until_s) & (curve <= 1.5 * trace.force_N[:, 0].max())
-    axis.plot(time[inside] * MICRO, curve[inside], color="black", lw=0.8)
-    words = (
-        f"exp({wall.rate_per_s / MICRO:.4f} t / µs)\n"
-        f"paper: {paper.computed_envelope_per_us} computed,\n{paper.measured_envelope_per_us} measured"
-    )
-    axis.text(0.57, 0.97, words, transform=axis.transAxes, va="top", color=FAINT, fontsize=7)
 
 
 def _table(shapes: dict[str, Shapes]) -> pd.DataFrame:

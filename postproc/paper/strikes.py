@@ -75,6 +75,12 @@ def static_force(case: Case) -> float:
 READINGS: dict[str, Amplitude] = {"contact force": contact_peak, "average of the sensors": sensor_amplitude}
 
 
+def striker_speed(simulation: Simulation) -> float:
+    """That of the scene, m/s."""
+    striker = simulation.case.scene.striker
+    return striker.speed if striker else 0.0
+
+
 def speed_between_sensors(simulation: Simulation) -> float:
     """Peak to peak, m/s."""
     upper, lower = sensor_pair(simulation.case)
@@ -191,8 +197,7 @@ def solve_table1(runs: Path) -> pd.DataFrame:
     solved = {REFERENCE: exact_ones} | strikes_by_codes(exact_ones, forces, sensor_amplitude, runs)
     for engine, simulations in solved.items():
         lower = f"bead_{sensor_pair(simulations[0].case)[1]}"
-        strikers = [simulation.case.scene.striker for simulation in simulations]
-        paper[engine + STRIKER] = [striker.speed for striker in strikers if striker]
+        paper[engine + STRIKER] = [striker_speed(simulation) for simulation in simulations]
         paper[f"{engine}_speed_m_s"] = [speed_between_sensors(simulation) for simulation in simulations]
         for name in COLUMNS[1:]:
             paper[f"{engine}_{name}"] = [simulation.values[f"{lower}_{name}"] for simulation in simulations]

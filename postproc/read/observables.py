@@ -25,19 +25,12 @@ ROUNDING = 1e-9  # of the largest force: a signal that moves less is at rest
 
 @dataclass(frozen=True)
 class Observable:
-    """A number of a run.
+    """A number of a run."""
 
-    Attributes:
-        pattern: its name without the unit; ``PLACEHOLDERS`` differ from scene to scene.
-        unit: in which it is given; empty for a plain number.
-        kind: observables of one kind are compared and judged alike.
-        of_wave: it is read from pulses, and its relative error is a measure of how exact a run is.
-    """
-
-    pattern: str
-    unit: str
-    kind: str
-    of_wave: bool = True
+    pattern: str  # its name without the unit; ``PLACEHOLDERS`` differ from scene to scene
+    unit: str  # in which it is given; empty for a plain number
+    kind: str  # observables of one kind are compared and judged alike
+    of_wave: bool = True  # it is read from pulses, and its relative error is a measure of how exact a run is
 
     @property
     def ending(self) -> str:

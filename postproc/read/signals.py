@@ -142,17 +142,11 @@ def train_envelope(maxima: list[Peak]) -> Envelope | None:
 
 @dataclass(frozen=True)
 class PulseShape:
-    """An incident pulse at one place.
+    """An incident pulse at one place."""
 
-    Attributes:
-        rise_s: from ``ONSET`` of the first maximum to it.
-        decay_per_s: rate of the exponential from the peak to half of it; NaN if it never falls so far.
-        duration_s: from ``ONSET`` until it first falls below that again, or until the reflected wave arrives.
-    """
-
-    rise_s: float
-    decay_per_s: float
-    duration_s: float
+    rise_s: float  # from ``ONSET`` of the first maximum to it
+    decay_per_s: float  # rate of the exponential from the maximum to half of it; NaN if it never falls so far
+    duration_s: float  # from ``ONSET`` until it first falls below that again, or until the reflected wave arrives
 
 
 def incident_pulse(time_s: Array, signal: Array) -> PulseShape | None:
