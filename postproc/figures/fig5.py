@@ -66,11 +66,7 @@ def make(runs: Path) -> Product:
 
 
 def _shapes(case: Case, trace: Trace) -> Shapes:
-    """Envelope and entrance of a trace.
-
-    Raises:
-        InputError: the scene ends too early.
-    """
+    """Envelope and entrance of a trace; an InputError where the scene ends too early."""
     shown, top = sensor_signals(case.layout, trace), case.chain.beads
     maxima = peaks(trace.time_s, shown["wall"])
     wall = train_envelope(maxima)

@@ -42,11 +42,7 @@ Amplitude = Callable[[Simulation], float]
 
 
 def sensor_pair(case: Case) -> tuple[int, int]:
-    """The beads of the upper and the lower sensor.
-
-    Raises:
-        InputError: the scene has not two of them.
-    """
+    """The beads of the upper and the lower sensor; a scene that has not two of them is an InputError."""
     beads = [sensor.from_wall for sensor in case.layout.sensors]
     if len(beads) != 2:
         raise InputError(case.scene.file, "chain.sensors", f"{len(beads)} sensors", "two, between which a wave travels")

@@ -128,18 +128,13 @@ def _force_scale(particles: Particles) -> float:
 
 
 def force_coefficient(particles: Particles, speed_m_s: float, force_N: float) -> float:
-    """What stands for 0.68 in Eq. (3) if a wave of this speed has this peak force."""
+    """What stands for 0.68 in Eq. (3) for a wave of this speed and peak force; for 0.9314 in Eq. (4), of sound."""
     return float(speed_m_s / (_force_scale(particles) * force_N ** (1 / 6)))
 
 
 def sound_speed(particles: Particles, force_N: float) -> float:
     """c_0 of Eq. (1): ``c_0 = (3/2)^(1/2) c xi_0^(1/4)`` with the strain under a static force."""
     return float(sqrt(1.5) * particles.speed_constant_m_s * particles.strain(force_N) ** 0.25)
-
-
-def sound_coefficient(particles: Particles, force_N: float) -> float:
-    """What stands for 0.9314 in Eq. (4)."""
-    return float(sound_speed(particles, force_N) / (_force_scale(particles) * force_N ** (1 / 6)))
 
 
 def precompressed_speed(particles: Particles, force_N: float, static_N: float) -> float:

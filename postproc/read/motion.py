@@ -13,11 +13,7 @@ from drivers.scene.stored_scene import stored_scene
 
 
 def chain_of(run: EndedRun) -> tuple[Scene, Chain]:
-    """The scene of a run and its chain at time 0.
-
-    Raises:
-        InputError: the record is damaged, or the forces are of other bodies.
-    """
+    """The scene of a run and its chain at time 0; a damaged record, or forces of other bodies, are an InputError."""
     try:
         scene = stored_scene(run.record.scene)
         chain = with_lateral(scene, build_chain(scene))
@@ -38,11 +34,7 @@ def keeps_motion(run: EndedRun) -> bool:
 
 
 def read_motion(run: EndedRun) -> State:
-    """Positions and velocities of a run, bit for bit.
-
-    Raises:
-        InputError: it kept none, or they are damaged, or not those of its forces.
-    """
+    """Positions and velocities of a run, bit for bit; none, damaged ones or others than its forces': an InputError."""
     path, record = run.folder / STATE, run.record
     if not keeps_motion(run):
         name = record.scene_name

@@ -114,7 +114,7 @@ def discrete_force_coefficient() -> float:
 
 def sound_coefficient() -> float:
     """The coefficient of Eq. (4), from c_0 of Eq. (1) and Eq. (7)."""
-    return theory.sound_coefficient(_particles(), STATIC_N)
+    return theory.force_coefficient(_particles(), theory.sound_speed(_particles(), STATIC_N), STATIC_N)
 
 
 def weak_limit() -> float:
