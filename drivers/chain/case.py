@@ -30,7 +30,7 @@ class Plan:
     rounding_share: float
     refused_steps: int
     trials: int
-    seconds: float
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)

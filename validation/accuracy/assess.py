@@ -31,16 +31,15 @@ def assess(ended: EndedRun, case: Case) -> EndedRun:
 def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
     """The error budget, what was kept of the accuracy asked for, and what to be warned of."""
     from drivers.limits.stable_step import predicted_limit
-    from validation.accuracy.budget import error_budget, measured_errors
-    from validation.accuracy.run_warnings import warnings_of
+    from validation.accuracy.budget import error_budget, measured_errors, warnings_of
 
     parts, note = error_budget(case, engine, trace)
-    accuracy: dict[str, dict[str, float]] | None = None
-    if case.plan:
-        measured = measured_errors(case, trace, case.plan.asked)
+    accuracy = None
+    if plan := case.plan:
+        measured = measured_errors(case, trace, plan.asked)
         accuracy = {
-            name: {"asked": share, "predicted": case.plan.predicted[name], "measured": measured[name]}
-            for name, share in case.plan.asked.items()
+            name: {"asked": share, "predicted": plan.predicted[name], "measured": measured[name]}
+            for name, share in plan.asked.items()
         }
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
     return {

@@ -27,7 +27,7 @@ from drivers.limits.attainable import FORCE
 from drivers.scene.read_scene import read_scene
 from postproc.read.residual import share_of_largest
 from validation.accuracy.error_measures import Truth, truth_of
-from validation.accuracy.schemes import rounded_otherwise, verlet_of
+from validation.accuracy.schemes import turned_verlet_of, verlet_in_heights, verlet_of
 
 VERLET = "verlet"  # the engine of this repository that has a time step
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding of the same size, not the same
@@ -74,6 +74,11 @@ class Baseline:
     law: str
 
     @property
+    def straight(self) -> bool:
+        """Whether the chain is straight."""
+        return self.case.chain.lateral is None
+
+    @property
     def unknown(self) -> str:
         """Why the exact motion is not known; empty where it is."""
         lateral = self.case.chain.lateral
@@ -93,7 +98,7 @@ class Baseline:
     @cached_property
     def rounded(self) -> Trace:
         """The same with other rounding."""
-        return rounded_otherwise(self.case, self.law)
+        return verlet_in_heights(self.case) if self.straight else turned_verlet_of(self.case, self.law)
 
     @cached_property
     def truth(self) -> Truth | Extrapolation:
@@ -102,7 +107,7 @@ class Baseline:
         Raises:
             ArithmeticError: it cannot be followed.
         """
-        if self.case.chain.lateral is None:
+        if self.straight:
             return truth_of(self.case)
         steps = (self.plain, *(verlet_of(self.case, self.law, finer) for finer in (2, 4)))
         whole, half, quarter = (until(trace, self.samples) for trace in steps)
@@ -125,12 +130,11 @@ class Baseline:
     @property
     def in_overlaps(self) -> Trace:
         """``plain`` at the samples at which the exact motion is known."""
-        return self.plain if self.case.chain.lateral is None else until(self.plain, self.samples)
+        return self.plain if self.straight else until(self.plain, self.samples)
 
     def stepped_by(self, engine: str) -> Trace:
         """The case by the scheme of an engine that has a time step, rounded as the engine does."""
-        in_heights = load_engine(engine).scheme == IN_HEIGHTS and self.case.chain.lateral is None
-        return self.rounded if in_heights else self.plain
+        return self.rounded if self.straight and load_engine(engine).scheme == IN_HEIGHTS else self.plain
 
     def scheme_of(self, engine: str) -> Trace:
         """The motion of a run without faults, but for rounding, at the samples at which the exact motion is known."""
@@ -240,9 +244,8 @@ def baseline_of(case: Case, engine: str = VERLET) -> Baseline:
     law = load_engine(engine if case.chain.lateral is not None else VERLET).shear
     with _looking:
         keys = [key for key, kept in _last.items() if kept.case is case]
-        same = (
-            keys[0][0] if keys else f"{load_engine(VERLET).render(case).sha256} {case.layout}"
-        )  # gauges are part of it
+        # gauges are part of it
+        same = keys[0][0] if keys else f"{load_engine(VERLET).render(case).sha256} {case.layout}"
         if not any(key == same for key, _ in _last):
             _last.clear()
         return _last.setdefault((same, law), Baseline(case, law))

@@ -4,7 +4,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.chain.case import Case, Plan, build_case
+from drivers.chain.case import Case, build_case
 from drivers.limits.attainable import FORCE
 from drivers.scene.read_scene import read_scene
 
@@ -46,13 +46,5 @@ def plan_case(case: Case) -> Case:
     began = time.perf_counter()
     asked = asked_of(case)
     chooser = Chooser(simplify(case, asked), tuple(asked), min(asked.values()))
-    choice = chooser.choose_with_room(asked)
-    plan = Plan(
-        asked=asked,
-        predicted=choice.errors,
-        rounding_share=choice.rounding,
-        refused_steps=choice.refused,
-        trials=choice.trials,
-        seconds=round(time.perf_counter() - began, 6),
-    )
-    return replace(choice.case, plan=plan)
+    chosen, plan = chooser.choose_with_room(asked)
+    return replace(chosen, plan=replace(plan, asked=asked, seconds=round(time.perf_counter() - began, 6)))

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +14,9 @@ from drivers.limits.attainable import FORCE
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.stable_step import predicted_limit
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of
+from validation.accuracy.budget import predicted_error
 from validation.accuracy.costs import able, cheapest, cost_on
 from validation.accuracy.plan import asked_of, planned_case
-from validation.accuracy.run_warnings import predicted_error
 from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 
 TENFOLD = 10.0
@@ -26,14 +25,7 @@ BLOWN_UP = 100.0  # errors beyond it are of a motion that has nothing to do with
 AGREEMENT = 1e-2  # differences beyond it are no agreement at all
 
 
-@dataclass(frozen=True)
-class Row:
-    """A line of the table of accuracies: a case with its errors, or why there is none."""
-
-    label: str
-    case: Case | None = None
-    errors: dict[str, float] = field(default_factory=dict)
-    why: str = ""
+Row = tuple[str, Case | None, dict[str, float], str]  # label, and a case with its errors, or why there is none
 
 
 def plan_report(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]:
@@ -107,36 +99,36 @@ def _three_dimensional(case: Case) -> Iterator[str]:
 def _rows(case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float]) -> Iterator[Row]:
     """Ten times less accuracy, this, and ten times more."""
     yield _chosen("ten times less", chooser, asked, TENFOLD)
-    yield Row("this", case, errors)
+    yield "this", case, errors, ""
     more = "ten times more"
     needed = case.scene.steps * TENFOLD ** (1 if case.chain.damping_ratio else 0.5)  # by the scheme's order
     if case.full is not None:
-        yield Row(more, why="what is left out here would come in again: ask for it")
+        yield more, None, {}, "what is left out here would come in again: ask for it"
     elif needed * case.chain.bodies > MAX_WORK:
-        yield Row(more, why=f"about {needed:.2g} steps, too many to try here")
+        yield more, None, {}, f"about {needed:.2g} steps, too many to try here"
     else:
         yield _chosen(more, chooser, asked, 1 / TENFOLD)
 
 
 def _chosen(label: str, chooser: Chooser, asked: dict[str, float], factor: float) -> Row:
     try:
-        choice = chooser.choose({name: min(factor * share, 0.99) for name, share in asked.items()})
+        chosen, plan = chooser.choose({name: min(factor * share, 0.99) for name, share in asked.items()})
     except InputError as error:
-        return Row(label, why=str(error).partition("allowed: ")[2] or str(error))
-    return Row(label, choice.case, choice.errors)
+        return label, None, {}, str(error).partition("allowed: ")[2] or str(error)
+    return label, chosen, plan.predicted, ""
 
 
 def _table(rows: list[Row]) -> Iterator[str]:
-    names = able(next(row.case for row in rows if row.case))
+    names = able(next(case for _, case, *_ in rows if case))
     yield f"{'accuracy':<16}{'time step':>12}{'error':>10}" + "".join(f"{name:>12}" for name in names)
-    for row in rows:
-        if row.case is None:
-            yield f"{row.label:<16}not here: {row.why}"
+    for label, case, errors, why in rows:
+        if case is None:
+            yield f"{label:<16}not here: {why}"
             continue
-        worst = max(row.errors.values())
-        seconds = "".join(f"{cost_on(name).run_s(row.case):>10.2f} s" for name in names)
+        worst = max(errors.values())
+        seconds = "".join(f"{cost_on(name).run_s(case):>10.2f} s" for name in names)
         error = f"{worst:.1e}" if worst < BLOWN_UP else "blows up"
-        yield f"{row.label:<16}{_us(row.case.scene.time_step_s):>12}{error:>10}{seconds}"
+        yield f"{label:<16}{_us(case.scene.time_step_s):>12}{error:>10}{seconds}"
 
 
 def _engines(case: Case) -> str:

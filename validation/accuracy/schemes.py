@@ -31,22 +31,33 @@ def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
     return trace_of(case, case.sample_times_s, motion)
 
 
-def rounded_otherwise(case: Case, law: str = TOTAL) -> Trace:
-    """The same scheme with other rounding: in absolute heights, or in three dimensions turned and lifted.
+def verlet_in_heights(case: Case) -> Trace:
+    """The same scheme rounded otherwise: with absolute heights as its state, as engines hold them.
 
-    Both do the same arithmetic as ``verlet_of`` but for the rounding of places: a few 1e-18 m a step, which slow beads
+    It does the same arithmetic as ``verlet_of`` but for the rounding of places: a few 1e-18 m a step, which slow beads
     gather and a chaotic chain multiplies.
     """
-    return verlet_in_heights(case) if case.chain.lateral is None else _turned_verlet_of(case, law)
-
-
-def verlet_in_heights(case: Case) -> Trace:
-    """The case by the scheme of the codes at its step, with absolute heights as its state, as engines hold them."""
-    scene, chain = case.scene, case.chain
+    scene = case.scene
     height, reach = heights_and_reach(case)
     timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
-    motion = integrate_verlet_absolute(arrays_of(chain), height, reach, *timing)
+    motion = integrate_verlet_absolute(arrays_of(case.chain), height, reach, *timing)
     return trace_of(case, case.sample_times_s, motion)
+
+
+def turned_verlet_of(case: Case, law: str) -> Trace:
+    """The same of three dimensions: computed turned about the axis and twice as high."""
+    chain = tube_arrays_of(case.chain)
+    lift = np.array([0, 0, float(np.abs(chain.place_m[:, 2]).max())])
+    turn = np.array([[np.cos(TURN_RAD), np.sin(TURN_RAD), 0], [-np.sin(TURN_RAD), np.cos(TURN_RAD), 0], [0, 0, 1]])
+    moved = replace(
+        chain,
+        place_m=chain.place_m @ turn + lift,
+        velocity_m_s=chain.velocity_m_s @ turn,
+        wall_m=chain.wall_m + lift[2],
+    )
+    motion = _tube_motion(case, moved, law)
+    turned = {name: getattr(motion, name) @ turn.T for name in ("bore_N", "velocity_m_s", "spin_rad_s")}
+    return _trace_of_tube(case, replace(motion, place_m=(motion.place_m - lift) @ turn.T, **turned))
 
 
 def heights_and_reach(case: Case) -> tuple[Array, Array]:
@@ -66,22 +77,6 @@ def trace_of(case: Case, time_s: Array, motion: Motion) -> Trace:
     """An in-repo motion as a trace."""
     height = case.chain.height_m + motion.displacement_m
     return make_trace(case.chain, time_s, motion.force_N, height, motion.velocity_m_s)
-
-
-def _turned_verlet_of(case: Case, law: str) -> Trace:
-    """The motion of ``verlet_of``, computed turned about the axis and twice as high."""
-    chain = tube_arrays_of(case.chain)
-    lift = np.array([0, 0, float(np.abs(chain.place_m[:, 2]).max())])
-    turn = np.array([[np.cos(TURN_RAD), np.sin(TURN_RAD), 0], [-np.sin(TURN_RAD), np.cos(TURN_RAD), 0], [0, 0, 1]])
-    moved = replace(
-        chain,
-        place_m=chain.place_m @ turn + lift,
-        velocity_m_s=chain.velocity_m_s @ turn,
-        wall_m=chain.wall_m + lift[2],
-    )
-    motion = _tube_motion(case, moved, law)
-    turned = {name: getattr(motion, name) @ turn.T for name in ("bore_N", "velocity_m_s", "spin_rad_s")}
-    return _trace_of_tube(case, replace(motion, place_m=(motion.place_m - lift) @ turn.T, **turned))
 
 
 def _tube_motion(case: Case, chain: TubeChain, law: str, finer: int = 1) -> TubeMotion:

@@ -5,14 +5,13 @@ to ten digits: the error that is predicted is one that was measured. The exact m
 the accuracy asks.
 """
 
-from dataclasses import dataclass
 from math import ceil, inf, sqrt
 from typing import NoReturn
 
 import numpy as np
 
 from drivers.base.errors import InputError
-from drivers.chain.case import Case
+from drivers.chain.case import Case, Plan
 from drivers.chain.chain import Array
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.limits.attainable import FORCE, ROOM, unattainable
@@ -39,25 +38,6 @@ COARSE_ERROR = 0.1  # errors beyond it tell nothing of the order: the step is ha
 ROUNDING_FACTOR = 4.0  # times the rounding predicted: it is scaled, and a random walk
 ROUNDING_WORK = 400_000  # bodies times steps of which rounding is measured, some milliseconds; beyond, it is scaled
 MARGIN = 1.25  # times the best accuracy, as errors name it
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A time step with the errors to expect.
-
-    Attributes:
-        case: at that step.
-        errors: predicted truncation, and where samples limit it, by quantity.
-        rounding: what engines may show by the end of the rounding of absolute heights, of the largest force.
-        refused: the largest step found too coarse, in steps a sample; 0 where none was.
-        trials: runs of the in-repo scheme.
-    """
-
-    case: Case
-    errors: dict[str, float]
-    rounding: float
-    refused: int
-    trials: int
 
 
 class Chooser:
@@ -138,8 +118,8 @@ class Chooser:
             return self._excess(steps, wanted)
         return max(shares.values())
 
-    def choose(self, wanted: dict[str, float]) -> Choice:
-        """The fewest steps a sample with which all errors stay below what is wanted.
+    def choose(self, wanted: dict[str, float]) -> tuple[Case, Plan]:
+        """The case at the fewest steps a sample with which all errors stay below what is wanted.
 
         Raises:
             InputError: no step keeps it; the attainable accuracy is named.
@@ -163,7 +143,7 @@ class Chooser:
             coarse = max(self.errors_at(steps).values()) > COARSE_ERROR
             steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * found ** (1 / order)))
         rounding = ROUNDING_FACTOR * float(self.rounding(taken)[-1])
-        return Choice(self.case.at(taken), self.errors_at(taken), rounding, refused, tries)
+        return self.case.at(taken), Plan(wanted, self.errors_at(taken), rounding, refused, tries)
 
     def _check_attainable(self, wanted: dict[str, float]) -> None:
         for name, share in wanted.items():
@@ -177,16 +157,16 @@ class Chooser:
                     why = "what samples so far apart show, at any time step (sample_interval smaller: more)"
                     raise unattainable(self.case, name, share, MARGIN * left, why)
 
-    def choose_with_room(self, wanted: dict[str, float]) -> Choice:
+    def choose_with_room(self, wanted: dict[str, float]) -> tuple[Case, Plan]:
         """As ``choose``, with room for what rounding of heights may add, as long as it takes less than half."""
-        choice = self.choose(wanted)
+        case, plan = self.choose(wanted)
         for _ in range(3):
-            rounding = choice.rounding
-            tight = any(choice.errors[name] + rounding > share for name, share in wanted.items())
+            rounding = plan.rounding_share
+            tight = any(plan.predicted[name] + rounding > share for name, share in wanted.items())
             if not tight or 2 * ROOM * rounding > min(wanted.values()):
                 break
-            choice = self.choose({name: share - ROOM * rounding for name, share in wanted.items()})
-        return choice
+            case, plan = self.choose({name: share - ROOM * rounding for name, share in wanted.items()})
+        return case, plan
 
     def rounding(self, steps_per_sample: int) -> Array:
         """The most that rounding of absolute heights makes until each sample, of the largest force. Shape (samples,).

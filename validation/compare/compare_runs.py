@@ -9,9 +9,7 @@ from drivers.base.files import sha256_of
 from drivers.batch.study import unit_of
 from drivers.chain.trace import FORCES
 from validation.accuracy.budget import PARTS, for_terminal
-from validation.compare.open_pair import PairedRun, open_pair
-from validation.compare.pair import Pair, compare_pair
-from validation.compare.verdict import FAIL
+from validation.compare.pair import Pair, PairedRun, compare_pair, open_pair
 
 DERIVED = ("units", "name", "steps_per_sample", "samples")  # no keys of a scene file
 FREE_TEXT = ("source",)
@@ -25,13 +23,12 @@ def compare_runs(first: Path, second: Path) -> int:
     """
     pair = compare_pair(*open_pair(first, second))
     both = (("first", pair.first), ("second", pair.second))
-    for line in (*_runs(*both), "", *_keys(pair), "", *_table(pair), "", *_reasons(pair), "", *_times(pair)):
-        print(line)
-    for line in (*_budgets(*both), *_warnings(*both)):
-        print(line)
-    missed = [verdict.quantity for verdict in pair.verdicts if verdict.verdict == FAIL]
-    print(f"\nFAIL: {', '.join(missed)}" if missed else "\npass")
-    return 1 if missed else 0
+    keys = [f"differs {line}" for line in different_keys(*(each.run.record.scene for _, each in both))]
+    keys = keys or ["the scenes are the same"]
+    parts = (*_runs(*both), "", *keys, "", *_table(pair), "", *_times(pair), *_budgets(*both), *_warnings(*both))
+    print(*parts, sep="\n")
+    print(f"\nFAIL: {', '.join(pair.missed)}" if pair.missed else "\npass")
+    return 1 if pair.missed else 0
 
 
 def _runs(*both: tuple[str, PairedRun]) -> Iterator[str]:
@@ -48,21 +45,14 @@ def _runs(*both: tuple[str, PairedRun]) -> Iterator[str]:
         yield f"        compared at the {samples} sample times that both have, {interval:g} s apart"
 
 
-def _keys(pair: Pair) -> list[str]:
-    lines = different_keys(*(each.run.record.scene for each in (pair.first, pair.second)))
-    return [f"differs {line}" for line in lines] or ["the scenes are the same"]
-
-
 def _table(pair: Pair) -> Iterator[str]:
+    """The verdicts, and why so much is allowed, each reason once."""
     yield f"{'quantity':<24} {'difference':>10} {'allowed':>9}  verdict"
     for each in pair.verdicts:
         yield f"{each.quantity:<24} {each.value:10.2e} {each.limit:9.2e}  {each.verdict}: {each.where}"
     if pair.until:
         yield pair.until
-
-
-def _reasons(pair: Pair) -> Iterator[str]:
-    """Why so much is allowed, each reason once."""
+    yield ""
     used: dict[tuple[float, str], list[str]] = {}
     for each in pair.verdicts:
         used.setdefault((each.limit, each.reason), []).append(each.quantity)

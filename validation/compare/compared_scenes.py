@@ -55,34 +55,27 @@ def run_and_compare(
     for engine in engine_names():
         if load_engine(engine).find() is None:
             absent[engine] = NOT_INSTALLED
-            continue
-        cannot = inability(case, engine)
-        if cannot is not None:
+        elif (cannot := inability(case, engine)) is not None:
             absent[engine] = f"{REFUSED}: {cannot}"
-            continue
-        if not unsafe:
-            refuse(case, engine)
-        result = assess(run_case(case, engine, runs), case)
-        if result.done:
-            finished[engine] = result
         else:
+            if not unsafe:
+                refuse(case, engine)
+            result = assess(run_case(case, engine, runs), case)
+            if result.done:
+                finished[engine] = result
+                continue
             absent[engine] = f"{result.record.status}: {result.record.reason}"
             if result.partial_trace is not None:
                 refused[engine] = result.partial_trace
     verdicts = compare_case(case, finished, absent)
     traces = {engine: run.trace for engine, run in finished.items()} | refused
     departures = {engine: departure(case, engine, traces[engine]) for engine in in_order(traces)}
-    diagnoses = _diagnoses(case, verdicts, traces)
+    diagnoses = {}
+    if any(verdict.verdict == FAIL for verdict in verdicts):  # few are: only then are the variants loaded
+        from validation.compare.diagnosis import diagnoses_of
+
+        diagnoses = diagnoses_of(case, verdicts, traces)
     return ComparedScene(case, finished, absent, verdicts, departures, diagnoses, refused)
-
-
-def _diagnoses(case: Case, verdicts: list[Verdict], traces: dict[str, Trace]) -> dict[str, str]:
-    """Of red runs, which are few: only then are the variants loaded."""
-    if not any(verdict.verdict == FAIL for verdict in verdicts):
-        return {}
-    from validation.compare.diagnosis import diagnoses_of
-
-    return diagnoses_of(case, verdicts, traces)
 
 
 def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path, *, unsafe: bool) -> int:
@@ -94,33 +87,26 @@ def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path
     failed = False
     for source in sources:
         compared = run_and_compare(source, settings, runs, unsafe=unsafe)
-        for line in (*_table(compared.verdicts), "", *_explanations(compared), "", *_budgets(compared)):
-            print(line)
+        print(*_lines(compared), sep="\n")
         failed |= any(verdict.verdict == FAIL for verdict in compared.verdicts)
     return 1 if failed else 0
 
 
-def _table(verdicts: list[Verdict]) -> Iterator[str]:
+def _lines(compared: ComparedScene) -> Iterator[str]:
+    """Verdicts; when each run first leaves the exact motion and why, and what a failed one matches; error budgets."""
     yield f"{'scene':<12} {'engine':<10} {'quantity':<24} {'error':>9} {'allowed':>9}  verdict"
-    for v in verdicts:
+    for v in compared.verdicts:
         numbers = f"{v.value:9.2e} {v.limit:9.2e}" if v.quantity != "run" else " " * 19
         yield f"{v.scene:<12} {v.engine:<10} {v.quantity:<24} {numbers}  {v.verdict}: {v.where}"
-
-
-def _explanations(compared: ComparedScene) -> Iterator[str]:
-    """When each run first leaves the exact motion and why, and what a failed one matches."""
+    yield ""
     name = compared.case.scene.name
     for engine, each in departure_rows(compared.departures):
         yield f"{name:<12} {engine:<10} {each.words}"
     for engine, sentence in compared.diagnoses.items():
         yield f"{name:<12} {engine:<10} diagnosis: {sentence}"
-
-
-def _budgets(compared: ComparedScene) -> Iterator[str]:
-    """The parts of each run's errors, as signed shares; they add up to the whole."""
-    yield f"{'error budget':<23} {'quantity':<24} " + " ".join(f"{part:>10}" for part in PARTS)
+    yield f"\n{'error budget':<23} {'quantity':<24} " + " ".join(f"{part:>10}" for part in PARTS)
     for engine, run in compared.runs.items():
         lines = [f"{quantity:<24} {numbers}" for quantity, numbers in for_terminal(run.record.error_budget or ())]
         lines += [f"warning: {warning}" for warning in run.record.warnings or ()]
         lines += [run.record.error_note] if run.record.error_note else []
-        yield from (f"{compared.case.scene.name:<12} {engine:<10} {line}" for line in lines)
+        yield from (f"{name:<12} {engine:<10} {line}" for line in lines)

@@ -74,6 +74,14 @@ class HeldRun:
         """For how many a fault can be told from chaos."""
         return min(self.baseline.samples, len(self.exact_N))
 
+    def place(self, sample: int, column: int) -> str:
+        """When and where that is, in words."""
+        return f"at {self.run.time_s[sample] * 1e6:.6g} µs in contact {column + 1}"
+
+    def departure(self, place: tuple[int, int], share: Array, kind: str, level: float, words: str) -> Departure:
+        """A departure at a sample and in a contact's column. Shares of shape (samples, contacts)."""
+        return Departure(float(self.run.time_s[place[0]]), place[1] + 1, float(share[place]), kind, level, words)
+
     def off(self, should_N: Array) -> Array:
         """Differences of the run's forces from others, of the largest force. Shape (samples, contacts)."""
         return shares_apart(self.run.force_N, should_N, self.baseline.largest_N)
@@ -92,25 +100,24 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
         return _nowhere(UNKNOWN, f"when it leaves the exact motion is {baseline.unknown}")
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
-            return _departure(baseline, engine, trace)
+            scheme, exact = baseline.scheme_of(engine), baseline.exact
+            if not (np.isfinite(scheme.force_N).all() and np.isfinite(scheme.kinetic_energy_J).all()):
+                raise ArithmeticError("velocity Verlet at this step blows up")
+            run = until(trace, len(exact.time_s))
+            samples = len(run.time_s)
+            return _departure(HeldRun(engine, baseline, run, until(scheme, samples), exact.force_N[:samples]))
     except ArithmeticError as error:
         return _nowhere(UNKNOWN, f"when it leaves the exact motion is not measured: {error}")
 
 
-def _departure(baseline: Baseline, engine: str, trace: Trace) -> Departure:
-    scheme, exact = baseline.scheme_of(engine), baseline.exact
-    if not (np.isfinite(scheme.force_N).all() and np.isfinite(scheme.kinetic_energy_J).all()):
-        raise ArithmeticError("velocity Verlet at this step blows up")
-    run = until(trace, len(exact.time_s))
-    samples = len(run.time_s)
-    held = HeldRun(engine, baseline, run, until(scheme, samples), exact.force_N[:samples])
+def _departure(held: HeldRun) -> Departure:
     fault = first_fault(held)
     if fault:
         return fault
     found = sorted([*_from_exact(held), *_from_scheme(held)], key=lambda each: each.time_s)
-    share = np.abs(run.force_N - held.exact_N) / baseline.largest_N
+    share = np.abs(held.run.force_N - held.exact_N) / held.baseline.largest_N
     sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
-    furthest = f"it is furthest from it, {share.max():.1e}, {_place(float(run.time_s[sample]), int(column) + 1)}"
+    furthest = f"it is furthest from it, {share.max():.1e}, {held.place(int(sample), int(column))}"
     if not found:
         never = f"never leaves the exact motion by {LEVELS[0]:g} of the largest force"
         return _nowhere(NONE, f"{never}; {furthest}" if share.any() else f"{never}: it is the same, bit for bit")
@@ -126,19 +133,14 @@ def _nowhere(kind: str, words: str) -> Departure:
     return Departure(float("nan"), 0, float("nan"), kind, float("nan"), words)
 
 
-def _place(time_s: float, contact: int) -> str:
-    return f"at {time_s * 1e6:.6g} µs in contact {contact}"
-
-
 def _from_exact(held: HeldRun) -> Iterator[Departure]:
     """When a run passes each level; of several at one sample the largest."""
     share, own = held.off(held.exact_N), held.off(held.scheme.force_N).max(axis=1)
     passed = {place: level for level in LEVELS if (place := first_beyond(share, level))}
-    for (sample, column), level in passed.items():
-        kind, why = _why(held.baseline, sample, float(own[sample]), level)
-        time_s = float(held.run.time_s[sample])
-        words = f"leaves the exact motion by {level:g} of the largest force {_place(time_s, column + 1)}: {kind}, {why}"
-        yield Departure(time_s, column + 1, float(share[sample, column]), kind, level, words)
+    for place, level in passed.items():
+        kind, why = _why(held.baseline, place[0], float(own[place[0]]), level)
+        words = f"leaves the exact motion by {level:g} of the largest force {held.place(*place)}: {kind}, {why}"
+        yield held.departure(place, share, kind, level, words)
 
 
 def _why(baseline: Baseline, sample: int, own: float, level: float) -> tuple[str, str]:
@@ -162,13 +164,11 @@ def _from_scheme(held: HeldRun) -> Iterator[Departure]:
     share = shares_apart(held.run.force_N, plain_N[:samples], float(np.abs(plain_N).max()))
     beyond = first_beyond(share, HORIZON)
     if baseline.samples < len(times_s) and beyond and baseline.chaotic(beyond[0]):
-        sample, column = beyond
-        time_s = float(held.run.time_s[sample])
         words = (
-            f"leaves velocity Verlet at the same step by {HORIZON:g} of the largest force {_place(time_s, column + 1)}:"
+            f"leaves velocity Verlet at the same step by {HORIZON:g} of the largest force {held.place(*beyond)}:"
             f" {CHAOS}, as a Verlet does that only rounds otherwise"
         )
-        yield Departure(time_s, column + 1, float(share[sample, column]), CHAOS, HORIZON, words)
+        yield held.departure(beyond, share, CHAOS, HORIZON, words)
     elif samples == len(plain_N) < len(times_s):  # of three dimensions nothing beyond is known
         time_s = float(times_s[samples])
         kind = CHAOS if baseline.chaotic(samples - 1) else ROUNDING
@@ -192,7 +192,6 @@ def first_fault(held: HeldRun) -> Departure | None:
     # rounding explains less of it at first than in the end, so that the fault shows sooner than ``beyond``
     explained = np.maximum(baseline.stated.limit, baseline.explained[: len(shares)])
     sample, column = first_beyond(shares, explained) or beyond
-    time_s = float(held.run.time_s[sample])
     if sample == 0:
         has, should = (float(each.force_N[0, column]) for each in (held.run, held.scheme))
         starts = f"starts wrong: at time 0 contact {column + 1} bears {has:.4g} N, where the scene has {should:.4g} N"
@@ -204,10 +203,10 @@ def first_fault(held: HeldRun) -> Departure | None:
         scheme = load_engine(held.engine).scheme
         words = (
             f"leaves {'the exact motion' if scheme == EXACT else 'velocity Verlet at the same step'} by"
-            f" {shares[sample, column]:.1e} of the largest force {_place(time_s, column + 1)}{why};"
+            f" {shares[sample, column]:.1e} of the largest force {held.place(sample, column)}{why};"
             f" it is off by up to {shares[: held.samples].max():.1e}"
         )
-    return Departure(time_s, column + 1, float(shares[sample, column]), kind, allowed, words)
+    return held.departure((sample, column), shares, kind, allowed, words)
 
 
 def _wrong_start(held: HeldRun) -> Departure | None:

@@ -10,17 +10,21 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, furthest_m
 from drivers.chain.trace import Trace
-from drivers.run.guard import ROUNDINGS
+from drivers.engines import EXACT, load_engine
 from validation.accuracy.baseline import ROUNDING_MARGIN, baseline_of, comparable
-from validation.compare.deviation import motion_scales
-from validation.compare.misreadings import Misreading, misread_forces, misread_rises, misread_velocities
-from validation.compare.variants import Model, Variant, families, model_of, plain_variants, single_families
+from validation.compare.variants import (
+    Model,
+    Variant,
+    families,
+    misread_forces,
+    model_of,
+    plain_variants,
+    single_families,
+)
 from validation.compare.verdict import FAIL, Verdict
-from validation.reference.hertz_chain import Motion
 
 BUDGET = 2_000_000_000  # bodies times steps of all variants together, some 10 s
 RUNS = 400  # of all that is compared, within that budget
-EXACT_COSTS = 8  # runs of fixed steps that one of the adaptive integrator costs
 WINDOW = 20  # samples after the first that is off, without which nothing matches: a few match too much
 KEPT = (12, 5)  # variants with a parameter that are followed from a window to the next
 NEAREST = 7  # beads and contacts that are tried one by one
@@ -30,8 +34,8 @@ AT_ONCE = 1e-4  # of a deviation: what rounding may leave where it is large at o
 BLOW_UP = 100.0  # times the largest force of the scene
 NO_NUMBER = 1e3  # what a motion that is no number counts, of the largest force
 ITS_OWN = (
-    "the run is its scene at its time step, but for rounding: what it misses is the time step's, or that of what it is "
-    "measured against"
+    "its forces are those of its scene at its time step, but for rounding: what it misses is the time step's, that of "
+    "velocities or heights as recorded, or of what it is measured against"
 )
 
 
@@ -126,22 +130,18 @@ def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
     """What a run that is off matches; None where it is off by no more than rounding, which says nothing."""
     if case.chain.lateral is not None:
         return _untried("the variants are those of straight chains")
-    model = model_of(case, engine)
-    cost = case.chain.bodies * case.scene.steps_per_sample * (EXACT_COSTS if model.exact else 1)
+    if load_engine(engine).scheme == EXACT:
+        return _untried("the variants are followed by time steps")
+    cost = case.chain.bodies * case.scene.steps_per_sample
     affordable = min(BUDGET // (cost * RUNS), case.scene.samples)
     if affordable < min(WINDOW, case.scene.samples):
         return _untried(f"{case.chain.bodies} bodies over {case.scene.steps} steps are too much to try variants of")
-    part = ""
-    if affordable < case.scene.samples:
-        part = f" in the first {affordable} samples"
-        case = replace(case, scene=case.scene.model_copy(update={"samples": affordable}))
-        model = replace(model, case=case)
-    own = model.motion(affordable)
-    own_largest = float(np.abs(own.force_N).max())
-    allowed, comparable_samples = tolerance("model", "force").limit, affordable
-    if not model.exact:
-        rounding, comparable_samples = comparable(baseline_of(case).rounding_N / (own_largest or 1.0))
-        allowed = max(allowed, rounding)
+    part = f" in the first {affordable} samples" if affordable < case.scene.samples else ""
+    model = model_of(case)
+    own_N = model.motion(affordable).force_N
+    own_largest = float(np.abs(own_N).max())
+    rounding, comparable_samples = comparable(baseline_of(case).rounding_N[:affordable] / (own_largest or 1.0))
+    allowed = max(tolerance("model", "force").limit, rounding)
     with np.errstate(invalid="ignore"):
         usable = (np.abs(trace.force_N) <= BLOW_UP * (own_largest or np.inf)).all(axis=1)
     samples = min(comparable_samples, int(np.argmin(np.append(usable, False))))
@@ -149,12 +149,11 @@ def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
     largest = max(own_largest, float(np.abs(force).max(initial=0.0)))
     if not samples or not largest:
         return _untried("there are no forces to compare")
-    target = Target(case, force, largest, np.abs(own.force_N[:samples] - force) / largest, allowed)
-    if target.off.max() <= allowed and samples == comparable_samples:
-        return _of_record(model, own, trace, samples, max(allowed, tolerance("model", "motion").limit))
+    target = Target(case, force, largest, np.abs(own_N[:samples] - force) / largest, allowed)
     when_us = case.sample_times_s * 1e6
     if target.off.max() <= allowed:
-        return _untried(f"it is its scene until {when_us[samples]:g} us, where it ends or blows up")
+        ends = f"it is its scene until {when_us[min(samples, len(when_us) - 1)]:g} us, where it ends or blows up"
+        return None if samples == comparable_samples else _untried(ends)
     if samples == comparable_samples < min(target.first + 1 + WINDOW, int(usable.sum())):
         why = f"it leaves its scene at {when_us[target.first]:g} us, and from {when_us[samples]:g} us on rounding alone"
         return _untried(f"{why} may do that", float(target.off.max()))
@@ -163,39 +162,6 @@ def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
 
 def _untried(why: str, deviation: float = float("nan")) -> Diagnosis:
     return Diagnosis("", f"no diagnosis: {why}", deviation=deviation)
-
-
-def _of_record(model: Model, own: Motion, trace: Trace, samples: int, allowed: float) -> Diagnosis | None:
-    """What recorded velocities match, where the forces are right; where these are, too, what heights do."""
-    mass, scales = model.chain.mass_kg, motion_scales(model.chain, trace)
-
-    def sums(velocity_m_s: Array) -> Array:
-        return np.column_stack([0.5 * (velocity_m_s**2 @ mass), velocity_m_s @ mass])[:samples] / scales
-
-    found = np.column_stack([trace.kinetic_energy_J, trace.momentum_N_s])[:samples] / scales
-    off = float(np.abs(sums(own.velocity_m_s) - found).max())
-    if off > allowed:
-        readings = ((kind, words, sums(v), chosen) for kind, words, v, chosen in misread_velocities(model, own))
-        compared = _compared(readings, found, sums(own.velocity_m_s), allowed)
-        return _said(compared, off, "of the energy and the momentum; the forces are right")
-    if trace.height_m is None:
-        return None
-    right, found = own.displacement_m[:samples], (trace.height_m - model.case.chain.height_m)[:samples]
-    allowed = ROUNDINGS * float(np.spacing(furthest_m(model.chain))) * np.sqrt(model.case.scene.steps + 1)
-    if not model.exact:  # a chaotic chain multiplies what steps gather
-        baseline = baseline_of(model.case)
-        rounded_m, plain_m = np.asarray(baseline.rounded.height_m), np.asarray(baseline.plain.height_m)
-        allowed = max(allowed, ROUNDING_MARGIN * float(np.abs(rounded_m - plain_m)[:samples].max()))
-    off = float(np.abs(right - found).max())
-    readings = ((kind, words, v[:samples], chosen) for kind, words, v, chosen in misread_rises(model, own))
-    what = "m; forces and velocities are right"
-    return _said(_compared(readings, found, right, allowed), off, what) if off > allowed else None
-
-
-def _compared(readings: Iterable[Misreading], found: Array, right: Array, allowed: float) -> Iterator[Found]:
-    for kind, words, values, chosen in readings:
-        left, deviation = (float(np.abs(each - found)[chosen].max()) for each in (values, right))
-        yield Found(kind, words, left, allowed, deviation)
 
 
 def _said(found: Iterable[Found], deviation: float, what: str) -> Diagnosis:
@@ -220,8 +186,8 @@ def _tried(target: Target, model: Model, engine: str) -> Iterator[Found]:
         yield from _followed(target, variant, 0.0)
     largest, right = target.largest_N, model.motion(len(target.off)).force_N
     for kind, words, values, chosen in misread_forces(model, target.force_N):
-        readings = [(kind, words, values / largest, chosen)]
-        yield from _compared(readings, target.force_N / largest, right / largest, target.allowed)
+        left, deviation = (float(np.abs(N - target.force_N)[chosen].max()) / largest for N in (values, right))
+        yield Found(kind, words, left, target.allowed, deviation)
     place = int(np.argmax(target.off[target.first] > 0.5 * target.off[target.first].max()))
     near = sorted(range(model.chain.bodies), key=lambda j: abs(j - place))[:NEAREST]
     for variants in (families(model, engine), single_families(model, near)):
@@ -276,7 +242,7 @@ def _followed(target: Target, variant: Variant, value: float) -> Iterator[Found]
         samples, allowed, until = len(target.off), target.allowed, ""
         fitted, _ = _refined(target, each, value, samples)
         left = float(np.abs(target.missed(each.at(fitted))).max())
-        if allowed < left < 0.1 and not each.at(fitted).exact:
+        if allowed < left < 0.1:
             apart, samples = _horizon(target, each.at(fitted))
             allowed, (fitted, _) = max(allowed, apart), _refined(target, each, fitted, samples)
             left = float(np.abs(target.missed(each.at(fitted), samples)).max())
@@ -284,7 +250,7 @@ def _followed(target: Target, variant: Variant, value: float) -> Iterator[Found]
                 until = f" until {target.case.sample_times_s[samples] * 1e6:g} us, where rounding parts them,"
         if each is starts and each.at(fitted).time_step_s != target.case.scene.time_step_s:
             until = f", with velocities that are set back by half the scene's step{until}"
-        yield Found(variant.kind, variant.described(fitted) + until, left, allowed, float(target.off[:samples].max()))
+        yield Found(variant.kind, variant.words(fitted) + until, left, allowed, float(target.off[:samples].max()))
 
 
 def _horizon(target: Target, model: Model) -> tuple[float, int]:

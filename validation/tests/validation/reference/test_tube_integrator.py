@@ -18,8 +18,7 @@ from drivers.limits.refusal import refuse
 from drivers.limits.stable_step import linear_limit, linear_sideways_limit, predicted_limit
 from postproc.read.residual import residual
 from validation.accuracy.baseline import Baseline
-from validation.accuracy.budget import error_budget
-from validation.accuracy.run_warnings import warnings_of
+from validation.accuracy.budget import error_budget, warnings_of
 from validation.accuracy.schemes import verlet_of
 from validation.reference.tube import integrate_tube
 from validation.reference.tube_chain import TubeMotion
