@@ -45,7 +45,7 @@ def _compare(arguments: argparse.Namespace) -> int:
             raise InputError("compare", "", " ".join(arguments.what), "scenes, or exactly two run folders")
         if arguments.settings:
             raise InputError("--set", "", "a setting for runs that are done", "settings of scenes")
-        from validation.compare.compare_runs import compare_runs
+        from validation.compare.pair import compare_runs
 
         return compare_runs(*folders)
     from validation.compare.compared_scenes import compare_scenes

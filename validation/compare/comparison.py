@@ -52,8 +52,9 @@ def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) 
 def _force_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, EndedRun]) -> list[Verdict]:
     verdicts = []
     if VERLET in runs and engine not in (VERLET, REFERENCE):
-        baseline = baseline_of(case)
-        verlet, limit, samples = _same_scheme(case, engine, runs[VERLET].trace), baseline.allowed, baseline.samples
+        baseline, own = baseline_of(case), baseline_of(case, engine)
+        another_law = own.law != baseline.law and not own.unknown  # of friction: the same scheme with the engine's
+        verlet, limit, samples = own.plain if another_law else runs[VERLET].trace, baseline.allowed, baseline.samples
         found = deviation(run.trace, verlet, samples)
         until = ""
         if samples < case.scene.samples:
@@ -69,12 +70,6 @@ def _force_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, Ende
         found = deviation(run.trace, runs[others[0]].trace)
         verdicts.append(_judge(case, engine, f"force against {others[0]}", found, tolerance("model", "sides")))
     return verdicts
-
-
-def _same_scheme(case: Case, engine: str, verlet: Trace) -> Trace:
-    """The run of engine ``verlet``, or where friction's law is another the same with that of the engine in question."""
-    baseline = baseline_of(case, engine)
-    return verlet if baseline.law == baseline_of(case).law or baseline.unknown else baseline.plain
 
 
 def _motion_verdict(baseline: Baseline, engine: str, trace: Trace, verlet: Trace) -> Verdict:

@@ -29,12 +29,7 @@ class Deviation:
 
 
 def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Deviation:
-    """The largest force difference between two traces of equal contacts and sample times.
-
-    Args:
-        trace: the trace in question.
-        reference: what it is measured against, and whose largest force is 1.
-        samples: how many samples count; all by default.
+    """The largest force difference from a reference, whose largest force is 1; all samples count by default.
 
     Raises:
         ValueError: the traces differ in contacts or sample times.
@@ -45,16 +40,17 @@ def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Dev
         raise ValueError("the sample times differ")
     share = shares_apart(trace.force_N, reference.force_N)[:samples]
     sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
-    return Deviation(float(share[sample, column]), float(trace.time_s[sample]), f"contact {column + 1}")
+    return _in_contact(trace, share, int(sample), int(column))
 
 
 def first_deviation(trace: Trace, reference: Trace, level: float) -> Deviation | None:
     """The largest force difference at the first sample at which any is beyond a level; None where none is."""
     share = shares_apart(trace.force_N, reference.force_N)
     beyond = first_beyond(share, level)
-    if beyond is None:
-        return None
-    sample, column = beyond
+    return _in_contact(trace, share, *beyond) if beyond else None
+
+
+def _in_contact(trace: Trace, share: Array, sample: int, column: int) -> Deviation:
     return Deviation(float(share[sample, column]), float(trace.time_s[sample]), f"contact {column + 1}")
 
 

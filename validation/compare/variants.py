@@ -194,11 +194,18 @@ def families(model: Model, engine: str) -> Iterator[Variant]:
     beads, everything = list(range(chain.beads)), list(range(chain.bodies))
     striker, gauges = everything[chain.beads :], [each.from_wall - 1 for each in model.case.scene.chain.sensors]
 
-    walls = defaults.wall_stiffness
+    walls, own, dt_us = defaults.wall_stiffness, chain.damping_ratio, model.time_step_s * 1e6
 
     def note(value: float, default: float | None) -> str:
         same = default and abs(value / default - 1) < 1e-6
         return f", which {engine.upper()} has unless told" if same else ""
+
+    def damping(pulls: bool, law: str) -> Variant:
+        def words(ratio: float) -> str:
+            told = f"a coefficientRestitution of {number(restitution_with_attraction(ratio))}"
+            return f"contacts of damping ratio {number(ratio)}, {law} (the scene has {number(own)}; {told})"
+
+        return Variant("damping", words, lambda t: model.having(damping_ratio=t, attraction=pulls), RATIOS)
 
     if chain.wall:
         yield Variant(
@@ -222,10 +229,9 @@ def families(model: Model, engine: str) -> Iterator[Variant]:
         "local damping", lambda t: f"non-viscous damping of {number(t)}{note(t, defaults.local_damping)}",
         lambda t: model.having(local_damping=min(t, 1.0)), RATIOS[RATIOS < 1],
     )  # fmt: skip
-    own, dt_us = chain.damping_ratio, model.time_step_s * 1e6
     laws = [(False, "without attraction"), (True, "which may pull")]
     for pulls, law in laws if own else laws[::-1]:  # the law of the scene first, if it has one
-        yield Variant("damping", partial(_damping_in_words, law, own), partial(_damped, model, pulls), RATIOS)
+        yield damping(pulls, law)
     yield Variant(
         "time step",
         lambda t: f"a time step of {number(t * dt_us)} us (the scene has {number(dt_us)}) at stamps of the scene's",
@@ -248,15 +254,6 @@ def _scaled(model: Model, kind: str, words: str, name: str, places: Sequence[int
     own = abs(float(getattr(model.chain, name)[places[0]])) * (1e3 if name == "mass_kg" else 1.0)
     described = lambda t: words.format(times=number(t), value=number(t * own), own=number(own))  # noqa: E731
     return Variant(kind, described, partial(model.scaled, name, places), FACTORS)
-
-
-def _damped(model: Model, pulls: bool, ratio: float) -> Model:
-    return model.having(damping_ratio=ratio, attraction=pulls)
-
-
-def _damping_in_words(law: str, own: float, ratio: float) -> str:
-    told = f"a coefficientRestitution of {number(restitution_with_attraction(ratio))}"
-    return f"contacts of damping ratio {number(ratio)}, {law} (the scene has {number(own)}; {told})"
 
 
 def misread_forces(model: Model, found_N: Array) -> Iterator[Misreading]:

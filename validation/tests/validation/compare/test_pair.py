@@ -12,9 +12,8 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.chain.trace import FORCES, read_forces, write_forces
 from validation.__main__ import main
-from validation.compare.compare_runs import compare_runs, different_keys
 from validation.compare.departure import ANOTHER_STEP, FAULTS, MODEL, SET_UP, TRUNCATION
-from validation.compare.pair import Pair, compare_pair, open_pair
+from validation.compare.pair import Pair, compare_pair, compare_runs, different_keys, open_pair
 from validation.compare.verdict import FAIL, PASS
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
