@@ -22,6 +22,7 @@ from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 TENFOLD = 10.0
 MAX_WORK = 5e7  # bodies times steps of a line of the table that nobody asked for
 BLOWN_UP = 100.0  # errors beyond it are of a motion that has nothing to do with the scene's
+AS_GIVEN = ", as the scene has it"
 AGREEMENT = 1e-2  # differences beyond it are no agreement at all
 
 
@@ -49,16 +50,14 @@ def _straight(case: Case) -> Iterator[str]:
     rows = [*_rows(case, chooser, asked if plan else errors, errors)]
     seconds = time.perf_counter() - began
 
+    why = AS_GIVEN
     if plan:
         yield f"accuracy   {_listed(asked)}"
-        why = "one step a sample is enough; a larger sample_interval would allow a larger one"
+        why = ": one step a sample is enough; a larger sample_interval would allow a larger one"
         if plan.refused_steps:
             coarser = _us(case.scene.run.sample_interval / plan.refused_steps)
-            why = f"{coarser} would err by {_listed(chooser.errors_at(plan.refused_steps))}"
-        yield f"time step  {_step(case)}: {why}"
-    else:
-        yield f"time step  {_step(case)}, as the scene has it"
-    yield from _stability(case, chooser.stable_s)
+            why = f": {coarser} would err by {_listed(chooser.errors_at(plan.refused_steps))}"
+    yield from _stability(case, chooser.stable_s, why)
     if case.scene.time_step_s > chooser.stable_s:
         return  # of a step that is refused there is nothing to predict
     allowance = ROUNDING_FACTOR * float(rounding[-1])
@@ -78,8 +77,7 @@ def _straight(case: Case) -> Iterator[str]:
 def _three_dimensional(case: Case) -> Iterator[str]:
     """Of a scene whose exact motion nobody knows: errors by extrapolation."""
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
-    yield f"time step  {_step(case)}, as the scene has it"
-    yield from _stability(case, limit)
+    yield from _stability(case, limit, AS_GIVEN)
     if case.scene.time_step_s > limit:
         return
     yield f"engine     {_engines(case)}"
@@ -157,8 +155,10 @@ def _horizon(case: Case, share: Array) -> str:
     )
 
 
-def _stability(case: Case, stable_s: float) -> Iterator[str]:
-    """The predicted limit, and criteria that do not look at the motion."""
+def _stability(case: Case, stable_s: float, why: str) -> Iterator[str]:
+    """The time step, its predicted limit, and criteria that do not look at the motion."""
+    steps = case.scene.steps_per_sample
+    yield f"time step  {_us(case.scene.time_step_s)} ({steps} step{'s' if steps > 1 else ''} a sample){why}"
     if stable_s == float("inf"):
         yield "stability  no contact closes: no limit"
         return
@@ -171,11 +171,6 @@ def _stability(case: Case, stable_s: float) -> Iterator[str]:
 
 def _listed(errors: dict[str, float]) -> str:
     return ", ".join(f"{name} {f'{error:.3g}' if error < BLOWN_UP else 'blows up'}" for name, error in errors.items())
-
-
-def _step(case: Case) -> str:
-    steps = case.scene.steps_per_sample
-    return f"{_us(case.scene.time_step_s)} ({steps} step{'s' if steps > 1 else ''} a sample)"
 
 
 def _us(seconds: float) -> str:

@@ -13,27 +13,21 @@ from validation.accuracy.error_measures import ENERGY, errors_of, truth_of
 SHARE = 0.5  # of the accuracy: what all that is left out may take together; the time step has the rest
 
 
-def _elastic(scene: Scene) -> Scene:
-    contact = scene.contact.model_copy(update={"restitution": None, "damping_ratio": None})
-    return scene.model_copy(update={"contact": contact})
-
-
-def _chain_without(**changes: object) -> Callable[[Scene], Scene]:
-    return lambda scene: scene.model_copy(update={"chain": scene.chain.model_copy(update=changes)})
+def _with(scene: Scene, table: str, **changes: object) -> Scene:
+    return scene.model_copy(update={table: getattr(scene, table).model_copy(update=changes)})
 
 
 def _equal_sensors(scene: Scene) -> Scene:
-    sensors = tuple(sensor.model_copy(update={"mass": None}) for sensor in scene.chain.sensors)
-    return _chain_without(sensors=sensors)(scene)
+    return _with(scene, "chain", sensors=tuple(each.model_copy(update={"mass": None}) for each in scene.chain.sensors))
 
 
 # the scene without an element of ``drivers.chain.elements``
 WITHOUT: dict[str, Callable[[Scene], Scene]] = {
     "gravity": lambda scene: scene.model_copy(update={"gravity": 0.0}),
-    "precompression": _chain_without(precompression=0.0),
+    "precompression": lambda scene: _with(scene, "chain", precompression=0.0),
     "sensor masses": _equal_sensors,
-    "mass scatter": _chain_without(mass_scatter=0.0),
-    "damping": _elastic,
+    "mass scatter": lambda scene: _with(scene, "chain", mass_scatter=0.0),
+    "damping": lambda scene: _with(scene, "contact", restitution=None, damping_ratio=None),
 }
 
 

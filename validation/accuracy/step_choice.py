@@ -44,12 +44,7 @@ class Chooser:
     """Chooses steps of one case; exact motions and trials are kept for the next question."""
 
     def __init__(self, case: Case, names: tuple[str, ...], strictest: float) -> None:
-        """Follows the exact motion.
-
-        Args:
-            case: the case, at any step; errors are against the exact motion of the full one.
-            names: of the quantities that will be asked for.
-            strictest: the smallest accuracy that will be asked for.
+        """Follows the exact motion of the full case, for accuracies of the named quantities down to the strictest.
 
         Raises:
             InputError: the case does not have a quantity, or its exact motion cannot be followed.
@@ -133,7 +128,11 @@ class Chooser:
             if steps * work > MAX_WORK or steps * (scene.samples - 1) > MAX_STEPS or tries > MAX_TRIES:
                 if taken:
                     break
-                self._give_up(wanted, refused)
+                errors = self._errors.get(refused, {})
+                worst = max(wanted, key=lambda name: errors.get(name, 0.0) / wanted[name])
+                least = MARGIN * errors[worst] if errors else 1.0
+                why = "with as many steps as a plan may try; run.time_step takes any"
+                raise unattainable(self.case, worst, wanted[worst], least, why)
             found = self._excess(steps, wanted)
             tries += 1
             if found <= 1:
@@ -179,14 +178,6 @@ class Chooser:
         error_N = Baseline(self.case.at(measured), TOTAL).rounding_N
         error = share_of_largest(error_N, self.truth.trace)
         return np.asarray(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured))
-
-    def _give_up(self, wanted: dict[str, float], steps: int) -> NoReturn:
-        worst, least = next(iter(wanted)), 1.0
-        if errors := self._errors.get(steps):
-            worst = max(wanted, key=lambda name: errors[name] / wanted[name])
-            least = MARGIN * errors[worst]
-        why = "with as many steps as a plan may try; run.time_step takes any"
-        raise unattainable(self.case, worst, wanted[worst], least, why)
 
 
 def _next(refused: int, taken: int, guess: int) -> int:

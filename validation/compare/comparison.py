@@ -29,13 +29,9 @@ NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run,
 
 
 def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) -> list[Verdict]:
-    """Verdicts on all runs of a case.
+    """Verdicts on all finished runs of a case, by engine, and on those that are absent, by why.
 
-    Args:
-        case: the case that was run.
-        runs: finished runs by engine.
-        absent: by engine, why there is no finished run; what is not installed, or refused the case by name, counts as
-            not run, all else is a failure.
+    What is not installed, or refused the case by name, counts as not run, all else is a failure.
     """
     verdicts = []
     for engine, why in absent.items():

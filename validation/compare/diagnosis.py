@@ -116,10 +116,7 @@ class Target:
 def diagnoses_of(case: Case, verdicts: Iterable[Verdict], traces: Mapping[str, Trace]) -> dict[str, str]:
     """What each engine with a failed verdict matches, in a sentence.
 
-    Args:
-        case: the case that was run.
-        verdicts: on all its runs.
-        traces: by engine, also of runs that a guard failed; an engine without one gets no diagnosis.
+    An engine without a trace gets no diagnosis; one whose run a guard failed does.
     """
     red = dict.fromkeys(verdict.engine for verdict in verdicts if verdict.verdict == FAIL)
     found = {engine: diagnose(case, engine, traces[engine]) for engine in red if engine in traces}
