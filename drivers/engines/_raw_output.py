@@ -34,7 +34,8 @@ def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, 
         raise RunError(f"no output: {path.name} was not written")
     try:
         stored = np.load(path, allow_pickle=False)
-        found = {name: stored if isinstance(stored, np.ndarray) else stored[name] for name in shapes}
+        alone = isinstance(stored, np.ndarray)
+        found = dict(zip(shapes, [stored], strict=True)) if alone else {name: stored[name] for name in shapes}
         arrays = {name: array.astype(float, casting="safe", copy=False) for name, array in found.items()}
     except Exception as error:  # a torn file can make numpy and zipfile raise almost anything
         raise RunError(f"output is torn: {path.name}: {error}") from error
