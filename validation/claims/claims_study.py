@@ -254,11 +254,10 @@ def counted(judged: list[Judged]) -> str:
 
 def write_claims(judged: list[Judged], path: Path) -> None:
     """Writes the table, whole or not at all."""
-    write_table(path, Row, [_row(each) for each in judged])
+    write_table(path, Row, [_row(each, each.claim) for each in judged])
 
 
-def _row(judged: Judged) -> Row:
-    claim = judged.claim
+def _row(judged: Judged, claim: Claim) -> Row:
     same = {name: getattr(claim, name) for name in ("id", "where", "quote", "relation", "quoted", "unit", "because")}
     return Row(
         **same,

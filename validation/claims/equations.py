@@ -5,7 +5,6 @@ from math import sqrt
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from drivers.chain.case import Case
 from postproc.paper import theory
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
@@ -17,11 +16,7 @@ AMPLITUDES = (1.0, 10.0, 100.0)
 
 
 def _particles() -> theory.Particles:
-    return theory.particles_of(_case())
-
-
-def _case() -> Case:
-    return case_of("table1")
+    return theory.particles_of(case_of("table1"))
 
 
 def speed_constant() -> float:
@@ -152,7 +147,7 @@ def sensor_share() -> float:
 
 def contact_law() -> float:
     """The stiffness that decks are rendered with, over Eq. (7)'s."""
-    return float(_case().chain.stiffness[1]) / _particles().stiffness
+    return float(case_of("table1").chain.stiffness[1]) / _particles().stiffness
 
 
 def _beta(amplitude: float, modulus_MPa: float = 1460) -> float:

@@ -69,7 +69,11 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
     for one, label in posed:
         for engine in engine_names():
             key, case = (one.entry.id, label, engine), one.cases[label]
-            absent[key] = _absence(case, engine)
+            if load_engine(engine).find() is None:
+                absent[key] = NOT_INSTALLED
+            else:
+                cannot = inability(case, engine)
+                absent[key] = f"{REFUSED}: {cannot}" if cannot is not None else ""
             if not absent[key] and engine not in HERE:
                 jobs[key] = (case, engine)
     # of equal decks the last is run: one that keeps its state serves the others too
@@ -86,14 +90,6 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
             else:
                 lines += _judged(one, label, engine, ended.get(key))
     return lines
-
-
-def _absence(case: Case, engine: str) -> str:
-    """Why an engine need not run a case; empty where it has to."""
-    if load_engine(engine).find() is None:
-        return NOT_INSTALLED
-    cannot = inability(case, engine)
-    return f"{REFUSED}: {cannot}" if cannot is not None else ""
 
 
 def _judged(one: Posed, label: str, engine: str, ended: EndedRun | None) -> list[Line]:

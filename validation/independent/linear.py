@@ -101,11 +101,13 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
         raise ValueError(f"{beads} beads: the signal is back before it has passed")
     top = fit(trace.time_s, _dynamic(case, trace, 1), 2, LAST_TAU)
     near, far = (_arrival(case, trace, place) for place in (UPPER_CONTACT, LOWER_CONTACT))
+    spring, mass = _spring(case)
+    scale = -4 * float(case.chain.velocity_m_s[-1]) * sqrt(spring * mass)  # the force before J_2(tau) / tau
     steps = first_maximum(2 * LOWER_CONTACT) - first_maximum(2 * UPPER_CONTACT)
     return {
         "cutoff_frequency_Hz": top.rate_per_s / (2 * pi),
         "sound_speed_m_s": float(case.chain.radius_m[-1]) * steps / (far - near),
-        "impulse_share": top.amplitude_N / float(response(2, np.array(first_maximum(2)))) / _scale(case),
+        "impulse_share": top.amplitude_N / float(response(2, np.array(first_maximum(2)))) / scale,
         "misfit": top.misfit,
     }
 
@@ -127,12 +129,6 @@ def _spring(case: Case) -> tuple[float, float]:
     chain = case.chain
     stiffness, mass = float(chain.stiffness[-1]), float(chain.mass_kg[-1])
     return contact_stiffness_at(stiffness, chain.precompression_N), mass
-
-
-def _scale(case: Case) -> float:
-    """``4 v sqrt(K m)``, the force before ``J_2(tau) / tau``."""
-    spring, mass = _spring(case)
-    return -4 * float(case.chain.velocity_m_s[-1]) * sqrt(spring * mass)
 
 
 def theory(case: Case) -> dict[str, float]:

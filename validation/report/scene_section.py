@@ -110,12 +110,6 @@ def case_rows(independent: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
-def reasons_of(rows: list[Row]) -> list[str]:
-    """Each reason of a worst figure's tolerance once."""
-    worst = [cell.worst for row in rows for cell in row.cells.values()]
-    return list(dict.fromkeys(verdict.reason for verdict in worst if verdict is not None))
-
-
 def counted(rows: Iterable[Row]) -> Counter[str]:
     """How many cells passed, failed and were not run."""
     return Counter(cell.verdict for row in rows for cell in row.cells.values())

@@ -20,10 +20,9 @@ from validation.compare.compared_scenes import ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.independent.independent_study import read_section as read_independent
 from validation.report.charts import PLACES
-from validation.report.machine_readable import as_json, as_junit
-from validation.report.made_with import made_with, when_made
+from validation.report.machine_readable import as_json, as_junit, made_with, when_made
 from validation.report.page_figures import read_figures, read_table1
-from validation.report.scene_section import case_rows, counted, reasons_of, scene_row, section_of, short, tolerances
+from validation.report.scene_section import case_rows, counted, scene_row, section_of, short, tolerances
 from validation.studies import read_section
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
@@ -118,7 +117,7 @@ def write_report(
         rows=rows,
         cases=cases,
         engines=in_order(engine for row in (*rows, *cases) for engine in row.cells),
-        reasons=reasons_of(rows),
+        reasons=list(dict.fromkeys(cell.worst.reason for row in rows for cell in row.cells.values() if cell.worst)),
         counts=counted(rows),
         case_counts=counted(cases),
         tolerances=tolerances(scenes),

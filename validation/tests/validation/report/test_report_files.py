@@ -22,7 +22,7 @@ from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
 from validation.independent.independent_study import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.charts import PLACES, chart_of
-from validation.report.made_with import cpu_name
+from validation.report.machine_readable import cpu_name
 from validation.report.page_figures import image_of
 from validation.report.scene_section import share_of, worst_of
 from validation.report.write_report import write_report
