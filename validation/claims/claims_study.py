@@ -235,21 +235,17 @@ def claims(out: Path, runs: Path) -> int:
         claim = each.claim
         if each.verdict == DIFFERS:
             print(f"{claim.id}: quoted {claim.quoted:g}, computed {each.value:.4g} {claim.unit}: {claim.explained}")
-    print(f"{paths.shown(out)}: {counted(judged)}")
+    counts = Counter(each.verdict for each in judged)
+    plain = sum(each.claim.arithmetic for each in judged if each.verdict == REPRODUCED)
+    reproduced = f"{counts[REPRODUCED]} reproduced ({plain} of them by plain arithmetic)"
+    rest = f"{counts[DIFFERS]} differ, {counts[EXPERIMENT_ONLY]} of the experiment only"
+    print(f"{paths.shown(out)}: {reproduced}, {rest}")
     if missing_codes():
         print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
     faults = [each for each in judged if each.fault]
     for each in faults:
         print(f"{each.claim.id}: {each.fault}", file=sys.stderr)
     return 1 if faults else 0
-
-
-def counted(judged: list[Judged]) -> str:
-    """How many claims have which verdict, in words."""
-    counts = Counter(each.verdict for each in judged)
-    plain = sum(each.claim.arithmetic for each in judged if each.verdict == REPRODUCED)
-    reproduced = f"{counts[REPRODUCED]} reproduced ({plain} of them by plain arithmetic)"
-    return f"{reproduced}, {counts[DIFFERS]} differ, {counts[EXPERIMENT_ONLY]} of the experiment only"
 
 
 def write_claims(judged: list[Judged], path: Path) -> None:

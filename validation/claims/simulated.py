@@ -28,18 +28,14 @@ WIDTH = "bead_5_width_4pct_diameters"
 MICRO = 1e6
 
 
-def _signal(simulation: Simulation, contact: int) -> tuple[Array, Array]:
-    """Times, and the force of a contact."""
-    return simulation.trace.time_s, simulation.trace.force_N[:, contact - 1]
-
-
 def _waves(simulation: Simulation, contact: int, at_least: int = 1, prominence: float = PROMINENCE) -> list[Peak]:
     """The waves that pass a contact.
 
     Raises:
         InputError: fewer than ``at_least`` within the scene's duration.
     """
-    found = peaks(*_signal(simulation, contact), prominence=prominence)
+    trace = simulation.trace
+    found = peaks(trace.time_s, trace.force_N[:, contact - 1], prominence=prominence)
     if len(found) < at_least:
         words = f"{len(found)} waves at contact {contact} within it"
         raise InputError(simulation.case.scene.file, "run.duration", words, f"long enough for {at_least}")
@@ -189,7 +185,7 @@ def single_wave(run: Run) -> float:
     """Largest force after the first wave over that wave's, thirty beads below a striker like the beads, no gravity."""
     one = run(case_of("table1", *BARE, "chain.count=60", "run.duration=4 ms"))
     first = _waves(one, 30)[0]
-    force = _signal(one, 30)[1][first.sample :]
+    force = one.trace.force_N[first.sample :, 29]
     passed = int((force < 1e-3 * first.value).argmax())  # the first wave's own tail does not count
     return float(force[passed:].max() / first.value)
 
@@ -216,7 +212,7 @@ def splitting(run: Run) -> float:
     """Valley between the first two waves over the second, ten beads below Fig. 5's striker, no gravity."""
     one = _heavy_strike(run)
     first, second = _waves(one, 51, at_least=2)[:2]
-    return float(_signal(one, 51)[1][first.sample : second.sample].min() / second.value)
+    return float(one.trace.force_N[first.sample : second.sample, 50].min() / second.value)
 
 
 def count_at_wall(run: Run, scene: str) -> float:

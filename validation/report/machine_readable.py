@@ -17,7 +17,6 @@ from xml.etree import ElementTree
 from drivers.base import paths
 from drivers.chain.case import Case
 from drivers.engines import in_order
-from drivers.run.finished import EndedRun
 from drivers.run.finished import provenance
 from validation.compare.compared_scenes import ComparedScene
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
@@ -70,6 +69,9 @@ def cpu_name(file: Path = CPUS) -> str:
 
 
 SCHEMA = 1
+RECORDED = ("status", "engine_version", "deck_sha256", "commit", "dirty", "host", "time_step_s", "steps", "bodies",
+         "wall_s", "cpu_s", "loop_s", "memory_bytes", "step_limit_s", "warnings", "error_budget",
+         "error_note")  # fmt: skip
 SCENES, CASES = "scenes", "independent"  # what the suites' names begin with
 UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # what XML 1.0 cannot hold
 
@@ -148,18 +150,11 @@ def _scene(scene: ComparedScene, row: Row) -> dict[str, Any]:
     }
     for engine, own in told["engines"].items():
         if engine in scene.runs:
-            own["run"] = _run(scene.runs[engine])
+            run = scene.runs[engine]
+            own["run"] = {"folder": paths.shown(run.folder)} | {name: getattr(run.record, name) for name in RECORDED}
         departure = scene.departures.get(engine)
         own["departure"] = asdict(departure) if departure else None
     return told
-
-
-def _run(run: EndedRun) -> dict[str, Any]:
-    record = run.record
-    names = ("status", "engine_version", "deck_sha256", "commit", "dirty", "host", "time_step_s", "steps", "bodies",
-             "wall_s", "cpu_s", "loop_s", "memory_bytes", "step_limit_s", "warnings", "error_budget",
-             "error_note")  # fmt: skip
-    return {"folder": paths.shown(run.folder)} | {name: getattr(record, name) for name in names}
 
 
 def _row(row: Row) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from postproc.paper.strikes import COLUMNS, engines_of
 TABLE = "table1.csv"
 MEASURED = ("duration_us", "speed_m_s", "width_diameters")
 HEADINGS = {"speed_m_s": "speed, m/s", "width_0.2pct_diameters": "L/2R at 0.2 %", "width_4pct_diameters": "L/2R at 4 %"}
+DIGITS = {"speed_m_s": 2}  # after the point, else 3
 PX_PER_PT = 1.6  # print's type, made as large as the page's
 UNSEEN_DIGITS = re.compile(r"(?<=\.\d\d)\d+")  # of a coordinate: below a hundredth of a point
 TAG = re.compile(r"<[^>]*>")
@@ -126,7 +127,7 @@ def read_table1(results: Path) -> dict[str, Any]:
                 "measured": [f"{row[f'measured_{name}']:g}" for name in MEASURED],
                 "computed": [
                     ("the paper", [f"{row[f'computed_{name}']:g}" for name in COLUMNS]),
-                    *((e, [_digits(row[f"{e}_{name}"], name) for name in COLUMNS]) for e in engines),
+                    *((e, [f"{row[f'{e}_{name}']:.{DIGITS.get(name, 3)}f}" for name in COLUMNS]) for e in engines),
                 ],
             }
             for row in table.to_dict("records")
@@ -134,7 +135,3 @@ def read_table1(results: Path) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError) as error:  # pandas' own errors are ValueErrors
         raise InputError(paths.shown(path), "", "a damaged table", "what make table1 writes") from error
     return {"rows": rows, "headings": list(HEADINGS.values()), "beside": read_beside(results, "table1")}
-
-
-def _digits(value: float, name: str) -> str:
-    return f"{value:.2f}" if name == "speed_m_s" else f"{value:.3f}"
