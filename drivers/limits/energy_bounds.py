@@ -83,7 +83,7 @@ def at_most(chain: Chain, duration_s: float) -> Reached:
     inverse = 1 / chain.mass_kg
     closing = np.sqrt(2 * energy * (inverse + np.append(0.0, inverse[:-1])))
     bore = bore_stiffness(chain)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # a straight chain has no bore, and may have no energy
         deepest = np.where(bore > 0, overlap_of_energy(bore, energy), 0.0)
     return Reached(
         overlap_m=resting + further,
