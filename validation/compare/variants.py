@@ -252,7 +252,10 @@ def single_families(model: Model, places: Sequence[int]) -> Iterator[Variant]:
 def _scaled(model: Model, kind: str, words: str, name: str, places: Sequence[int]) -> Variant:
     """Values of an array times a factor; in the sentence masses and speeds are those of the first place."""
     own = abs(float(getattr(model.chain, name)[places[0]])) * (1e3 if name == "mass_kg" else 1.0)
-    described = lambda t: words.format(times=number(t), value=number(t * own), own=number(own))  # noqa: E731
+
+    def described(times: float) -> str:
+        return words.format(times=number(times), value=number(times * own), own=number(own))
+
     return Variant(kind, described, partial(model.scaled, name, places), FACTORS)
 
 
