@@ -68,7 +68,13 @@ def make(runs: Path) -> Product:
     experiment, score = measured_points(), scores()
     figure, axes = pyplot().subplots(3, 1, figsize=(COLUMN_IN, 7.0), height_ratios=[3.4, 0.9, 1.5])
     _draw_speeds(axes[0], points, theory, experiment)
-    _draw_differences(axes[1], points)
+    by_strike = points[points["engine"] == REFERENCE].set_index("striker_m_s")["speed_m_s"]
+    for engine in drawing_order([str(name) for name in points["engine"].unique() if name != REFERENCE]):
+        own = points[points["engine"] == engine]
+        share = own["speed_m_s"].to_numpy() / by_strike.loc[own["striker_m_s"]].to_numpy() - 1
+        axes[1].plot(own["force_N"], 1e6 * share, ls="", **marker_of(engine))
+    axes[1].set(xscale="log", xlim=XLIM_N, xlabel=r"$F_m$ (N)", ylabel=r"$10^6\,\Delta V_s/V_s$")
+    axes[1].set_title("speed by the codes less that by the reference, same strike", loc="left")
     _draw_scores(axes[2], score)
     figure.subplots_adjust(hspace=0.45)
     tables = [points, theory, experiment.assign(source="experiment"), score.assign(source="score")]
@@ -106,13 +112,10 @@ def _theory(curves: list[Curve], points: pd.DataFrame) -> pd.DataFrame:
         particles = particles_of(case_of("table1", *curve.settings))
         for force in FORCES_N:
             bare, pressed = speed_from_force(particles, force), precompressed_speed(particles, force, static)
-            rows.append({
-                "source": "Eq. (4)" if curve.gravity else "Eq. (3)", "curve": curve.number,
-                "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "force_N": force,
-                "static_N": static if curve.gravity else 0.0,
-                "speed_m_s": pressed if curve.gravity else bare,
-            })  # fmt: skip
-    return pd.DataFrame(rows)
+            source, static_N, speed = ("Eq. (4)", static, pressed) if curve.gravity else ("Eq. (3)", 0.0, bare)
+            rows.append((source, curve.number, *curve, force, static_N, speed))
+    names = ("source", "curve", "modulus_MPa", "gravity", "force_N", "static_N", "speed_m_s")
+    return pd.DataFrame(rows, columns=names)
 
 
 def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experiment: pd.DataFrame) -> None:
@@ -145,17 +148,6 @@ def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experime
     axis.set_yticks(ticks, [str(tick) for tick in ticks])
     axis.minorticks_off()
     axis.legend(loc="upper left", columnspacing=1, handlelength=1.6, labelspacing=0.3)
-
-
-def _draw_differences(axis: Any, points: pd.DataFrame) -> None:
-    exact = points[points["engine"] == REFERENCE].set_index("striker_m_s")["speed_m_s"]
-    for engine in drawing_order(list(points["engine"].unique())):
-        if engine != REFERENCE:
-            own = points[points["engine"] == engine]
-            share = own["speed_m_s"].to_numpy() / exact.loc[own["striker_m_s"]].to_numpy() - 1
-            axis.plot(own["force_N"], 1e6 * share, ls="", **marker_of(engine))
-    axis.set(xscale="log", xlim=XLIM_N, xlabel=r"$F_m$ (N)", ylabel=r"$10^6\,\Delta V_s/V_s$")
-    axis.set_title("speed by the codes less that by the reference, same strike", loc="left")
 
 
 def _draw_scores(axis: Any, score: pd.DataFrame) -> None:
