@@ -116,7 +116,14 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
 
 
 def _sketch(scene: Scene, chain: Chain) -> Sketch:
-    special = _special(scene, chain)
+    words = {sensor.from_wall - 1: ["sensor"] for sensor in scene.chain.sensors}
+    for odd in scene.chain.bead:
+        own = words.setdefault(odd.from_wall - 1, [])
+        own += [odd.material] if odd.material else []
+        own += [f"⌀ {_mm(odd.diameter)}"] if odd.diameter else []
+        own += [f"{odd.velocity:+.3g} m/s"] if odd.velocity else []
+        own += [f"gap of {_mm(odd.gap_below)} below"] if odd.gap_below else []
+    special = {i: f"bead {i + 1}: {', '.join([*own, f'{1e3 * chain.mass_kg[i]:.4g} g'])}" for i, own in words.items()}
     kept = set(range(chain.bodies))
     if chain.beads > WHOLE:
         near = {j for i in sorted(special)[:SPECIAL] for j in range(i - AROUND, i + AROUND + 1)}
@@ -136,20 +143,6 @@ def _sketch(scene: Scene, chain: Chain) -> Sketch:
     return Sketch(
         bodies, height, radius, cuts, special, widest, flat, float(chain.wall_height_m - foot), float(top + margin)
     )
-
-
-def _special(scene: Scene, chain: Chain) -> dict[int, str]:
-    """Labels of sensors and of beads unlike the others, by index."""
-    words: dict[int, list[str]] = {}
-    for sensor in scene.chain.sensors:
-        words[sensor.from_wall - 1] = ["sensor"]
-    for bead in scene.chain.bead:
-        own = words.setdefault(bead.from_wall - 1, [])
-        own += [bead.material] if bead.material else []
-        own += [f"⌀ {_mm(bead.diameter)}"] if bead.diameter else []
-        own += [f"{bead.velocity:+.3g} m/s"] if bead.velocity else []
-        own += [f"gap of {_mm(bead.gap_below)} below"] if bead.gap_below else []
-    return {i: f"bead {i + 1}: {', '.join([*own, f'{1e3 * chain.mass_kg[i]:.4g} g'])}" for i, own in words.items()}
 
 
 def _closed_up(chain: Chain, bodies: list[int], special: dict[int, str]) -> tuple[Array, list[tuple[float, str]]]:

@@ -59,8 +59,8 @@ def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], wh
                 look = marker_of(str(engine)) | {"ls": "none"}
                 if engine == REFERENCE:
                     look = {"color": f"C{place}", "lw": 1.0, "marker": MARKERS[place % len(MARKERS)], "ms": 3}
-                    told = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in values)
-                    look["label"] = ", ".join(f"{other} {value}" for other, value in zip(others, told, strict=True))
+                    words = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in values)
+                    look["label"] = ", ".join(f"{other} {word}" for other, word in zip(others, words, strict=True))
                 for name, axis in axes.items():
                     axis.plot(rows[across], rows[name], **look)
         for name, axis in axes.items():

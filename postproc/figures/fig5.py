@@ -61,7 +61,18 @@ def make(runs: Path) -> Product:
         f"paper: {paper.computed_envelope_per_us} computed,\n{paper.measured_envelope_per_us} measured"
     )
     axis.text(0.57, 0.97, words, transform=axis.transAxes, fontsize=7, **look)
-    tables = [_table(shapes).assign(part="shape"), stack_table(case.layout, traces).assign(part="trace")]
+    names = ("engine", "place", "wall_envelope_per_us", "rise_us", "decay_per_us", "duration_us")
+    rows: list[tuple[Any, ...]] = [
+        (engine, place, own.wall.rate_per_s / MICRO, shape.rise_s * MICRO, shape.decay_per_s / MICRO,
+         shape.duration_s * MICRO)
+        for engine, own in shapes.items()
+        for place, shape in zip(PLACES, own.entrance, strict=True)
+    ]  # fmt: skip
+    incident = (paper.incident_rise_us, paper.incident_decay_per_us, paper.incident_duration_us)
+    rows.append(("paper, computed", None, paper.computed_envelope_per_us, None, None, None))
+    rows.append(("paper, measured", "entrance", paper.measured_envelope_per_us, *incident))
+    shown = pd.DataFrame(rows, columns=names).assign(part="shape")
+    tables = [shown, stack_table(case.layout, traces).assign(part="trace")]
     return Product(figure, pd.concat(tables, ignore_index=True), chain_of_reference(traces))
 
 
@@ -76,19 +87,3 @@ def _shapes(case: Case, trace: Trace) -> Shapes:
     if wall is None or len(maxima) <= ENVELOPE_MAXIMA or len(whole) < len(PLACES):
         raise InputError(case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
     return Shapes(wall, maxima[ENVELOPE_MAXIMA].time_s, whole)
-
-
-def _table(shapes: dict[str, Shapes]) -> pd.DataFrame:
-    """A row per engine and place, and the paper's numbers."""
-    paper = quoted().fig5
-    names = ("engine", "place", "wall_envelope_per_us", "rise_us", "decay_per_us", "duration_us")
-    rows: list[tuple[Any, ...]] = [
-        (engine, place, own.wall.rate_per_s / MICRO, shape.rise_s * MICRO, shape.decay_per_s / MICRO,
-         shape.duration_s * MICRO)
-        for engine, own in shapes.items()
-        for place, shape in zip(PLACES, own.entrance, strict=True)
-    ]  # fmt: skip
-    incident = (paper.incident_rise_us, paper.incident_decay_per_us, paper.incident_duration_us)
-    rows.append(("paper, computed", None, paper.computed_envelope_per_us, None, None, None))
-    rows.append(("paper, measured", "entrance", paper.measured_envelope_per_us, *incident))
-    return pd.DataFrame(rows, columns=names)
