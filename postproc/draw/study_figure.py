@@ -82,7 +82,22 @@ def draw_tornado(table: pd.DataFrame, title: str, observables: tuple[str, ...], 
     without its base is an InputError too.
     """
     _must_have(table, observables, where)
-    changes = sensitivities(table, where)
+    engine = table["engine"].iloc[0]
+    rows = table[(table["engine"] == engine) & (table["status"] == "done")]
+    if rows.empty or rows["case"].iloc[0] != 1:
+        raise InputError(where, "", f"no base case done on {engine}", "a finished batch")
+    base = rows.iloc[0]
+    found = []
+    for (_, row), given in product(rows.iloc[1:].iterrows(), swept_columns(table)):
+        if row[given] == base[given] or not isinstance(row[given], float | int) or not base[given]:
+            continue
+        change = row[given] / base[given] - 1
+        for name in observable_columns(table):
+            if base[name] and np.isfinite([row[name], base[name]]).all():
+                share = row[name] / base[name] - 1
+                found.append((name, given, change, share, share / change))
+    columns = ["observable", "input", "input_change_share", "observable_change_share", "elasticity"]
+    changes = pd.DataFrame(found, columns=columns)  # by the first engine, and their ratios
     if changes.empty:
         raise InputError(where, "axis", "no number that was varied", "a finished batch with numbers varied one by one")
     figure, axes = _panels(observables, min(2, len(observables)), 0.7 + 0.17 * changes["input"].nunique())
@@ -111,26 +126,6 @@ def _panels(names: tuple[str, ...], columns: int, height_in: float) -> tuple[Any
     for axis in axes.flat[len(names) :]:
         axis.set_visible(False)
     return figure, dict(zip(names, axes.flat, strict=False))
-
-
-def sensitivities(table: pd.DataFrame, where: str) -> pd.DataFrame:
-    """Relative change of each observable for each change of an input, and their ratio, by the first engine."""
-    engine = table["engine"].iloc[0]
-    rows = table[(table["engine"] == engine) & (table["status"] == "done")]
-    if rows.empty or rows["case"].iloc[0] != 1:
-        raise InputError(where, "", f"no base case done on {engine}", "a finished batch")
-    base = rows.iloc[0]
-    found = []
-    for (_, row), given in product(rows.iloc[1:].iterrows(), swept_columns(table)):
-        if row[given] == base[given] or not isinstance(row[given], float | int) or not base[given]:
-            continue
-        change = row[given] / base[given] - 1
-        for name in observable_columns(table):
-            if base[name] and np.isfinite([row[name], base[name]]).all():
-                share = row[name] / base[name] - 1
-                found.append((name, given, change, share, share / change))
-    columns = ["observable", "input", "input_change_share", "observable_change_share", "elasticity"]
-    return pd.DataFrame(found, columns=columns)
 
 
 def _must_have(table: pd.DataFrame, observables: tuple[str, ...], where: str) -> None:
