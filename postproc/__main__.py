@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 Action = Callable[[argparse.Namespace], Iterable[Path]]  # does what a command says, and names the files it has written
 Options = dict[str, dict[str, Any]]  # of a command, with what argparse needs to know of them
-SHEET_IN = 6.4
 
 
 def main() -> int:
@@ -128,7 +127,7 @@ def _spacetime(arguments: argparse.Namespace) -> Iterable[Path]:
     from postproc.draw.product import draw_spacetime
 
     run, name, title = _open(arguments)
-    return _write(arguments, draw_spacetime({title: run.trace}, SHEET_IN), name)
+    return _write(arguments, draw_spacetime({title: run.trace}, width_in=6.4), name)
 
 
 def _open(arguments: argparse.Namespace) -> tuple["EndedRun", str, str]:

@@ -65,16 +65,6 @@ class Cells:
     contact: Array  # lowest contact of each row, counted from the wall. Shape (rows,)
     force_N: Array  # the largest in each cell. Shape (rows, columns)
 
-    @property
-    def largest_N(self) -> float:
-        """What the scale of colours ends at; 1 N where there is no force."""
-        return float(self.force_N.max(initial=0.0)) or 1.0
-
-    @property
-    def closed_N(self) -> Any:
-        """The forces with open contacts masked. Shape (rows, columns)."""
-        return np.ma.masked_less_equal(self.force_N, LEAST * self.largest_N)
-
 
 def cells_of(trace: Trace, columns: int = COLUMNS, rows: int = ROWS) -> Cells:
     """A trace's forces in so many cells at most, all of a size but for the last ones."""
@@ -90,12 +80,29 @@ def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> 
 
     The numbers are those in the cells, a row per chain and time.
     """
+    from matplotlib.colors import PowerNorm
+    from matplotlib.ticker import MaxNLocator
+
     tables = []
     size = (width_in, 0.5 + PANEL_IN * len(chains))
     figure, axes = pyplot().subplots(len(chains), 1, figsize=size, squeeze=False, sharex=True, layout="constrained")
     for axis, (title, trace) in zip(axes[:, 0], chains.items(), strict=True):
         cells = cells_of(trace)
-        _draw_cells(axis, title, trace, cells)
+        samples, contacts = trace.force_N.shape
+        width_s = (trace.time_s[-1] - trace.time_s[0]) / max(samples - 1, 1) * -(-samples // COLUMNS)
+        right, top = float(cells.time_s[-1] + width_s) * MICRO, float(cells.contact[-1]) + -(-contacts // ROWS) - 0.5
+        largest_N = float(cells.force_N.max(initial=0.0)) or 1.0  # where there is no force the scale ends at 1 N
+        closed = np.ma.masked_less_equal(cells.force_N, LEAST * largest_N)
+        image = axis.imshow(
+            closed, cmap=force_colours(), norm=PowerNorm(GAMMA, 0, largest_N), origin="lower", aspect="auto",
+            extent=(float(cells.time_s[0]) * MICRO, right, 0.5, top), interpolation="none",
+        )  # fmt: skip
+        axis.set(ylim=(0.5, contacts + 0.5), ylabel="contact")
+        axis.grid(visible=False)
+        axis.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, min_n_ticks=1))
+        axis.set_title(title, loc="left")
+        bar = figure.colorbar(image, ax=axis, pad=0.02, aspect=16, ticks=MaxNLocator(nbins=5))
+        finish_bar(bar, "force (N); grey: none")
         table = pd.DataFrame(cells.force_N.T, columns=[f"contact_{contact:.0f}_N" for contact in cells.contact])
         table.insert(0, "time_s", cells.time_s)
         table.insert(0, "chain", title)
@@ -103,22 +110,3 @@ def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> 
     last_s = max(float(trace.time_s[-1]) for trace in chains.values())
     axes[-1, 0].set(xlim=(0, last_s * MICRO), xlabel="time since impact (µs)")
     return Product(figure, pd.concat(tables, ignore_index=True))
-
-
-def _draw_cells(axis: Any, title: str, trace: Trace, cells: Cells) -> None:
-    from matplotlib.colors import PowerNorm
-    from matplotlib.ticker import MaxNLocator
-
-    samples, contacts = trace.force_N.shape
-    width_s = (trace.time_s[-1] - trace.time_s[0]) / max(samples - 1, 1) * -(-samples // COLUMNS)
-    right, top = float(cells.time_s[-1] + width_s) * MICRO, float(cells.contact[-1]) + -(-contacts // ROWS) - 0.5
-    image = axis.imshow(
-        cells.closed_N, cmap=force_colours(), norm=PowerNorm(GAMMA, 0, cells.largest_N), origin="lower", aspect="auto",
-        extent=(float(cells.time_s[0]) * MICRO, right, 0.5, top), interpolation="none",
-    )  # fmt: skip
-    axis.set(ylim=(0.5, contacts + 0.5), ylabel="contact")
-    axis.grid(visible=False)
-    axis.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, min_n_ticks=1))
-    axis.set_title(title, loc="left")
-    bar = axis.figure.colorbar(image, ax=axis, pad=0.02, aspect=16, ticks=MaxNLocator(nbins=5))
-    finish_bar(bar, "force (N); grey: none")

@@ -43,9 +43,9 @@ class Sketch:
 
 def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
     """The apparatus at time 0: the figure, and a row per drawn body with its place and size."""
-    from matplotlib.patches import Rectangle
+    from matplotlib.patches import Circle, Rectangle
 
-    sketch = _sketch(scene, chain)
+    sketch, striker = _sketch(scene, chain), scene.striker
     height = sketch.high_m - sketch.low_m
     scale_in = min(TALLEST_IN / height, 0.3 * COLUMN_IN / sketch.widest_m)
     figure, axis = pyplot().subplots(figsize=(COLUMN_IN, max(scale_in * height, 1.0)))
@@ -61,12 +61,35 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
         axis.add_patch(Rectangle((-wide / 2, sketch.low_m), wide, foot, facecolor=WALL, hatch="////", **OUTLINE))
         named = "rigid wall" if chain.wall == RIGID else f"wall of {chain.wall}"
         axis.text(1.4 * sketch.widest_m, chain.wall_height_m - foot / 2, fill(named, WRAP), va="center")
-    _draw_beads(axis, scene, beads, sketch)
+    sensors, below = {sensor.from_wall - 1 for sensor in scene.chain.sensors}, -inf
+    for i in beads:
+        radius, at = sketch.radius_m[i], sketch.height_m[i]
+        colour = SENSOR if i in sensors else OTHER if i in sketch.special else BEAD
+        axis.add_patch(Circle((0, at), radius, facecolor=colour, **OUTLINE))
+        if i in sensors:
+            axis.add_patch(Rectangle((-0.95 * radius, at - 0.1 * radius), 1.9 * radius, 0.2 * radius, color=PLATE))
+        if i in sketch.special:
+            label = fill(sketch.special[i], WRAP)
+            below = max(at, below + 0.022 * height * (label.count("\n") + 1))  # labels do not lie on each other
+            axis.annotate(label, (radius, at), (0.75 * sketch.widest_m, below), va="center",
+                          arrowprops={"arrowstyle": "-", "lw": 0.5, "color": FAINT})  # fmt: skip
     for height_m, left_out in sketch.cuts:
         axis.text(0, height_m, "⋮", ha="center", va="center")
         axis.text(0.75 * sketch.widest_m, height_m, left_out, va="center", color=FAINT)
-    if scene.striker is not None:
-        _draw_striker(axis, scene, chain, sketch)
+    if striker is not None:
+        look, at = {"facecolor": STRIKER} | OUTLINE, float(sketch.height_m[-1])
+        if striker.diameter is None:
+            width, long = sketch.flat_m
+            axis.add_patch(Rectangle((-width / 2, at), width, long, **look))
+            shape, centre, end = f"flat striker of {striker.material}", at + long / 2, at + long
+        else:
+            axis.add_patch(Circle((0, at), striker.diameter / 2, **look))
+            shape = f"striker of {striker.material}, ⌀ {_mm(striker.diameter)}"
+            centre, end = at, at + striker.diameter / 2
+        label = f"{fill(shape, WRAP)}\n{1e3 * chain.mass_kg[-1]:.4g} g at {striker.speed:.4g} m/s"
+        axis.text(0.75 * sketch.widest_m, centre, label, va="center")
+        arrow = {"arrowstyle": "-|>", "color": "black"}
+        axis.annotate("", (0, end + 0.1 * (sketch.high_m - end)), (0, sketch.high_m), arrowprops=arrow)
     if chain.beads:
         plural = "beads" if chain.beads > 1 else "bead"
         beads_words = (f"{chain.beads} {plural} of {scene.chain.material}", f"⌀ {_mm(scene.chain.diameter)}")
@@ -81,7 +104,7 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
     left, base = -0.78 * half, (chain.wall_height_m if chain.wall else sketch.low_m) + 0.02 * height
     axis.plot([left, left + length], [base, base], color="black", lw=1.5, solid_capstyle="butt")
     axis.text(left, base + 0.008 * height, _mm(length), ha="left", va="bottom")
-    sensors, drawn = {sensor.from_wall - 1 for sensor in scene.chain.sensors}, sketch.bodies
+    drawn = sketch.bodies
     return figure, pd.DataFrame({
         "body": [i + 1 for i in drawn],
         "role": ["striker" if i >= chain.beads else "sensor" if i in sensors else "bead" for i in drawn],
@@ -93,7 +116,14 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
 
 
 def _sketch(scene: Scene, chain: Chain) -> Sketch:
-    special = _special(scene, chain)
+    words = {sensor.from_wall - 1: ["sensor"] for sensor in scene.chain.sensors}
+    for odd in scene.chain.bead:
+        own = words.setdefault(odd.from_wall - 1, [])
+        own += [odd.material] if odd.material else []
+        own += [f"⌀ {_mm(odd.diameter)}"] if odd.diameter else []
+        own += [f"{odd.velocity:+.3g} m/s"] if odd.velocity else []
+        own += [f"gap of {_mm(odd.gap_below)} below"] if odd.gap_below else []
+    special = {i: f"bead {i + 1}: {', '.join([*own, f'{1e3 * chain.mass_kg[i]:.4g} g'])}" for i, own in words.items()}
     kept = set(range(chain.bodies))
     if chain.beads > WHOLE:
         near = {j for i in sorted(special)[:SPECIAL] for j in range(i - AROUND, i + AROUND + 1)}
@@ -113,20 +143,6 @@ def _sketch(scene: Scene, chain: Chain) -> Sketch:
     return Sketch(
         bodies, height, radius, cuts, special, widest, flat, float(chain.wall_height_m - foot), float(top + margin)
     )
-
-
-def _special(scene: Scene, chain: Chain) -> dict[int, str]:
-    """Labels of sensors and of beads unlike the others, by index."""
-    words: dict[int, list[str]] = {}
-    for sensor in scene.chain.sensors:
-        words[sensor.from_wall - 1] = ["sensor"]
-    for bead in scene.chain.bead:
-        own = words.setdefault(bead.from_wall - 1, [])
-        own += [bead.material] if bead.material else []
-        own += [f"⌀ {_mm(bead.diameter)}"] if bead.diameter else []
-        own += [f"{bead.velocity:+.3g} m/s"] if bead.velocity else []
-        own += [f"gap of {_mm(bead.gap_below)} below"] if bead.gap_below else []
-    return {i: f"bead {i + 1}: {', '.join([*own, f'{1e3 * chain.mass_kg[i]:.4g} g'])}" for i, own in words.items()}
 
 
 def _closed_up(chain: Chain, bodies: list[int], special: dict[int, str]) -> tuple[Array, list[tuple[float, str]]]:
@@ -158,25 +174,6 @@ def flat_size(scene: Scene) -> tuple[float, float]:
     return width, min(max(length, 0.2 * width), LONGEST_STRIKER * width)
 
 
-def _draw_beads(axis: Any, scene: Scene, beads: list[int], sketch: Sketch) -> None:
-    from matplotlib.patches import Circle, Rectangle
-
-    sensors = {sensor.from_wall - 1 for sensor in scene.chain.sensors}
-    below = -inf
-    for i in beads:
-        radius, height = sketch.radius_m[i], sketch.height_m[i]
-        colour = SENSOR if i in sensors else OTHER if i in sketch.special else BEAD
-        axis.add_patch(Circle((0, height), radius, facecolor=colour, **OUTLINE))
-        if i in sensors:
-            axis.add_patch(Rectangle((-0.95 * radius, height - 0.1 * radius), 1.9 * radius, 0.2 * radius, color=PLATE))
-        if i in sketch.special:
-            words = fill(sketch.special[i], WRAP)
-            room = 0.022 * (sketch.high_m - sketch.low_m) * (words.count("\n") + 1)
-            below = max(height, below + room)  # labels of neighbours do not lie on each other
-            axis.annotate(words, (radius, height), (0.75 * sketch.widest_m, below), va="center",
-                          arrowprops={"arrowstyle": "-", "lw": 0.5, "color": FAINT})  # fmt: skip
-
-
 def _tube(axis: Any, scene: Scene, chain: Chain, beads_top: float, sketch: Sketch) -> str:
     """Draws the tube as far as the picture goes, and says what it is."""
     from matplotlib.patches import Rectangle
@@ -196,26 +193,6 @@ def _tube(axis: Any, scene: Scene, chain: Chain, beads_top: float, sketch: Sketc
         size = (0.1 * inner, max(top - chain.wall_height_m, 0.0))
         axis.add_patch(Rectangle((side, chain.wall_height_m), *size, facecolor=TUBE, edgecolor=FAINT, lw=0.4))
     return words
-
-
-def _draw_striker(axis: Any, scene: Scene, chain: Chain, sketch: Sketch) -> None:
-    from matplotlib.patches import Circle, Rectangle
-
-    striker, height = scene.striker, float(sketch.height_m[-1])
-    assert striker is not None
-    look = {"facecolor": STRIKER} | OUTLINE
-    if striker.diameter is None:
-        width, length = sketch.flat_m
-        axis.add_patch(Rectangle((-width / 2, height), width, length, **look))
-        shape, centre, top = f"flat striker of {striker.material}", height + length / 2, height + length
-    else:
-        axis.add_patch(Circle((0, height), striker.diameter / 2, **look))
-        shape = f"striker of {striker.material}, ⌀ {_mm(striker.diameter)}"
-        centre, top = height, height + striker.diameter / 2
-    words = f"{fill(shape, WRAP)}\n{1e3 * chain.mass_kg[-1]:.4g} g at {striker.speed:.4g} m/s"
-    axis.text(0.75 * sketch.widest_m, centre, words, va="center")
-    arrow = {"arrowstyle": "-|>", "color": "black"}
-    axis.annotate("", (0, top + 0.1 * (sketch.high_m - top)), (0, sketch.high_m), arrowprops=arrow)
 
 
 def _mm(length_m: float) -> str:

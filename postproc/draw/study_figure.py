@@ -32,8 +32,7 @@ def observable_columns(table: pd.DataFrame) -> list[str]:
 def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], where: str) -> Product:
     """Observables, a panel each, against the swept column with most values, a curve for each set of the others.
 
-    Raises:
-        InputError: the table lacks one of the observables.
+    For random draws: how they scatter. A table that lacks one of the observables is an InputError.
     """
     _must_have(table, observables, where)
     swept, done = swept_columns(table), table[table["status"] == "done"]
@@ -44,12 +43,27 @@ def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], wh
     figure, axes = _panels(observables, 2, 2.5)
     if across == "seed":
         for name, axis in axes.items():
-            _draw_spread(axis, done, name)
+            for engine, values in done.groupby("engine", sort=False)[name]:
+                line, told = line_of(str(engine)), f"{engine}: {values.mean():.5g} ± {values.std():.2g}"
+                look = {"color": line.colour, "lw": line.width, "ls": line.dashes, "label": told}
+                axis.hist(values, bins=15, histtype="step", **look)
+            axis.set(xlabel=name, ylabel="draws")
+            axis.legend(fontsize=6)
         figure.suptitle(title, fontsize=8)
     else:
         others = [name for name in swept if name != across and table.groupby(across)[name].nunique().max() > 1]
+        groups: Any = done.groupby(others, dropna=False, sort=False) if others else [((), done)]
+        for place, (values, part) in enumerate(groups):  # a colour each: lines of the reference, the codes' markers
+            for engine, own in part.groupby("engine", sort=False):
+                rows = own.sort_values(across) if across in numeric else own
+                look = marker_of(str(engine)) | {"ls": "none"}
+                if engine == REFERENCE:
+                    look = {"color": f"C{place}", "lw": 1.0, "marker": MARKERS[place % len(MARKERS)], "ms": 3}
+                    words = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in values)
+                    look["label"] = ", ".join(f"{other} {word}" for other, word in zip(others, words, strict=True))
+                for name, axis in axes.items():
+                    axis.plot(rows[across], rows[name], **look)
         for name, axis in axes.items():
-            _draw_curves(axis, done, across, name, others)
             axis.set(xlabel=across, ylabel=name)
             if across in numeric and done[across].min() > 0 and done[across].max() / done[across].min() > DECADES:
                 axis.set_xscale("log")
@@ -64,13 +78,26 @@ def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], wh
 def draw_tornado(table: pd.DataFrame, title: str, observables: tuple[str, ...], where: str) -> Product:
     """How far each input moves each observable: one panel for each that is asked for, all of them in the numbers.
 
-    Takes what ``draw_study`` takes, with a table of a study whose axes were varied one by one, the base first.
-
-    Raises:
-        InputError: the table lacks one of the observables or its base.
+    Takes what ``draw_study`` takes, with a table of a study whose axes were varied one by one, the base first; one
+    without its base is an InputError too.
     """
     _must_have(table, observables, where)
-    changes = sensitivities(table, where)
+    engine = table["engine"].iloc[0]
+    rows = table[(table["engine"] == engine) & (table["status"] == "done")]
+    if rows.empty or rows["case"].iloc[0] != 1:
+        raise InputError(where, "", f"no base case done on {engine}", "a finished batch")
+    base = rows.iloc[0]
+    found = []
+    for (_, row), given in product(rows.iloc[1:].iterrows(), swept_columns(table)):
+        if row[given] == base[given] or not isinstance(row[given], float | int) or not base[given]:
+            continue
+        change = row[given] / base[given] - 1
+        for name in observable_columns(table):
+            if base[name] and np.isfinite([row[name], base[name]]).all():
+                share = row[name] / base[name] - 1
+                found.append((name, given, change, share, share / change))
+    columns = ["observable", "input", "input_change_share", "observable_change_share", "elasticity"]
+    changes = pd.DataFrame(found, columns=columns)  # by the first engine, and their ratios
     if changes.empty:
         raise InputError(where, "axis", "no number that was varied", "a finished batch with numbers varied one by one")
     figure, axes = _panels(observables, min(2, len(observables)), 0.7 + 0.17 * changes["input"].nunique())
@@ -101,57 +128,9 @@ def _panels(names: tuple[str, ...], columns: int, height_in: float) -> tuple[Any
     return figure, dict(zip(names, axes.flat, strict=False))
 
 
-def sensitivities(table: pd.DataFrame, where: str) -> pd.DataFrame:
-    """Relative change of each observable for each change of an input, and their ratio, by the first engine.
-
-    Raises:
-        InputError: the base case is not done.
-    """
-    engine = table["engine"].iloc[0]
-    rows = table[(table["engine"] == engine) & (table["status"] == "done")]
-    if rows.empty or rows["case"].iloc[0] != 1:
-        raise InputError(where, "", f"no base case done on {engine}", "a finished batch")
-    base = rows.iloc[0]
-    found = []
-    for (_, row), given in product(rows.iloc[1:].iterrows(), swept_columns(table)):
-        if row[given] == base[given] or not isinstance(row[given], float | int) or not base[given]:
-            continue
-        change = row[given] / base[given] - 1
-        for name in observable_columns(table):
-            if base[name] and np.isfinite([row[name], base[name]]).all():
-                share = row[name] / base[name] - 1
-                found.append((name, given, change, share, share / change))
-    columns = ["observable", "input", "input_change_share", "observable_change_share", "elasticity"]
-    return pd.DataFrame(found, columns=columns)
-
-
 def _must_have(table: pd.DataFrame, observables: tuple[str, ...], where: str) -> None:
     if not observables:
         raise InputError(where, "figure", "nothing", "the observables to draw")
     known = observable_columns(table)
     for name in (name for name in observables if name not in known):
         raise InputError(where, "figure", f'"{name}"', f"observables of the table: {', '.join(known) or 'none yet'}")
-
-
-def _draw_curves(axis: Any, done: pd.DataFrame, across: str, name: str, others: list[str]) -> None:
-    """An observable over the swept column: lines of the reference, a colour a set of the others; the codes' markers."""
-    groups: Any = done.groupby(others, dropna=False, sort=False) if others else [((), done)]
-    for place, (values, part) in enumerate(groups):
-        for engine, own in part.groupby("engine", sort=False):
-            rows = own.sort_values(across) if pd.api.types.is_numeric_dtype(own[across]) else own
-            look = marker_of(str(engine)) | {"ls": "none"}
-            if engine == REFERENCE:
-                look = {"color": f"C{place}", "lw": 1.0, "marker": MARKERS[place % len(MARKERS)], "ms": 3}
-                told = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in values)
-                look["label"] = ", ".join(f"{other} {value}" for other, value in zip(others, told, strict=True))
-            axis.plot(rows[across], rows[name], **look)
-
-
-def _draw_spread(axis: Any, rows: pd.DataFrame, name: str) -> None:
-    """How an observable scatters over random draws, on each engine."""
-    for engine, values in rows.groupby("engine", sort=False)[name]:
-        line = line_of(str(engine))
-        told = f"{engine}: {values.mean():.5g} ± {values.std():.2g}"
-        axis.hist(values, bins=15, histtype="step", color=line.colour, lw=line.width, ls=line.dashes, label=told)
-    axis.set(xlabel=name, ylabel="draws")
-    axis.legend(fontsize=6)

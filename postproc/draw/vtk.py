@@ -6,11 +6,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from drivers.chain.chain import Array, Chain
 from drivers.chain.mesh import tube_mesh, write_mesh
 from drivers.chain.trace import FORCES, read_bore_forces
 from drivers.run.finished import EndedRun
-from drivers.scene.model import Scene
 from postproc.read.motion import chain_of, read_motion, spread
 from postproc.read.sensors import mean_forces
 
@@ -27,20 +25,17 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
 
     All is written beside the folder first. The index goes first and comes last, so that it never names a frame that
     is not there; frames of a former series go with it, other files stay. Returns the index, and the tube's file.
-
-    Raises:
-        InputError: the run kept no positions.
-        OSError: it cannot be written; what was there before stays.
+    A run that kept no positions is an InputError; if it cannot be written, what was there before stays.
     """
     scene, chain = chain_of(run)
-    motion, bore = read_motion(run), read_bore_forces(run.folder / FORCES, run.record.bodies)
+    motion, pressed = read_motion(run), read_bore_forces(run.folder / FORCES, run.record.bodies)
     chosen = spread(len(motion.time_s), frames)
     place, flat = motion.place_m[chosen], np.isinf(chain.radius_m)  # shape (frames, bodies, 3)
     radius = np.where(flat, scene.chain.diameter / 2, chain.radius_m)
     place[:, flat, 2] += radius[flat]
     number = np.arange(1, chain.bodies + 1, dtype=np.int32)
     moving = {"velocity_m_s": motion.velocity_m_s, "force_N": mean_forces(run.trace.force_N)}
-    moving |= {"bore_N": bore} if bore is not None else {}
+    moving |= {"bore_N": pressed} if pressed is not None else {}
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as drafts:  # of the same file system
         draft = Path(drafts)
@@ -56,7 +51,13 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
         ElementTree.indent(root)
         (draft / INDEX).write_bytes(ElementTree.tostring(root, xml_declaration=True, encoding="utf-8"))
         if scene.tube is not None:
-            _write_tube(draft / TUBE, scene, chain, place)
+            bore, foot = scene.tube.inner_diameter / 2, chain.wall_height_m
+            inside = chain.radius_m <= bore  # without a top it is drawn over all that fits into it
+            top = float((place[:, inside, 2] + chain.radius_m[inside]).max()) if inside.any() else 0.0
+            high = max(top if scene.tube.top is None else scene.tube.top, foot + bore)
+            rings = max(1, min(MOST_RINGS, round((high - foot) / (2 * bore * np.pi / SIDES))))
+            points, triangles = tube_mesh(bore, foot, high, SIDES, rings)
+            write_mesh(draft / TUBE, points, "triangle", triangles)
             names.append(TUBE)
         folder.mkdir(exist_ok=True)
         for former in [folder / INDEX, folder / TUBE, *folder.glob(FRAME.replace("{:05}", "[0-9]*"))]:
@@ -64,16 +65,3 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
         for name in [*names, INDEX]:
             (draft / name).replace(folder / name)
     return [folder / INDEX] + [folder / TUBE for _ in range(scene.tube is not None)]
-
-
-def _write_tube(path: Path, scene: Scene, chain: Chain, place: Array) -> None:
-    """The bore from the wall to its top; without one, over all that fits into it."""
-    assert scene.tube is not None
-    bore = scene.tube.inner_diameter / 2
-    inside = chain.radius_m <= bore
-    top = float((place[:, inside, 2] + chain.radius_m[inside]).max()) if inside.any() else 0.0
-    high = scene.tube.top if scene.tube.top is not None else top
-    high = max(high, chain.wall_height_m + bore)
-    rings = max(1, min(MOST_RINGS, round((high - chain.wall_height_m) / (2 * bore * np.pi / SIDES))))
-    points, triangles = tube_mesh(bore, chain.wall_height_m, high, SIDES, rings)
-    write_mesh(path, points, "triangle", triangles)

@@ -41,7 +41,13 @@ def make(runs: Path) -> Product:
     points = _points(runs)
     _draw_beta(axes[2], waves, points)
     figure.subplots_adjust(hspace=0.42)
-    return Product(figure, pd.concat([forces, waves, points, _spread(waves, points)], ignore_index=True))
+    # how much beta depends on the modulus: (largest - smallest) / mean over the moduli, per engine and amplitude
+    both = pd.concat([waves, points], ignore_index=True)
+    both["amplitude_over_static"] = both["amplitude_over_static"].map(lambda value: float(f"{value:.2g}"))
+    beta = both.groupby(["engine", "amplitude_over_static"], sort=False)["beta"]
+    spread = ((beta.max() - beta.min()) / beta.mean()).reset_index(name="beta_spread_over_moduli_share")
+    tables = [forces, waves, points, spread.assign(panel="c, all moduli")]
+    return Product(figure, pd.concat(tables, ignore_index=True))
 
 
 def _chains() -> dict[float, tuple[str, ...]]:
@@ -158,13 +164,3 @@ def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
     axis.set(xscale="log", xlabel=r"$(F_m - F_0)\,/\,F_0$", ylabel=r"$\beta$", ylim=(0.98, 1.46))
     axis.set_title("(c) peak contact force over peak average", loc="left")
     axis.legend(loc="lower right", bbox_to_anchor=(1, 0.08), fontsize=7, title=f"{moduli} MPa alike", title_fontsize=7)
-
-
-def _spread(waves: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
-    """How much beta depends on the modulus: (largest - smallest) / mean over the moduli, per engine and amplitude."""
-    both = pd.concat([waves, points], ignore_index=True)
-    both["amplitude"] = both["amplitude_over_static"].map(lambda value: float(f"{value:.2g}"))
-    beta = both.groupby(["engine", "amplitude"], sort=False)["beta"]
-    spread = (beta.max() - beta.min()) / beta.mean()
-    table = spread.rename_axis(["engine", "amplitude_over_static"]).reset_index(name="beta_spread_over_moduli_share")
-    return table.assign(panel="c, all moduli")

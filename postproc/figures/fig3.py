@@ -15,18 +15,9 @@ import pandas as pd
 
 from postproc.draw.product import Product
 from postproc.draw.style import COLUMN_IN, FAINT, draw_table, drawing_order, line_of, marker_of, pyplot
+from postproc.paper import strikes
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation, case_of, run_codes_on
-from postproc.paper.strikes import (
-    contact_peak,
-    measured_points,
-    scores,
-    sensor_amplitude,
-    speed_between_sensors,
-    static_force,
-    strike_for,
-    striker_speed,
-)
 from postproc.paper.theory import particles_of, precompressed_speed, speed_from_force
 from postproc.read.residual import REFERENCE
 
@@ -62,14 +53,34 @@ def make(runs: Path) -> Product:
     Beside it the chain under the weakest and the strongest strike, by the reference: the stiffest beads, with gravity.
     """
     curves = [Curve(modulus, gravity) for modulus in quoted().ptfe.moduli_MPa for gravity in (False, True)]
-    exact = {curve: [strike_for(force, contact_peak, *curve.settings) for force in FORCES_N] for curve in curves}
+    exact = {
+        curve: [strikes.strike_for(force, strikes.contact_peak, *curve.settings) for force in FORCES_N]
+        for curve in curves
+    }
     points = _points(exact, runs)
     theory = _theory(curves, points)
-    experiment, score = measured_points(), scores()
+    experiment, score = strikes.measured_points(), strikes.scores()
     figure, axes = pyplot().subplots(3, 1, figsize=(COLUMN_IN, 7.0), height_ratios=[3.4, 0.9, 1.5])
     _draw_speeds(axes[0], points, theory, experiment)
-    _draw_differences(axes[1], points)
-    _draw_scores(axes[2], score)
+    by_strike = points[points["engine"] == REFERENCE].set_index("striker_m_s")["speed_m_s"]
+    for engine in drawing_order([str(name) for name in points["engine"].unique() if name != REFERENCE]):
+        own = points[points["engine"] == engine]
+        share = own["speed_m_s"].to_numpy() / by_strike.loc[own["striker_m_s"]].to_numpy() - 1
+        axes[1].plot(own["force_N"], 1e6 * share, ls="", **marker_of(engine))
+    axes[1].set(xscale="log", xlim=XLIM_N, xlabel=r"$F_m$ (N)", ylabel=r"$10^6\,\Delta V_s/V_s$")
+    axes[1].set_title("speed by the codes less that by the reference, same strike", loc="left")
+    rows = []
+    for (reading, modulus), some in score.groupby(["force_read_as", "modulus_MPa"]):
+        large = some["force_N"] >= LARGE_N
+        rms = (np.sqrt((some["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large))
+        deviations = (f"{value:+.0f}" for value in some["deviation_pct"])
+        rows.append([str(reading).split()[0], f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
+    forces = [f"{force:g} N" for force in score["force_N"].unique()]
+    headings = ["$F_m$ as", "MPa", *forces, f"≥ {LARGE_N:g} N", f"< {LARGE_N:g} N"]
+    widths = [0.14, 0.1, *([0.105] * len(forces)), 0.12, 0.12]
+    draw_table(axes[2], rows, headings, 6.5, bbox=[0, 0, 1, 0.88], colWidths=widths)
+    title = "measured off simulated speed, %; right: rms in standard errors"
+    axes[2].set_title(title, loc="left", fontsize=7, y=0.92)
     figure.subplots_adjust(hspace=0.45)
     tables = [points, theory, experiment.assign(source="experiment"), score.assign(source="score")]
     stiffest = max(curves)
@@ -90,9 +101,9 @@ def _points(exact: dict[Curve, list[Simulation]], runs: Path) -> pd.DataFrame:
     return pd.DataFrame([
         {
             "source": "simulated", "engine": one.engine, "curve": None if curve.number is None else curve.number + 1,
-            "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "striker_m_s": striker_speed(one),
-            "force_N": contact_peak(one), "static_N": static_force(one.case),
-            "sensor_amplitude_N": sensor_amplitude(one), "speed_m_s": speed_between_sensors(one),
+            "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "striker_m_s": strikes.striker_speed(one),
+            "force_N": strikes.contact_peak(one), "static_N": strikes.static_force(one.case),
+            "sensor_amplitude_N": strikes.sensor_amplitude(one), "speed_m_s": strikes.speed_between_sensors(one),
         }
         for curve, one in found
     ])  # fmt: skip
@@ -106,13 +117,10 @@ def _theory(curves: list[Curve], points: pd.DataFrame) -> pd.DataFrame:
         particles = particles_of(case_of("table1", *curve.settings))
         for force in FORCES_N:
             bare, pressed = speed_from_force(particles, force), precompressed_speed(particles, force, static)
-            rows.append({
-                "source": "Eq. (4)" if curve.gravity else "Eq. (3)", "curve": curve.number,
-                "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "force_N": force,
-                "static_N": static if curve.gravity else 0.0,
-                "speed_m_s": pressed if curve.gravity else bare,
-            })  # fmt: skip
-    return pd.DataFrame(rows)
+            source, static_N, speed = ("Eq. (4)", static, pressed) if curve.gravity else ("Eq. (3)", 0.0, bare)
+            rows.append((source, curve.number, *curve, force, static_N, speed))
+    names = ("source", "curve", "modulus_MPa", "gravity", "force_N", "static_N", "speed_m_s")
+    return pd.DataFrame(rows, columns=names)
 
 
 def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experiment: pd.DataFrame) -> None:
@@ -145,28 +153,3 @@ def _draw_speeds(axis: Any, points: pd.DataFrame, theory: pd.DataFrame, experime
     axis.set_yticks(ticks, [str(tick) for tick in ticks])
     axis.minorticks_off()
     axis.legend(loc="upper left", columnspacing=1, handlelength=1.6, labelspacing=0.3)
-
-
-def _draw_differences(axis: Any, points: pd.DataFrame) -> None:
-    exact = points[points["engine"] == REFERENCE].set_index("striker_m_s")["speed_m_s"]
-    for engine in drawing_order(list(points["engine"].unique())):
-        if engine != REFERENCE:
-            own = points[points["engine"] == engine]
-            share = own["speed_m_s"].to_numpy() / exact.loc[own["striker_m_s"]].to_numpy() - 1
-            axis.plot(own["force_N"], 1e6 * share, ls="", **marker_of(engine))
-    axis.set(xscale="log", xlim=XLIM_N, xlabel=r"$F_m$ (N)", ylabel=r"$10^6\,\Delta V_s/V_s$")
-    axis.set_title("speed by the codes less that by the reference, same strike", loc="left")
-
-
-def _draw_scores(axis: Any, score: pd.DataFrame) -> None:
-    rows = []
-    for (reading, modulus), some in score.groupby(["force_read_as", "modulus_MPa"]):
-        large = some["force_N"] >= LARGE_N
-        rms = (np.sqrt((some["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large))
-        deviations = (f"{value:+.0f}" for value in some["deviation_pct"])
-        rows.append([str(reading).split()[0], f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
-    forces = [f"{force:g} N" for force in score["force_N"].unique()]
-    headings = ["$F_m$ as", "MPa", *forces, f"≥ {LARGE_N:g} N", f"< {LARGE_N:g} N"]
-    widths = [0.14, 0.1, *([0.105] * len(forces)), 0.12, 0.12]
-    draw_table(axis, rows, headings, 6.5, bbox=[0, 0, 1, 0.88], colWidths=widths)
-    axis.set_title("measured off simulated speed, %; right: rms in standard errors", loc="left", fontsize=7, y=0.92)

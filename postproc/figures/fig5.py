@@ -3,7 +3,6 @@
 A heavy flat striker on 11 beads: a train of solitary waves at the wall, and the pulse that enters.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +24,6 @@ from postproc.read.signals import ENVELOPE_MAXIMA, Envelope, PulseShape, inciden
 PLACES = ("top bead", "second bead")  # where the pulse enters
 
 
-@dataclass(frozen=True)
-class Shapes:
-    """What a trace shows of the two."""
-
-    wall: Envelope  # of the force on the wall
-    until_s: float  # when its first maximum beyond the envelope comes
-    entrance: tuple[PulseShape, ...]  # the pulse in each of ``PLACES``
-
-
 def make(runs: Path) -> Product:
     """Runs Fig. 5's scene and draws the entrance, the wall with its envelope, and what is quoted of both."""
     top = case_of("fig5").chain.beads
@@ -43,7 +33,8 @@ def make(runs: Path) -> Product:
     shapes = {engine: _shapes(case, trace) for engine, trace in traces.items()}
     figure, axes = draw_stack(case.layout, traces)
     paper, look = quoted().fig5, {"va": "top", "color": FAINT}
-    for bead, place, shape in zip((top, top - 1), PLACES, shapes[REFERENCE].entrance, strict=True):
+    wall, until_s, entrance = shapes[REFERENCE]
+    for bead, place, shape in zip((top, top - 1), PLACES, entrance, strict=True):
         axis = axes[f"bead_{bead}"]
         axis.set_title(f"{place}: mean of its contact forces (in brackets: quoted)", loc="left")
         words = (
@@ -52,43 +43,41 @@ def make(runs: Path) -> Product:
             f"lasts {shape.duration_s * MICRO:.0f} µs ({paper.incident_duration_us:g})"
         )
         axis.text(0.12, 1.0, words, transform=axis.transAxes, fontsize=6.5, **look)
-    axis, trace, wall = axes["wall"], traces[REFERENCE], shapes[REFERENCE].wall
+    axis, trace = axes["wall"], traces[REFERENCE]
     curve = wall.amplitude_N * np.exp(wall.rate_per_s * trace.time_s)
-    inside = (trace.time_s <= shapes[REFERENCE].until_s) & (curve <= 1.5 * trace.force_N[:, 0].max())
+    inside = (trace.time_s <= until_s) & (curve <= 1.5 * trace.force_N[:, 0].max())
     axis.plot(trace.time_s[inside] * MICRO, curve[inside], color="black", lw=0.8)
     words = (
         f"exp({wall.rate_per_s / MICRO:.4f} t / µs)\n"
         f"paper: {paper.computed_envelope_per_us} computed,\n{paper.measured_envelope_per_us} measured"
     )
     axis.text(0.57, 0.97, words, transform=axis.transAxes, fontsize=7, **look)
-    tables = [_table(shapes).assign(part="shape"), stack_table(case.layout, traces).assign(part="trace")]
+    names = ("engine", "place", "wall_envelope_per_us", "rise_us", "decay_per_us", "duration_us")
+    rows: list[tuple[Any, ...]] = [
+        (engine, place, own_wall.rate_per_s / MICRO, shape.rise_s * MICRO, shape.decay_per_s / MICRO,
+         shape.duration_s * MICRO)
+        for engine, (own_wall, _, own) in shapes.items()
+        for place, shape in zip(PLACES, own, strict=True)
+    ]  # fmt: skip
+    incident = (paper.incident_rise_us, paper.incident_decay_per_us, paper.incident_duration_us)
+    rows.append(("paper, computed", None, paper.computed_envelope_per_us, None, None, None))
+    rows.append(("paper, measured", "entrance", paper.measured_envelope_per_us, *incident))
+    shown = pd.DataFrame(rows, columns=names).assign(part="shape")
+    tables = [shown, stack_table(case.layout, traces).assign(part="trace")]
     return Product(figure, pd.concat(tables, ignore_index=True), chain_of_reference(traces))
 
 
-def _shapes(case: Case, trace: Trace) -> Shapes:
-    """Envelope and entrance of a trace; an InputError where the scene ends too early."""
+def _shapes(case: Case, trace: Trace) -> tuple[Envelope, float, list[PulseShape]]:
+    """Envelope of the wall's force, time of the first maximum beyond it, the pulse in each of ``PLACES``.
+
+    An InputError where the scene ends too early.
+    """
     shown, top = sensor_signals(case.layout, trace), case.chain.beads
     maxima = peaks(trace.time_s, shown["wall"])
     wall = train_envelope(maxima)
     readings = [shown[f"bead_{bead}"] for bead in (top, top - 1)]
     entrance = [incident_pulse(trace.time_s, reading - reading[0]) for reading in readings]
-    whole = tuple(shape for shape in entrance if shape is not None)
+    whole = [shape for shape in entrance if shape is not None]
     if wall is None or len(maxima) <= ENVELOPE_MAXIMA or len(whole) < len(PLACES):
         raise InputError(case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
-    return Shapes(wall, maxima[ENVELOPE_MAXIMA].time_s, whole)
-
-
-def _table(shapes: dict[str, Shapes]) -> pd.DataFrame:
-    """A row per engine and place, and the paper's numbers."""
-    paper = quoted().fig5
-    names = ("engine", "place", "wall_envelope_per_us", "rise_us", "decay_per_us", "duration_us")
-    rows: list[tuple[Any, ...]] = [
-        (engine, place, own.wall.rate_per_s / MICRO, shape.rise_s * MICRO, shape.decay_per_s / MICRO,
-         shape.duration_s * MICRO)
-        for engine, own in shapes.items()
-        for place, shape in zip(PLACES, own.entrance, strict=True)
-    ]  # fmt: skip
-    incident = (paper.incident_rise_us, paper.incident_decay_per_us, paper.incident_duration_us)
-    rows.append(("paper, computed", None, paper.computed_envelope_per_us, None, None, None))
-    rows.append(("paper, measured", "entrance", paper.measured_envelope_per_us, *incident))
-    return pd.DataFrame(rows, columns=names)
+    return wall, maxima[ENVELOPE_MAXIMA].time_s, whole

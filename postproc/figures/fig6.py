@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from drivers.scene.model import Scene
 from postproc.draw.product import Product
 from postproc.draw.stack import draw_lines, draw_residuals, stack_table
 from postproc.draw.style import COLUMN_IN, MICRO, pyplot
@@ -26,7 +25,11 @@ def make(runs: Path) -> Product:
     for place, (case, letter) in enumerate(zip(cases, PANELS.values(), strict=True)):
         traces = {engine: simulations[place].trace for engine, simulations in found.items()}
         force, difference = axes[2 * place : 2 * place + 2]
-        title, time_s = f"{letter} {_striker(case.scene)}", case.sample_times_s
+        striker, time_s = case.scene.striker, case.sample_times_s
+        assert striker is not None
+        mass = f", {1e3 * striker.mass:g} g" if striker.mass else ""
+        size = f"{1e3 * striker.diameter:g} mm " if striker.diameter else ""
+        title = f"{letter} {size}{striker.material} ball{mass}, at {striker.speed:g} m/s"
         draw_lines(force, time_s, {engine: trace.force_N[:, 0] for engine, trace in traces.items()})
         force.set(ylabel="wall force (N)", xlim=(0, float(time_s[-1]) * MICRO))
         force.set_title(title, loc="left")
@@ -39,12 +42,3 @@ def make(runs: Path) -> Product:
     figure.align_ylabels()
     figure.subplots_adjust(hspace=0.5)
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
-
-
-def _striker(scene: Scene) -> str:
-    """The striker in words."""
-    striker = scene.striker
-    assert striker is not None
-    mass = f", {1e3 * striker.mass:g} g" if striker.mass else ""
-    size = f"{1e3 * striker.diameter:g} mm " if striker.diameter else ""
-    return f"{size}{striker.material} ball{mass}, at {striker.speed:g} m/s"

@@ -64,9 +64,7 @@ def exact(case: Case, tolerance: float = TOLERANCE) -> Simulation:
 def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
     """Cases by code, run side by side, each code's in their order; what gauges show is written into each run folder.
 
-    Raises:
-        InputError: a case cannot end well on its code.
-        RunError: one of them failed; the others are done all the same.
+    A case that cannot end well on its code is an InputError, one that failed a RunError once the others are done.
     """
     jobs = [(case, code) for code in cases for case in cases[code]]
     found: dict[str, list[Simulation]] = {code: [] for code in cases}

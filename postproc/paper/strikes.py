@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import Array
@@ -92,10 +91,14 @@ def strike(speed_m_s: float, duration_s: float, *settings: str) -> Case:
 def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulation:
     """The exact simulation of the strike that gives a wanted amplitude, just long enough to see it pass.
 
-    Raises:
-        RunError: no striker speed gives this amplitude.
+    The search starts from a wave without a static force; under one it is faster. RunError if no striker speed does it.
     """
-    speed, travel_s = _estimates(strike(1.0, 1e-6, *settings), force_N)
+    case, wave = strike(1.0, 1e-6, *settings), solve_travelling_wave()
+    chain, j = case.chain, case.chain.beads // 2
+    stiffness, mass = float(chain.stiffness[j]), float(chain.mass_kg[j])
+    speed = float((force_N / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6) / HANDED_ON)
+    beads = chain.beads - sensor_pair(case)[1] + BEYOND
+    travel_s = beads / (wave.speed_by_force * stiffness ** (1 / 3) * mass**-0.5 * force_N ** (1 / 6))
     long = strike(speed, MARGIN * travel_s, *settings)
 
     @cache
@@ -141,57 +144,31 @@ def _root(excess: Callable[[float], float], start: float) -> float | None:
     return float(brentq(excess, low, high, xtol=FOUND))
 
 
-def _estimates(case: Case, force_N: float) -> tuple[float, float]:
-    """Striker speed and travel time to beyond the lower sensor for a wave of some force without a static one.
+def solve_table1(runs: Path) -> pd.DataFrame:
+    """A row per amplitude: the paper's columns, then the striker speed and the three numbers by each engine.
 
-    Under a static force the wave is faster.
+    Codes start from the reference's speeds, corrected by their own amplitudes; RunError if one's do not settle.
     """
-    wave, chain, j = solve_travelling_wave(), case.chain, case.chain.beads // 2
-    stiffness, mass = float(chain.stiffness[j]), float(chain.mass_kg[j])
-    speed = (force_N / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6) / HANDED_ON
-    beads = chain.beads - sensor_pair(case)[1] + BEYOND
-    return float(speed), beads / (wave.speed_by_force * stiffness ** (1 / 3) * mass**-0.5 * force_N ** (1 / 6))
-
-
-def strikes_by_codes(
-    exact_ones: list[Simulation], forces_N: list[float], amplitude: Amplitude, runs: Path = paths.RUNS
-) -> dict[str, list[Simulation]]:
-    """The same amplitudes solved for by each code: from the reference's speeds on, corrected by its own amplitudes.
-
-    Raises:
-        RunError: a run failed, or a code's corrections do not settle.
-    """
+    paper, forces = quoted().table1.frame, quoted().table1.force_N
+    exact_ones = [strike_for(force, sensor_amplitude) for force in forces]
     solved = run_codes_on([simulation.case for simulation in exact_ones], runs)
     for _ in range(MAX_CORRECTIONS):
-        ratios = {
-            code: {i: amplitude(one) / force_N for i, (one, force_N) in enumerate(zip(own, forces_N, strict=True))}
-            for code, own in solved.items()
-        }
-        off = {code: {i: r for i, r in own.items() if not abs(r - 1) <= CODE_AMPLITUDE} for code, own in ratios.items()}
-        if not any(off.values()):
-            return solved
-        again = {code: [_corrected(solved[code][i].case, own[i]) for i in own] for code, own in off.items()}
-        for code, simulations in run_codes(again, runs).items():
-            for i, simulation in zip(off[code], simulations, strict=True):
-                solved[code][i] = simulation
-    unsettled = ", ".join(code for code, own in off.items() if own)
-    raise RunError(f"{SCENE}: the striker speed of {unsettled} does not settle on the amplitude wanted")
-
-
-def _corrected(case: Case, ratio: float) -> Case:
-    """The case with a striker speed that brings its amplitude, ``ratio`` times the one wanted, to 1: F ~ v^(6/5)."""
-    assert case.scene.striker is not None
-    striker = case.scene.striker.model_copy(update={"speed": case.scene.striker.speed * ratio ** (-5 / 6)})
-    return build_case(case.scene.model_copy(update={"striker": striker}))
-
-
-def solve_table1(runs: Path) -> pd.DataFrame:
-    """A row per amplitude: the paper's columns, then the striker speed and the three numbers by each engine."""
-    paper = quoted().table1.frame
-    forces = list(quoted().table1.force_N)
-    exact_ones = [strike_for(force, sensor_amplitude) for force in forces]
-    solved = {REFERENCE: exact_ones} | strikes_by_codes(exact_ones, forces, sensor_amplitude, runs)
-    for engine, simulations in solved.items():
+        again: dict[str, dict[int, Case]] = {code: {} for code in solved}
+        for code, own in solved.items():
+            for i, (one, force_N) in enumerate(zip(own, forces, strict=True)):
+                ratio, striker = sensor_amplitude(one) / force_N, one.case.scene.striker
+                if not abs(ratio - 1) <= CODE_AMPLITUDE and striker is not None:  # F ~ v^(6/5)
+                    striker = striker.model_copy(update={"speed": striker.speed * ratio ** (-5 / 6)})
+                    again[code][i] = build_case(one.case.scene.model_copy(update={"striker": striker}))
+        if not any(again.values()):
+            break
+        for code, found in run_codes({code: list(cases.values()) for code, cases in again.items()}, runs).items():
+            for i, one in zip(again[code], found, strict=True):
+                solved[code][i] = one
+    else:
+        unsettled = ", ".join(code for code, cases in again.items() if cases)
+        raise RunError(f"{SCENE}: the striker speed of {unsettled} does not settle on the amplitude wanted")
+    for engine, simulations in ({REFERENCE: exact_ones} | solved).items():
         lower = f"bead_{sensor_pair(simulations[0].case)[1]}"
         paper[engine + STRIKER] = [striker_speed(simulation) for simulation in simulations]
         paper[f"{engine}_speed_m_s"] = [speed_between_sensors(simulation) for simulation in simulations]

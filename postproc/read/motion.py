@@ -28,15 +28,10 @@ def chain_of(run: EndedRun) -> tuple[Scene, Chain]:
     return scene, chain
 
 
-def keeps_motion(run: EndedRun) -> bool:
-    """Whether it kept positions."""
-    return (run.folder / STATE).is_file()
-
-
 def read_motion(run: EndedRun) -> State:
     """Positions and velocities of a run, bit for bit; none, damaged ones or others than its forces': an InputError."""
     path, record = run.folder / STATE, run.record
-    if not keeps_motion(run):
+    if not path.is_file():
         name = record.scene_name
         scene = name if (paths.SCENES / f"{name}.toml").is_file() else f"{name}.toml"
         again = f"""python -m drivers run {scene} --engine {record.engine} --set run.record='["forces", "state"]'"""

@@ -15,7 +15,7 @@ import numpy as np
 from drivers.chain.layout import Layout
 from drivers.chain.trace import Trace, energy_error_J
 from postproc.read.sensors import sensor_signals
-from postproc.read.signals import ENVELOPE_MAXIMA, Peak, integral, peaks, rising_crossing, train_envelope
+from postproc.read.signals import ENVELOPE_MAXIMA, integral, peaks, rising_crossing, train_envelope
 
 LEVELS = (0.002, 0.04)  # of the peak, at which the paper's Table 1 cuts the width
 QUIET = 1e-14  # of the largest force: the wall has not felt anything yet
@@ -108,10 +108,20 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
         for level in levels:
             edge_s = rising_crossing(time, signal, level * first.value, first) if first else np.nan
             values[f"{name}_duration_{_percent(level)}_s"] = 2 * (first.time_s - edge_s) if first else np.nan
-    values |= _sensor_trains(layout, found)
+    turned = found["wall"][0].time_s if layout.wall and found["wall"] else np.inf  # until then it goes to the wall
+    names = [f"bead_{sensor.from_wall}" for sensor in layout.sensors]
+    values |= {f"{name}_pulses": float(sum(peak.time_s < turned for peak in found[name])) for name in names}
+    for name in names if turned < np.inf else ():
+        back = next((peak for peak in found[name] if peak.time_s > turned), None)
+        values[f"{name}_reflected_amplitude_N"] = back.value if back else np.nan
+        values[f"{name}_reflected_arrival_s"] = back.time_s if back else np.nan
     if layout.wall:
-        maxima = peaks(time, signals["wall"], LATER) if found["wall"] else []
-        values |= _wall_train(maxima, values["wall_static_N"])
+        maxima = peaks(time, signals["wall"], LATER)[:ENVELOPE_MAXIMA] if found["wall"] else []
+        shown = [replace(peak, value=peak.value + values["wall_static_N"]) for peak in maxima]
+        for number in range(2, ENVELOPE_MAXIMA + 1):
+            values[f"wall_peak_{number}_N"] = shown[number - 1].value if number <= len(shown) else np.nan
+        curve = train_envelope(shown)
+        values["wall_envelope_per_s"] = curve.rate_per_s if curve else np.nan
     values |= _speeds_and_widths(layout, values, levels)
     values |= _balances(layout, trace)
     return values
@@ -119,27 +129,6 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
 
 def _percent(level: float) -> str:
     return f"{100 * level:g}pct"
-
-
-def _sensor_trains(layout: Layout, found: dict[str, list[Peak]]) -> dict[str, float]:
-    """How many pulses come by each sensor before the wall's force peaks, and the wave that comes back from the wall."""
-    turned = found["wall"][0].time_s if layout.wall and found["wall"] else np.inf
-    names = [f"bead_{sensor.from_wall}" for sensor in layout.sensors]
-    values = {f"{name}_pulses": float(sum(peak.time_s < turned for peak in found[name])) for name in names}
-    for name in names if turned < np.inf else ():
-        later = next((peak for peak in found[name] if peak.time_s > turned), None)
-        values[f"{name}_reflected_amplitude_N"] = later.value if later else np.nan
-        values[f"{name}_reflected_arrival_s"] = later.time_s if later else np.nan
-    return values
-
-
-def _wall_train(found: list[Peak], static_N: float) -> dict[str, float]:
-    """The wall's second and third peak, and the rate of the exponential through its first three."""
-    shown = [replace(peak, value=peak.value + static_N) for peak in found[:ENVELOPE_MAXIMA]]
-    later = [peak.value for peak in shown] + [np.nan] * ENVELOPE_MAXIMA
-    values = {f"wall_peak_{number}_N": later[number - 1] for number in range(2, ENVELOPE_MAXIMA + 1)}
-    curve = train_envelope(shown)
-    return values | {"wall_envelope_per_s": curve.rate_per_s if curve else np.nan}
 
 
 def _speeds_and_widths(layout: Layout, values: dict[str, float], levels: tuple[float, ...]) -> dict[str, float]:

@@ -48,18 +48,14 @@ def first_peak(time_s: Array, values: Array, prominence: float = PROMINENCE) -> 
 def _peaks(time_s: Array, values: Array, prominence: float) -> Iterator[Peak]:
     span = float(np.ptp(values))
     if span > 0 and len(values) >= 3:
-        for place in find_peaks(values, prominence=prominence * span)[0]:
-            yield _refined(time_s, values, int(place))
-
-
-def _refined(time_s: Array, values: Array, place: int) -> Peak:
-    first, last = max(place - 1, 0), min(place + 1, len(time_s) - 1)
-    curve = _local_curve(time_s, values, place, first, last)
-    roots = np.asarray(curve.derivative().roots(extrapolate=False))
-    inside = roots[(roots >= time_s[first]) & (roots <= time_s[last])]  # a flat stretch gives NaN, which is not inside
-    candidates = [(float(curve(root)), float(root)) for root in inside]
-    value, time = max([*candidates, (float(values[place]), float(time_s[place]))])
-    return Peak(time, value, place)
+        for place in map(int, find_peaks(values, prominence=prominence * span)[0]):
+            first, last = max(place - 1, 0), min(place + 1, len(time_s) - 1)
+            curve = _local_curve(time_s, values, place, first, last)
+            roots = np.asarray(curve.derivative().roots(extrapolate=False))  # a flat stretch's NaN is not inside
+            inside = roots[(roots >= time_s[first]) & (roots <= time_s[last])]
+            candidates = [(float(curve(root)), float(root)) for root in inside]
+            value, time = max([*candidates, (float(values[place]), float(time_s[place]))])
+            yield Peak(time, value, place)
 
 
 def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) -> float:
