@@ -157,14 +157,21 @@ def parameters_of(function: Callable[..., Any] | None) -> set[str]:
 
 
 def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
-    """Computes and judges every claim; what simulations enter is computed by every engine.
+    """Computes and judges every claim; what simulations enter by every engine, the codes side by side.
 
     Raises:
         RunError: a run failed.
     """
     claims, table = read_claims(), solve_table1(runs)
     functions = {claim.id: partial(each, **claim.arguments) for claim in claims if (each := function_of(claim))}
-    simulated = _by_engine({name: each for name, each in functions.items() if "run" in parameters_of(each)}, runs)
+    engines = (REFERENCE, *installed_codes())
+
+    def compute(engine: str) -> dict[str, float]:
+        run: Run = exact if engine == REFERENCE else lambda case: run_codes({engine: [case]}, runs)[engine][0]
+        return {name: each(run) for name, each in functions.items() if "run" in parameters_of(each)}
+
+    with workers(len(engines)) as pool:
+        found = dict(zip(engines, pool.map(compute, engines), strict=True))
     judged = []
     for claim in claims:
         function = functions.get(claim.id)
@@ -172,24 +179,13 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
             computed = {}
         elif "table" in parameters_of(function):
             computed = function(table)
+        elif "run" in parameters_of(function):
+            computed = {engine: values[claim.id] for engine, values in found.items()}
         else:
-            computed = simulated.get(claim.id) or {REFERENCE: function()}
+            computed = {REFERENCE: function()}
         how = claim.how or inspect.getdoc(function and function.func) or ""
         judged.append(Judged(claim, computed, " ".join(how.replace("``", "").split())))
     return judged
-
-
-def _by_engine(functions: dict[str, Callable[[Run], float]], runs: Path) -> dict[str, dict[str, float]]:
-    """Each claim on simulated chains by every engine, the codes side by side."""
-    engines = (REFERENCE, *installed_codes())
-
-    def compute(engine: str) -> dict[str, float]:
-        run: Run = exact if engine == REFERENCE else lambda case: run_codes({engine: [case]}, runs)[engine][0]
-        return {name: function(run) for name, function in functions.items()}
-
-    with workers(len(engines)) as pool:
-        found = dict(zip(engines, pool.map(compute, engines), strict=True))
-    return {name: {engine: values[name] for engine, values in found.items()} for name in functions}
 
 
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}

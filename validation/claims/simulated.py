@@ -91,12 +91,9 @@ def width_by_amplitude(run: Run, low_N: float, high_N: float) -> float:
 def width_by_modulus(run: Run, force_N: float) -> float:
     """Width at 4 % with gravity for the softest over that for the hardest modulus, at strikes of the same force."""
     soft, hard = min(quoted().ptfe.moduli_MPa), max(quoted().ptfe.moduli_MPa)
-    hard_one = _struck(run, force_N)
-    striker = hard_one.case.scene.striker
-    assert striker is not None
-    speed = striker.speed * (hard / soft) ** (1 / 3)  # F ~ k^(2/5) v^(6/5)
+    speed = _striker_speed(force_N) * (hard / soft) ** (1 / 3)  # F ~ k^(2/5) v^(6/5)
     settings = (f"materials.ptfe.youngs_modulus={soft} MPa", f"striker.speed={speed!r} m/s")
-    return run(case_of("table1", *settings)).values[WIDTH] / hard_one.values[WIDTH]
+    return run(case_of("table1", *settings)).values[WIDTH] / _struck(run, force_N).values[WIDTH]
 
 
 def width_by_gravity(run: Run, force_N: float) -> float:
