@@ -51,11 +51,7 @@ class Collision:
     SOURCE = "the exact solitary wave, integrated by scipy's DOP853 up to the wall that stands for the other half"
 
     def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Peaks in the middle and ``DISTANCE`` contacts above it, over the incoming wave's there.
-
-        Raises:
-            ValueError: the waves do not meet and pass, or the chain is too short.
-        """
+        """Peaks in the middle and ``DISTANCE`` contacts above it, over the incoming wave's there."""
         chain, force = case.chain, trace.force_N
         middle = (chain.beads + 1) // 2  # or just above the bead there
         if middle + self.DISTANCE >= chain.beads:
@@ -97,19 +93,11 @@ class Wall:
     SOURCE = "the exact solitary wave of the discrete chain, led to the wall by scipy's DOP853"
 
     def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Ratios from the maxima of two contacts.
-
-        Raises:
-            ValueError: the wave does not come back within the run.
-        """
+        """Ratios from the maxima of two contacts."""
         return self._ratios(_lowest_sensor(case), trace.time_s, trace.force_N)
 
     def theory(self, case: Case) -> dict[str, float]:
-        """From the exact solitary wave and the wall's stiffness over that of the contacts between beads.
-
-        Raises:
-            ValueError: no wall or sensor, or a chain under load.
-        """
+        """From the exact solitary wave and the wall's stiffness over that of the contacts between beads."""
         chain, place = case.chain, _lowest_sensor(case)
         if chain.load_N.any():
             raise ValueError("a chain under load, in which no wave is the exact one")
@@ -132,11 +120,7 @@ class Wall:
 
 
 def _lowest_sensor(case: Case) -> int:
-    """The bead, whose contact below is read.
-
-    Raises:
-        ValueError: there is no sensor or no wall.
-    """
+    """The bead, whose contact below is read."""
     if case.scene.wall is None or not case.scene.chain.sensors:
         raise ValueError("no wall, or no sensor to read the wave at")
     return min(sensor.from_wall for sensor in case.scene.chain.sensors)
@@ -156,11 +140,7 @@ class Train:
     SOURCE = "the same chain by scipy's DOP853 to 1e-10 a step, which shares no line with the integrators judged"
 
     def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Ratios from the contact's maxima.
-
-        Raises:
-            ValueError: fewer than two waves come by.
-        """
+        """Ratios from the contact's maxima."""
         return self._ratios(case, trace.time_s, trace.force_N)
 
     def theory(self, case: Case) -> dict[str, float]:

@@ -24,11 +24,7 @@ SETTLED = 30  # contacts below the strike: there the wave is the exact one to 2e
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
-    """Velocity and force at the lower sensor, speed from the upper to the lower one.
-
-    Raises:
-        ValueError: fewer than two sensors, no state, or no wave at them.
-    """
+    """Velocity and force at the lower sensor, speed from the upper to the lower one."""
     places = sorted(sensor.from_wall for sensor in case.scene.chain.sensors)
     if len(places) < 2:
         raise ValueError("two sensors are needed, between which the speed is read")
