@@ -33,7 +33,6 @@ from validation.study_tables import read_rows, refused_if_damaged, write_table
 
 REPRODUCED, DIFFERS, EXPERIMENT_ONLY = "reproduced", "differs", "experiment only"
 MODULES = {"equations": equations, "simulated": simulated}
-GIVEN = ("run", "table")  # parameters whose arguments are not the claim's
 
 
 class Claim(Part):
@@ -128,7 +127,7 @@ def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
         if amplitude is not None and amplitude not in amplitudes:
             allowed = ", ".join(f"{each:g}" for each in amplitudes)
             raise InputError(where, f"{key}: arguments.force_N", str(amplitude), allowed)
-        given = [name for name in GIVEN if name in parameters_of(function)]
+        given = parameters_of(function) & {"run", "table"}  # whose arguments are not the claim's
         try:
             if function:
                 inspect.signature(function).bind(*given, **claim.arguments)
@@ -246,22 +245,22 @@ def claims(out: Path, runs: Path) -> int:
 
 def write_claims(judged: list[Judged], path: Path) -> None:
     """Writes the table, whole or not at all."""
-    write_table(path, Row, [_row(each, each.claim) for each in judged])
-
-
-def _row(judged: Judged, claim: Claim) -> Row:
-    same = {name: getattr(claim, name) for name in ("id", "where", "quote", "relation", "quoted", "unit", "because")}
-    return Row(
-        **same,
-        number_is="ours" if claim.ours else "the paper's",
-        kind="arithmetic" if claim.arithmetic else "computed",
-        within=nan if claim.within is None else claim.within,
-        computed=judged.computed,
-        difference=judged.value - claim.quoted,
-        verdict=judged.verdict,
-        why=claim.explained or claim.note,
-        how=judged.how,
-    )
+    same = ("id", "where", "quote", "relation", "quoted", "unit", "because")
+    rows = [
+        Row(
+            **{name: getattr(each.claim, name) for name in same},
+            number_is="ours" if each.claim.ours else "the paper's",
+            kind="arithmetic" if each.claim.arithmetic else "computed",
+            within=nan if each.claim.within is None else each.claim.within,
+            computed=each.computed,
+            difference=each.value - each.claim.quoted,
+            verdict=each.verdict,
+            why=each.claim.explained or each.claim.note,
+            how=each.how,
+        )
+        for each in judged
+    ]
+    write_table(path, Row, rows)
 
 
 def read_section(results: Path) -> dict[str, Any]:

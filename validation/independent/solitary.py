@@ -15,7 +15,7 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import Peak, first_peak, rising_crossing
-from validation.independent.scipy_chain import forces_of
+from validation.independent.passing_waves import forces_of
 from validation.reference.travelling_wave import solve_travelling_wave
 
 LONG_WAVE_BY_VELOCITY = 0.64**0.2

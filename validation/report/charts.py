@@ -52,11 +52,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes; ``ticks`` are places and labels, ``notes`` places and words at the right end.
-
-    Attributes:
-        paths: the ``d`` of each curve, in tenths.
-    """
+    """One pair of axes; ``ticks`` are places and labels, ``notes`` places and words at the right end."""
 
     title: str
     unit: str
@@ -64,25 +60,20 @@ class Panel:
     bottom: float
     ticks: list[tuple[float, str]]
     curves: list[Curve]
-    paths: list[str]
+    paths: list[str]  # the ``d`` of each curve, in tenths
     notes: list[tuple[float, str]]
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Panels over one axis of time.
-
-    Attributes:
-        spacing: between kept samples, in ``unit``.
-        last: where time ends, in kept samples from 0: what does not divide leaves a part of one.
-    """
+    """Panels over one axis of time."""
 
     height: float
     unit: str
     start: float
-    spacing: float
+    spacing: float  # between kept samples, in ``unit``
     count: int
-    last: float
+    last: float  # where time ends, in kept samples from 0: what does not divide leaves a part of one
     ticks: list[tuple[float, str]]
     engines: list[Curve]
     panels: list[Panel]
