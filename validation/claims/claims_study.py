@@ -72,16 +72,11 @@ class ClaimsFile(Part):
 
 @dataclass(frozen=True)
 class Judged:
-    """A claim with what came out.
-
-    Attributes:
-        computed: by engine; what no engine enters stands under ``reference``. Empty where nothing is computed.
-        how: what was computed.
-    """
+    """A claim with what came out."""
 
     claim: Claim
-    computed: dict[str, float]
-    how: str
+    computed: dict[str, float]  # by engine, else under ``reference``; empty where nothing is computed
+    how: str  # what was computed
 
     @property
     def value(self) -> float:
@@ -192,30 +187,23 @@ RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 
 @dataclass(frozen=True)
 class Row:
-    """A claim with what came out, as the table has it.
-
-    Attributes:
-        number_is: whose reading of the paper's words the quoted number is.
-        computed: by engine.
-        difference: the reference's value less the quoted one.
-        how: what was computed.
-    """
+    """A claim with what came out, as the table has it."""
 
     id: str
     where: str
     quote: str
     relation: str
     quoted: float
-    number_is: str
+    number_is: str  # whose reading of the paper's words the quoted number is
     unit: str
     kind: str
     within: float
     because: str
-    computed: Mapping[str, float]
-    difference: float
+    computed: Mapping[str, float]  # by engine
+    difference: float  # the reference's value less the quoted one
     verdict: str
     why: str
-    how: str
+    how: str  # what was computed
 
 
 def claims(out: Path, runs: Path) -> int:

@@ -35,21 +35,19 @@ def sound_speed() -> float:
 
 def convergence_order() -> float:
     """Order in a/L at which the lattice's accelerations tend to Eq. (1)'s, the beads over a wave doubled twice."""
-    errors = [_long_wave_error(beads) for beads in (64, 256)]
+    p, mean, swing = _particles(), 0.01, 0.006
+    errors = []
+    # the largest difference of accelerations over the largest, for one period of a strongly modulated strain
+    for beads in (64, 256):
+        length = beads * p.diameter_m
+        wave_number = 2 * np.pi / length
+        place = np.arange(beads + 1) * p.diameter_m
+        displacement = -mean * place - swing / wave_number * np.sin(wave_number * place)
+        strain = mean + swing * np.cos(wave_number * place[:-1])
+        lattice = theory.lattice_acceleration(p, displacement)
+        long_wave = theory.long_wave_acceleration(p, strain, length)
+        errors.append(float(np.abs(lattice - long_wave).max() / np.abs(lattice).max()))
     return float(np.log(errors[0] / errors[1]) / np.log(4))
-
-
-def _long_wave_error(beads: int) -> float:
-    """Largest difference of accelerations over the largest, for one period of a strongly modulated strain."""
-    p = _particles()
-    length, mean, swing = beads * p.diameter_m, 0.01, 0.006
-    wave_number = 2 * np.pi / length
-    place = np.arange(beads + 1) * p.diameter_m
-    displacement = -mean * place - swing / wave_number * np.sin(wave_number * place)
-    strain = mean + swing * np.cos(wave_number * place[:-1])
-    lattice = theory.lattice_acceleration(p, displacement)
-    long_wave = theory.long_wave_acceleration(p, strain, length)
-    return float(np.abs(lattice - long_wave).max() / np.abs(lattice).max())
 
 
 def stationary_residual() -> float:

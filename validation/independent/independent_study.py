@@ -207,13 +207,10 @@ def for_terminal(lines: list[Line]) -> list[str]:
             text.append(f"{one.id}: {one.label}")
         last = (one.id, one.label)
         name, head = f"{one.quantity}, {one.against}", "" if one.label else one.id
-        cells = " ".join(f"{_error(row.get(engine)):>9}" for engine in engines)
+        errors = {engine: f"{line.error:.1e}" + ("" if line.verdict == PASS else "!") for engine, line in row.items()}
+        cells = " ".join(f"{errors.get(engine, '-'):>9}" for engine in engines)
         text.append(f"{head:<24} {name:<34} {one.expected:12.6g} {one.within:8.1e} {cells}")
     return text + [f"{x.id} {x.label} {x.engine} {x.verdict}: {x.why}" for x in lines if x.quantity == RUN]
-
-
-def _error(line: Line | None) -> str:
-    return "-" if line is None else f"{line.error:.1e}" + ("" if line.verdict == PASS else "!")
 
 
 def read_lines(path: Path, cases: Path = paths.INDEPENDENT) -> list[Line]:

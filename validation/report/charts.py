@@ -35,19 +35,14 @@ TIMES = ((1e6, "µs"), (1e3, "ms"), (1.0, "s"))
 
 @dataclass(frozen=True)
 class Curve:
-    """One line of a panel.
-
-    Attributes:
-        label: the engine, whether its run failed, and in the panel of differences what is subtracted from it.
-        values: base64 of little-endian float32, one a kept sample.
-    """
+    """One line of a panel."""
 
     engine: str
-    label: str
+    label: str  # the engine, whether its run failed, and in the panel of differences what is subtracted from it
     colour: str
     width: float
     dashes: str
-    values: str
+    values: str  # base64 of little-endian float32, one a kept sample
 
 
 @dataclass(frozen=True)

@@ -41,22 +41,15 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Cell:
-    """What one engine makes of one scene.
-
-    Attributes:
-        worst: the figure that comes nearest to its tolerance, or passes it by most; None where nothing was measured.
-        note: why it is not run or has no numbers.
-        verdicts: all of them.
-        diagnosis: what a run that is off matches.
-    """
+    """What one engine makes of one scene."""
 
     engine: str
     verdict: str
-    worst: Verdict | None
-    note: str
+    worst: Verdict | None  # nearest to its tolerance, or passes it by most; None where nothing was measured
+    note: str  # why it is not run or has no numbers
     verdicts: list[Verdict]
     cost: str = ""
-    diagnosis: str = ""
+    diagnosis: str = ""  # what a run that is off matches
 
     @property
     def misses(self) -> list[Verdict]:
@@ -123,11 +116,9 @@ def worst_of(verdicts: list[Verdict]) -> Verdict | None:
 
 def share_of(verdict: Verdict) -> float:
     """A figure over its tolerance."""
-    if math.isnan(verdict.value):
+    if math.isnan(verdict.value) or (verdict.limit == 0 and verdict.value):
         return math.inf
-    if verdict.limit == 0:
-        return math.inf if verdict.value else 0.0
-    return verdict.value / verdict.limit
+    return verdict.value / verdict.limit if verdict.limit else 0.0
 
 
 def tolerances(scenes: list[ComparedScene]) -> dict[tuple[str, str, str], list[str]]:
@@ -215,12 +206,16 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
         for engine in engines
         for part in scene.runs[engine].record.error_budget or ()
     ]
+    step_s = case.scene.time_step_s
+    timing = f"time step {step_s * 1e6:g} µs, {case.scene.steps} steps, {case.scene.samples} samples"
+    if limits := [run.record.step_limit_s for run in scene.runs.values() if run.record.step_limit_s]:
+        timing += f"; steps up to {limits[0] * 1e6:.3g} µs are stable, of which this is {step_s / limits[0]:.2g}"
     order = list(dict.fromkeys(quantity for quantity, _, _ in budget))
     return SceneSection(
         row=row,
         case=case,
         runs={engine: scene.runs[engine] for engine in engines},
-        timing=_timing(scene),
+        timing=timing,
         judged=[(QUANTITIES.get(name, name), [own.get((name, e)) for e in engines]) for name in judged],
         chart=chart if chart and chart.panels else None,
         chain=image_of(svg_of(draw_spacetime({shown: traces[shown]}).figure)) if traces else None,
@@ -251,16 +246,6 @@ def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> T
     force_N = np.full((len(case.sample_times_s), failed.force_N.shape[1]), np.nan)
     force_N[: len(in_range)][in_range] = failed.force_N[in_range]
     return replace(failed, time_s=case.sample_times_s, force_N=force_N)
-
-
-def _timing(scene: ComparedScene) -> str:
-    case = scene.case
-    words = f"time step {case.scene.time_step_s * 1e6:g} µs, {case.scene.steps} steps, {case.scene.samples} samples"
-    limits = [run.record.step_limit_s for run in scene.runs.values() if run.record.step_limit_s]
-    if limits:
-        share = case.scene.time_step_s / limits[0]
-        words += f"; steps up to {limits[0] * 1e6:.3g} µs are stable, of which this is {share:.2g}"
-    return words
 
 
 def _departures(scene: ComparedScene) -> list[tuple[str, Departure]]:
