@@ -27,13 +27,12 @@ from postproc.paper.quoted import quoted
 from postproc.paper.simulate import exact, run_codes
 from postproc.paper.strikes import solve_table1
 from postproc.read.residual import REFERENCE
-from validation.claims import equations, material_claims, simulated, table1_claims
+from validation.claims import equations, simulated
 from validation.claims.simulated import Run
 from validation.study_tables import read_rows, refused_if_damaged, write_table
 
 REPRODUCED, DIFFERS, EXPERIMENT_ONLY = "reproduced", "differs", "experiment only"
-MODULES = {each.__name__.split(".")[-1]: each for each in (equations, material_claims, simulated, table1_claims)}
-GIVEN = ("run", "table")  # parameters whose arguments are not the claim's
+MODULES = {"equations": equations, "simulated": simulated}
 
 
 class Claim(Part):
@@ -73,16 +72,11 @@ class ClaimsFile(Part):
 
 @dataclass(frozen=True)
 class Judged:
-    """A claim with what came out.
-
-    Attributes:
-        computed: by engine; what no engine enters stands under ``reference``. Empty where nothing is computed.
-        how: what was computed.
-    """
+    """A claim with what came out."""
 
     claim: Claim
-    computed: dict[str, float]
-    how: str
+    computed: dict[str, float]  # by engine, else under ``reference``; empty where nothing is computed
+    how: str  # what was computed
 
     @property
     def value(self) -> float:
@@ -128,7 +122,7 @@ def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
         if amplitude is not None and amplitude not in amplitudes:
             allowed = ", ".join(f"{each:g}" for each in amplitudes)
             raise InputError(where, f"{key}: arguments.force_N", str(amplitude), allowed)
-        given = [name for name in GIVEN if name in parameters_of(function)]
+        given = parameters_of(function) & {"run", "table"}  # whose arguments are not the claim's
         try:
             if function:
                 inspect.signature(function).bind(*given, **claim.arguments)
@@ -157,14 +151,21 @@ def parameters_of(function: Callable[..., Any] | None) -> set[str]:
 
 
 def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
-    """Computes and judges every claim; what simulations enter is computed by every engine.
+    """Computes and judges every claim; what simulations enter by every engine, the codes side by side.
 
     Raises:
         RunError: a run failed.
     """
     claims, table = read_claims(), solve_table1(runs)
     functions = {claim.id: partial(each, **claim.arguments) for claim in claims if (each := function_of(claim))}
-    simulated = _by_engine({name: each for name, each in functions.items() if "run" in parameters_of(each)}, runs)
+    engines = (REFERENCE, *installed_codes())
+
+    def compute(engine: str) -> dict[str, float]:
+        run: Run = exact if engine == REFERENCE else lambda case: run_codes({engine: [case]}, runs)[engine][0]
+        return {name: each(run) for name, each in functions.items() if "run" in parameters_of(each)}
+
+    with workers(len(engines)) as pool:
+        found = dict(zip(engines, pool.map(compute, engines), strict=True))
     judged = []
     for claim in claims:
         function = functions.get(claim.id)
@@ -172,24 +173,13 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
             computed = {}
         elif "table" in parameters_of(function):
             computed = function(table)
+        elif "run" in parameters_of(function):
+            computed = {engine: values[claim.id] for engine, values in found.items()}
         else:
-            computed = simulated.get(claim.id) or {REFERENCE: function()}
+            computed = {REFERENCE: function()}
         how = claim.how or inspect.getdoc(function and function.func) or ""
         judged.append(Judged(claim, computed, " ".join(how.replace("``", "").split())))
     return judged
-
-
-def _by_engine(functions: dict[str, Callable[[Run], float]], runs: Path) -> dict[str, dict[str, float]]:
-    """Each claim on simulated chains by every engine, the codes side by side."""
-    engines = (REFERENCE, *installed_codes())
-
-    def compute(engine: str) -> dict[str, float]:
-        run: Run = exact if engine == REFERENCE else lambda case: run_codes({engine: [case]}, runs)[engine][0]
-        return {name: function(run) for name, function in functions.items()}
-
-    with workers(len(engines)) as pool:
-        found = dict(zip(engines, pool.map(compute, engines), strict=True))
-    return {name: {engine: values[name] for engine, values in found.items()} for name in functions}
 
 
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
@@ -197,30 +187,23 @@ RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 
 @dataclass(frozen=True)
 class Row:
-    """A claim with what came out, as the table has it.
-
-    Attributes:
-        number_is: whose reading of the paper's words the quoted number is.
-        computed: by engine.
-        difference: the reference's value less the quoted one.
-        how: what was computed.
-    """
+    """A claim with what came out, as the table has it."""
 
     id: str
     where: str
     quote: str
     relation: str
     quoted: float
-    number_is: str
+    number_is: str  # whose reading of the paper's words the quoted number is
     unit: str
     kind: str
     within: float
     because: str
-    computed: Mapping[str, float]
-    difference: float
+    computed: Mapping[str, float]  # by engine
+    difference: float  # the reference's value less the quoted one
     verdict: str
     why: str
-    how: str
+    how: str  # what was computed
 
 
 def claims(out: Path, runs: Path) -> int:
@@ -250,22 +233,22 @@ def claims(out: Path, runs: Path) -> int:
 
 def write_claims(judged: list[Judged], path: Path) -> None:
     """Writes the table, whole or not at all."""
-    write_table(path, Row, [_row(each, each.claim) for each in judged])
-
-
-def _row(judged: Judged, claim: Claim) -> Row:
-    same = {name: getattr(claim, name) for name in ("id", "where", "quote", "relation", "quoted", "unit", "because")}
-    return Row(
-        **same,
-        number_is="ours" if claim.ours else "the paper's",
-        kind="arithmetic" if claim.arithmetic else "computed",
-        within=nan if claim.within is None else claim.within,
-        computed=judged.computed,
-        difference=judged.value - claim.quoted,
-        verdict=judged.verdict,
-        why=claim.explained or claim.note,
-        how=judged.how,
-    )
+    same = ("id", "where", "quote", "relation", "quoted", "unit", "because")
+    rows = [
+        Row(
+            **{name: getattr(each.claim, name) for name in same},
+            number_is="ours" if each.claim.ours else "the paper's",
+            kind="arithmetic" if each.claim.arithmetic else "computed",
+            within=nan if each.claim.within is None else each.claim.within,
+            computed=each.computed,
+            difference=each.value - each.claim.quoted,
+            verdict=each.verdict,
+            why=each.claim.explained or each.claim.note,
+            how=each.how,
+        )
+        for each in judged
+    ]
+    write_table(path, Row, rows)
 
 
 def read_section(results: Path) -> dict[str, Any]:

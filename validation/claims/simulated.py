@@ -1,9 +1,13 @@
-"""Claims on simulated chains: single waves, Fig. 4, trains, Fig. 5, static forces; ``run`` stands for any engine."""
+"""Claims on simulated chains: single waves, Fig. 4, trains, Fig. 5, static forces; ``run`` stands for any engine.
+
+On Table 1: rows of its solved numerical half, and which modulus its measured speeds speak for.
+"""
 
 from collections.abc import Callable
 from functools import cache
 
 import numpy as np
+import pandas as pd
 from scipy.interpolate import CubicSpline
 
 from drivers.base.errors import InputError
@@ -12,7 +16,15 @@ from drivers.chain.chain import Array
 from postproc.paper import theory
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, exact
-from postproc.paper.strikes import contact_peak, sensor_amplitude, speed_between_sensors, static_force, strike_for
+from postproc.paper.strikes import (
+    contact_peak,
+    deviations,
+    engines_of,
+    sensor_amplitude,
+    speed_between_sensors,
+    static_force,
+    strike_for,
+)
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import ENVELOPE_MAXIMA, Peak, PulseShape, envelope, incident_pulse, peaks
@@ -26,6 +38,8 @@ COUNTED_SHARE = 0.05  # of the first wave of a train: waves that count
 LONG = "run.duration=2 ms"
 WIDTH = "bead_5_width_4pct_diameters"
 MICRO = 1e6
+ROWS = {"large": slice(0, 2), "small": slice(2, None)}  # of the table: 5 and 2 N; 0.6, 0.1 and 0.06 N
+READINGS = {"contact": contact_peak, "average": sensor_amplitude}
 
 
 def _waves(simulation: Simulation, contact: int, at_least: int = 1, prominence: float = PROMINENCE) -> list[Peak]:
@@ -77,12 +91,9 @@ def width_by_amplitude(run: Run, low_N: float, high_N: float) -> float:
 def width_by_modulus(run: Run, force_N: float) -> float:
     """Width at 4 % with gravity for the softest over that for the hardest modulus, at strikes of the same force."""
     soft, hard = min(quoted().ptfe.moduli_MPa), max(quoted().ptfe.moduli_MPa)
-    hard_one = _struck(run, force_N)
-    striker = hard_one.case.scene.striker
-    assert striker is not None
-    speed = striker.speed * (hard / soft) ** (1 / 3)  # F ~ k^(2/5) v^(6/5)
+    speed = _striker_speed(force_N) * (hard / soft) ** (1 / 3)  # F ~ k^(2/5) v^(6/5)
     settings = (f"materials.ptfe.youngs_modulus={soft} MPa", f"striker.speed={speed!r} m/s")
-    return run(case_of("table1", *settings)).values[WIDTH] / hard_one.values[WIDTH]
+    return run(case_of("table1", *settings)).values[WIDTH] / _struck(run, force_N).values[WIDTH]
 
 
 def width_by_gravity(run: Run, force_N: float) -> float:
@@ -278,3 +289,24 @@ def entrance_time(run: Run, time: str) -> float:
 def decay_ratio(run: Run) -> float:
     """Rate of decay of the incident pulse at the top bead over that of the envelope at the wall."""
     return decay(run) / envelope_rate(run)
+
+
+def solved(table: pd.DataFrame, force_N: float, column: str) -> dict[str, float]:
+    """A column by every engine, of the strike that gives this amplitude."""
+    row = next(row for row in table.to_dict("records") if row["force_N"] == force_N)
+    return {engine: row[f"{engine}_{column}"] for engine in engines_of(table)}
+
+
+def misfit(modulus_MPa: float, forces: str, force_is: str = "contact") -> float:
+    """Measured speed off the simulated, root mean square over some forces, per cent."""
+    return float(100 * np.sqrt((deviations(modulus_MPa, READINGS[force_is])[ROWS[forces]] ** 2).mean()))
+
+
+def nearest(forces: str, force_is: str) -> float:
+    """The modulus whose simulated speeds are nearest to the measured ones, MPa."""
+    return min(quoted().ptfe.moduli_MPa, key=lambda modulus: misfit(modulus, forces, force_is))
+
+
+def softer_is_worse() -> float:
+    """Measured speed off the simulated at 5 N for 400 MPa over the same for 600 MPa."""
+    return float(deviations(400, contact_peak)[0] / deviations(600, contact_peak)[0])

@@ -22,11 +22,7 @@ DURATION = 2 * sqrt(pi) * gamma(7 / 5) / gamma(9 / 10)  # in d_max / v: 2.94328
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
-    """Force from the contact, overlap and speeds from the state.
-
-    Raises:
-        ValueError: the bodies do not meet and part.
-    """
+    """Force from the contact, overlap and speeds from the state."""
     contact = case.chain.bodies - 1  # the topmost
     force = trace.force_N[:, contact]
     closed = np.flatnonzero(force > 0)
@@ -62,21 +58,17 @@ def _duration(time_s: Array, force_N: Array) -> float:
 
 
 def theory(case: Case) -> dict[str, float]:
-    """Hertz's closed form for elastic bodies; the restitution that the scene asks for.
-
-    Raises:
-        ValueError: more than one contact, or a load beside it.
-    """
+    """Hertz's closed form for elastic bodies; the restitution that the scene asks for."""
     chain, contact = case.chain, case.chain.bodies - 1
     if np.count_nonzero(chain.stiffness) != 1 or chain.load_N.any():
         raise ValueError("more than two bodies and one contact without loads")
-    returned = {"restitution": restitution(chain.damping_ratio) if chain.damping_ratio else 1.0}
     if chain.damping_ratio:
-        return returned
+        return {"restitution": restitution(chain.damping_ratio)}
     speed = _closing(chain.velocity_m_s, contact)
     mass, stiffness = float(chain.reduced_mass_kg[contact]), float(chain.stiffness[contact])
     deepest = (5 * mass * speed**2 / (4 * stiffness)) ** 0.4
-    return returned | {
+    return {
+        "restitution": 1.0,
         "peak_force_N": hertz_force(stiffness, deepest),
         "peak_overlap_m": deepest,
         "duration_s": DURATION * deepest / speed,

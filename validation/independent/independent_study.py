@@ -71,10 +71,9 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
             key, case = (one.entry.id, label, engine), one.cases[label]
             if load_engine(engine).find() is None:
                 absent[key] = NOT_INSTALLED
-            else:
-                cannot = inability(case, engine)
-                absent[key] = f"{REFUSED}: {cannot}" if cannot is not None else ""
-            if not absent[key] and engine not in HERE:
+            elif (cannot := inability(case, engine)) is not None:
+                absent[key] = f"{REFUSED}: {cannot}"
+            elif engine not in HERE:
                 jobs[key] = (case, engine)
     # of equal decks the last is run: one that keeps its state serves the others too
     order = sorted(jobs, key=lambda key: "state" in jobs[key][0].scene.run.record)
@@ -85,7 +84,7 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
     for one, label in posed:
         for engine in engine_names():
             key = (one.entry.id, label, engine)
-            if absent[key]:
+            if key in absent:
                 lines.append(_without(one.entry, label, engine, NOT_RUN, absent[key]))
             else:
                 lines += _judged(one, label, engine, ended.get(key))
@@ -175,9 +174,6 @@ def rows_of(lines: Iterable[Line]) -> list[dict[str, Line]]:
     return list(rows.values())
 
 
-TARGET = "independent"
-
-
 def independent(file: Path, results: Path, runs: Path) -> int:
     """Judges every case, writes ``independent.csv``; the exit code is 1 where one fails.
 
@@ -211,13 +207,10 @@ def for_terminal(lines: list[Line]) -> list[str]:
             text.append(f"{one.id}: {one.label}")
         last = (one.id, one.label)
         name, head = f"{one.quantity}, {one.against}", "" if one.label else one.id
-        cells = " ".join(f"{_error(row.get(engine)):>9}" for engine in engines)
+        errors = {engine: f"{line.error:.1e}" + ("" if line.verdict == PASS else "!") for engine, line in row.items()}
+        cells = " ".join(f"{errors.get(engine, '-'):>9}" for engine in engines)
         text.append(f"{head:<24} {name:<34} {one.expected:12.6g} {one.within:8.1e} {cells}")
     return text + [f"{x.id} {x.label} {x.engine} {x.verdict}: {x.why}" for x in lines if x.quantity == RUN]
-
-
-def _error(line: Line | None) -> str:
-    return "-" if line is None else f"{line.error:.1e}" + ("" if line.verdict == PASS else "!")
 
 
 def read_lines(path: Path, cases: Path = paths.INDEPENDENT) -> list[Line]:
@@ -228,22 +221,19 @@ def read_lines(path: Path, cases: Path = paths.INDEPENDENT) -> list[Line]:
     """
     if not path.exists():
         return []
-    lines = read_rows(path, Line, TARGET)
-    where, allowed = paths.shown(path), f"what make {TARGET} writes"
+    lines = read_rows(path, Line, "independent")
+    where, allowed = paths.shown(path), "what make independent writes"
     if list(dict.fromkeys(line.id for line in lines)) != [entry.id for entry in read_independent(cases)]:
         raise InputError(where, "id", f"not the cases of {paths.shown(cases)}", allowed)
     for line in lines:
-        if line.verdict != _verdict_by_numbers(line):
+        # the verdict that the numbers make; of what was not measured the one it has, unless that is a pass
+        verdict = line.verdict if line.verdict == NOT_RUN else FAIL
+        if isfinite(line.error) and isfinite(line.within) and isfinite(line.found):
+            verdict = PASS if line.error <= line.within else FAIL
+        if line.verdict != verdict:
             found = f"{line.verdict} of {line.id} on {line.engine}, off by {line.error:g} of {line.within:g}"
             raise InputError(where, "verdict", found, allowed)
     return lines
-
-
-def _verdict_by_numbers(line: Line) -> str:
-    """The verdict that a line's numbers make; of what was not measured the one it has, unless that is a pass."""
-    if isfinite(line.error) and isfinite(line.within) and isfinite(line.found):
-        return PASS if line.error <= line.within else FAIL
-    return line.verdict if line.verdict == NOT_RUN else FAIL
 
 
 def read_section(results: Path) -> dict[str, Any]:

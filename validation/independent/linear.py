@@ -92,9 +92,6 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
 
     A front's arrival is that of the first maximum of the response fitted to it up to its first zero. That of contact n
     is late by ``first_maximum(2 n) - 2 n`` in tau, which dispersion does: the exact lateness is taken off.
-
-    Raises:
-        ValueError: the signal does not come within the run, or comes back before it has passed.
     """
     beads = case.chain.beads
     if ECHO * beads < LAST_TAU + 2 * LOWER_CONTACT:

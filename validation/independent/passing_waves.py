@@ -1,18 +1,29 @@
 """Waves that meet, that a wall turns back, that part behind a heavy striker: over the first wave that passes a contact.
 
-A measure reads the maxima of contacts' forces, its theory the same ones of scipy's DOP853.
+A measure reads the maxima of contacts' forces, its theory the same ones of scipy's DOP853: a solver that shares nothing
+with the engines nor with the integrators in this repository. In units of the first bead's mass, a stiffness and a time,
+bodies from the wall upwards, velocities downwards:
+
+    overlap_j' = v_j - v_(j-1),   m_j v_j' = F_(j+1) - F_j,   F_j = k_j max(overlap_j, 0)^(3/2)
 """
 
+from functools import cache
 from math import sqrt
 
 import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
+from drivers.chain.chain import Array, Chain
+from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
 from postproc.read.signals import first_peak, peaks
-from validation.independent.scipy_chain import forces_of, led_to_wall
+from validation.reference.travelling_wave import solve_travelling_wave
 
+TOLERANCE = 1e-10  # of a step, relative: forces come out to 1e-8 of the largest
+SAMPLES_PER_UNIT = 16  # a solitary wave takes four units to pass: peaks of quintics through them are good to 1e-8
+REACH = 10.0  # beads from an exact wave's peak: beyond, it is less than the rounding of its largest force
 COLLISION = {
     "middle_share": "largest force where the waves meet, over that of one wave",
     "outgoing_share": "peak of the wave that leaves, over that of the one that came",
@@ -28,6 +39,81 @@ TRAIN = {
     f"wave_{number}_over_first": f"force of the {word} wave over the first's, 30 contacts below the striker's"
     for number, word in enumerate(("second", "third", "fourth", "fifth"), start=2)
 }
+
+
+def forces(mass: Array, stiffness: Array, overlap: Array, velocity_down: Array, duration: float) -> tuple[Array, Array]:
+    """Times and the forces in all contacts, shape (samples, bodies), of a chain without loads.
+
+    Raises:
+        ArithmeticError: scipy gives up.
+    """
+    bodies = len(mass)
+    above = np.zeros(bodies)
+    rate = np.empty(2 * bodies)
+
+    def force_of(overlaps: Array) -> Array:
+        closed = np.maximum(overlaps, 0.0)
+        return np.asarray(stiffness * closed * np.sqrt(closed))
+
+    def rates(_: float, state: Array) -> Array:
+        force, velocity = force_of(state[:bodies]), state[bodies:]
+        rate[:bodies] = velocity
+        rate[1:bodies] -= velocity[:-1]
+        above[:-1] = force[1:]
+        rate[bodies:] = (above - force) / mass
+        return rate.copy()
+
+    time = np.linspace(0.0, duration, int(SAMPLES_PER_UNIT * duration) + 2)
+    start = np.concatenate([overlap, velocity_down])
+    found = solve_ivp(rates, (0.0, duration), start, "DOP853", time, rtol=TOLERANCE, atol=TOLERANCE)
+    if not found.success:
+        raise ArithmeticError(f"scipy's DOP853: {found.message}")
+    return time, force_of(found.y[:bodies].T)
+
+
+def forces_of(chain: Chain, duration_s: float) -> tuple[Array, Array]:
+    """The same of a chain of the project, in seconds and newtons.
+
+    Raises:
+        ArithmeticError: scipy gives up.
+        ValueError: the chain has loads or damping, which this does not know.
+    """
+    if chain.load_N.any() or chain.damping_ratio or chain.lateral is not None:
+        raise ValueError("a chain with loads, damping or sideways motion")
+    mass, stiffness = float(chain.mass_kg[0]), float(chain.stiffness.max())
+    speed = float(np.abs(chain.velocity_m_s).max())
+    length = (mass * speed**2 / stiffness) ** 0.4  # of the unit in which all three are 1
+    time, force = forces(
+        chain.mass_kg / mass,
+        chain.stiffness / stiffness,
+        chain.overlap_m / length,
+        -chain.velocity_m_s / speed,
+        duration_s * speed / length,
+    )
+    return time * length / speed, hertz_force(force * stiffness, length)
+
+
+@cache
+def led_to_wall(beads: int, start: float, wall_stiffness: float, duration: float) -> tuple[Array, Array]:
+    """Times and the forces in all contacts, shape (samples, beads), of an exact solitary wave that runs into a wall.
+
+    Masses and stiffnesses are 1; in these units the wave's speed is 1 bead per unit of time.
+
+    Args:
+        beads: how many, counted from 1 at the wall; contact j lies half a bead below bead j.
+        start: where the peak is at time 0, in beads.
+        wall_stiffness: of contact 1, over that of the others.
+        duration: in beads that the wave travels.
+    """
+    wave, place = solve_travelling_wave(), np.arange(1.0, beads + 1) - start
+
+    def at(values: Array, places: Array) -> Array:
+        return np.where(np.abs(places) <= REACH, CubicSpline(wave.place, values)(places), 0.0)
+
+    stiffness = np.ones(beads)
+    stiffness[0] = wall_stiffness
+    overlap = np.cbrt(np.maximum(at(wave.force, place - 0.5), 0.0)) ** 2
+    return forces(np.ones(beads), stiffness, overlap, at(wave.velocity, place), duration)
 
 
 class Collision:
@@ -51,11 +137,7 @@ class Collision:
     SOURCE = "the exact solitary wave, integrated by scipy's DOP853 up to the wall that stands for the other half"
 
     def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Peaks in the middle and ``DISTANCE`` contacts above it, over the incoming wave's there.
-
-        Raises:
-            ValueError: the waves do not meet and pass, or the chain is too short.
-        """
+        """Peaks in the middle and ``DISTANCE`` contacts above it, over the incoming wave's there."""
         chain, force = case.chain, trace.force_N
         middle = (chain.beads + 1) // 2  # or just above the bead there
         if middle + self.DISTANCE >= chain.beads:
@@ -97,19 +179,11 @@ class Wall:
     SOURCE = "the exact solitary wave of the discrete chain, led to the wall by scipy's DOP853"
 
     def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Ratios from the maxima of two contacts.
-
-        Raises:
-            ValueError: the wave does not come back within the run.
-        """
+        """Ratios from the maxima of two contacts."""
         return self._ratios(_lowest_sensor(case), trace.time_s, trace.force_N)
 
     def theory(self, case: Case) -> dict[str, float]:
-        """From the exact solitary wave and the wall's stiffness over that of the contacts between beads.
-
-        Raises:
-            ValueError: no wall or sensor, or a chain under load.
-        """
+        """From the exact solitary wave and the wall's stiffness over that of the contacts between beads."""
         chain, place = case.chain, _lowest_sensor(case)
         if chain.load_N.any():
             raise ValueError("a chain under load, in which no wave is the exact one")
@@ -132,11 +206,7 @@ class Wall:
 
 
 def _lowest_sensor(case: Case) -> int:
-    """The bead, whose contact below is read.
-
-    Raises:
-        ValueError: there is no sensor or no wall.
-    """
+    """The bead, whose contact below is read."""
     if case.scene.wall is None or not case.scene.chain.sensors:
         raise ValueError("no wall, or no sensor to read the wave at")
     return min(sensor.from_wall for sensor in case.scene.chain.sensors)
@@ -156,11 +226,7 @@ class Train:
     SOURCE = "the same chain by scipy's DOP853 to 1e-10 a step, which shares no line with the integrators judged"
 
     def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Ratios from the contact's maxima.
-
-        Raises:
-            ValueError: fewer than two waves come by.
-        """
+        """Ratios from the contact's maxima."""
         return self._ratios(case, trace.time_s, trace.force_N)
 
     def theory(self, case: Case) -> dict[str, float]:

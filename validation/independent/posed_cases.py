@@ -154,26 +154,21 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
             raise InputError(where, key, found, "one of them")
         if entry.measure not in MEASURES:
             raise InputError(where, f"{key}: measure", shorten(entry.measure), ", ".join(sorted(MEASURES)))
-        _check(entry, where, key)
+        known, same = MEASURES[entry.measure].QUANTITIES, Counter((each.quantity, each.against) for each in entry.check)
+        for check in entry.check:
+            place = f"{key}: check {check.quantity}"
+            if check.quantity not in known:
+                raise InputError(where, f"{key}: check.quantity", shorten(check.quantity), ", ".join(sorted(known)))
+            if (check.within is None) == (check.absolute is None):
+                found = "neither within nor absolute" if check.within is None else "within and absolute"
+                raise InputError(where, place, found, "one of them")
+            if check.expected == 0 and check.within is not None:
+                allowed = "absolute, since no error is relative to 0"
+                raise InputError(where, place, "within beside expected = 0", allowed)
+            if same[check.quantity, check.against] > 1:
+                allowed = "each quantity once with expected and once without"
+                raise InputError(where, place, "the same check twice", allowed)
     return entries
-
-
-def _check(entry: Independent, where: str, key: str) -> None:
-    known = MEASURES[entry.measure].QUANTITIES
-    seen = set()
-    for check in entry.check:
-        place = f"{key}: check {check.quantity}"
-        if check.quantity not in known:
-            raise InputError(where, f"{key}: check.quantity", shorten(check.quantity), ", ".join(sorted(known)))
-        if (check.within is None) == (check.absolute is None):
-            found = "neither within nor absolute" if check.within is None else "within and absolute"
-            raise InputError(where, place, found, "one of them")
-        if check.expected == 0 and check.within is not None:
-            raise InputError(where, place, "within beside expected = 0", "absolute, since no error is relative to 0")
-        if (check.quantity, check.against) in seen:
-            allowed = "each quantity once with expected and once without"
-            raise InputError(where, place, "the same check twice", allowed)
-        seen.add((check.quantity, check.against))
 
 
 def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> Posed:
@@ -183,9 +178,8 @@ def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> Posed:
         InputError: a scene, study or setting is wrong, or no theory gives a number that the file leaves out.
     """
     where, key = paths.shown(path), f"case {entry.id}"
-    cases: dict[str, Case] = {}
     if entry.scene is not None:
-        cases[""] = planned_case(_source(entry.scene, path), *entry.set)
+        cases = {"": planned_case(_source(entry.scene, path), *entry.set)}
     else:
         assert entry.study is not None
         study = read_study(_source(entry.study, path))

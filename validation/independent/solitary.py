@@ -15,7 +15,7 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import Peak, first_peak, rising_crossing
-from validation.independent.scipy_chain import forces_of
+from validation.independent.passing_waves import forces_of
 from validation.reference.travelling_wave import solve_travelling_wave
 
 LONG_WAVE_BY_VELOCITY = 0.64**0.2
@@ -24,11 +24,7 @@ SETTLED = 30  # contacts below the strike: there the wave is the exact one to 2e
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
-    """Velocity and force at the lower sensor, speed from the upper to the lower one.
-
-    Raises:
-        ValueError: fewer than two sensors, no state, or no wave at them.
-    """
+    """Velocity and force at the lower sensor, speed from the upper to the lower one."""
     places = sorted(sensor.from_wall for sensor in case.scene.chain.sensors)
     if len(places) < 2:
         raise ValueError("two sensors are needed, between which the speed is read")

@@ -32,11 +32,7 @@ DEGREE = 6  # of the polynomial through them
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
-    """Leading peaks of beads' downward velocities and of contacts' forces above the static ones.
-
-    Raises:
-        ValueError: the chain is too short, no state was kept, or the signal does not come that deep within the run.
-    """
+    """Leading peaks of beads' downward velocities and of contacts' forces above the static ones."""
     bead = _beads(case)
     if trace.velocity_m_s is None:
         raise ValueError("no state was kept: run.record needs it")
@@ -45,11 +41,7 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
 
 
 def theory(case: Case) -> dict[str, float]:
-    """The same peaks of the linear chain's motion, by its modes.
-
-    Raises:
-        ValueError: the chain is too short.
-    """
+    """The same peaks of the linear chain's motion, by its modes."""
     velocity, force = motion_by_modes(case.chain, case.sample_times_s, _beads(case))
     return _values(case.sample_times_s, -velocity, force)
 
@@ -103,11 +95,7 @@ def leading_peak(time_s: Array, signal: Array) -> Peak:
 
 
 def _beads(case: Case) -> NDArray[np.int_]:
-    """Indices of the beads at all depths that are read.
-
-    Raises:
-        ValueError: the chain is too short.
-    """
+    """Indices of the beads at all depths that are read."""
     depths = np.array([*DEPTHS, *FIT_DEPTHS])
     if depths.max() > case.chain.beads:
         raise ValueError(f"{case.chain.beads} beads: too few for a depth of {depths.max()}")

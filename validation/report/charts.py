@@ -35,28 +35,19 @@ TIMES = ((1e6, "µs"), (1e3, "ms"), (1.0, "s"))
 
 @dataclass(frozen=True)
 class Curve:
-    """One line of a panel.
-
-    Attributes:
-        label: the engine, whether its run failed, and in the panel of differences what is subtracted from it.
-        values: base64 of little-endian float32, one a kept sample.
-    """
+    """One line of a panel."""
 
     engine: str
-    label: str
+    label: str  # the engine, whether its run failed, and in the panel of differences what is subtracted from it
     colour: str
     width: float
     dashes: str
-    values: str
+    values: str  # base64 of little-endian float32, one a kept sample
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes; ``ticks`` are places and labels, ``notes`` places and words at the right end.
-
-    Attributes:
-        paths: the ``d`` of each curve, in tenths.
-    """
+    """One pair of axes; ``ticks`` are places and labels, ``notes`` places and words at the right end."""
 
     title: str
     unit: str
@@ -64,25 +55,20 @@ class Panel:
     bottom: float
     ticks: list[tuple[float, str]]
     curves: list[Curve]
-    paths: list[str]
+    paths: list[str]  # the ``d`` of each curve, in tenths
     notes: list[tuple[float, str]]
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Panels over one axis of time.
-
-    Attributes:
-        spacing: between kept samples, in ``unit``.
-        last: where time ends, in kept samples from 0: what does not divide leaves a part of one.
-    """
+    """Panels over one axis of time."""
 
     height: float
     unit: str
     start: float
-    spacing: float
+    spacing: float  # between kept samples, in ``unit``
     count: int
-    last: float
+    last: float  # where time ends, in kept samples from 0: what does not divide leaves a part of one
     ticks: list[tuple[float, str]]
     engines: list[Curve]
     panels: list[Panel]

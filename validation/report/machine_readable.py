@@ -49,9 +49,8 @@ def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
 
 def when_made(results: Path) -> dict[str, dict[str, str]]:
     """When each table of a results folder was made, and where it is, by its name."""
-    return {
-        path.name: {"file": paths.shown(path), "date": _utc(path.stat().st_mtime)} for path in results.glob("*.csv")
-    }
+    tables = results.glob("*.csv")
+    return {path.name: {"file": paths.shown(path), "date": _utc(path.stat().st_mtime)} for path in tables}
 
 
 def _utc(seconds: float) -> str:

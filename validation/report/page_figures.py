@@ -32,12 +32,7 @@ BLANKS = re.compile(r"\s+")
 
 @dataclass(frozen=True)
 class Image:
-    """An SVG file as it stands in the page.
-
-    Attributes:
-        address: a data address with the file's bytes.
-        width_px: on a screen that has room for it.
-    """
+    """An SVG file as it stands in the page: a data address with its bytes, and its width where there is room for it."""
 
     address: str
     width_px: int
@@ -95,12 +90,11 @@ def read_figures(results: Path) -> dict[str, Any]:
     for name, title in figures().items():
         if f"{name}.csv" == TABLE:
             continue
-        image = read_image(results / f"{name}.svg")
-        if image is None:
+        if image := read_image(results / f"{name}.svg"):
+            title = BLANKS.sub(" ", title).strip(". ")
+            made.append({"title": title, "image": image, "beside": read_beside(results, name)})
+        else:
             missing.append(name)
-            continue
-        title = BLANKS.sub(" ", title).strip(". ")
-        made.append({"title": title, "image": image, "beside": read_beside(results, name)})
     return {"made": made, "missing": missing}
 
 

@@ -41,22 +41,15 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Cell:
-    """What one engine makes of one scene.
-
-    Attributes:
-        worst: the figure that comes nearest to its tolerance, or passes it by most; None where nothing was measured.
-        note: why it is not run or has no numbers.
-        verdicts: all of them.
-        diagnosis: what a run that is off matches.
-    """
+    """What one engine makes of one scene."""
 
     engine: str
     verdict: str
-    worst: Verdict | None
-    note: str
+    worst: Verdict | None  # nearest to its tolerance, or passes it by most; None where nothing was measured
+    note: str  # why it is not run or has no numbers
     verdicts: list[Verdict]
     cost: str = ""
-    diagnosis: str = ""
+    diagnosis: str = ""  # what a run that is off matches
 
     @property
     def misses(self) -> list[Verdict]:
@@ -66,11 +59,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """A scene or an independent case on all engines.
-
-    Attributes:
-        again: the command that shows more of it.
-    """
+    """A scene or an independent case on all engines; ``again`` is the command that shows more of it."""
 
     name: str
     title: str
@@ -88,8 +77,12 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> Row:
     cells = {}
     for engine in in_order([*scene.runs, *scene.absent]):
         own = [verdict for verdict in scene.verdicts if verdict.engine == engine]
-        note, cost = scene.absent.get(engine, ""), _cost(scene, engine)
-        cells[engine] = _cell(engine, own, note, cost, scene.diagnoses.get(engine, ""))
+        cost = ""
+        if engine in scene.runs:
+            record = scene.runs[engine].record
+            loop = f", loop {1e3 * record.loop_s:.0f} ms" if record.loop_s is not None else ""
+            cost = f"process {record.wall_s:.2f} s{loop}"
+        cells[engine] = _cell(engine, own, scene.absent.get(engine, ""), cost, scene.diagnoses.get(engine, ""))
     told = scene.case.scene
     again = f"python -m validation compare {source_of(told)}"
     again += f" --runs {shlex.quote(str(runs))}" if runs else ""
@@ -123,11 +116,9 @@ def worst_of(verdicts: list[Verdict]) -> Verdict | None:
 
 def share_of(verdict: Verdict) -> float:
     """A figure over its tolerance."""
-    if math.isnan(verdict.value):
+    if math.isnan(verdict.value) or (verdict.limit == 0 and verdict.value):
         return math.inf
-    if verdict.limit == 0:
-        return math.inf if verdict.value else 0.0
-    return verdict.value / verdict.limit
+    return verdict.value / verdict.limit if verdict.limit else 0.0
 
 
 def tolerances(scenes: list[ComparedScene]) -> dict[tuple[str, str, str], list[str]]:
@@ -150,9 +141,7 @@ def source_of(scene: Scene) -> str:
 
 def number(value: float, digits: int = 2) -> str:
     """A number for people; a dash for what was not seen."""
-    if math.isnan(value):
-        return "–"
-    return f"{value:.{digits}g}"
+    return "–" if math.isnan(value) else f"{value:.{digits}g}"
 
 
 def short(value: float) -> str:
@@ -169,14 +158,6 @@ def _cell(engine: str, own: list[Verdict], note: str, cost: str = "", diagnosis:
     return Cell(engine, verdict, worst_of(own), note, own, cost, diagnosis)
 
 
-def _cost(scene: ComparedScene, engine: str) -> str:
-    if engine not in scene.runs:
-        return ""
-    record = scene.runs[engine].record
-    loop = f", loop {1e3 * record.loop_s:.0f} ms" if record.loop_s is not None else ""
-    return f"process {record.wall_s:.2f} s{loop}"
-
-
 FORCE_RANGE = 2.0  # times the largest force of the runs that finished: what is larger would flatten their curves
 
 
@@ -188,10 +169,10 @@ class SceneSection:
         row: of the verdict table.
         runs: those that finished.
         chart: None where there is no trace, or neither a gauge nor a second engine; ``chain``: where none finished.
-        judged: quantity in words, then by engine the verdict or None.
-        budget: quantity, engine and its parts.
+        judged: of every verdict on a finished run: quantity in words, then by engine the verdict or None.
+        budget: quantity, engine, the whole error and its parts, which add up to it.
         observables: name and its value by each run.
-        decks: engine, file, text; also of engines that failed.
+        decks: engine, file, text: of codes that finished, and of every engine that failed.
     """
 
     row: Row
@@ -217,18 +198,36 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
     refused = {engine: part_in_range(case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
     chart = chart_of(case.layout, traces, refused) if traces or refused else None
     shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
+    own = {(v.quantity, v.engine): v for v in scene.verdicts if v.engine in engines}
+    seen = dict.fromkeys(quantity for quantity, _ in own)
+    judged = [name for name in dict.fromkeys([*QUANTITIES, *seen]) if name in seen]
+    budget = [
+        (part["quantity"], engine, [f"{part[key]:.1e}" for key in PARTS])
+        for engine in engines
+        for part in scene.runs[engine].record.error_budget or ()
+    ]
+    step_s = case.scene.time_step_s
+    timing = f"time step {step_s * 1e6:g} µs, {case.scene.steps} steps, {case.scene.samples} samples"
+    if limits := [run.record.step_limit_s for run in scene.runs.values() if run.record.step_limit_s]:
+        timing += f"; steps up to {limits[0] * 1e6:.3g} µs are stable, of which this is {step_s / limits[0]:.2g}"
+    order = list(dict.fromkeys(quantity for quantity, _, _ in budget))
     return SceneSection(
         row=row,
         case=case,
         runs={engine: scene.runs[engine] for engine in engines},
-        timing=_timing(scene),
-        judged=_judged(scene, engines),
+        timing=timing,
+        judged=[(QUANTITIES.get(name, name), [own.get((name, e)) for e in engines]) for name in judged],
         chart=chart if chart and chart.panels else None,
         chain=image_of(svg_of(draw_spacetime({shown: traces[shown]}).figure)) if traces else None,
         departures=_departures(scene),
-        budget=_budget(scene, engines),
+        budget=sorted(budget, key=lambda line: order.index(line[0])),
         observables=[(name, [number(observed[engine][name], 6) for engine in engines]) for name in names],
-        decks=_decks(scene, row),
+        decks=[
+            (engine, file, text)
+            for engine, cell in row.cells.items()
+            if (cell.verdict == FAIL if engine in scene.absent else not load_engine(engine).in_repository)
+            for file, text in load_engine(engine).render(case).files.items()
+        ],
     )
 
 
@@ -249,26 +248,6 @@ def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> T
     return replace(failed, time_s=case.sample_times_s, force_N=force_N)
 
 
-def _timing(scene: ComparedScene) -> str:
-    case = scene.case
-    words = f"time step {case.scene.time_step_s * 1e6:g} µs, {case.scene.steps} steps, {case.scene.samples} samples"
-    limits = [run.record.step_limit_s for run in scene.runs.values() if run.record.step_limit_s]
-    if limits:
-        share = case.scene.time_step_s / limits[0]
-        words += f"; steps up to {limits[0] * 1e6:.3g} µs are stable, of which this is {share:.2g}"
-    return words
-
-
-def _decks(scene: ComparedScene, row: Row) -> list[tuple[str, str, str]]:
-    """Engine, file and text of the decks of codes that finished, and of every engine that failed."""
-    return [
-        (engine, file, text)
-        for engine, cell in row.cells.items()
-        if (cell.verdict == FAIL if engine in scene.absent else not load_engine(engine).in_repository)
-        for file, text in load_engine(engine).render(scene.case).files.items()
-    ]
-
-
 def _departures(scene: ComparedScene) -> list[tuple[str, Departure]]:
     """Of engines that part from the exact motion alike, one line."""
     labels = {name: failed_label(name) if name in scene.refused else name for name in in_order(scene.departures)}
@@ -277,22 +256,3 @@ def _departures(scene: ComparedScene) -> list[tuple[str, Departure]]:
     for label, each in rows:
         alike.setdefault(each.words, []).append((label, each))
     return [(", ".join(label for label, _ in same), same[0][1]) for same in alike.values()]
-
-
-def _judged(scene: ComparedScene, engines: list[str]) -> list[tuple[str, list[Any]]]:
-    """Every verdict on a finished run, a line for each quantity."""
-    own = {(v.quantity, v.engine): v for v in scene.verdicts if v.engine in engines}
-    names = dict.fromkeys([*(name for name in QUANTITIES), *(quantity for quantity, _ in own)])
-    seen = {quantity for quantity, _ in own}
-    return [(QUANTITIES.get(name, name), [own.get((name, e)) for e in engines]) for name in names if name in seen]
-
-
-def _budget(scene: ComparedScene, engines: list[str]) -> list[tuple[str, str, list[str]]]:
-    """Lines of the error budget by quantity and engine: the whole and its parts, which add up to it."""
-    lines = [
-        (part["quantity"], engine, [f"{part[key]:.1e}" for key in PARTS])
-        for engine in engines
-        for part in scene.runs[engine].record.error_budget or ()
-    ]
-    order = list(dict.fromkeys(quantity for quantity, _, _ in lines))
-    return sorted(lines, key=lambda line: order.index(line[0]))

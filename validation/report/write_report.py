@@ -94,14 +94,8 @@ def write_report(
 ) -> Counter[str]:
     """Writes the page, and JSON and JUnit XML of its name beside it; none is replaced before all are written.
 
-    Args:
-        scenes: those that get a section each.
-        path: of the page; studies are read from the tables in its folder.
-        command: how it is made again.
-        runs: where run folders are, if it was told.
-
-    Returns:
-        How many pairs of a scene or independent case and an engine passed, failed and were not run.
+    Each scene gets a section; studies are read from the tables in the page's folder. ``command`` makes the page again.
+    What comes back is how many pairs of a scene or independent case and an engine passed, failed and were not run.
 
     Raises:
         InputError: a table or a figure in the folder is damaged.

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from postproc.paper.simulate import exact
 from postproc.read.signals import first_peak
-from validation.independent import scipy_chain
+from validation.independent import passing_waves
 from validation.independent.impact import DURATION
 from validation.independent.posed_cases import MEASURES
 from validation.reference.travelling_wave import solve_travelling_wave
@@ -32,7 +32,7 @@ def test_hertz_impact_keeps_energy() -> None:
 
 def test_scipy_finds_the_closed_form_of_an_impact() -> None:
     ones = np.ones(2)
-    time, force = scipy_chain.forces(ones, np.array([0.0, 1.0]), np.zeros(2), np.array([0.0, 1.0]), 6.0)
+    time, force = passing_waves.forces(ones, np.array([0.0, 1.0]), np.zeros(2), np.array([0.0, 1.0]), 6.0)
     deepest = (5 * 0.5 / 4) ** 0.4
     peak = first_peak(time, force[:, 1])
     assert peak is not None
@@ -43,7 +43,7 @@ def test_scipy_finds_the_closed_form_of_an_impact() -> None:
 def test_what_scipy_says_does_not_depend_on_its_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
     case = case_of("wave-train")
     told = MEASURES["train"].theory(case)
-    monkeypatch.setattr(scipy_chain, "TOLERANCE", 1e-12)
+    monkeypatch.setattr(passing_waves, "TOLERANCE", 1e-12)
     assert MEASURES["train"].theory(case) == pytest.approx(told, rel=1e-8)
 
 
@@ -60,7 +60,7 @@ def test_a_rigid_wall_is_a_mirror() -> None:
         speed += np.where(abs(bead) < 4, sign * velocity(bead), 0.0)
     stiffness = np.ones(len(beads))
     stiffness[0] = 0.0
-    time, found = scipy_chain.forces(np.ones(len(beads)), stiffness, overlap, speed, gap + 4.0)
+    time, found = passing_waves.forces(np.ones(len(beads)), stiffness, overlap, speed, gap + 4.0)
     peak = first_peak(time, found[:, len(beads) // 2])
     assert peak is not None
     told = MEASURES["wall"].theory(case_of("wall-reflection"))["wall_peak_over_incident"]
@@ -74,7 +74,7 @@ def test_the_soft_wall_is_as_stiff_as_a_contact() -> None:
 
 def test_scipy_refuses_what_it_does_not_know() -> None:
     with pytest.raises(ValueError, match="loads"):
-        scipy_chain.forces_of(case_of("fig4").chain, 1e-4)
+        passing_waves.forces_of(case_of("fig4").chain, 1e-4)
 
 
 # ---- measures on what they cannot read
