@@ -26,8 +26,7 @@ from drivers.engines import EXACT, IN_HEIGHTS, load_engine
 from drivers.limits.attainable import FORCE
 from drivers.scene.read_scene import read_scene
 from postproc.read.residual import share_of_largest
-from validation.accuracy.error_measures import Truth, truth_of
-from validation.accuracy.schemes import turned_verlet_of, verlet_in_heights, verlet_of
+from validation.accuracy.schemes import Truth, truth_of, turned_verlet_of, verlet_in_heights, verlet_of
 
 VERLET = "verlet"  # the engine of this repository that has a time step
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding of the same size, not the same

@@ -26,8 +26,7 @@ from drivers.limits.attainable import FORCE
 from postproc.read.observables import of_kind
 from postproc.read.residual import residual
 from validation.accuracy.baseline import VERLET, Baseline, Extrapolation, baseline_of
-from validation.accuracy.error_measures import Truth, errors_of, quantities, truth_of
-from validation.accuracy.schemes import verlet_of
+from validation.accuracy.schemes import Truth, errors_of, quantities, truth_of, verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE
 
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")

@@ -40,8 +40,10 @@ def plan_case(case: Case) -> Case:
     """
     if case.scene.run.accuracy is None:
         return case
-    from validation.accuracy.simplify import simplify  # runs the in-repo scheme: only where it is needed
-    from validation.accuracy.step_choice import Chooser
+    from validation.accuracy.step_choice import (
+        Chooser,
+        simplify,  # runs the in-repo scheme: only where it is needed
+    )
 
     began = time.perf_counter()
     asked = asked_of(case)

@@ -24,8 +24,7 @@ from postproc.read.observables import describe, observe, of_kind, without_unit
 from postproc.read.signals import integral
 from validation.accuracy.baseline import HORIZON, baseline_of, model_quantity, shipped_name
 from validation.accuracy.budget import PARTS, for_terminal
-from validation.compare.departure import Departure, departure
-from validation.compare.deviation import Deviation, deviation, first_deviation
+from validation.compare.departure import Departure, Deviation, departure, deviation, first_deviation
 from validation.compare.verdict import FAIL, Verdict, judged
 
 KINDS = ("peak", "later peak", "speed")  # of observables that are judged

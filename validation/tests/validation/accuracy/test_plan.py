@@ -13,8 +13,7 @@ from drivers.run.finished import RunRecord
 from validation.accuracy.baseline import baseline_of
 from validation.accuracy.budget import parts_of
 from validation.accuracy.costs import cheapest
-from validation.accuracy.error_measures import errors_of, truth_of
-from validation.accuracy.schemes import verlet_of
+from validation.accuracy.schemes import errors_of, truth_of, verlet_of
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import assessed, finished
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
