@@ -22,7 +22,7 @@ from drivers.run.run import run_case
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from postproc.read.residual import REFERENCE
-from validation.accuracy.costs import cost_on
+from validation.accuracy.plan import cost_on
 from validation.accuracy.schemes import ENERGY, Truth, errors_of, momentum_error, quantities, trace_of, truth_of
 from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic

@@ -12,7 +12,7 @@ from drivers.limits.stable_step import linear_limit
 from drivers.run.finished import RunRecord
 from validation.accuracy.baseline import baseline_of
 from validation.accuracy.budget import parts_of
-from validation.accuracy.costs import cheapest
+from validation.accuracy.plan import cheapest
 from validation.accuracy.schemes import errors_of, truth_of, verlet_of
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import assessed, finished
