@@ -6,7 +6,7 @@ of ``force`` is the largest force difference over all contacts and sample times 
 others are relative to the true value.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -159,31 +159,26 @@ def quantities(case: Case, trace: Trace) -> dict[str, float]:
     return {without_unit(name): value for name, value in values if describe(name).of_wave and np.isfinite(value)}
 
 
-def errors_of(case: Case, trace: Trace, truth: Truth, names: Iterable[str]) -> dict[str, float]:
+def errors_of(case: Case, trace: Trace, truth: Truth, names: Collection[str]) -> dict[str, float]:
     """Errors of the named quantities; inf for one that the trace does not show.
 
     Raises:
         KeyError: the truth does not show it either.
     """
     errors = {}
-    seen: dict[str, float] | None = None
+    seen = {} if {*names} <= {FORCE, ENERGY} else quantities(case, trace)
     for name in names:
         if name == FORCE:
             errors[name] = float(residual(trace, truth.trace).max())
         elif name == ENERGY:
-            errors[name] = _energy_error(case, trace, truth)
+            if not case.chain.damping_ratio:
+                errors[name] = float(energy_error(case.chain, trace).max())
+                continue
+            scale = energy_put_in(case.chain, float(trace.time_s[-1])) or 1.0
+            errors[name] = float(np.abs(trace.total_energy_J - truth.trace.total_energy_J).max()) / scale
         else:
-            seen = quantities(case, trace) if seen is None else seen
             errors[name] = abs(seen.get(name, np.inf) / truth.true[name] - 1)
     return {name: error if np.isfinite(error) else np.inf for name, error in errors.items()}
-
-
-def _energy_error(case: Case, trace: Trace, truth: Truth) -> float:
-    """Largest change of the energy over what the scene puts in; where it is lost, its largest difference."""
-    if not case.chain.damping_ratio:
-        return float(energy_error(case.chain, trace).max())
-    scale = energy_put_in(case.chain, float(trace.time_s[-1])) or 1.0
-    return float(np.abs(trace.total_energy_J - truth.trace.total_energy_J).max()) / scale
 
 
 def momentum_error(case: Case, trace: Trace, truth: Truth) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from drivers.base.errors import InputError
 from drivers.chain.case import Case, Plan
 from drivers.chain.chain import Array, build_chain
-from drivers.chain.elements import Element, choose_elements
+from drivers.chain.elements import choose_elements
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.limits.attainable import FORCE, ROOM, unattainable
 from drivers.limits.stable_step import predicted_limit
@@ -48,15 +48,13 @@ def _with(scene: Scene, table: str, **changes: object) -> Scene:
     return scene.model_copy(update={table: getattr(scene, table).model_copy(update=changes)})
 
 
-def _equal_sensors(scene: Scene) -> Scene:
-    return _with(scene, "chain", sensors=tuple(each.model_copy(update={"mass": None}) for each in scene.chain.sensors))
-
-
 # the scene without an element of ``drivers.chain.elements``
 WITHOUT: dict[str, Callable[[Scene], Scene]] = {
     "gravity": lambda scene: scene.model_copy(update={"gravity": 0.0}),
     "precompression": lambda scene: _with(scene, "chain", precompression=0.0),
-    "sensor masses": _equal_sensors,
+    "sensor masses": lambda scene: _with(
+        scene, "chain", sensors=tuple(each.model_copy(update={"mass": None}) for each in scene.chain.sensors)
+    ),
     "mass scatter": lambda scene: _with(scene, "chain", mass_scatter=0.0),
     "damping": lambda scene: _with(scene, "contact", restitution=None, damping_ratio=None),
 }
@@ -93,8 +91,14 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
     if not left:
         return case
     simple = _without(case, left)
-    elements = tuple(_explained(each, case, alone, asked) if each.name in left else each for each in simple.elements)
-    return replace(simple, elements=elements, full=case)
+    elements = {each.name: each for each in simple.elements}
+    for name in left:
+        worst = max(alone[name], key=lambda quantity: alone[name][quantity])
+        change = alone[name][worst] * asked[worst]
+        scene_has = next(each.reason for each in case.elements if each.name == name)
+        why = f"it changes the {worst} by {change:.1e}, where {asked[worst]:g} is asked for"
+        elements[name] = replace(elements[name], reason=f"left out ({scene_has}): {why}")
+    return replace(simple, elements=tuple(elements.values()), full=case)
 
 
 def _without(case: Case, names: list[str]) -> Case:
@@ -103,14 +107,6 @@ def _without(case: Case, names: list[str]) -> Case:
         scene = WITHOUT[name](scene)
     chain = build_chain(scene)
     return replace(case, scene=scene, chain=chain, elements=choose_elements(scene, chain))
-
-
-def _explained(element: Element, case: Case, alone: dict[str, dict[str, float]], asked: dict[str, float]) -> Element:
-    worst = max(alone[element.name], key=lambda name: alone[element.name][name])
-    change = alone[element.name][worst] * asked[worst]
-    scene_has = next(each.reason for each in case.elements if each.name == element.name)
-    reason = f"left out ({scene_has}): it changes the {worst} by {change:.1e}, where {asked[worst]:g} is asked for"
-    return replace(element, reason=reason)
 
 
 class Chooser:
@@ -136,7 +132,13 @@ class Chooser:
             self.truth, self.known = self._follow(strictest)
         except ArithmeticError as error:
             raise InputError(case.scene.file, "run.accuracy", str(error), "run.time_step instead") from error
-        self._check_names()
+        for name in self.gauges:
+            if not self.truth.true.get(name):
+                has = (each for each, value in self.truth.true.items() if value)
+                self._refuse(name, "nothing that this scene shows", ", ".join([FORCE, ENERGY, *has]))
+            if not self.truth.sampling_known:
+                found = "too many samples times contacts to measure what is lost between samples"
+                self._refuse(name, found, f"{FORCE}, {ENERGY}")
         self.stable_s = predicted_limit(case.chain, duration)
 
     def _refuse(self, name: str, found: str, allowed: str) -> NoReturn:
@@ -159,15 +161,6 @@ class Chooser:
             if known <= TRUTH_SHARE * strictest or tolerance <= LEAST_TOLERANCE:
                 return truth, known
             tolerance = max(0.1 * tolerance * min(TRUTH_SHARE * strictest / known, 1.0), LEAST_TOLERANCE)
-
-    def _check_names(self) -> None:
-        for name in self.gauges:
-            if not self.truth.true.get(name):
-                has = (each for each, value in self.truth.true.items() if value)
-                self._refuse(name, "nothing that this scene shows", ", ".join([FORCE, ENERGY, *has]))
-            if not self.truth.sampling_known:
-                found = "too many samples times contacts to measure what is lost between samples"
-                self._refuse(name, found, f"{FORCE}, {ENERGY}")
 
     def errors_at(self, steps_per_sample: int) -> dict[str, float]:
         """Errors of the codes' scheme, by quantity."""

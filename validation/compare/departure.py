@@ -200,23 +200,19 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
                 raise ArithmeticError("velocity Verlet at this step blows up")
             run = until(trace, len(exact.time_s))
             samples = len(run.time_s)
-            return _departure(HeldRun(engine, baseline, run, until(scheme, samples), exact.force_N[:samples]))
+            held = HeldRun(engine, baseline, run, until(scheme, samples), exact.force_N[:samples])
+            if fault := first_fault(held):
+                return fault
+            found = sorted([*_from_exact(held), *_from_scheme(held)], key=lambda each: each.time_s)
+            share = np.abs(held.run.force_N - held.exact_N) / held.baseline.largest_N
+            sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
+            furthest = f"it is furthest from it, {share.max():.1e}, {held.place(int(sample), int(column))}"
+            if not found:
+                never = f"never leaves the exact motion by {LEVELS[0]:g} of the largest force"
+                return _nowhere(NONE, never + (f"; {furthest}" if share.any() else ": it is the same, bit for bit"))
+            return replace(found[0], words=f"{found[0].words}; {furthest}", later=tuple(found[1:]))
     except ArithmeticError as error:
         return _nowhere(UNKNOWN, f"when it leaves the exact motion is not measured: {error}")
-
-
-def _departure(held: HeldRun) -> Departure:
-    fault = first_fault(held)
-    if fault:
-        return fault
-    found = sorted([*_from_exact(held), *_from_scheme(held)], key=lambda each: each.time_s)
-    share = np.abs(held.run.force_N - held.exact_N) / held.baseline.largest_N
-    sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
-    furthest = f"it is furthest from it, {share.max():.1e}, {held.place(int(sample), int(column))}"
-    if not found:
-        never = f"never leaves the exact motion by {LEVELS[0]:g} of the largest force"
-        return _nowhere(NONE, f"{never}; {furthest}" if share.any() else f"{never}: it is the same, bit for bit")
-    return replace(found[0], words=f"{found[0].words}; {furthest}", later=tuple(found[1:]))
 
 
 def departure_rows(departures: Mapping[str, Departure]) -> list[tuple[str, Departure]]:
@@ -229,25 +225,20 @@ def _nowhere(kind: str, words: str) -> Departure:
 
 
 def _from_exact(held: HeldRun) -> Iterator[Departure]:
-    """When a run passes each level; of several at one sample the largest."""
-    share, own = held.off(held.exact_N), held.off(held.scheme.force_N).max(axis=1)
+    """When a run passes each level, and why, by how far it is from its own scheme; of several at once the largest."""
+    baseline, share, own = held.baseline, held.off(held.exact_N), held.off(held.scheme.force_N).max(axis=1)
     passed = {place: level for level in LEVELS if (place := first_beyond(share, level))}
     for place, level in passed.items():
-        kind, why = _why(held.baseline, place[0], float(own[place[0]]), level)
+        kind, why = MODEL, f"within what is allowed ({baseline.allowed.limit:g}: {baseline.allowed.reason})"
+        if baseline.chaotic(place[0]):
+            times = f"{baseline.growth(place[0]):.0e} times"
+            kind, why = CHAOS, f"after reflections, which have multiplied what rounding alone does {times}"
+        elif own[place[0]] <= level / 2:
+            kind, why = TRUNCATION, "velocity Verlet at this step does the same"
+        elif own[place[0]] <= baseline.explained[place[0]]:
+            kind, why = ROUNDING, "of heights so far from 0"
         words = f"leaves the exact motion by {level:g} of the largest force {held.place(*place)}: {kind}, {why}"
         yield held.departure(place, share, kind, level, words)
-
-
-def _why(baseline: Baseline, sample: int, own: float, level: float) -> tuple[str, str]:
-    """The kind of a departure from the exact motion and why, by how far the run is from its own scheme then."""
-    if baseline.chaotic(sample):
-        times = f"{baseline.growth(sample):.0e} times"
-        return CHAOS, f"after reflections, which have multiplied what rounding alone does {times}"
-    if own <= level / 2:
-        return TRUNCATION, "velocity Verlet at this step does the same"
-    if own <= baseline.explained[sample]:
-        return ROUNDING, "of heights so far from 0"
-    return MODEL, f"within what is allowed ({baseline.allowed.limit:g}: {baseline.allowed.reason})"
 
 
 def _from_scheme(held: HeldRun) -> Iterator[Departure]:
@@ -307,12 +298,9 @@ def first_fault(held: HeldRun) -> Departure | None:
 def _wrong_start(held: HeldRun) -> Departure | None:
     """Energy or momentum that is not the scene's at time 0: bodies of other speeds or masses."""
     run, scheme = held.run, held.scheme
-    energy, momentum = (float(scale) for scale in motion_scales(held.baseline.case.chain, scheme))
-    for name, unit, values, expected, scale in (
-        ("kinetic energy", "J", run.kinetic_energy_J, scheme.kinetic_energy_J, energy),
-        ("momentum", "N s", run.momentum_N_s, scheme.momentum_N_s, momentum),
-    ):
-        has, should = float(values[0]), float(expected[0])
+    units = ("kinetic energy", "J", "kinetic_energy_J"), ("momentum", "N s", "momentum_N_s")
+    for (name, unit, key), scale in zip(units, motion_scales(held.baseline.case.chain, scheme).tolist(), strict=True):
+        has, should = (float(getattr(each, key)[0]) for each in (run, scheme))
         share = abs(has - should) / scale
         if not share <= START_SHARE:
             is_, is_to_be = (0.0 if abs(value) < START_SHARE * scale else value for value in (has, should))

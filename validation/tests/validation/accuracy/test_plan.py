@@ -114,7 +114,7 @@ def test_a_wrong_law_shows_as_model_error(shared_runs: Path) -> None:
     run = finished(case, "verlet", shared_runs)
     wrong = type(run.trace)(**(vars(run.trace) | {"force_N": run.trace.force_N * 1.001}))
     parts, _ = parts_of(baseline_of(case), "liggghts", wrong)
-    assert abs(parts[0].model) == pytest.approx(1e-3, rel=0.1)
+    assert abs(parts[0]["model"]) == pytest.approx(1e-3, rel=0.1)
 
 
 def test_a_miss_is_a_failure_of_the_command(shared_runs: Path) -> None:
