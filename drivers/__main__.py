@@ -78,8 +78,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from drivers.limits.refusal import inability, refuse
     from drivers.run.run import run_case
     from validation.accuracy.assess import assess
-    from validation.accuracy.costs import cheapest
-    from validation.accuracy.plan import planned_case
+    from validation.accuracy.plan import cheapest, planned_case
 
     asked = arguments.engine
     named = [name for name in asked if name != AUTO]

@@ -48,7 +48,7 @@ def _compare(arguments: argparse.Namespace) -> int:
         from validation.compare.pair import compare_runs
 
         return compare_runs(*folders)
-    from validation.compare.compared_scenes import compare_scenes
+    from validation.compare.comparison import compare_scenes
 
     runs = arguments.runs or paths.RUNS
     return compare_scenes(arguments.what, tuple(arguments.settings), runs, unsafe=arguments.unsafe)

@@ -15,7 +15,7 @@ from drivers.scene.model import RIGID, Scene
 
 @dataclass(frozen=True)
 class Plan:
-    """What was asked for and what is predicted, by quantity; errors as in ``validation.accuracy.error_measures``.
+    """What was asked for and what is predicted, by quantity; errors as in ``validation.accuracy.schemes``.
 
     Attributes:
         predicted: the error of the codes' scheme at the chosen step, measured with it on this very case.

@@ -34,7 +34,7 @@ class RunRecord:
         elements: modelling elements, each in or out with its reason.
         wall_s, cpu_s: of the whole process.
         loop_s: of the engine's own time loop.
-        error_budget: parts of the error of the force and of what gauges show (``validation.accuracy.budget.Parts``).
+        error_budget: parts of the error of the force and of what gauges show (``validation.accuracy.budget``).
         error_note: what of it could not be measured, and why.
         warnings: of a run that is done and of little use.
         step_limit_s: the predicted stability limit of the time step; None too where no contact closes.

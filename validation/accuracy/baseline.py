@@ -11,7 +11,7 @@ three-dimensional one alike
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import isfinite, log2
+from math import log2
 from threading import Lock
 from typing import Any
 
@@ -26,8 +26,7 @@ from drivers.engines import EXACT, IN_HEIGHTS, load_engine
 from drivers.limits.attainable import FORCE
 from drivers.scene.read_scene import read_scene
 from postproc.read.residual import share_of_largest
-from validation.accuracy.error_measures import Truth, truth_of
-from validation.accuracy.schemes import turned_verlet_of, verlet_in_heights, verlet_of
+from validation.accuracy.schemes import Truth, truth_of, turned_verlet_of, verlet_in_heights, verlet_of
 
 VERLET = "verlet"  # the engine of this repository that has a time step
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding of the same size, not the same
@@ -111,7 +110,10 @@ class Baseline:
             return truth_of(self.case)
         steps = (self.plain, *(verlet_of(self.case, self.law, finer) for finer in (2, 4)))
         whole, half, quarter = (until(trace, self.samples) for trace in steps)
-        found = Extrapolation(whole, half, quarter, order_of(whole, half, quarter))
+        order, apart = 2.0, [float(np.abs(a.force_N - b.force_N).max()) for a, b in ((whole, half), (half, quarter))]
+        if all(apart) and np.isfinite(apart).all():
+            order = min(max(log2(apart[0] / apart[1]), MIN_ORDER), MAX_ORDER)
+        found = Extrapolation(whole, half, quarter, order)
         forces = np.asarray(found.at_zero(half.force_N, quarter.force_N))
         return replace(found, trace=replace(whole, force_N=forces))
 
@@ -211,16 +213,6 @@ def comparable(rounding_share: Array) -> tuple[float, int]:
     explained = ROUNDING_MARGIN * np.maximum.accumulate(rounding_share)
     samples = max(1, int(np.searchsorted(explained, ROUNDING_MARGIN * HORIZON, side="right")))
     return float(explained[samples - 1]), samples
-
-
-def order_of(coarse: Trace, half: Trace, quarter: Trace) -> float:
-    """The order by which the forces of three steps converge, by their largest differences."""
-    first, second = (
-        float(np.abs(one.force_N - other.force_N).max()) for one, other in ((coarse, half), (half, quarter))
-    )
-    if not (first and second and isfinite(first) and isfinite(second)):
-        return 2.0
-    return min(max(log2(first / second), MIN_ORDER), MAX_ORDER)
 
 
 def model_quantity(case: Case) -> str:

@@ -11,8 +11,7 @@ heights), Q_v the same in overlaps, Q_e exact at the same samples and Q_t true (
 In three dimensions Q_e is extrapolated, rounding is part of the model's and sampling is not measured.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -26,29 +25,10 @@ from drivers.limits.attainable import FORCE
 from postproc.read.observables import of_kind
 from postproc.read.residual import residual
 from validation.accuracy.baseline import VERLET, Baseline, Extrapolation, baseline_of
-from validation.accuracy.error_measures import Truth, errors_of, quantities, truth_of
-from validation.accuracy.schemes import verlet_of
+from validation.accuracy.schemes import Truth, errors_of, quantities, truth_of, verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE
 
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
-
-
-@dataclass(frozen=True)
-class Parts:
-    """Signed parts of the error of one quantity, as shares of the true value (of the largest force for ``force``).
-
-    Attributes:
-        whole: the error of what the run shows.
-        where: contact and time of the largest error, for ``force``.
-    """
-
-    quantity: str
-    whole: float
-    model: float
-    rounding: float
-    truncation: float
-    sampling: float
-    where: str = ""
 
 
 def error_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, Any]], str]:
@@ -61,13 +41,11 @@ def error_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, 
     except ArithmeticError as error:
         return [], f"not measured: {error}"
     parts, unseen = parts_of(baseline, engine, until(trace, len(exact.time_s)))
-    notes = [*_notes(baseline, engine)]
-    if unseen:
-        notes.append(f"not in the run, but in the exact motion: {', '.join(unseen)}")
-    return [asdict(each) for each in parts], "; ".join(notes)
+    lacks = [f"not in the run, but in the exact motion: {', '.join(unseen)}"] if unseen else []
+    return parts, "; ".join([*_notes(baseline, engine), *lacks])
 
 
-def measured_errors(case: Case, trace: Trace, names: Iterable[str]) -> dict[str, float]:
+def measured_errors(case: Case, trace: Trace, names: Collection[str]) -> dict[str, float]:
     """Errors of the named quantities of a run against the exact motion, which is known to its tolerance."""
     truth = truth_of(case.full) if case.full else baseline_of(case).truth
     assert isinstance(truth, Truth)  # accuracies are of straight chains
@@ -75,7 +53,7 @@ def measured_errors(case: Case, trace: Trace, names: Iterable[str]) -> dict[str,
     return {name: max(error, LEAST_TOLERANCE) for name, error in found.items()}
 
 
-def parts_of(baseline: Baseline, engine: str, trace: Trace) -> tuple[list[Parts], list[str]]:
+def parts_of(baseline: Baseline, engine: str, trace: Trace) -> tuple[list[dict[str, Any]], list[str]]:
     """The parts of the error of each quantity, the force first; and what the run should show and does not."""
     truth, exact, scheme = baseline.truth, baseline.exact, baseline.scheme_of(engine)
     if isinstance(truth, Truth):
@@ -111,9 +89,11 @@ def _rungs(values: list[float], truth: Truth | Extrapolation) -> list[float]:
     return values if len(values) > 4 else [*values, values[-1]]
 
 
-def _parts(quantity: str, shares: list[float], where: str = "") -> Parts:
+def _parts(quantity: str, shares: list[float], where: str = "") -> dict[str, Any]:
+    """Signed parts of the error of a quantity, in shares of the true value; of the force with its contact and time."""
     run, scheme, overlaps, exact, true = shares
-    return Parts(quantity, run - true, run - scheme, scheme - overlaps, overlaps - exact, exact - true, where)
+    parts = run - true, run - scheme, scheme - overlaps, overlaps - exact, exact - true
+    return {"quantity": quantity, **dict(zip(PARTS, parts, strict=True)), "where": where}
 
 
 def _notes(baseline: Baseline, engine: str) -> Iterator[str]:
@@ -150,13 +130,13 @@ def warnings_of(case: Case, engine: str, trace: Trace) -> list[str]:
     if case.chain.lateral is not None and baseline_of(case, engine).unknown:
         return []
     try:
-        return [*_of_error(case, engine), *_of_model(case, engine, trace)]
+        return [*_warnings(case, engine, trace)]
     except ArithmeticError as failed:
         return [f"its error cannot be predicted: {failed}"]
 
 
-def _of_error(case: Case, engine: str) -> Iterator[str]:
-    """Where the error that is predicted passes a tenth."""
+def _warnings(case: Case, engine: str, trace: Trace) -> Iterator[str]:
+    """Where the error that is predicted passes a tenth, and where a code differs from its scheme beyond rounding."""
     error, limit = predicted_error(case, engine), tolerance("warning", "force").limit
     beyond = error > limit
     if beyond.any():
@@ -166,10 +146,6 @@ def _of_error(case: Case, engine: str) -> Iterator[str]:
             f"forces are predicted to be off by up to {error.max():.2g} of the largest, by more than {limit:g} from"
             f" t = {since:g} s on, by {'the time step' if by_step else 'the rounding of heights so far from 0'}"
         )
-
-
-def _of_model(case: Case, engine: str, trace: Trace) -> Iterator[str]:
-    """Where a code differs from the same scheme at the same step by more than rounding does."""
     baseline = baseline_of(case, engine)
     if load_engine(engine).in_repository or baseline.unknown:
         return

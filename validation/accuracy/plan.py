@@ -1,12 +1,65 @@
-"""Planning of a case: the largest time step that keeps the accuracy its scene asks for, and what to expect of it."""
+"""Planning of a case: the largest time step that keeps the accuracy its scene asks for, and the cheapest engine."""
 
 import time
-from dataclasses import replace
+import tomllib
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
+from drivers.base import paths
+from drivers.base.errors import RunError
 from drivers.chain.case import Case, build_case
-from drivers.limits.attainable import FORCE
+from drivers.engines import engine_names, installed, load_engine
+from drivers.limits.attainable import FORCE, beyond_rounding
 from drivers.scene.read_scene import read_scene
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Cost of a run on one engine: seconds of start-up, nanoseconds per body and time step, and body and sample."""
+
+    start_s: float
+    step_ns: float
+    sample_ns: float
+
+    def loop_s(self, case: Case) -> float:
+        """Seconds in the time loop."""
+        return case.chain.bodies * (self.step_ns * case.scene.steps + self.sample_ns * case.scene.samples) * 1e-9
+
+    def run_s(self, case: Case) -> float:
+        """Seconds of a whole process."""
+        return self.start_s + self.loop_s(case)
+
+
+@cache
+def cost_on(engine: str) -> Cost:
+    """What an engine costs; one that nobody has measured costs infinitely much."""
+    measured = tomllib.loads(paths.COSTS.read_text()).get(engine)
+    return Cost(**measured) if measured else Cost(float("inf"), 0.0, 0.0)
+
+
+def able(case: Case) -> list[str]:
+    """Engines that model all that the case requires, as accurately as it asks, installed or not."""
+    needed = {element.name for element in case.elements if element.modelled}
+    return [
+        name
+        for name in engine_names()
+        if needed <= load_engine(name).models
+        and not beyond_rounding(case, name)
+        and load_engine(name).refusal(case) is None
+    ]
+
+
+def cheapest(case: Case) -> str:
+    """The cheapest installed engine that models all that the case requires.
+
+    Raises:
+        RunError: there is none.
+    """
+    found = installed(able(case))
+    if not found:
+        raise RunError(f"no installed engine models all of this scene; {', '.join(able(case)) or 'none'} would")
+    return min(found, key=lambda name: cost_on(name).run_s(case))
 
 
 def planned_case(source: str | Path, *settings: str) -> Case:
@@ -40,8 +93,10 @@ def plan_case(case: Case) -> Case:
     """
     if case.scene.run.accuracy is None:
         return case
-    from validation.accuracy.simplify import simplify  # runs the in-repo scheme: only where it is needed
-    from validation.accuracy.step_choice import Chooser
+    from validation.accuracy.step_choice import (
+        Chooser,
+        simplify,  # runs the in-repo scheme: only where it is needed
+    )
 
     began = time.perf_counter()
     asked = asked_of(case)

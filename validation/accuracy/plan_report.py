@@ -15,8 +15,7 @@ from drivers.limits.criteria import CRITERIA
 from drivers.limits.stable_step import predicted_limit
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of
 from validation.accuracy.budget import predicted_error
-from validation.accuracy.costs import able, cheapest, cost_on
-from validation.accuracy.plan import asked_of, planned_case
+from validation.accuracy.plan import able, asked_of, cheapest, cost_on, planned_case
 from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 
 TENFOLD = 10.0

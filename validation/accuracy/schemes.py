@@ -1,19 +1,35 @@
-"""A case by the in-repo schemes, as traces: velocity Verlet at the case's step, and the same rounded otherwise."""
+"""A case by the in-repo schemes, as traces: rounded in two ways, or exact; and errors of a run, by quantity.
 
-from dataclasses import replace
+Quantities are named like observables, without the unit: ``wall_peak``, ``bead_9_arrival``, ``speed_9_to_5``. The error
+of ``force`` is the largest force difference over all contacts and sample times over the largest force, that of
+``energy`` the largest change over what the scene puts in (where contacts lose energy, the largest difference); all
+others are relative to the true value.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, sphere_for_face
+from drivers.chain.chain import Array, energy_put_in, moving_at_start, sphere_for_face
 from drivers.chain.integrator_arrays import arrays_of, tube_arrays_of
 from drivers.chain.trace import Trace, make_sideways_trace, make_trace
+from drivers.limits.attainable import FORCE
+from drivers.run.guard import energy_error
+from postproc.read.observables import describe, observe, without_unit
+from postproc.read.residual import residual
+from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import Motion
 from validation.reference.tube import TOTAL, integrate_tube
 from validation.reference.tube_chain import TubeChain, TubeMotion
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 
 TURN_RAD = 1.0  # about the axis, for the run that only rounds otherwise
+ENERGY = "energy"
+FINER = 4  # times the samples that true peaks are read from: quintics leave 4^-6 of the error of sampling
+MAX_FINE_VALUES = 4_000_000  # values of the finer record; beyond it the error of sampling is not measured
 
 
 def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
@@ -89,3 +105,83 @@ def _trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
     force, place, velocity = motion.force_N, motion.place_m, motion.velocity_m_s
     times, spin, bore = case.sample_times_s, motion.spin_rad_s, motion.bore_N
     return make_sideways_trace(case.chain, times, force, place, velocity, spin, bore)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A case's exact motion.
+
+    Attributes:
+        trace: at the case's sample times.
+        fine: four times as fine; the same as ``trace`` where that would be too much.
+    """
+
+    case: Case
+    trace: Trace
+    fine: Trace
+
+    @cached_property
+    def true(self) -> dict[str, float]:
+        """Quantities as the finer record has them; what is not seen is not in it."""
+        return quantities(self.case, self.fine)
+
+    @cached_property
+    def sampled(self) -> dict[str, float]:
+        """The same, read from the case's samples."""
+        return quantities(self.case, self.trace)
+
+    @property
+    def sampling_known(self) -> bool:
+        """Whether the finer record is one."""
+        return self.fine is not self.trace
+
+
+def truth_of(case: Case, tolerance: float = LEAST_TOLERANCE, *, finer: bool = True) -> Truth:
+    """The exact motion of a case, good to ``tolerance`` of the largest force.
+
+    Raises:
+        ArithmeticError: it cannot be followed.
+    """
+    factor = FINER if finer and FINER * case.scene.samples * case.chain.bodies <= MAX_FINE_VALUES else 1
+    spacing = case.scene.steps_per_sample * case.scene.time_step_s / factor
+    time = np.arange(factor * (case.scene.samples - 1) + 1, dtype=float) * spacing
+    motion = integrate_adaptive(arrays_of(case.chain), time, tolerance)
+    fine = trace_of(case, time, motion)
+    if factor == 1:
+        return Truth(case, fine, fine)
+    kept = Motion(*(values[::factor] for values in (motion.force_N, motion.displacement_m, motion.velocity_m_s)))
+    return Truth(case, trace_of(case, case.sample_times_s, kept), fine)
+
+
+def quantities(case: Case, trace: Trace) -> dict[str, float]:
+    """What a trace shows of pulses, by name without the unit."""
+    values = observe(case.layout, trace).items()
+    return {without_unit(name): value for name, value in values if describe(name).of_wave and np.isfinite(value)}
+
+
+def errors_of(case: Case, trace: Trace, truth: Truth, names: Collection[str]) -> dict[str, float]:
+    """Errors of the named quantities; inf for one that the trace does not show.
+
+    Raises:
+        KeyError: the truth does not show it either.
+    """
+    errors = {}
+    seen = {} if {*names} <= {FORCE, ENERGY} else quantities(case, trace)
+    for name in names:
+        if name == FORCE:
+            errors[name] = float(residual(trace, truth.trace).max())
+        elif name == ENERGY:
+            if not case.chain.damping_ratio:
+                errors[name] = float(energy_error(case.chain, trace).max())
+                continue
+            scale = energy_put_in(case.chain, float(trace.time_s[-1])) or 1.0
+            errors[name] = float(np.abs(trace.total_energy_J - truth.trace.total_energy_J).max()) / scale
+        else:
+            errors[name] = abs(seen.get(name, np.inf) / truth.true[name] - 1)
+    return {name: error if np.isfinite(error) else np.inf for name, error in errors.items()}
+
+
+def momentum_error(case: Case, trace: Trace, truth: Truth) -> float:
+    """Largest momentum difference over the largest momentum."""
+    scale = max(float(np.abs(truth.trace.momentum_N_s).max()), moving_at_start(case.chain)) or 1.0
+    return float(np.abs(trace.momentum_N_s - truth.trace.momentum_N_s).max()) / scale

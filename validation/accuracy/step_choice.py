@@ -1,10 +1,12 @@
-"""The largest time step that keeps an accuracy, found by running the codes' own scheme on the very case.
+"""What keeps an accuracy: the largest time step, and a model without elements whose effect is small beside it.
 
 Velocity Verlet in this repository costs about a fiftieth of a code's run at the same step, and errs by the same amount
 to ten digits: the error that is predicted is one that was measured. The exact motion is followed only as exactly as
 the accuracy asks.
 """
 
+from collections.abc import Callable
+from dataclasses import replace
 from math import ceil, inf, sqrt
 from typing import NoReturn
 
@@ -12,18 +14,20 @@ import numpy as np
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case, Plan
-from drivers.chain.chain import Array
+from drivers.chain.chain import Array, build_chain
+from drivers.chain.elements import choose_elements
 from drivers.chain.integrator_arrays import arrays_of
 from drivers.limits.attainable import FORCE, ROOM, unattainable
 from drivers.limits.stable_step import predicted_limit
+from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.residual import residual, share_of_largest
 from validation.accuracy.baseline import Baseline
-from validation.accuracy.error_measures import ENERGY, Truth, errors_of, truth_of
-from validation.accuracy.schemes import verlet_of
+from validation.accuracy.schemes import ENERGY, Truth, errors_of, truth_of, verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE, scales
 from validation.reference.tube import TOTAL
 
+SHARE = 0.5  # of the accuracy: what all that is left out may take together; the time step has the rest
 MIN_ACCURACY = 10 * LEAST_TOLERANCE
 TRUTH_SHARE = 1e-3  # of the accuracy: how exact the exact motion has to be
 MAX_TOLERANCE = 1e-4  # of the exact motion
@@ -38,6 +42,71 @@ COARSE_ERROR = 0.1  # errors beyond it tell nothing of the order: the step is ha
 ROUNDING_FACTOR = 4.0  # times the rounding predicted: it is scaled, and a random walk
 ROUNDING_WORK = 400_000  # bodies times steps of which rounding is measured, some milliseconds; beyond, it is scaled
 MARGIN = 1.25  # times the best accuracy, as errors name it
+
+
+def _with(scene: Scene, table: str, **changes: object) -> Scene:
+    return scene.model_copy(update={table: getattr(scene, table).model_copy(update=changes)})
+
+
+# the scene without an element of ``drivers.chain.elements``
+WITHOUT: dict[str, Callable[[Scene], Scene]] = {
+    "gravity": lambda scene: scene.model_copy(update={"gravity": 0.0}),
+    "precompression": lambda scene: _with(scene, "chain", precompression=0.0),
+    "sensor masses": lambda scene: _with(
+        scene, "chain", sensors=tuple(each.model_copy(update={"mass": None}) for each in scene.chain.sensors)
+    ),
+    "mass scatter": lambda scene: _with(scene, "chain", mass_scatter=0.0),
+    "damping": lambda scene: _with(scene, "contact", restitution=None, damping_ratio=None),
+}
+
+
+def simplify(case: Case, asked: dict[str, float]) -> Case:
+    """The case without what changes too little of what is asked for, the smallest effects first.
+
+    Effects are those on the exact motion, one by one and together; a case that they cannot be measured on stays whole.
+
+    Args:
+        case: a straight chain's.
+        asked: accuracies by quantity, as ``validation.accuracy.schemes`` counts errors.
+    """
+    candidates = [each.name for each in case.elements if each.modelled and each.name in WITHOUT]
+    if not candidates:
+        return case
+    try:
+        truth = truth_of(case)
+        if any(name not in truth.true for name in asked if name not in (FORCE, ENERGY)):
+            return case  # whoever chooses the step says so
+
+        def effect(names: list[str]) -> dict[str, float]:
+            changed = errors_of(case, truth_of(_without(case, names), finer=False).trace, truth, asked)
+            return {name: changed[name] / share for name, share in asked.items()}
+
+        alone = {name: effect([name]) for name in candidates}
+    except ArithmeticError:
+        return case
+    left: list[str] = []
+    for largest, name in sorted((max(shares.values()), name) for name, shares in alone.items()):
+        if largest <= SHARE and max(effect([*left, name]).values()) <= SHARE:
+            left.append(name)
+    if not left:
+        return case
+    simple = _without(case, left)
+    elements = {each.name: each for each in simple.elements}
+    for name in left:
+        worst = max(alone[name], key=lambda quantity: alone[name][quantity])
+        change = alone[name][worst] * asked[worst]
+        scene_has = next(each.reason for each in case.elements if each.name == name)
+        why = f"it changes the {worst} by {change:.1e}, where {asked[worst]:g} is asked for"
+        elements[name] = replace(elements[name], reason=f"left out ({scene_has}): {why}")
+    return replace(simple, elements=tuple(elements.values()), full=case)
+
+
+def _without(case: Case, names: list[str]) -> Case:
+    scene = case.scene
+    for name in names:
+        scene = WITHOUT[name](scene)
+    chain = build_chain(scene)
+    return replace(case, scene=scene, chain=chain, elements=choose_elements(scene, chain))
 
 
 class Chooser:
@@ -63,7 +132,13 @@ class Chooser:
             self.truth, self.known = self._follow(strictest)
         except ArithmeticError as error:
             raise InputError(case.scene.file, "run.accuracy", str(error), "run.time_step instead") from error
-        self._check_names()
+        for name in self.gauges:
+            if not self.truth.true.get(name):
+                has = (each for each, value in self.truth.true.items() if value)
+                self._refuse(name, "nothing that this scene shows", ", ".join([FORCE, ENERGY, *has]))
+            if not self.truth.sampling_known:
+                found = "too many samples times contacts to measure what is lost between samples"
+                self._refuse(name, found, f"{FORCE}, {ENERGY}")
         self.stable_s = predicted_limit(case.chain, duration)
 
     def _refuse(self, name: str, found: str, allowed: str) -> NoReturn:
@@ -86,15 +161,6 @@ class Chooser:
             if known <= TRUTH_SHARE * strictest or tolerance <= LEAST_TOLERANCE:
                 return truth, known
             tolerance = max(0.1 * tolerance * min(TRUTH_SHARE * strictest / known, 1.0), LEAST_TOLERANCE)
-
-    def _check_names(self) -> None:
-        for name in self.gauges:
-            if not self.truth.true.get(name):
-                has = (each for each, value in self.truth.true.items() if value)
-                self._refuse(name, "nothing that this scene shows", ", ".join([FORCE, ENERGY, *has]))
-            if not self.truth.sampling_known:
-                found = "too many samples times contacts to measure what is lost between samples"
-                self._refuse(name, found, f"{FORCE}, {ENERGY}")
 
     def errors_at(self, steps_per_sample: int) -> dict[str, float]:
         """Errors of the codes' scheme, by quantity."""

@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
+from drivers.chain.chain import Array, Chain, energy_put_in, moving_at_start
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, load_engine
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, Baseline, baseline_of
-from validation.compare.deviation import first_beyond, motion_scales, shares_apart
 
 # of the largest force: where rounding ends comparisons, what good steps keep, what experiments could resolve
 LEVELS = (HORIZON, 1e-4, 1e-2)
@@ -29,6 +28,102 @@ FITTED_SHARE = 0.05  # of its difference from the scheme: what may be left of it
 ENERGY_FACTOR = 10.0  # times what forces may differ by: the energy goes with the velocity squared, 2.3 times measured
 TRIALS = 5  # of other steps
 TRIAL_WORK = 2e7  # bodies times steps of a scheme tried at another step
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far two traces are apart, and where.
+
+    Attributes:
+        share: of the forces, over the largest |F_ref|; of the kinetic energy over what is put in, or of the momentum
+            over the largest there can be.
+        quantity: such as ``contact 3`` or ``momentum``.
+    """
+
+    share: float
+    time_s: float
+    quantity: str
+
+    @property
+    def place(self) -> str:
+        """Where that is, in words."""
+        return f"{self.quantity} at {self.time_s * 1e6:g} µs"
+
+
+def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Deviation:
+    """The largest force difference from a reference, whose largest force is 1; all samples count by default.
+
+    Raises:
+        ValueError: the traces differ in contacts or sample times.
+    """
+    if trace.force_N.shape != reference.force_N.shape:
+        raise ValueError(f"{trace.force_N.shape} samples and contacts against {reference.force_N.shape}")
+    if not np.allclose(trace.time_s, reference.time_s, rtol=1e-12, atol=0):
+        raise ValueError("the sample times differ")
+    share = shares_apart(trace.force_N, reference.force_N)[:samples]
+    sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
+    return _in_contact(trace, share, int(sample), int(column))
+
+
+def first_deviation(trace: Trace, reference: Trace, level: float) -> Deviation | None:
+    """The largest force difference at the first sample at which any is beyond a level; None where none is."""
+    share = shares_apart(trace.force_N, reference.force_N)
+    beyond = first_beyond(share, level)
+    return _in_contact(trace, share, *beyond) if beyond else None
+
+
+def _in_contact(trace: Trace, share: Array, sample: int, column: int) -> Deviation:
+    return Deviation(float(share[sample, column]), float(trace.time_s[sample]), f"contact {column + 1}")
+
+
+def shares_apart(force_N: Array, reference_N: Array, largest_N: float | None = None) -> Array:
+    """|F - F_ref| over the largest |F_ref|; inf where there is no number. All of shape (samples, contacts).
+
+    Args:
+        force_N: the forces in question.
+        reference_N: what they should be.
+        largest_N: the largest force, where these are but the first samples.
+    """
+    largest_N = largest_N or float(np.abs(reference_N).max()) or 1.0
+    with np.errstate(invalid="ignore"):
+        return np.nan_to_num(np.abs(force_N - reference_N) / largest_N, nan=np.inf)
+
+
+def first_beyond(share: Array, level: float | Array) -> tuple[int, int] | None:
+    """The first sample at which any contact is beyond a level, and the column furthest off then; None where none is.
+
+    Args:
+        share: differences of forces. Shape (samples, contacts).
+        level: in the same terms, for all samples or for each. Shape (samples,).
+    """
+    beyond = share.max(axis=1) > level
+    if not beyond.any():
+        return None
+    sample = int(np.argmax(beyond))
+    return sample, int(np.argmax(share[sample]))
+
+
+def motion_scales(chain: Chain, trace: Trace) -> Array:
+    """What kinetic energies and momenta are counted by: the energy put in, the largest momentum there can be.
+
+    The latter is at least that of the loads' impulse, and that of all bodies at time 0 without directions, so that a
+    chain at rest has one, and what meets head on. In J and N s, shape (2,).
+    """
+    duration = float(trace.time_s[-1])
+    energy = energy_put_in(chain, duration) or 1.0
+    loads = abs(float(chain.load_N.sum())) * duration
+    momentum = max(float(np.abs(trace.momentum_N_s).max()), moving_at_start(chain), loads) or 1.0
+    return np.array([energy, momentum])
+
+
+def motion_deviation(chain: Chain, trace: Trace, reference: Trace, samples: int | None = None) -> Deviation:
+    """The largest difference of kinetic energy and momentum between traces of equal sample times."""
+    found = np.array([trace.kinetic_energy_J, trace.momentum_N_s])[:, :samples]
+    right = np.array([reference.kinetic_energy_J, reference.momentum_N_s])[:, :samples]
+    shares = np.abs(found - right) / motion_scales(chain, reference)[:, None]
+    which, sample = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    quantity = ("kinetic energy", "momentum")[int(which)]
+    return Deviation(float(shares[which, sample]), float(trace.time_s[sample]), quantity)
 
 
 @dataclass(frozen=True)
@@ -105,23 +200,19 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
                 raise ArithmeticError("velocity Verlet at this step blows up")
             run = until(trace, len(exact.time_s))
             samples = len(run.time_s)
-            return _departure(HeldRun(engine, baseline, run, until(scheme, samples), exact.force_N[:samples]))
+            held = HeldRun(engine, baseline, run, until(scheme, samples), exact.force_N[:samples])
+            if fault := first_fault(held):
+                return fault
+            found = sorted([*_from_exact(held), *_from_scheme(held)], key=lambda each: each.time_s)
+            share = np.abs(held.run.force_N - held.exact_N) / held.baseline.largest_N
+            sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
+            furthest = f"it is furthest from it, {share.max():.1e}, {held.place(int(sample), int(column))}"
+            if not found:
+                never = f"never leaves the exact motion by {LEVELS[0]:g} of the largest force"
+                return _nowhere(NONE, never + (f"; {furthest}" if share.any() else ": it is the same, bit for bit"))
+            return replace(found[0], words=f"{found[0].words}; {furthest}", later=tuple(found[1:]))
     except ArithmeticError as error:
         return _nowhere(UNKNOWN, f"when it leaves the exact motion is not measured: {error}")
-
-
-def _departure(held: HeldRun) -> Departure:
-    fault = first_fault(held)
-    if fault:
-        return fault
-    found = sorted([*_from_exact(held), *_from_scheme(held)], key=lambda each: each.time_s)
-    share = np.abs(held.run.force_N - held.exact_N) / held.baseline.largest_N
-    sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
-    furthest = f"it is furthest from it, {share.max():.1e}, {held.place(int(sample), int(column))}"
-    if not found:
-        never = f"never leaves the exact motion by {LEVELS[0]:g} of the largest force"
-        return _nowhere(NONE, f"{never}; {furthest}" if share.any() else f"{never}: it is the same, bit for bit")
-    return replace(found[0], words=f"{found[0].words}; {furthest}", later=tuple(found[1:]))
 
 
 def departure_rows(departures: Mapping[str, Departure]) -> list[tuple[str, Departure]]:
@@ -134,25 +225,20 @@ def _nowhere(kind: str, words: str) -> Departure:
 
 
 def _from_exact(held: HeldRun) -> Iterator[Departure]:
-    """When a run passes each level; of several at one sample the largest."""
-    share, own = held.off(held.exact_N), held.off(held.scheme.force_N).max(axis=1)
+    """When a run passes each level, and why, by how far it is from its own scheme; of several at once the largest."""
+    baseline, share, own = held.baseline, held.off(held.exact_N), held.off(held.scheme.force_N).max(axis=1)
     passed = {place: level for level in LEVELS if (place := first_beyond(share, level))}
     for place, level in passed.items():
-        kind, why = _why(held.baseline, place[0], float(own[place[0]]), level)
+        kind, why = MODEL, f"within what is allowed ({baseline.allowed.limit:g}: {baseline.allowed.reason})"
+        if baseline.chaotic(place[0]):
+            times = f"{baseline.growth(place[0]):.0e} times"
+            kind, why = CHAOS, f"after reflections, which have multiplied what rounding alone does {times}"
+        elif own[place[0]] <= level / 2:
+            kind, why = TRUNCATION, "velocity Verlet at this step does the same"
+        elif own[place[0]] <= baseline.explained[place[0]]:
+            kind, why = ROUNDING, "of heights so far from 0"
         words = f"leaves the exact motion by {level:g} of the largest force {held.place(*place)}: {kind}, {why}"
         yield held.departure(place, share, kind, level, words)
-
-
-def _why(baseline: Baseline, sample: int, own: float, level: float) -> tuple[str, str]:
-    """The kind of a departure from the exact motion and why, by how far the run is from its own scheme then."""
-    if baseline.chaotic(sample):
-        times = f"{baseline.growth(sample):.0e} times"
-        return CHAOS, f"after reflections, which have multiplied what rounding alone does {times}"
-    if own <= level / 2:
-        return TRUNCATION, "velocity Verlet at this step does the same"
-    if own <= baseline.explained[sample]:
-        return ROUNDING, "of heights so far from 0"
-    return MODEL, f"within what is allowed ({baseline.allowed.limit:g}: {baseline.allowed.reason})"
 
 
 def _from_scheme(held: HeldRun) -> Iterator[Departure]:
@@ -212,12 +298,9 @@ def first_fault(held: HeldRun) -> Departure | None:
 def _wrong_start(held: HeldRun) -> Departure | None:
     """Energy or momentum that is not the scene's at time 0: bodies of other speeds or masses."""
     run, scheme = held.run, held.scheme
-    energy, momentum = (float(scale) for scale in motion_scales(held.baseline.case.chain, scheme))
-    for name, unit, values, expected, scale in (
-        ("kinetic energy", "J", run.kinetic_energy_J, scheme.kinetic_energy_J, energy),
-        ("momentum", "N s", run.momentum_N_s, scheme.momentum_N_s, momentum),
-    ):
-        has, should = float(values[0]), float(expected[0])
+    units = ("kinetic energy", "J", "kinetic_energy_J"), ("momentum", "N s", "momentum_N_s")
+    for (name, unit, key), scale in zip(units, motion_scales(held.baseline.case.chain, scheme).tolist(), strict=True):
+        has, should = (float(getattr(each, key)[0]) for each in (run, scheme))
         share = abs(has - should) / scale
         if not share <= START_SHARE:
             is_, is_to_be = (0.0 if abs(value) < START_SHARE * scale else value for value in (has, should))

@@ -193,23 +193,23 @@ def _tried(target: Target, model: Model, engine: str) -> Iterator[Found]:
 
 
 def _nearest(target: Target, variants: Sequence[Variant]) -> list[tuple[Variant, float]]:
-    """Variants with a parameter that come nearest in early windows, with the value at which they do."""
+    """Variants with a parameter that come nearest in early windows, with the value at which they do.
+
+    Each starts from the two lowest minima among its first values, and from the middle one.
+    """
     windows = target.least, max(target.least, len(target.off) // 8)
-    candidates = [(variant, value) for variant in variants for value in _scanned(target, variant)]
+    candidates = []
+    for variant in variants:
+        misses = np.array([_root_mean_square(target.missed(variant.at(t), target.least)) for t in variant.values])
+        padded = np.pad(misses, 1, constant_values=np.inf)
+        minima = np.flatnonzero((misses <= padded[:-2]) & (misses <= padded[2:]))
+        places = [*minima[np.argsort(misses[minima])][:2].tolist(), len(misses) // 2]  # of factors the middle one is 1
+        candidates += [(variant, float(variant.values[i])) for i in dict.fromkeys(places)]
     for window, kept in zip(windows, KEPT, strict=True):
         fits = [(variant, *_refined(target, variant, value, window, 1e-6)) for variant, value in candidates]
         fits.sort(key=lambda fit: max(fit[2], target.allowed))  # of those as near the plainest first
         candidates = [(variant, value) for variant, value, _ in fits[:kept]]
     return candidates
-
-
-def _scanned(target: Target, variant: Variant) -> list[float]:
-    """The two lowest minima of a variant among its first values, and the middle one: of factors that is 1."""
-    misses = np.array([_root_mean_square(target.missed(variant.at(value), target.least)) for value in variant.values])
-    padded = np.pad(misses, 1, constant_values=np.inf)
-    minima = np.flatnonzero((misses <= padded[:-2]) & (misses <= padded[2:]))
-    lowest = [int(i) for i in minima[np.argsort(misses[minima])][:2]]
-    return [float(variant.values[i]) for i in dict.fromkeys([*lowest, len(misses) // 2])]
 
 
 def _refined(

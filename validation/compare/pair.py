@@ -24,8 +24,7 @@ from postproc.read.observables import describe, observe, of_kind, without_unit
 from postproc.read.signals import integral
 from validation.accuracy.baseline import HORIZON, baseline_of, model_quantity, shipped_name
 from validation.accuracy.budget import PARTS, for_terminal
-from validation.compare.departure import Departure, departure
-from validation.compare.deviation import Deviation, deviation, first_deviation
+from validation.compare.departure import Departure, Deviation, departure, deviation, first_deviation
 from validation.compare.verdict import FAIL, Verdict, judged
 
 KINDS = ("peak", "later peak", "speed")  # of observables that are judged
@@ -167,8 +166,7 @@ def allowed_between(one: PairedRun, other: PairedRun) -> tuple[dict[str, Toleran
     same_step = isclose(one.run.record.time_step_s, other.run.record.time_step_s, rel_tol=1e-12)
     exact = [load_engine(each.engine).scheme == EXACT for each in (one, other)]
     if all(exact) or (not any(exact) and same_step):
-        force, samples = _by_rounding(one, other)
-        of_gauges = {}
+        force, samples, of_gauges = *_by_rounding(one, other), {}
     else:
         names = {shipped_name(each.case) for each in (one, other)}
         name = names.pop() if len(names) == 1 else None

@@ -18,7 +18,7 @@ from drivers.engines import load_engine
 from drivers.scene.model import RIGID, Material
 from drivers.scene.read_scene import read_toml
 from validation.accuracy.schemes import heights_and_reach
-from validation.accuracy.simplify import WITHOUT
+from validation.accuracy.step_choice import WITHOUT
 from validation.reference.hertz_chain import Motion
 from validation.reference.velocity_verlet import integrate_verlet_absolute
 

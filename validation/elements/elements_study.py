@@ -14,7 +14,7 @@ from drivers.engines import installed_codes
 from postproc.draw.style import FAINT, line_of, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
-from validation.accuracy.costs import cost_on
+from validation.accuracy.plan import cost_on
 from validation.elements import rule_checks
 from validation.elements.oscilloscope import STEPS, Number, Shown, add_steps, vary
 from validation.elements.switches import Effect, measure_effects, pairs_of, read_elements

@@ -18,7 +18,7 @@ from drivers.base import paths
 from drivers.chain.case import Case
 from drivers.engines import in_order
 from drivers.run.finished import provenance
-from validation.compare.compared_scenes import ComparedScene
+from validation.compare.comparison import ComparedScene
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
 from validation.report.scene_section import Cell, Row, counted, source_of
 

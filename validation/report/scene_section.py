@@ -22,7 +22,7 @@ from postproc.draw.style import svg_of
 from postproc.read.observables import observe
 from postproc.read.residual import REFERENCE
 from validation.accuracy.budget import PARTS
-from validation.compare.compared_scenes import ComparedScene
+from validation.compare.comparison import ComparedScene
 from validation.compare.departure import Departure, departure_rows
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
 from validation.report.charts import Chart, chart_of, failed_label

@@ -16,7 +16,7 @@ from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.engines import in_order
 from validation.claims.claims_study import read_section as read_claims
-from validation.compare.compared_scenes import ComparedScene, run_and_compare
+from validation.compare.comparison import ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.independent.independent_study import read_section as read_independent
 from validation.report.charts import PLACES

@@ -15,8 +15,7 @@ from drivers.engines import installed_codes
 from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
 from postproc.read.residual import apart
-from validation.accuracy.error_measures import truth_of
-from validation.accuracy.schemes import trace_of, verlet_of
+from validation.accuracy.schemes import trace_of, truth_of, verlet_of
 from validation.reference.symplectic import integrate_symplectic
 from validation.served_runs import serve, serving
 from validation.studies import ADAPTIVE, ORDER_4, VERLET, progress

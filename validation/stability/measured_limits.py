@@ -19,8 +19,7 @@ from drivers.limits.criteria import CRITERIA
 from drivers.limits.stable_step import reached_in, stable_step
 from drivers.run.run import default_limit_s
 from drivers.run.session import Session
-from validation.accuracy.error_measures import truth_of
-from validation.accuracy.schemes import verlet_of
+from validation.accuracy.schemes import truth_of, verlet_of
 from validation.served_runs import serving
 from validation.stability.subjects import RANDOM, SHIPPED, Subject
 from validation.studies import VERLET, progress

@@ -22,9 +22,8 @@ from drivers.run.run import run_case
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from postproc.read.residual import REFERENCE
-from validation.accuracy.costs import cost_on
-from validation.accuracy.error_measures import ENERGY, Truth, errors_of, momentum_error, quantities, truth_of
-from validation.accuracy.schemes import trace_of
+from validation.accuracy.plan import cost_on
+from validation.accuracy.schemes import ENERGY, Truth, errors_of, momentum_error, quantities, trace_of, truth_of
 from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
@@ -62,7 +61,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class Row:
-    """One measurement; errors as in ``accuracy.error_measures``, NaN where the scene does not show a quantity.
+    """One measurement; errors as in ``accuracy.schemes``, NaN where the scene does not show a quantity.
 
     Attributes:
         share_of_limit: the step over the predicted stability limit; of the adaptive integrator its tolerance.

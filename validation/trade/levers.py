@@ -17,8 +17,7 @@ from drivers.run.run import default_limit_s
 from postproc.paper.simulate import case_of, exact
 from postproc.read.observables import of_kind
 from postproc.read.residual import residual
-from validation.accuracy.error_measures import errors_of, quantities, truth_of
-from validation.accuracy.schemes import verlet_of
+from validation.accuracy.schemes import errors_of, quantities, truth_of, verlet_of
 from validation.served_runs import builds_of, left_out_if_failed, serve, serving
 from validation.trade.climb import start_up
 
@@ -33,7 +32,7 @@ class Lever:
     """One measurement of a lever.
 
     Attributes:
-        error: of the quantity, as in ``accuracy.error_measures``; NaN where the lever changes only the cost.
+        error: of the quantity, as in ``accuracy.schemes``; NaN where the lever changes only the cost.
         gain: how many times cheaper (below 1: dearer) than without the lever; NaN where it is not about cost.
     """
 

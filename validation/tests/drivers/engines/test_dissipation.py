@@ -22,8 +22,7 @@ from drivers.limits.refusal import inability
 from drivers.limits.stable_step import linear_limit, predicted_limit
 from drivers.run.guard import energy_error, reason_to_fail
 from postproc.read.observables import observe, of_kind
-from validation.accuracy.error_measures import truth_of
-from validation.accuracy.schemes import verlet_of
+from validation.accuracy.schemes import truth_of, verlet_of
 from validation.compare.comparison import compare_case
 from validation.compare.verdict import PASS
 from validation.reference.adaptive import LEAST_DAMPED_TOLERANCE, integrate_adaptive

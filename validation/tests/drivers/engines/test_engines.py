@@ -7,7 +7,7 @@ import pytest
 
 from postproc.read.observables import observe
 from validation.accuracy.baseline import baseline_of
-from validation.compare.deviation import deviation
+from validation.compare.departure import deviation
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import WALL, SceneWriter, case_of
 

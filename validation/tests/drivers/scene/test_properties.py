@@ -22,8 +22,7 @@ from drivers.engines import engine_names, load_engine
 from drivers.run.guard import energy_error
 from drivers.scene.model import Material
 from drivers.scene.read_scene import make_scene, read_toml
-from validation.accuracy.error_measures import truth_of
-from validation.accuracy.schemes import trace_of
+from validation.accuracy.schemes import trace_of, truth_of
 from validation.reference.velocity_verlet import integrate_verlet
 
 Tables = dict[str, Any]

@@ -19,8 +19,7 @@ from postproc.read.observables import observe
 from postproc.read.sensors import high_passed, sensor_signals
 from postproc.read.signals import Peak, envelope, peaks, train_envelope
 from validation.accuracy.budget import error_budget
-from validation.accuracy.error_measures import truth_of
-from validation.accuracy.schemes import verlet_of
+from validation.accuracy.schemes import truth_of, verlet_of
 from validation.tests.helpers.runs import assessed
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
 

@@ -7,8 +7,7 @@ import pytest
 
 from drivers.chain.case import Case
 from postproc.read.residual import residual
-from validation.accuracy.error_measures import truth_of
-from validation.accuracy.schemes import verlet_of
+from validation.accuracy.schemes import truth_of, verlet_of
 from validation.stability.measured_limits import WITHIN, measure_limits
 from validation.stability.subjects import at_random, random_case, shipped
 from validation.tests.helpers.runs import finished

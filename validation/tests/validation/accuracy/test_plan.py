@@ -12,9 +12,8 @@ from drivers.limits.stable_step import linear_limit
 from drivers.run.finished import RunRecord
 from validation.accuracy.baseline import baseline_of
 from validation.accuracy.budget import parts_of
-from validation.accuracy.costs import cheapest
-from validation.accuracy.error_measures import errors_of, truth_of
-from validation.accuracy.schemes import verlet_of
+from validation.accuracy.plan import cheapest
+from validation.accuracy.schemes import errors_of, truth_of, verlet_of
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import assessed, finished
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
@@ -115,7 +114,7 @@ def test_a_wrong_law_shows_as_model_error(shared_runs: Path) -> None:
     run = finished(case, "verlet", shared_runs)
     wrong = type(run.trace)(**(vars(run.trace) | {"force_N": run.trace.force_N * 1.001}))
     parts, _ = parts_of(baseline_of(case), "liggghts", wrong)
-    assert abs(parts[0].model) == pytest.approx(1e-3, rel=0.1)
+    assert abs(parts[0]["model"]) == pytest.approx(1e-3, rel=0.1)
 
 
 def test_a_miss_is_a_failure_of_the_command(shared_runs: Path) -> None:

@@ -10,10 +10,9 @@ from drivers.chain.case import Case
 from drivers.chain.chain import build_chain
 from drivers.engines import load_engine
 from postproc.read.residual import residual
-from validation.accuracy.error_measures import errors_of, truth_of
 from validation.accuracy.plan import asked_of
-from validation.accuracy.schemes import verlet_of
-from validation.accuracy.simplify import SHARE, WITHOUT, simplify
+from validation.accuracy.schemes import errors_of, truth_of, verlet_of
+from validation.accuracy.step_choice import SHARE, WITHOUT, simplify
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
 
@@ -117,7 +116,7 @@ def test_without_candidates_nothing_is_followed(monkeypatch: pytest.MonkeyPatch)
     def never(*_: object, **__: object) -> None:
         pytest.fail("followed a motion")
 
-    monkeypatch.setattr("validation.accuracy.simplify.truth_of", never)
+    monkeypatch.setattr("validation.accuracy.step_choice.truth_of", never)
     bare = case_of("fig4", "gravity=", "chain.sensors=[]")
     assert simplify(bare, {"force": 0.5}) is bare
 
@@ -131,6 +130,6 @@ def test_effects_that_cannot_be_measured_let_nothing_out(monkeypatch: pytest.Mon
     def fails(*_: object, **__: object) -> None:
         raise ArithmeticError("no step is small enough")
 
-    monkeypatch.setattr("validation.accuracy.simplify.truth_of", fails)
+    monkeypatch.setattr("validation.accuracy.step_choice.truth_of", fails)
     case = case_of("fig4")
     assert simplify(case, {"force": 0.9}) is case

@@ -15,7 +15,7 @@ from drivers.chain.trace import Trace, until
 from validation.__main__ import main
 from validation.accuracy.baseline import baseline_of
 from validation.accuracy.schemes import verlet_in_heights, verlet_of
-from validation.compare.compared_scenes import run_and_compare
+from validation.compare.comparison import run_and_compare
 from validation.compare.departure import (
     ANOTHER_STEP,
     CHAOS,

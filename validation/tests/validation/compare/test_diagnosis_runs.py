@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.compare.compared_scenes import ComparedScene, run_and_compare
-from validation.compare.comparison import REFUSED
+from validation.compare.comparison import REFUSED, ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
@@ -149,7 +148,7 @@ def sabotaged(
     """The small scene with gravity and a sensor, on one engine with its deck changed and on those in the repository."""
     file, good, bad, _ = SABOTAGE[engine, name]
     swap(engine, file, good, bad, stand_in, tmp_path)
-    monkeypatch.setattr("validation.compare.compared_scenes.engine_names", lambda: [engine, *IN_REPOSITORY])
+    monkeypatch.setattr("validation.compare.comparison.engine_names", lambda: [engine, *IN_REPOSITORY])
     compared = run_and_compare(scene, runs=tmp_path / "runs")
     assert not any(why.startswith(REFUSED) for why in compared.absent.values())
     return compared

@@ -15,8 +15,7 @@ from drivers.base import paths
 from drivers.chain.trace import until
 from drivers.engines import engine_names
 from drivers.run.finished import EndedRun
-from validation.compare.compared_scenes import ComparedScene, run_and_compare
-from validation.compare.comparison import compare_case
+from validation.compare.comparison import ComparedScene, compare_case, run_and_compare
 from validation.compare.departure import departure
 from validation.compare.verdict import FAIL, PASS
 from validation.independent.independent_study import Line

@@ -20,10 +20,8 @@ from drivers.chain.trace import until
 from drivers.run.finished import provenance
 from postproc.read.sensors import sensor_signals
 from validation.accuracy.baseline import HORIZON, baseline_of, shipped_name
-from validation.compare.compared_scenes import ComparedScene
-from validation.compare.comparison import compare_case
-from validation.compare.departure import NONE, departure
-from validation.compare.deviation import deviation
+from validation.compare.comparison import ComparedScene, compare_case
+from validation.compare.departure import NONE, departure, deviation
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.report.charts import MAX_SAMPLES, Panel, chart_of
 from validation.report.scene_section import scene_row, section_of, short

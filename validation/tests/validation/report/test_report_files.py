@@ -16,8 +16,7 @@ import pytest
 from drivers.base import decks as deck
 from drivers.base import paths
 from postproc.draw.style import pyplot, svg_of
-from validation.compare.compared_scenes import ComparedScene
-from validation.compare.comparison import compare_case
+from validation.compare.comparison import ComparedScene, compare_case
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
 from validation.independent.independent_study import Line
 from validation.independent.posed_cases import read_independent

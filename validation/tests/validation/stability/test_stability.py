@@ -16,7 +16,7 @@ from drivers.limits.refusal import inability, refuse
 from drivers.limits.stable_step import predicted_limit
 from drivers.run.run import run_case
 from validation.accuracy.schemes import verlet_of
-from validation.compare.compared_scenes import run_and_compare
+from validation.compare.comparison import run_and_compare
 from validation.report.write_report import write_report
 from validation.served_runs import builds_of
 from validation.stability.extremes import Extreme, extremes, run_extreme
