@@ -23,7 +23,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, IN_HEIGHTS, load_engine
-from drivers.limits.attainable import FORCE
+from drivers.limits.refusal import FORCE
 from drivers.scene.read_scene import read_scene
 from postproc.read.residual import share_of_largest
 from validation.accuracy.error_measures import Truth, truth_of

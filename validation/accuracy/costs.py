@@ -8,7 +8,7 @@ from drivers.base import paths
 from drivers.base.errors import RunError
 from drivers.chain.case import Case
 from drivers.engines import engine_names, installed, load_engine
-from drivers.limits.attainable import beyond_rounding
+from drivers.limits.refusal import beyond_rounding
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,9 @@ from functools import cached_property
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import energy_put_in, moving_at_start
-from drivers.chain.integrator_arrays import arrays_of
+from drivers.chain.chain import arrays_of, energy_put_in, moving_at_start
 from drivers.chain.trace import Trace
-from drivers.limits.attainable import FORCE
+from drivers.limits.refusal import FORCE
 from drivers.run.guard import energy_error
 from postproc.read.observables import describe, observe, without_unit
 from postproc.read.residual import residual

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.chain.case import Case, build_case
-from drivers.limits.attainable import FORCE
+from drivers.limits.refusal import FORCE
 from drivers.scene.read_scene import read_scene
 
 

@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, sphere_for_face
-from drivers.chain.integrator_arrays import arrays_of, tube_arrays_of
-from drivers.chain.trace import Trace, make_sideways_trace, make_trace
-from validation.reference.hertz_chain import Motion
+from drivers.chain.chain import Array, arrays_of, sphere_for_face, tube_arrays_of
+from drivers.chain.trace import Trace, make_trace
+from validation.reference.hertz_chain import Motion, TubeChain, TubeMotion
 from validation.reference.tube import TOTAL, integrate_tube
-from validation.reference.tube_chain import TubeChain, TubeMotion
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 
 TURN_RAD = 1.0  # about the axis, for the run that only rounds otherwise
@@ -88,4 +86,4 @@ def _tube_motion(case: Case, chain: TubeChain, law: str, finer: int = 1) -> Tube
 def _trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
     force, place, velocity = motion.force_N, motion.place_m, motion.velocity_m_s
     times, spin, bore = case.sample_times_s, motion.spin_rad_s, motion.bore_N
-    return make_sideways_trace(case.chain, times, force, place, velocity, spin, bore)
+    return make_trace(case.chain, times, force, place, velocity, spin, bore)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from drivers.chain.case import Case
 from drivers.chain.chain import build_chain
 from drivers.chain.elements import Element, choose_elements
-from drivers.limits.attainable import FORCE
+from drivers.limits.refusal import FORCE
 from drivers.scene.model import Scene
 from validation.accuracy.error_measures import ENERGY, errors_of, truth_of
 

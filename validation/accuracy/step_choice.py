@@ -12,9 +12,8 @@ import numpy as np
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case, Plan
-from drivers.chain.chain import Array
-from drivers.chain.integrator_arrays import arrays_of
-from drivers.limits.attainable import FORCE, ROOM, unattainable
+from drivers.chain.chain import Array, arrays_of
+from drivers.limits.refusal import FORCE, ROOM, unattainable
 from drivers.limits.stable_step import predicted_limit
 from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.residual import residual, share_of_largest
