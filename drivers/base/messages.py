@@ -1,6 +1,5 @@
 """Validation errors in words: what was found, what is allowed."""
 
-from collections.abc import Callable
 from difflib import get_close_matches
 from typing import Any, TypeVar
 
@@ -10,6 +9,23 @@ from drivers.base.errors import InputError
 from drivers.base.units import NotAllowedError
 
 Model = TypeVar("Model", bound=BaseModel)
+EXPECTED = {  # by the type of pydantic's error, with what its context names
+    "int_type": "a whole number",
+    "float_type": "a plain number",
+    "bool_type": "true or false",
+    "string_type": "text in quotes",
+    "finite_number": "a finite number",
+    "model_type": "a table",
+    "dict_type": "a table",
+    "tuple_type": "a list",
+    "greater_than": "above {gt:g}",
+    "greater_than_equal": "{ge:g} or more",
+    "less_than": "below {lt:g}",
+    "less_than_equal": "at most {le:g}",
+    "literal_error": "{expected}",
+    "string_pattern_mismatch": "letters, digits, '-' and '_', beginning with a letter",
+    "string_too_long": "at most {max_length} characters",
+}
 
 
 def validate(model: type[Model], data: object, where: str, prefix: str = "") -> Model:
@@ -41,25 +57,8 @@ def _told(error: Any, model: type[BaseModel], path: list[int | str]) -> tuple[st
     cause = error.get("ctx", {}).get("error")
     if isinstance(cause, NotAllowedError):
         return found, str(cause)
-    expected: dict[str, Callable[[dict[str, Any]], str]] = {
-        "int_type": lambda _: "a whole number",
-        "float_type": lambda _: "a plain number",
-        "bool_type": lambda _: "true or false",
-        "string_type": lambda _: "text in quotes",
-        "finite_number": lambda _: "a finite number",
-        "model_type": lambda _: "a table",
-        "dict_type": lambda _: "a table",
-        "tuple_type": lambda _: "a list",
-        "greater_than": lambda c: f"above {c['gt']:g}",
-        "greater_than_equal": lambda c: f"{c['ge']:g} or more",
-        "less_than": lambda c: f"below {c['lt']:g}",
-        "less_than_equal": lambda c: f"at most {c['le']:g}",
-        "literal_error": lambda c: str(c["expected"]),
-        "string_pattern_mismatch": lambda _: "letters, digits, '-' and '_', beginning with a letter",
-        "string_too_long": lambda c: f"at most {c['max_length']} characters",
-    }
-    describe = expected.get(error["type"])
-    return found, describe(error.get("ctx", {})) if describe else str(error["msg"])
+    expected = EXPECTED.get(error["type"])
+    return found, expected.format(**error.get("ctx", {})) if expected else str(error["msg"])
 
 
 def shorten(value: object) -> str:

@@ -5,10 +5,10 @@ and a deck shows 0.00476, not 0.0047599999999999995.
 """
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache, lru_cache
+from math import inf
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator
@@ -63,7 +63,7 @@ class InUnit(BeforeValidator):
     unit: str = ""
 
 
-def _quantity(what: str, unit: str, example: str, allows: Callable[[float], bool]) -> InUnit:
+def _quantity(what: str, unit: str, example: str, least: float = float(SMALLEST)) -> InUnit:
     allowed = f'{what} with its unit, such as "{example}"'
 
     def read(value: object) -> float:
@@ -75,34 +75,22 @@ def _quantity(what: str, unit: str, example: str, allows: Callable[[float], bool
             raise
         except ValueError as error:
             raise NotAllowedError(allowed) from error
-        if not allows(number):
+        if number < least:
             raise NotAllowedError(allowed)
         return number
 
     return InUnit(read, unit=unit)
 
 
-def _above_zero(value: float) -> bool:
-    return value > 0
-
-
-def _not_negative(value: float) -> bool:
-    return value >= 0
-
-
-def _any(value: float) -> bool:
-    return True
-
-
-Length = Annotated[float, _quantity("a length above zero", "m", "4.76 mm", _above_zero)]
-Gap = Annotated[float, _quantity("a length of zero or more", "m", "10 um", _not_negative)]
-Height = Annotated[float, _quantity("a height", "m", "0.1 m", _any)]
-Mass = Annotated[float, _quantity("a mass above zero", "kg", "0.1226 g", _above_zero)]
-MassSpread = Annotated[float, _quantity("a mass of zero or more", "kg", "0.0008 g", _not_negative)]
-Duration = Annotated[float, _quantity("a time above zero", "s", "0.8 ms", _above_zero)]
-Speed = Annotated[float, _quantity("a speed above zero", "m/s", "2 m/s", _above_zero)]
-Velocity = Annotated[float, _quantity("a velocity (upwards positive)", "m/s", "-0.5 m/s", _any)]
-Acceleration = Annotated[float, _quantity("an acceleration of zero or more", "m/s^2", "9.81 m/s^2", _not_negative)]
-Force = Annotated[float, _quantity("a force of zero or more", "N", "2 N", _not_negative)]
-Modulus = Annotated[float, _quantity("a pressure above zero", "Pa", "1.46 GPa", _above_zero)]
-Density = Annotated[float, _quantity("a density above zero", "kg/m^3", "2200 kg/m^3", _above_zero)]
+Length = Annotated[float, _quantity("a length above zero", "m", "4.76 mm")]
+Gap = Annotated[float, _quantity("a length of zero or more", "m", "10 um", 0.0)]
+Height = Annotated[float, _quantity("a height", "m", "0.1 m", -inf)]
+Mass = Annotated[float, _quantity("a mass above zero", "kg", "0.1226 g")]
+MassSpread = Annotated[float, _quantity("a mass of zero or more", "kg", "0.0008 g", 0.0)]
+Duration = Annotated[float, _quantity("a time above zero", "s", "0.8 ms")]
+Speed = Annotated[float, _quantity("a speed above zero", "m/s", "2 m/s")]
+Velocity = Annotated[float, _quantity("a velocity (upwards positive)", "m/s", "-0.5 m/s", -inf)]
+Acceleration = Annotated[float, _quantity("an acceleration of zero or more", "m/s^2", "9.81 m/s^2", 0.0)]
+Force = Annotated[float, _quantity("a force of zero or more", "N", "2 N", 0.0)]
+Modulus = Annotated[float, _quantity("a pressure above zero", "Pa", "1.46 GPa")]
+Density = Annotated[float, _quantity("a density above zero", "kg/m^3", "2200 kg/m^3")]

@@ -12,8 +12,7 @@ from drivers.base import paths, units
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten
 from drivers.scene.model import Part
-from drivers.scene.overrides import read_value
-from drivers.scene.read_scene import read_toml
+from drivers.scene.read_scene import read_toml, read_value
 
 MAX_VALUES = 1_000_000
 FORMS = ("values", "from", "factors", "zip", "seeds", "table")

@@ -20,8 +20,7 @@ from drivers.batch.axes import Axis, Choice, expand, look_up
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed
 from drivers.scene.model import Part, Scene, SceneFile
-from drivers.scene.overrides import set_value
-from drivers.scene.read_scene import find_input, find_scene, make_scene, read_toml
+from drivers.scene.read_scene import find_input, find_scene, make_scene, read_toml, set_value
 
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns that every table has
 

@@ -1,16 +1,57 @@
-"""A case: one scene made ready for any engine."""
+"""A case: one scene made ready for any engine, and rules that only the built chain can be judged by."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import sqrt
+from typing import Any
 
 import numpy as np
 
-from drivers.base.errors import refuse_any
-from drivers.chain.chain import Array, Chain, build_chain
-from drivers.chain.chain_rules import impossible
+from drivers.base.errors import InputProblem, refuse_any
+from drivers.chain.chain import Array, Chain, build_chain, moving_at_start
 from drivers.chain.contact_law import restitution
 from drivers.chain.elements import Element, choose_elements
-from drivers.chain.layout import Layout, make_layout
 from drivers.scene.model import RIGID, Scene
+
+MAX_OVERLAP = 0.5  # of the radius, at rest: far beyond Hertz, and close to where engines lose a contact
+
+
+@dataclass(frozen=True)
+class SensorBead:
+    """A bead that carries a gauge, counted from the wall; its height is that at time 0."""
+
+    from_wall: int
+    height_m: float
+    diameter_m: float
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which contacts there are and where the sensors sit.
+
+    Attributes:
+        sensors: from the top bead towards the wall: the order in which a wave meets them.
+        load_N: sum of all weights and of the precompression, upwards positive.
+        moving_N_s: momenta of all bodies at time 0 without their directions.
+        damped: whether contacts lose energy in impacts.
+        slips: whether they have friction.
+        time_constant_s: of the electronics behind the gauges; None: they show the force itself.
+    """
+
+    sensors: tuple[SensorBead, ...]
+    wall: bool
+    striker: bool
+    load_N: float
+    moving_N_s: float = 0.0
+    damped: bool = False
+    slips: bool = False
+    time_constant_s: float | None = None
+
+
+def read_layout(stored: dict[str, Any]) -> Layout:
+    """A layout as a run record holds it; older records know of no electronics."""
+    sensors = tuple(SensorBead(**sensor) for sensor in stored["sensors"])
+    return Layout(**(stored | {"sensors": sensors}))
 
 
 @dataclass(frozen=True)
@@ -79,7 +120,19 @@ class Case:
     @property
     def layout(self) -> Layout:
         """What post-processing needs to know of the chain."""
-        return make_layout(self.scene, self.chain)
+        scene, chain = self.scene, self.chain
+        places = sorted((sensor.from_wall for sensor in scene.chain.sensors), reverse=True)
+        heights, radii = chain.height_m, chain.radius_m
+        return Layout(
+            sensors=tuple(SensorBead(j, float(heights[j - 1]), float(2 * radii[j - 1])) for j in places),
+            wall=chain.wall is not None,
+            striker=scene.striker is not None,
+            load_N=float(chain.load_N.sum()),
+            moving_N_s=moving_at_start(chain),
+            damped=chain.damping_ratio > 0,
+            slips=chain.slips,
+            time_constant_s=scene.sensor.time_constant if scene.sensor else None,
+        )
 
     @property
     def summary(self) -> str:
@@ -103,9 +156,47 @@ def build_case(scene: Scene) -> Case:
         InputError: its masses or loads make no chain.
     """
     chain = build_chain(scene)
-    refuse_any(scene.file, impossible(scene, chain))
+    refuse_any(scene.file, _impossible(scene, chain))
     if scene.three_dimensional:
         from drivers.chain.lateral_start import with_lateral  # scipy: only where it is needed
 
         chain = with_lateral(scene, chain)
     return Case(scene, chain, choose_elements(scene, chain))
+
+
+def _impossible(scene: Scene, chain: Chain) -> Iterator[InputProblem]:
+    """What shows only in the chain as built: masses below zero, beads that overlap or pass each other."""
+    if (chain.mass_kg <= 0).any():
+        place = int(np.argmin(chain.mass_kg)) + 1
+        yield "chain.mass_scatter", f"{scene.chain.mass_scatter:g} kg, which leaves bead {place} no mass", "less"
+    deepest = chain.overlap_m / chain.smaller_radius_m
+    if (deepest > MAX_OVERLAP).any():
+        contact = int(np.argmax(deepest)) + 1
+        key = "chain.precompression" if chain.precompression_N else "gravity"
+        found = f"a load that presses {chain.overlap_m[contact - 1]:g} m deep at contact {contact}"
+        yield key, found, f"overlaps of at most {MAX_OVERLAP:g} of the radius"
+    tube = scene.tube
+    if not scene.three_dimensional or tube is None:
+        return
+    yield from _passing(tube.inner_diameter / 2, chain)
+    height, radius = chain.height_m, chain.radius_m
+    if tube.top is not None and height[chain.beads - 1] > tube.top:
+        yield "tube.top", f"{tube.top:g} m", f"at least {height[chain.beads - 1]:.4g} m, the height of the top bead"
+    if scene.striker is not None and radius[-1] >= tube.inner_diameter / 2:
+        # where the striker's surface stands above the rim of the bore
+        sphere = np.isfinite(radius[-1])
+        rim = height[-1] - (sqrt(radius[-1] ** 2 - tube.inner_diameter**2 / 4) if sphere else 0.0)
+        if tube.top is None or tube.top > rim:
+            found = "nothing" if tube.top is None else f"{tube.top:g} m"
+            yield "tube.top", found, f"at most {rim:.4g} m: the striker is wider than the bore and stays above it"
+
+
+def _passing(bore_radius_m: float, chain: Chain) -> Iterator[InputProblem]:
+    """Beads so loose that they would touch the next but one."""
+    radius = chain.radius_m[chain.radius_m < bore_radius_m]
+    play = bore_radius_m - radius
+    reach, across = radius[1:] + radius[:-1], play[1:] + play[:-1]
+    apart = np.sqrt(np.maximum(reach**2 - across**2, 0.0))
+    if (apart[1:] + apart[:-1] <= radius[2:] + radius[:-2]).any() or (across >= reach).any():
+        allowed = "a tube so narrow that beads stay in line, each between its neighbours"
+        yield "tube.inner_diameter", f"{2 * bore_radius_m:g} m", allowed

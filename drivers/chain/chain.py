@@ -23,7 +23,7 @@ from drivers.chain.contact_law import (
 )
 from drivers.chain.lateral import Bore, Lateral
 from drivers.scene.model import Contact, Scene
-from validation.reference.hertz_chain import ENERGY_SHARE
+from validation.reference.hertz_chain import ENERGY_SHARE, HertzChain, TubeChain
 
 Array = NDArray[np.float64]
 LEVEL_M = 10.0  # places 0.1 mm off the axis are level to 1e-5, and heights round to 1e-15 m
@@ -201,6 +201,35 @@ def _damping_ratio(contact: Contact) -> float:
     return 0.0 if contact.restitution is None else damping_ratio(contact.restitution)
 
 
+def arrays_of(chain: Chain) -> HertzChain:
+    """A straight chain as the integrators take it."""
+    return HertzChain(chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N, chain.damping)
+
+
+def tube_arrays_of(chain: Chain) -> TubeChain:
+    """A three-dimensional chain as the integrators take it; its bore is a true cylinder."""
+    lateral = chain.lateral
+    assert lateral is not None
+    bore, nowhere = lateral.bore, np.zeros(chain.bodies)
+    return TubeChain(
+        mass_kg=chain.mass_kg,
+        radius_m=chain.radius_m,
+        stiffness=chain.stiffness,
+        damping=chain.damping,
+        shear=lateral.shear_stiffness,
+        load_N=chain.load_N,
+        bore_stiffness=bore.stiffness if bore else nowhere,
+        bore_shear=bore.shear_stiffness if bore else nowhere,
+        place_m=np.column_stack([lateral.offset_m, chain.height_m]),
+        velocity_m_s=np.column_stack([lateral.velocity_m_s, chain.velocity_m_s]),
+        wall_m=chain.wall_height_m,
+        friction=lateral.friction,
+        bore_m=bore.radius_m if bore else 0.0,
+        bore_friction=bore.friction if bore else 0.0,
+        turns=lateral.turns,
+    )
+
+
 def energy_put_in(chain: Chain, duration_s: float) -> float:
     """Energy that can turn into motion, in J; of a chain in which nothing moves, what its contacts hold at rest.
 
@@ -282,11 +311,9 @@ def _bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:
     """Masses of the beads: given one by one, or the chain's with its scatter, or the material's."""
     table = scene.chain
     own = {bead.from_wall: bead for bead in table.bead}
-    if table.mass_scatter:
-        # drawn for every place, so that one bead's own mass does not change its neighbours'
+    scatter = np.zeros(table.count)
+    if table.mass_scatter:  # drawn for every place, so that one bead's own mass does not change its neighbours'
         scatter = np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
-    else:
-        scatter = np.zeros(table.count)
     given = {sensor.from_wall: sensor.mass for sensor in table.sensors if sensor.mass is not None}
     given |= {place: bead.mass for place, bead in own.items() if bead.mass is not None}
     masses = np.empty(table.count)
@@ -295,11 +322,10 @@ def _bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:
         unlike = bead is not None and (bead.material is not None or bead.diameter is not None)
         if place in given:
             masses[place - 1] = given[place]
-        elif table.mass is None or unlike:
-            masses[place - 1] = _sphere_mass(scene, materials[place - 1], diameters[place - 1])
-            masses[place - 1] += scatter[place - 1]
-        else:
-            masses[place - 1] = table.mass + scatter[place - 1]
+            continue
+        by_volume = table.mass is None or unlike
+        mass = _sphere_mass(scene, materials[place - 1], diameters[place - 1]) if by_volume else table.mass
+        masses[place - 1] = mass + scatter[place - 1]
     return masses
 
 

@@ -14,6 +14,7 @@ from drivers.scene.model import RIGID, Scene
 # what every engine of a straight chain models, and what one of three dimensions does beside
 STRAIGHT = frozenset({"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter", "damping"})
 SIDEWAYS = frozenset({"lateral freedom", "tube", "friction", "rotation"})
+Row = tuple[str, object, str | None, str]  # name, what there is of it, reason where there is some, and where none
 
 
 @dataclass(frozen=True)
@@ -27,85 +28,50 @@ class Element:
 
 def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
     """The modelling elements of a scene, each in or out with its reason."""
+    none = "the scene has none"
+    striker, scatter, ratio = scene.striker, scene.chain.mass_scatter, chain.damping_ratio
     ordinary = bead_mass(scene) if scene.chain.sensors else None
-    lighter = [sensor for sensor in scene.chain.sensors if sensor.mass not in (None, ordinary)]
+    unlike = len([sensor for sensor in scene.chain.sensors if sensor.mass not in (None, ordinary)])
     wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
-    return (
-        Element("gravity", scene.gravity > 0, f"{scene.gravity:g} m/s^2" if scene.gravity else "the scene has none"),
-        Element("wall", chain.wall is not None, f"{wall}, Hertz law with R* = R" if chain.wall else "a free chain"),
-        Element("striker", scene.striker is not None, _striker(scene)),
-        Element(
-            "precompression",
-            chain.precompression_N > 0,
-            f"{chain.precompression_N:g} N on the top bead" if chain.precompression_N else "the scene has none",
-        ),
-        Element(
-            "sensor masses",
-            bool(lighter),
-            f"{len(lighter)} sensor bead(s) of another mass than the beads" if lighter else _no_sensor_mass(scene),
-        ),
-        Element(
-            "mass scatter",
-            scene.chain.mass_scatter > 0,
-            f"standard deviation {scene.chain.mass_scatter:g} kg, seed {scene.seed}"
-            if scene.chain.mass_scatter
-            else "the scene has none",
-        ),
+    shape = "flat face" if striker and striker.shape == "flat" else "sphere"
+    alike = "sensor beads weigh what the others do" if scene.chain.sensors else "no bead carries a sensor"
+    damped = f"impacts have a restitution of {restitution(ratio):.6g}, by a damping ratio of {ratio:.6g}"
+    table = [
+        ("gravity", scene.gravity, f"{scene.gravity:g} m/s^2", none),
+        ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),
+        ("striker", striker, striker and f"{shape} of {striker.material} at {striker.speed:g} m/s", "nothing strikes"),
+        ("precompression", chain.precompression_N, f"{chain.precompression_N:g} N on the top bead", none),
+        ("sensor masses", unlike, f"{unlike} sensor bead(s) of another mass than the beads", alike),
+        ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", none),
         *(_straight(scene) if chain.lateral is None else _sideways(scene, chain.lateral)),
-        Element("damping", chain.damping_ratio > 0, _damping(chain)),
-    )
+        ("damping", ratio, damped, "restitution 1: contacts are elastic"),
+    ]
+    return tuple(Element(name, bool(there), str(why if there else why_not)) for name, there, why, why_not in table)
 
 
-def _straight(scene: Scene) -> tuple[Element, ...]:
+def _straight(scene: Scene) -> list[Row]:
     axis = "the chain is exactly straight: no force acts across its axis"
-    return (
-        Element("lateral freedom", False, f"{axis}, so no bead leaves it"),
-        Element("tube", False, f"{axis}, so no bead touches the bore" if scene.tube else "the scene has none"),
-        Element("friction", False, f"{axis}, so no contact slips"),
-        Element("rotation", False, f"{axis}, so no bead turns"),
-    )
+    return [
+        ("lateral freedom", False, "", f"{axis}, so no bead leaves it"),
+        ("tube", False, "", f"{axis}, so no bead touches the bore" if scene.tube else "the scene has none"),
+        ("friction", False, "", f"{axis}, so no contact slips"),
+        ("rotation", False, "", f"{axis}, so no bead turns"),
+    ]
 
 
-def _sideways(scene: Scene, lateral: Lateral) -> tuple[Element, ...]:
-    if scene.chain.lateral_offset is None:
-        freedom = "a bead moves across the axis"
-    else:
+def _sideways(scene: Scene, lateral: Lateral) -> list[Row]:
+    freedom, tube, bore = "a bead moves across the axis", "", lateral.bore
+    if scene.chain.lateral_offset is not None:
         freedom = f"beads off the axis by {scene.chain.lateral_offset:g} m, standard deviation, seed {scene.seed}"
-    if lateral.bore is None:
-        tube = "the scene has none"
-    else:
-        kind = f"a mesh of {lateral.bore.sides} sides" if lateral.bore.sides else "a true cylinder"
-        tube = f"bore of {2 * lateral.bore.radius_m:g} m, {kind}"
-    between, bore = lateral.friction, lateral.bore.friction if lateral.bore else 0.0
-    slipping = f"coefficient {between:g} between beads and with the wall" + (f", {bore:g} in the bore" if tube else "")
-    return (
-        Element("lateral freedom", True, freedom),
-        Element("tube", lateral.bore is not None, tube),
-        Element("friction", lateral.slips, slipping if lateral.slips else "the scene has none"),
-        Element("rotation", lateral.turns, _turning(lateral)),
-    )
-
-
-def _turning(lateral: Lateral) -> str:
-    if not lateral.slips:
-        return "without friction no bead turns"
-    return "friction turns beads" if lateral.turns else "the scene forbids it"
-
-
-def _striker(scene: Scene) -> str:
-    striker = scene.striker
-    if striker is None:
-        return "nothing strikes"
-    shape = "flat face" if striker.shape == "flat" else "sphere"
-    return f"{shape} of {striker.material} at {striker.speed:g} m/s"
-
-
-def _damping(chain: Chain) -> str:
-    if not chain.damping_ratio:
-        return "restitution 1: contacts are elastic"
-    ratio = chain.damping_ratio
-    return f"impacts have a restitution of {restitution(ratio):.6g}, by a damping ratio of {ratio:.6g}"
-
-
-def _no_sensor_mass(scene: Scene) -> str:
-    return "sensor beads weigh what the others do" if scene.chain.sensors else "no bead carries a sensor"
+    if bore is not None:
+        kind = f"a mesh of {bore.sides} sides" if bore.sides else "a true cylinder"
+        tube = f"bore of {2 * bore.radius_m:g} m, {kind}"
+    slipping = f"coefficient {lateral.friction:g} between beads and with the wall"
+    slipping += f", {bore.friction if bore else 0.0:g} in the bore"
+    still = "the scene forbids it" if lateral.slips else "without friction no bead turns"
+    return [
+        ("lateral freedom", True, freedom, ""),
+        ("tube", bore, tube, "the scene has none"),
+        ("friction", lateral.slips, slipping, "the scene has none"),
+        ("rotation", lateral.turns, "friction turns beads", still),
+    ]

@@ -1,14 +1,21 @@
-"""What a three-dimensional chain has beside a straight one: places off the axis, friction, the bore of its tube."""
+"""What a three-dimensional chain has beside a straight one: places off the axis, friction, the bore of its tube.
 
+Meshes of bores, for decks and pictures, are written by meshio.
+"""
+
+import io
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi, tan
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drivers.chain.mesh import stl_text, tube_mesh
 from validation.reference.hertz_chain import Array
 
+Cells = NDArray[np.int64]
 CELL_ASPECT = 4.0  # height over width of a mesh's cells: as few as are no slivers
 
 
@@ -36,7 +43,12 @@ class Bore:
         """The text of the STL file of the mesh; empty for a true cylinder."""
         if self.sides is None:
             return ""
-        return stl_text(*tube_mesh(self.radius_m, self.low_m, self.high_m, self.sides, self._rings))
+        import meshio
+
+        points, triangles = tube_mesh(self.radius_m, self.low_m, self.high_m, self.sides, self._rings)
+        text = io.StringIO()
+        meshio.write(text, meshio.Mesh(points, [("triangle", triangles)]), file_format="stl", binary=False)
+        return text.getvalue()
 
     @property
     def triangles(self) -> int:
@@ -72,7 +84,7 @@ class Bore:
 
 
 def side_normals(sides: int) -> Array:
-    """Directions in which the flat sides of ``drivers.chain.mesh`` stand. Shape (sides, 2)."""
+    """Directions in which the flat sides of ``tube_mesh`` stand. Shape (sides, 2)."""
     angle = 2 * pi * (np.arange(sides) + 0.5) / sides
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
@@ -100,3 +112,48 @@ class Lateral:
     def slips(self) -> bool:
         """Whether any contact has friction."""
         return self.friction > 0 or (self.bore is not None and self.bore.friction > 0)
+
+
+def block_bands(own: Array, beside: Array) -> Array:
+    """Upper bands, as scipy has them, of a matrix of blocks: (bodies, 3, 3) on its diagonal, one less above it."""
+    bands = np.zeros((6, 3 * len(own)))
+    for row in range(3):
+        for column in range(3):
+            if column >= row:
+                bands[5 - (column - row), column::3] = own[:, row, column]
+            bands[5 - (column + 3 - row), 3 + column :: 3] = beside[:, row, column]
+    return bands
+
+
+def tube_mesh(inner_radius_m: float, low_m: float, high_m: float, sides: int, rings: int) -> tuple[Array, Cells]:
+    """The bore as a prism of flat sides about the z axis, open at both ends.
+
+    The middle of every side touches the bore from outside: no bead finds less room than in the round bore, and
+    at the edges ``inner_radius_m (1 / cos(pi / sides) - 1)`` more.
+
+    Returns:
+        Points of shape ``((rings + 1) sides, 3)``, and triangles as indices of their corners, of shape
+        ``(2 rings sides, 3)``: ``rings`` rows of cells from end to end, each cut once along a diagonal. Seen from the
+        axis the corners go round counterclockwise: normals point inwards.
+    """
+    width = 2 * inner_radius_m * tan(pi / sides)
+    corner = width / 2 / np.sin(pi / sides)
+    angle = 2 * pi * np.arange(sides) / sides
+    height = np.repeat(np.linspace(low_m, high_m, rings + 1), sides)
+    around = np.tile(np.column_stack([corner * np.cos(angle), corner * np.sin(angle)]), (rings + 1, 1))
+    points = np.column_stack([around, height])
+
+    here = np.arange(sides)
+    onward = (here + 1) % sides
+    base = sides * np.arange(rings)[:, np.newaxis]
+    low, low_next = base + here, base + onward
+    up, up_next = low + sides, low_next + sides
+    halves = np.stack([np.stack([low, up_next, low_next], -1), np.stack([low, up, up_next], -1)], axis=2)
+    return points, halves.reshape(-1, 3)
+
+
+def write_mesh(path: Path, points: Array, kind: str, cells: Cells, **fields: NDArray[Any]) -> None:
+    """Writes cells of one kind, named as meshio does, in the format of the file's ending; fields are of points."""
+    import meshio
+
+    meshio.write(path, meshio.Mesh(points, [(kind, cells)], point_data=fields))

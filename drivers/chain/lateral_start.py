@@ -2,21 +2,30 @@
 
 Beads that rest on the wall lean from side to side, where gravity or a precompression presses them down: they start in
 the rest that they fall into without friction from their seeded places. All others start at those, just touching.
+
+Rest is a minimum of the potential energy, found by Newton's method with damping (Levenberg and Marquardt): the matrix
+of second derivatives is banded, since a bead meets only its neighbours.
 """
 
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import LinAlgError, solveh_banded
 
 from drivers.base.errors import InputError
 from drivers.chain.chain import AT_REST, Array, Chain, stiffness_by
-from drivers.chain.contact_law import conformity, hertz_stiffness, mindlin_stiffness, side_share
-from drivers.chain.lateral import Bore, Lateral
-from drivers.chain.packing import Column, find_rest
+from drivers.chain.contact_law import conformity, contact_stiffness_at, hertz_stiffness, mindlin_stiffness, side_share
+from drivers.chain.lateral import Bore, Lateral, block_bands, side_normals
 from drivers.scene.model import Scene
+from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 
 TUBE_ABOVE = 8.0  # bore radii above the highest body, where no tube.top is given
 OFFSET_STREAM = 1  # stream of random numbers beside that of the masses
+POLISHING_STEPS = 5  # more steps, down to rounding
+MAX_STEPS = 20_000
+MAX_SHIFT = 1e3  # a shift at which steps lead nowhere
+MIN_SHIFT = 1e-14  # of the contacts' stiffness: turning about the axis costs nothing, and needs some
+MAX_STEP_SHARE = 0.25  # of the play that a step may move a bead
 
 
 def with_lateral(scene: Scene, chain: Chain) -> Chain:
@@ -39,10 +48,11 @@ def with_lateral(scene: Scene, chain: Chain) -> Chain:
         bore=_bore(scene, chain),
     )
     started = replace(chain, lateral=lateral)
-    resting = _resting(chain)
-    if lateral.bore is None or not resting or not lateral.offset_m[:resting].any():
+    pressed = chain.overlap_m[: chain.beads] > 0  # onto the wall, from it up
+    resting = int(pressed.argmin()) if not pressed.all() else chain.beads
+    if lateral.bore is None or not lateral.offset_m[:resting].any():
         return started
-    return _packed(scene, started, lateral.bore, resting)
+    return _packed(scene, started, resting)
 
 
 def _seeded_offsets(scene: Scene, chain: Chain) -> Array:
@@ -72,36 +82,116 @@ def _bore(scene: Scene, chain: Chain) -> Bore | None:
     return Bore(radius, stiffness, shear, tube.friction, chain.wall_height_m, top, tube.sides)
 
 
-def _resting(chain: Chain) -> int:
-    """How many beads, from the wall up, are pressed onto it."""
-    pressed = chain.overlap_m[: chain.beads] > 0
-    return int(pressed.argmin()) if not pressed.all() else chain.beads
-
-
-def _packed(scene: Scene, chain: Chain, bore: Bore, resting: int) -> Chain:
+def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
     """The chain with its lowest beads at rest."""
     assert chain.lateral is not None
     touching = replace(chain, overlap_m=np.minimum(chain.overlap_m, 0.0))
-    place = np.column_stack([chain.lateral.offset_m, touching.height_m - chain.wall_height_m])[:resting]
-    rest = find_rest(
-        Column(
-            radius_m=chain.radius_m[:resting],
-            load_N=chain.load_N[:resting],
-            stiffness=chain.stiffness[:resting],
-            bore_radius_m=bore.radius_m,
-            bore_stiffness=bore.stiffness[:resting],
-            sides=bore.sides,
-        ),
-        place,
-    )
-    if not rest.at_rest:
-        found = f"beads that do not come to rest: {rest.residual_N:.2g} N are left on bead {rest.bead}"
+    start = np.column_stack([chain.lateral.offset_m, touching.height_m - chain.wall_height_m])[:resting]
+    place, left = find_rest(chain, start)
+    worst = int(np.argmax(left))
+    if left[worst] > AT_REST * float(np.abs(chain.load_N[:resting]).sum()):
+        found = f"beads that do not come to rest: {left[worst]:.2g} N are left on bead {worst + 1}"
         allowed = f"at most {AT_REST:g} of the load: fewer beads, another seed or a wider tube"
         raise InputError(scene.file, "chain.lateral_offset", found, allowed)
     offset, overlap = chain.lateral.offset_m.copy(), chain.overlap_m.copy()
-    offset[:resting] = rest.place_m[:, :2]
-    along = np.diff(rest.place_m, axis=0)
+    offset[:resting] = place[:, :2]
+    along = np.diff(place, axis=0)
     radius = chain.radius_m[:resting]
-    overlap[0] = radius[0] - rest.place_m[0, 2]
+    overlap[0] = radius[0] - place[0, 2]
     overlap[1:resting] = radius[1:] + radius[:-1] - np.sqrt((along**2).sum(axis=1))
     return replace(chain, overlap_m=overlap, lateral=replace(chain.lateral, offset_m=offset))
+
+
+def find_rest(chain: Chain, place_m: Array, steps: int = MAX_STEPS) -> tuple[Array, Array]:
+    """The rest that a chain's lowest beads fall into from given places over the wall, of shape (beads, 3).
+
+    Returns:
+        Their places there, and what is left on each that nothing balances, in N.
+    """
+    place, shift, beads = place_m.copy(), 1e-6, len(place_m)
+    assert chain.bore is not None
+    load = float(np.abs(chain.load_N[:beads]).sum())
+    scale = contact_stiffness_at(chain.stiffness[:beads].max(), load)
+    longest = MAX_STEP_SHARE * float((chain.bore.radius_m - chain.radius_m[:beads]).min())
+    rounding = 1e-15 * load * float(place[-1, 2])  # of the energy: below it, Newton's steps count unchecked
+    energy, gradient, bands = _potential(chain, chain.bore, place)
+    best, least, polished = place, float(np.abs(gradient).max()), 0
+    for _ in range(steps):
+        polished += least <= AT_REST * load
+        if polished > POLISHING_STEPS or shift > MAX_SHIFT:
+            break
+        step = _step(bands, gradient, shift * scale)
+        if step is not None and np.abs(step).max() <= longest:
+            trial = _potential(chain, chain.bore, place + step)
+            if trial[0] < energy or -float((gradient * step).sum()) < rounding:
+                place, (energy, gradient, bands) = place + step, trial
+                residual = float(np.abs(gradient).max())
+                if residual < least:
+                    best, least = place, residual
+                shift = max(shift / 4, MIN_SHIFT)
+                continue
+        shift = max(4 * shift, 1e-12)
+    return best, np.abs(_potential(chain, chain.bore, best)[1]).max(axis=1)
+
+
+def _step(bands: Array, gradient: Array, shift: float) -> Array | None:
+    """Newton's step with every direction stiffened by ``shift``; None where that does not suffice."""
+    shifted = bands.copy()
+    shifted[-1] += shift
+    try:
+        return np.asarray(solveh_banded(shifted, -gradient.ravel(), check_finite=False)).reshape(-1, 3)
+    except LinAlgError:
+        return None
+
+
+def _potential(chain: Chain, bore: Bore, place: Array) -> tuple[float, Array, Array]:
+    """Energy, its gradient of shape (beads, 3), and its second derivatives as upper bands of shape (6, 3 beads)."""
+    count = len(place)
+    radius, load, stiffness = chain.radius_m[:count], chain.load_N[:count], chain.stiffness[:count]
+    energy = -float(load @ place[:, 2])
+    gradient = np.zeros((count, 3))
+    gradient[:, 2] -= load
+    own = np.zeros((count, 3, 3))
+
+    along = np.diff(place, axis=0)
+    distance = np.linalg.norm(along, axis=1)
+    normal = along / distance[:, None]
+    pair_energy, force, slope = _hertz(stiffness[1:], radius[1:] + radius[:-1] - distance)
+    push = force[:, None] * normal
+    gradient[1:] -= push
+    gradient[:-1] += push
+    outer = normal[:, :, None] * normal[:, None, :]
+    block = slope[:, None, None] * outer - (force / distance)[:, None, None] * (np.eye(3) - outer)
+    own[1:] += block
+    own[:-1] += block
+
+    wall_energy, force, slope = _hertz(stiffness[:1], radius[:1] - place[:1, 2])
+    gradient[0, 2] -= force[0]
+    own[0, 2, 2] += slope[0]
+
+    bore_energy, push, block_in_bore = _bore_potential(bore, radius, place[:, :2])
+    gradient[:, :2] += push
+    own[:, :2, :2] += block_in_bore
+    energy += float(pair_energy.sum() + wall_energy.sum()) + bore_energy
+    return energy, gradient, block_bands(own, -block)
+
+
+def _bore_potential(bore: Bore, radius: Array, place: Array) -> tuple[float, Array, Array]:
+    """The bore's share of the energy, its gradient of shape (beads, 2) and second derivatives, (beads, 2, 2)."""
+    overlap, stiffness = bore.overlaps(radius, place), bore.stiffness[: len(place), None]
+    energy, force, slope = _hertz(stiffness, overlap)
+    if bore.sides is not None:
+        normal = side_normals(bore.sides)
+        return float(energy.sum()), force @ normal, np.einsum("bs,si,sj->bij", slope, normal, normal)
+    off = np.maximum(np.hypot(place[:, 0], place[:, 1]), 1e-300)
+    radial = place / off[:, None]
+    outer = radial[:, :, None] * radial[:, None, :]
+    turned = (force[:, 0] / off)[:, None, None] * (np.eye(2) - outer)
+    return float(energy.sum()), force * radial, slope[:, :, None] * outer + turned
+
+
+def _hertz(stiffness: Array, overlap: Array) -> tuple[Array, Array, Array]:
+    """Energy, force and contact stiffness."""
+    closed = np.maximum(overlap, 0.0)
+    root = np.sqrt(closed)
+    return ENERGY_SHARE * stiffness * closed**2 * root, stiffness * closed * root, EXPONENT * stiffness * root

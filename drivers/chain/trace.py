@@ -85,28 +85,7 @@ def until(trace: Trace, samples: int) -> Trace:
     return part_of(trace, slice(samples))
 
 
-def make_trace(chain: Chain, time_s: Array, force_N: Array, height_m: Array, velocity_m_s: Array) -> Trace:
-    """A trace with its energies: Hertz energy (2/5) F overlap from the engine's own forces.
-
-    A contact's overlap is ``(F/k)^(2/3)``, so that its energy is that of the force that acted. Where contacts are
-    damped the force does not tell it: there it is the heights' overlap, and the energy ``(2/5) k overlap^(5/2)``.
-    """
-    existing = chain.stiffness > 0
-    force = np.maximum(force_N[:, existing], 0.0)
-    with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up, which the guard says in words
-        if chain.damping_ratio:
-            overlap = np.maximum(overlaps(chain, height_m)[:, existing], 0.0)
-            hertz = hertz_energy(chain.stiffness[existing], overlap)
-        else:
-            hertz = hertz_energy_at(chain.stiffness[existing], force)
-        kinetic = 0.5 * (velocity_m_s**2 @ chain.mass_kg)
-        potential = -((height_m - chain.height_m) @ chain.load_N)
-        momentum = velocity_m_s @ chain.mass_kg
-        total = kinetic + hertz.sum(axis=1) + potential
-    return Trace(time_s, force_N, kinetic, total, momentum, height_m, velocity_m_s)
-
-
-def make_sideways_trace(
+def make_trace(
     chain: Chain,
     time_s: Array,
     force_N: Array,
@@ -115,42 +94,61 @@ def make_sideways_trace(
     spin_rad_s: Array | None = None,
     bore_N: Array | None = None,
 ) -> Trace:
-    """A trace of a three-dimensional chain: Hertz energy ``(2/5) k overlap^(5/2)`` from places, sideways motion, spin.
+    """A trace with its energies; of a three-dimensional chain with sideways motion and spin.
 
+    Hertz energy is that of the engine's own forces, ``(2/5) F overlap`` with the overlap ``(F/k)^(2/3)``. Where
+    contacts are damped or not in line the force does not tell it: there it is ``(2/5) k overlap^(5/2)`` from places.
     What friction stores in shear is not seen, so with friction the energy may fall a little and return.
 
     Args:
         chain: the chain.
         time_s: shape (samples,).
         force_N: along the axis. Shape (samples, bodies).
-        place_m: of centres, and of a flat striker's face. Shape (samples, bodies, 3).
-        velocity_m_s: likewise, as all that follows.
-        spin_rad_s: left out where nothing turns.
-        bore_N: the bore's force on each body; left out where there is no tube.
+        place_m: of centres, and of a flat striker's face: heights, shape (samples, bodies), or with x and y before
+            them, shape (samples, bodies, 3).
+        velocity_m_s: likewise.
+        spin_rad_s: shape (samples, bodies, 3); left out where nothing turns.
+        bore_N: the bore's force on each body, likewise; left out where there is no tube.
     """
-    spin = np.zeros_like(place_m) if spin_rad_s is None else spin_rad_s
-    on_bore = np.zeros_like(place_m) if bore_N is None else bore_N
-    towards_axis = _towards_axis(place_m[:, :, :2], on_bore[:, :, :2])
-    sideways = Sideways(place_m[:, :, :2], velocity_m_s[:, :, :2], spin, towards_axis)
-    height, speed_up = place_m[:, :, 2], velocity_m_s[:, :, 2]
+    if chain.lateral is None:
+        height, upward, sideways, friction = place_m, velocity_m_s, None, None
+    else:
+        height, upward = place_m[:, :, 2], velocity_m_s[:, :, 2]
+        spin, by_bore = (np.zeros_like(place_m) if each is None else each for each in (spin_rad_s, bore_N))
+        towards_axis = _towards_axis(place_m[:, :, :2], by_bore[:, :, :2])
+        sideways = Sideways(place_m[:, :, :2], velocity_m_s[:, :, :2], spin, towards_axis)
+        friction = by_bore[:, :, 2].sum(axis=1) if chain.bore else None
+    with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up, which the guard says in words
+        if sideways is not None:
+            elastic = _elastic_energy(chain, sideways.place_m, height)
+            speed = upward**2 + (sideways.velocity_m_s**2).sum(axis=2)
+            inertia = 0.4 * chain.mass_kg * chain.sphere_radius_m**2
+            kinetic = 0.5 * (speed @ chain.mass_kg + (sideways.spin_rad_s**2).sum(axis=2) @ inertia)
+        else:
+            there = chain.stiffness > 0
+            kinetic = 0.5 * (upward**2 @ chain.mass_kg)
+            if chain.damping_ratio:
+                pressed = np.maximum(overlaps(chain, height)[:, there], 0.0)
+                elastic = hertz_energy(chain.stiffness[there], pressed).sum(axis=1)
+            else:
+                elastic = hertz_energy_at(chain.stiffness[there], np.maximum(force_N[:, there], 0.0)).sum(axis=1)
+        total = kinetic + elastic - (height - chain.height_m) @ chain.load_N
+        momentum = upward @ chain.mass_kg
+    return Trace(time_s, force_N, kinetic, total, momentum, height, upward, friction, sideways)
+
+
+def _elastic_energy(chain: Chain, place_m: Array, height_m: Array) -> Array:
+    """Hertz energy of all contacts, those with the bore too, from places off the axis and heights. Shape (samples,)."""
     radius = chain.sphere_radius_m
-    with np.errstate(over="ignore", invalid="ignore"):
-        across = np.diff(sideways.place_m, axis=1, prepend=sideways.place_m[:, :1])
-        across[:, np.isinf(chain.radius_m)] = 0.0  # a flat face is level
-        along = np.diff(height, axis=1, prepend=chain.wall_height_m)
-        overlap = radius + np.append(0.0, radius[:-1]) - np.sqrt((across**2).sum(axis=2) + along**2)
-        hertz = hertz_energy(1.0, np.maximum(overlap, 0.0)) @ chain.stiffness
-        bore = chain.bore
-        if bore is not None:
-            pressed = bore.overlaps(radius, sideways.place_m)
-            hertz = hertz + ENERGY_SHARE * (np.maximum(pressed, 0.0) ** (1 + EXPONENT)).sum(axis=2) @ bore.stiffness
-        speed = speed_up**2 + (sideways.velocity_m_s**2).sum(axis=2)
-        inertia = 0.4 * chain.mass_kg * radius**2
-        kinetic = 0.5 * (speed @ chain.mass_kg + (sideways.spin_rad_s**2).sum(axis=2) @ inertia)
-        total = kinetic + hertz - (height - chain.height_m) @ chain.load_N
-    momentum = speed_up @ chain.mass_kg
-    friction = None if bore is None else on_bore[:, :, 2].sum(axis=1)
-    return Trace(time_s, force_N, kinetic, total, momentum, height, speed_up, friction, sideways)
+    across = np.diff(place_m, axis=1, prepend=place_m[:, :1])
+    across[:, np.isinf(chain.radius_m)] = 0.0  # a flat face is level
+    along = np.diff(height_m, axis=1, prepend=chain.wall_height_m)
+    overlap = radius + np.append(0.0, radius[:-1]) - np.sqrt((across**2).sum(axis=2) + along**2)
+    elastic = hertz_energy(1.0, np.maximum(overlap, 0.0)) @ chain.stiffness
+    if chain.bore is not None:
+        pressed = np.maximum(chain.bore.overlaps(radius, place_m), 0.0)
+        elastic = elastic + ENERGY_SHARE * (pressed ** (1 + EXPONENT)).sum(axis=2) @ chain.bore.stiffness
+    return np.asarray(elastic)
 
 
 def _towards_axis(place_m: Array, bore_N: Array) -> Array:

@@ -13,9 +13,11 @@ from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import InputProblem
 from drivers.chain.case import Case
-from drivers.chain.trace import Trace, make_sideways_trace, make_trace
+from drivers.chain.chain import tube_arrays_of
+from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
+from validation.reference.hertz_chain import TUBE_KEYS
 
 COMMAND = ("python", "-m", "validation.reference", "chain.json")
 COLUMNS = 13  # of a three-dimensional chain: force along the axis; the bore's, place, velocity, spin: three each
@@ -57,19 +59,8 @@ def render(case: Case, method: str, **timing: float) -> Deck:
         "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
     }
     if chain.lateral is not None:
-        lateral, bore, zeros = chain.lateral, chain.lateral.bore, np.zeros(chain.bodies)
-        values |= {
-            "place_m": np.column_stack([lateral.offset_m, chain.height_m]),
-            "velocity_xyz_m_s": np.column_stack([lateral.velocity_m_s, chain.velocity_m_s]),
-            "wall_m": chain.wall_height_m,
-            "shear_N_m-3/2": lateral.shear_stiffness,
-            "friction": lateral.friction,
-            "bore_m": bore.radius_m if bore else 0.0,
-            "bore_stiffness_N_m-3/2": bore.stiffness if bore else zeros,
-            "bore_shear_N_m-3/2": bore.shear_stiffness if bore else zeros,
-            "bore_friction": bore.friction if bore else 0.0,
-            "turns": lateral.turns,
-        }
+        arrays = tube_arrays_of(chain)
+        values |= {key: getattr(arrays, field) for field, key in TUBE_KEYS.items()}
     lines = (f"{json.dumps(key)}: {json.dumps(value, default=np.ndarray.tolist)}" for key, value in values.items())
     return Deck({"chain.json": "{" + ",\n".join(lines) + "}\n"}, COMMAND, raw=("chain.npy",))
 
@@ -87,7 +78,7 @@ def read(case: Case, folder: Path) -> Trace:
         force, displacement, velocity = columns
         return make_trace(chain, times, force, chain.height_m + displacement, velocity)
     bore, place, velocity, spin = np.moveaxis(columns[1:].reshape(4, 3, *shape[1:]), 1, 3)
-    return make_sideways_trace(chain, times, columns[0], place, velocity, spin, bore)
+    return make_trace(chain, times, columns[0], place, velocity, spin, bore)
 
 
 def in_repository_engine(**own: Any) -> Engine:

@@ -15,7 +15,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in, free_fall, sphere_for_face
 from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, restitution_with_attraction
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
-from drivers.chain.trace import Trace, make_sideways_trace, make_trace
+from drivers.chain.trace import Trace, make_trace
 from drivers.engines import IN_HEIGHTS, TOTAL, Engine, Style, last_line
 from drivers.engines._deck_values import named_material, request_by_include, table_of_pairs
 from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
@@ -279,7 +279,7 @@ def _trace(case: Case, found: dict[str, Array]) -> Trace:
     assert velocity is not None
     place[:, :, 2] = height
     force = contact_forces(lowest, on_bodies if bore is None else on_bodies - bore[:, :, 2])
-    return make_sideways_trace(chain, times, force, place, velocity, spin, bore)
+    return make_trace(chain, times, force, place, velocity, spin, bore)
 
 
 def failure_reason(stdout: str, stderr: str) -> str:

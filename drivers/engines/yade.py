@@ -12,7 +12,7 @@ from drivers.base.errors import InputProblem, RunError
 from drivers.base.processes import find_program, version_in_words
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
-from drivers.chain.trace import Trace, make_sideways_trace, make_trace
+from drivers.chain.trace import Trace, make_trace
 from drivers.engines import IN_HEIGHTS, INCREMENTAL, Defaults, Engine, Style, last_line
 from drivers.engines._deck_values import named_material
 from drivers.engines._raw_output import contact_forces, read_arrays
@@ -133,7 +133,7 @@ def _read_sideways(case: Case, folder: Path) -> Trace:
     if turns:
         inertia = 0.4 * chain.mass_kg * chain.radius_m**2  # inf of a flat face
         spin = arrays["spin"] - 0.5 * step * arrays["torque"] / inertia[:, np.newaxis]
-    return make_sideways_trace(chain, case.sample_times_s, force, place, velocity, spin, by_bore)
+    return make_trace(chain, case.sample_times_s, force, place, velocity, spin, by_bore)
 
 
 ENGINE = Engine(

@@ -5,12 +5,11 @@ the chain's highest frequency are bounded without following the motion. The boun
 most scenes; ``drivers.limits.stable_step`` follows the motion where that is not enough.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from drivers.chain.chain import Array, Chain, energy_put_in
 from drivers.chain.contact_law import contact_stiffness, overlap_of_energy
+from validation.reference.hertz_chain import Extremes
 
 SAFETY = 0.968  # of 2 / omega_max: 1000 random scenes blow up at 0.969 to 1.198 of it, the overshoot included
 # overlaps of a first step count so many times: a light body that touches a heavy one gains its own kinetic energy where
@@ -20,23 +19,8 @@ OVERSHOOT = 1.195
 IMPACTS_WITHOUT_WEAR, WEAR_EXPONENT = 3.0, 0.2
 
 
-@dataclass(frozen=True)
-class Reached:
-    """Extremes of a motion; arrays of shape (bodies,).
-
-    Attributes:
-        overlap_m: the largest overlap of each contact.
-        closing_m_s: the largest speed at which it closes: one step of it is an overlap, however small the exact one.
-        impacts: how many there are in all, each by the square of its energy over the largest one's.
-        bore_overlap_m: the largest overlap of each body with the bore; 0 where there is none.
-        bore_closing_m_s: likewise the speed at which it meets the bore.
-    """
-
-    overlap_m: Array
-    closing_m_s: Array
-    impacts: float
-    bore_overlap_m: Array
-    bore_closing_m_s: Array
+class Reached(Extremes):
+    """Extremes of a motion; an overlap may be that of one step at the speed of closing, however small the exact one."""
 
     def deepest_m(self, time_step_s: float) -> Array:
         """Largest overlap of each contact with steps of that size."""

@@ -1,16 +1,20 @@
-"""What is refused before it runs: steps that blow up, beads pressed through each other, what an engine cannot take."""
+"""What is refused before it runs: steps that blow up, beads pressed through each other, what an engine cannot take.
 
-from math import floor, log10
+Accuracies cannot be had either beyond what rounding of absolute heights leaves of them.
+"""
+
+from math import ceil, floor, log10
 
 import numpy as np
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
-from drivers.engines import EXACT, engine_names, load_engine
-from drivers.limits.attainable import refuse_beyond_rounding
+from drivers.engines import EXACT, IN_HEIGHTS, engine_names, load_engine
 from drivers.limits.energy_bounds import Reached, at_most, certainly_stable
 
+FORCE = "force"  # the quantity of an accuracy without a name
+ROOM = 1.3  # times the rounding that is predicted, where a step has to leave room for it
 ON_COMMAND = "--unsafe"
 
 
@@ -90,3 +94,43 @@ def _refuse_depth(case: Case, override: str) -> None:
 def _depths(chain: Chain, reached: Reached) -> Array:
     """Overlaps of contacts, and with the bore, over the smaller radius. Shape (2, bodies)."""
     return np.array([reached.overlap_m / chain.smaller_radius_m, reached.bore_overlap_m / chain.radius_m])
+
+
+def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:
+    """Error for an unattainable accuracy, naming the best attainable one, rounded up."""
+    key = "run.accuracy" if name == FORCE else f"run.accuracy.{name}"
+    if not least < 1:
+        return InputError(case.scene.file, key, f"{asked:g}", f"none here, {why}")
+    digits = 10.0 ** (floor(log10(least)) - 1)
+    return InputError(case.scene.file, key, f"{asked:g}", f"at least {ceil(least / digits) * digits:.2g} here, {why}")
+
+
+def attainable_in_heights(asked: float, rounding: float) -> float:
+    """The accuracy that leaves room for the rounding of heights, from what rounding leaves at the accuracy asked for.
+
+    Steps go with accuracy^(-1/2), and rounding with the root of the steps: ``2.6 rounding (asked / a)^(1/4) = a``.
+    """
+    return 1.5 * float((2 * ROOM * rounding * asked**0.25) ** 0.8)
+
+
+def beyond_rounding(case: Case, engine: str) -> str | None:
+    """The first quantity whose accuracy the engine's coordinates cannot give; None where they can."""
+    if case.plan is None or load_engine(engine).scheme != IN_HEIGHTS:
+        return None
+    plan = case.plan
+    lost = (name for name, share in plan.asked.items() if plan.predicted[name] + plan.rounding_share > share)
+    return next(lost, None)
+
+
+def refuse_beyond_rounding(case: Case, engine: str) -> None:
+    """Refuses an accuracy that the engine's coordinates cannot give.
+
+    Raises:
+        InputError: rounding of absolute heights may take more than is asked for; the attainable accuracy is named.
+    """
+    name = beyond_rounding(case, engine)
+    if name is not None:
+        assert case.plan is not None
+        share = case.plan.asked[name]
+        why = f"what absolute heights leave on {engine}; verlet holds overlaps and reaches it"
+        raise unattainable(case, name, share, attainable_in_heights(share, case.plan.rounding_share), why)

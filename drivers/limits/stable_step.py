@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import eigvals_banded, eigvalsh_tridiagonal
 
-from drivers.chain.chain import Array, Chain
+from drivers.chain.chain import Array, Chain, arrays_of, tube_arrays_of
 from drivers.chain.contact_law import contact_stiffness, hertz_overlap
-from drivers.chain.integrator_arrays import arrays_of, tube_arrays_of
+from drivers.chain.lateral import block_bands
 from drivers.chain.trace import Trace, overlaps
 from drivers.limits.energy_bounds import SAFETY, Reached, at_most, bore_stiffness, late_damping, wear
 from validation.reference.tube import integrate_tube
@@ -135,22 +135,17 @@ def _highest(inverse: Array, contacts: list[tuple[Array, Array, Array]], alone: 
         own += spring[:, None, None] * np.outer(here, here)
     own *= inverse[:, :, None] * inverse[:, None, :]
     beside[1:] *= inverse[:-1, :, None] * inverse[1:, None, :]
-    bands = np.zeros((6, 3 * bodies))
-    for row in range(3):
-        for column in range(3):
-            if column >= row:
-                bands[5 - (column - row), column::3] = own[:, row, column]
-            bands[5 - (column + 3 - row), 3 + column :: 3] = beside[1:, row, column]
     last = 3 * bodies - 1
-    return float(eigvals_banded(bands, select="i", select_range=(last, last))[0])
+    return float(eigvals_banded(block_bands(own, beside[1:]), select="i", select_range=(last, last))[0])
 
 
 def reached_in(chain: Chain, trace: Trace) -> Reached:
     """Extremes of a straight chain's trace that keeps its state and is sampled finely."""
     assert trace.velocity_m_s is not None
     assert trace.height_m is not None
-    found, energies = _extremes(chain, trace.force_N, trace.velocity_m_s, overlaps(chain, trace.height_m))
-    return replace(found, impacts=_counted(energies))
+    overlap, closing, energies = _extremes(chain, trace.force_N, trace.velocity_m_s, overlaps(chain, trace.height_m))
+    nothing = np.zeros(chain.bodies)
+    return Reached(overlap, closing, nothing, nothing, _counted(energies))
 
 
 def _follow(chain: Chain, step: float, left: int) -> Reached:
@@ -163,22 +158,21 @@ def _follow(chain: Chain, step: float, left: int) -> Reached:
         motion = integrate_verlet(arrays, step, 1, steps + 1)
         moved = motion.displacement_m
         pressed = arrays.overlap_m + np.column_stack([np.zeros(len(moved)), moved[:, :-1]]) - moved
-        found, more = _extremes(chain, motion.force_N, motion.velocity_m_s, pressed)
-        overlap, closing = np.maximum(overlap, found.overlap_m), np.maximum(closing, found.closing_m_s)
+        deeper, faster, more = _extremes(chain, motion.force_N, motion.velocity_m_s, pressed)
+        overlap, closing = np.maximum(overlap, deeper), np.maximum(closing, faster)
         energies = np.append(energies, more)
         arrays = replace(arrays, overlap_m=pressed[-1], velocity_m_s=motion.velocity_m_s[-1])
         left -= steps
-    return Reached(overlap, closing, _counted(energies), nothing, nothing)
+    return Reached(overlap, closing, nothing, nothing, _counted(energies))
 
 
 def _follow_in_three_dimensions(chain: Chain, step: float, steps: int) -> Reached:
     """Extremes by velocity Verlet of a three-dimensional chain."""
-    found = integrate_tube(tube_arrays_of(chain), step, steps, 2).extremes
-    return Reached(found.overlap_m, found.closing_m_s, found.impacts, found.bore_overlap_m, found.bore_closing_m_s)
+    return Reached(**vars(integrate_tube(tube_arrays_of(chain), step, steps, 2).extremes))
 
 
-def _extremes(chain: Chain, force_N: Array, velocity_m_s: Array, overlap_m: Array) -> tuple[Reached, Array]:
-    """Extremes of samples, and ``mu v^2 / 2`` of each impact, in J, with the two bodies' reduced mass mu.
+def _extremes(chain: Chain, force_N: Array, velocity_m_s: Array, overlap_m: Array) -> tuple[Array, Array, Array]:
+    """Largest overlaps and speeds of closing, and ``mu v^2 / 2`` of each impact in J, mu being the reduced mass.
 
     Overlaps are those of the forces; of damped contacts, whose forces do not tell them, those of the places.
     """
@@ -188,12 +182,10 @@ def _extremes(chain: Chain, force_N: Array, velocity_m_s: Array, overlap_m: Arra
     inverse = 1 / chain.mass_kg
     inverse = inverse + np.append(0.0, inverse[:-1])
     energies = (0.5 * closing[:-1] ** 2 / inverse)[(force_N[:-1] <= 0) & (force_N[1:] > 0)]
-    largest, nothing = np.zeros(chain.bodies), np.zeros(chain.bodies)
-    if chain.damping_ratio:
-        largest = np.maximum(overlap_m.max(axis=0), 0.0)
-    else:
+    largest = np.maximum(overlap_m.max(axis=0), 0.0) if chain.damping_ratio else np.zeros(chain.bodies)
+    if not chain.damping_ratio:
         largest[there] = hertz_overlap(chain.stiffness[there], np.maximum(force_N.max(axis=0), 0.0)[there])
-    return Reached(largest, closing.max(axis=0), 0.0, nothing, nothing), energies
+    return largest, closing.max(axis=0), energies
 
 
 def _counted(energies_J: Array) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import sha256_of, whole_file
-from drivers.chain.layout import Layout, read_layout
+from drivers.chain.case import Layout, read_layout
 from drivers.chain.trace import FORCES, Trace, read_forces
 
 FILE = "run.json"
@@ -30,7 +30,7 @@ class RunRecord:
     Attributes:
         status: ``done``, ``failed`` or ``timeout``; ``reason`` says why in the latter cases.
         scene: resolved, in SI units.
-        layout: what post-processing needs to know of the chain (``drivers.chain.layout.Layout``).
+        layout: what post-processing needs to know of the chain (``drivers.chain.case.Layout``).
         elements: modelling elements, each in or out with its reason.
         wall_s, cpu_s: of the whole process.
         loop_s: of the engine's own time loop.

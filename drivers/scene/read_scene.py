@@ -1,4 +1,4 @@
-"""Reads scene files and says in one line what is wrong with them."""
+"""Reads scene files, with settings laid over them, and says in one line what is wrong with them."""
 
 import tomllib
 from pathlib import Path
@@ -7,14 +7,29 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError, refuse_any
 from drivers.base.messages import shorten, validate
-from drivers.scene.model import RIGID, Material, Scene, SceneFile
-from drivers.scene.overrides import lay_over
+from drivers.scene.model import (
+    RIGID,
+    Bead,
+    Chain,
+    Contact,
+    Gauge,
+    Material,
+    Part,
+    Run,
+    Scene,
+    SceneFile,
+    Sensor,
+    Striker,
+    Tube,
+    Wall,
+)  # fmt: skip
 from drivers.scene.scene_rules import choices, contradictions
 
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
 WHOLE = 1e-9  # relative: a step written with ten digits still divides its interval
 MAX_STEPS = 2**31 - 1  # LIGGGHTS counts no further
 MAX_VALUES = 200_000_000  # samples x contacts: 1.6 GB of doubles
+PARTS: dict[str, type[Part]] = {"striker": Striker, "wall": Wall, "tube": Tube, "contact": Contact, "sensor": Gauge}
 
 
 def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
@@ -67,14 +82,80 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
         }
     )
     if scene.steps > MAX_STEPS:
-        raise InputError(
-            where,
-            "run.time_step",
-            f"{time_step:g} s, which makes {scene.steps:.3g} steps",
-            f"at most {MAX_STEPS:.3g} steps",
-        )
+        found = f"{time_step:g} s, which makes {scene.steps:.3g} steps"
+        raise InputError(where, "run.time_step", found, f"at most {MAX_STEPS:.3g} steps")
     refuse_any(where, contradictions(scene))
     return scene
+
+
+def stored_scene(stored: dict[str, Any]) -> Scene:
+    """The scene of ``run.json``: in SI units and checked before it ran, so taken as it is.
+
+    Raises:
+        TypeError, KeyError, AttributeError: it is no such scene.
+    """
+    chain = dict(stored["chain"])
+    chain["sensors"] = tuple(Sensor.model_construct(**sensor) for sensor in chain.get("sensors", ()))
+    chain["bead"] = tuple(Bead.model_construct(**bead) for bead in chain.get("bead", ()))
+    run = stored["run"]
+    tables: dict[str, Any] = {
+        name: part.model_construct(**stored[name]) for name, part in PARTS.items() if name in stored
+    }
+    tables |= {
+        "chain": Chain.model_construct(**chain),
+        "run": Run.model_construct(**(run | {"record": tuple(run["record"])})),
+        "materials": {name: Material.model_construct(**own) for name, own in stored["materials"].items()},
+    }
+    kept = {name: value for name, value in stored.items() if name != "units"}
+    return Scene.model_construct(**(kept | tables | {"file": stored["name"]}))
+
+
+def lay_over(data: dict[str, Any], setting: str) -> None:
+    """Sets one ``path=value`` in the tables of a scene file.
+
+    Raises:
+        InputError: there is no such place.
+    """
+    where = f"--set {setting}"
+    path, equals, text = setting.partition("=")
+    if not equals or not all(path.strip().split(".")):
+        raise InputError(where, "", "no path=value", "a key of the scene and its value, such as chain.count=60")
+    set_value(data, path.strip(), read_value(text), where)
+
+
+def set_value(data: dict[str, Any], path: str, value: Any, where: str) -> None:
+    """Sets the value at a path such as ``chain.sensors.0.mass``; an empty text leaves the key out.
+
+    Raises:
+        InputError: there is no such place.
+    """
+    *keys, last = path.split(".")
+    here: Any = data
+    for key in keys:
+        here = here.setdefault(key, {}) if isinstance(here, dict) else here[_place_in(here, key, where, key)]
+    if not isinstance(here, dict):
+        here[_place_in(here, last, where, path)] = value
+    elif value != "":
+        here[last] = value
+    else:
+        here.pop(last, None)
+
+
+def _place_in(entries: Any, key: str, where: str, path: str) -> int:
+    if not isinstance(entries, list):
+        raise InputError(where, path, "a key below a plain value", "a key of a table")
+    if not (key.isascii() and key.isdecimal() and len(key) < 9) or int(key) >= len(entries):
+        raise InputError(where, key, f"no such entry among {len(entries)}", "a place in the list, counted from 0")
+    return int(key)
+
+
+def read_value(text: str) -> Any:
+    """A value as TOML has it, or else plain text."""
+    try:
+        table = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        table = {}
+    return table["value"] if list(table) == ["value"] else text.strip()
 
 
 def find_scene(source: str | Path) -> Path:
@@ -166,13 +247,8 @@ def _steps_per_sample(interval_s: float, step_s: float | None, where: str) -> tu
     ratio = interval_s / step_s
     every = max(1, round(ratio))
     if abs(ratio - every) > WHOLE * every:
-        nearest = f'"{interval_s / every * 1e6:.12g} us"'
-        raise InputError(
-            where,
-            "run.time_step",
-            f"{step_s:g} s, which does not divide run.sample_interval = {interval_s:g} s",
-            f"for instance {nearest}",
-        )
+        found = f"{step_s:g} s, which does not divide run.sample_interval = {interval_s:g} s"
+        raise InputError(where, "run.time_step", found, f'for instance "{interval_s / every * 1e6:.12g} us"')
     return every, step_s if step_s * every == interval_s else interval_s / every
 
 
@@ -180,12 +256,10 @@ def _whole_samples(file: SceneFile, where: str) -> int:
     run = file.run
     ratio = run.duration / run.sample_interval
     if ratio < 1 - 1e-9:
-        raise InputError(
-            where, "run.duration", f"{run.duration:g} s", f"at least one sample_interval ({run.sample_interval:g} s)"
-        )
-    if ratio * (file.chain.count + 1) > MAX_VALUES:
+        allowed = f"at least one sample_interval ({run.sample_interval:g} s)"
+        raise InputError(where, "run.duration", f"{run.duration:g} s", allowed)
+    contacts = file.chain.count + 1
+    if ratio * contacts > MAX_VALUES:
         allowed = f"at most {MAX_VALUES:,} samples times contacts: a longer interval or a shorter run"
-        raise InputError(
-            where, "run.sample_interval", f"{ratio:.3g} samples of {file.chain.count + 1} contacts", allowed
-        )
+        raise InputError(where, "run.sample_interval", f"{ratio:.3g} samples of {contacts} contacts", allowed)
     return int(ratio * (1 + 1e-12) + 1e-9) + 1

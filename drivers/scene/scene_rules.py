@@ -34,22 +34,16 @@ def contradictions(scene: Scene) -> Iterator[InputProblem]:
         for i, entry in enumerate(entries):
             key = f"chain.{what}.{i}.from_wall"
             if entry.from_wall > count:
-                yield (
-                    key,
-                    str(entry.from_wall),
-                    f"1 to {count}, the chain's beads" if count else "none: the chain has no beads",
-                )
+                allowed = f"1 to {count}, the chain's beads" if count else "none: the chain has no beads"
+                yield key, str(entry.from_wall), allowed
             if entry.from_wall in seen:
                 yield key, f"{entry.from_wall} twice", "each bead once"
             seen.add(entry.from_wall)
     weighed = {bead.from_wall for bead in chain.bead if bead.mass is not None}
     for i, sensor in enumerate(chain.sensors):
         if sensor.mass is not None and sensor.from_wall in weighed:
-            yield (
-                f"chain.sensors.{i}.mass",
-                f"a mass for bead {sensor.from_wall} here and in chain.bead",
-                "one of the two",
-            )
+            found = f"a mass for bead {sensor.from_wall} here and in chain.bead"
+            yield f"chain.sensors.{i}.mass", found, "one of the two"
     if count == 0:
         if striker is None or wall is None:
             yield "chain.count", "0", "1 or more, unless a striker meets a wall"
@@ -61,17 +55,14 @@ def contradictions(scene: Scene) -> Iterator[InputProblem]:
         yield "chain.mass", "nothing", f"a mass, or a density in [materials.{chain.material}]"
     for i, bead in enumerate(chain.bead):
         unlike = bead.mass is None and (bead.material is not None or bead.diameter is not None)
-        if unlike and scene.materials[bead.material or chain.material].density is None:
-            yield (
-                f"chain.bead.{i}.mass",
-                "nothing",
-                f"a mass, or a density in [materials.{bead.material or chain.material}]",
-            )
-    if tube is not None:
-        widest = max([chain.diameter, *(bead.diameter for bead in chain.bead if bead.diameter)])
-        if count and tube.inner_diameter < widest:
-            yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"at least the beads' {widest:g} m"
-    yield from _tube_contradictions(scene)
+        material = bead.material or chain.material
+        if unlike and scene.materials[material].density is None:
+            yield f"chain.bead.{i}.mass", "nothing", f"a mass, or a density in [materials.{material}]"
+    widest = max([chain.diameter, *(bead.diameter for bead in chain.bead if bead.diameter)])
+    if tube is not None and count and tube.inner_diameter < widest:
+        yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"at least the beads' {widest:g} m"
+    if scene.three_dimensional:
+        yield from _tube_contradictions(scene, widest)
 
 
 def _striker_contradictions(scene: Scene) -> Iterator[InputProblem]:
@@ -91,11 +82,9 @@ def _striker_contradictions(scene: Scene) -> Iterator[InputProblem]:
         yield "striker.mass", "nothing", f"a mass, or a density in [materials.{striker.material}]"
 
 
-def _tube_contradictions(scene: Scene) -> Iterator[InputProblem]:
+def _tube_contradictions(scene: Scene, widest: float) -> Iterator[InputProblem]:
     """What of a three-dimensional scene does not go together."""
     chain, tube, offset = scene.chain, scene.tube, scene.chain.lateral_offset
-    if not scene.three_dimensional:
-        return
     if scene.run.accuracy is not None:
         allowed = "a run.time_step: the exact motion is known of straight chains only"
         yield "run.accuracy", "an accuracy for beads that move sideways", allowed
@@ -106,20 +95,14 @@ def _tube_contradictions(scene: Scene) -> Iterator[InputProblem]:
     if chain.count == 0:
         yield "chain.count", "0 with beads to move sideways", "1 or more"
         return
-    widest = max([chain.diameter, *(bead.diameter for bead in chain.bead if bead.diameter)])
     play = (tube.inner_diameter - widest) / 2
     if play <= 0:
         yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"more than the beads' {widest:g} m"
     elif offset is not None and offset > play * (1 + ROUNDED):
         yield "chain.lateral_offset", f"{offset:g} m", f"at most the play of {play:.4g} m"
-    elif tube.sides is not None and tube.sides < (least := _least_sides(tube.inner_diameter / 2, play)):
-        yield (
-            "tube.sides",
-            str(tube.sides),
-            f"at least {least}: the edges of fewer lie off the bore by more than its play",
-        )
-
-
-def _least_sides(radius_m: float, play_m: float) -> int:
-    """Sides whose edges are off the bore by its play at most: ``R (1 / cos(pi / n) - 1) <= play``."""
-    return ceil(pi / acos(radius_m / (radius_m + play_m)))
+    elif tube.sides is not None:  # edges are off the bore by its play at most: R (1 / cos(pi / n) - 1) <= play
+        radius = tube.inner_diameter / 2
+        least = ceil(pi / acos(radius / (radius + play)))
+        if tube.sides < least:
+            allowed = f"at least {least}: the edges of fewer lie off the bore by more than its play"
+            yield "tube.sides", str(tube.sides), allowed

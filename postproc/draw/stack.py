@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from drivers.chain.case import Layout
 from drivers.chain.chain import Array
-from drivers.chain.layout import Layout
 from drivers.chain.trace import Trace
 from postproc.draw.style import COLUMN_IN, FAINT, MICRO, drawing_order, line_of, pyplot
 from postproc.read.residual import REFERENCE, residual

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from drivers.chain.mesh import tube_mesh, write_mesh
+from drivers.chain.lateral import tube_mesh, write_mesh
 from drivers.chain.trace import FORCES, read_bore_forces
 from drivers.run.finished import EndedRun
 from postproc.read.motion import chain_of, read_motion, spread

@@ -20,8 +20,7 @@ from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, simula
 from postproc.paper.strikes import contact_peak, sensor_pair, static_force, strike_for
 from postproc.read.residual import REFERENCE
 from postproc.read.sensors import sensor_average
-from validation.reference.precompressed_wave import solve_at_amplitude
-from validation.reference.travelling_wave import solve_travelling_wave
+from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave
 
 CURVE = np.geomspace(0.1, 1e4, 31)
 STRIKES = (1.0, 10.0, 100.0, 1e3, 1e4)  # amplitudes (F_m - F_0)/F_0 of the simulations

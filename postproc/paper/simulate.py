@@ -9,7 +9,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.chain.case import Case, build_case
-from drivers.chain.integrator_arrays import arrays_of
+from drivers.chain.chain import arrays_of
 from drivers.chain.trace import SENSORS, Trace, make_trace
 from drivers.engines import installed_codes
 from drivers.run.run import run_all_done

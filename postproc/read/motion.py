@@ -9,7 +9,7 @@ from drivers.chain.lateral_start import with_lateral
 from drivers.chain.trace import FORCES, STATE, State, read_state
 from drivers.run.finished import EndedRun
 from drivers.scene.model import Scene
-from drivers.scene.stored_scene import stored_scene
+from drivers.scene.read_scene import stored_scene
 
 
 def chain_of(run: EndedRun) -> tuple[Scene, Chain]:

@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from drivers.chain.layout import Layout
+from drivers.chain.case import Layout
 from drivers.chain.trace import Trace, energy_error_J
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import ENVELOPE_MAXIMA, integral, peaks, rising_crossing, train_envelope

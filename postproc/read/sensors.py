@@ -23,8 +23,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import lfilter
 from scipy.special import hyp1f1
 
+from drivers.chain.case import Layout
 from drivers.chain.chain import Array
-from drivers.chain.layout import Layout
 from drivers.chain.trace import Trace
 
 POINTS = 6  # samples that each interval's polynomial goes through

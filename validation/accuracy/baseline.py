@@ -23,7 +23,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, IN_HEIGHTS, load_engine
-from drivers.limits.attainable import FORCE
+from drivers.limits.refusal import FORCE
 from drivers.scene.read_scene import read_scene
 from postproc.read.residual import share_of_largest
 from validation.accuracy.schemes import Truth, truth_of, turned_verlet_of, verlet_in_heights, verlet_of

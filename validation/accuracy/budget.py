@@ -21,7 +21,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, load_engine
-from drivers.limits.attainable import FORCE
+from drivers.limits.refusal import FORCE
 from postproc.read.observables import of_kind
 from postproc.read.residual import residual
 from validation.accuracy.baseline import VERLET, Baseline, Extrapolation, baseline_of

@@ -10,7 +10,7 @@ from drivers.base import paths
 from drivers.base.errors import RunError
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed, load_engine
-from drivers.limits.attainable import FORCE, beyond_rounding
+from drivers.limits.refusal import FORCE, beyond_rounding
 from drivers.scene.read_scene import read_scene
 
 

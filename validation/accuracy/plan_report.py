@@ -10,8 +10,8 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.engines import installed, load_engine
-from drivers.limits.attainable import FORCE
 from drivers.limits.criteria import CRITERIA
+from drivers.limits.refusal import FORCE
 from drivers.limits.stable_step import predicted_limit
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of
 from validation.accuracy.budget import predicted_error

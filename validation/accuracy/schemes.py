@@ -13,17 +13,15 @@ from functools import cached_property
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, energy_put_in, moving_at_start, sphere_for_face
-from drivers.chain.integrator_arrays import arrays_of, tube_arrays_of
-from drivers.chain.trace import Trace, make_sideways_trace, make_trace
-from drivers.limits.attainable import FORCE
+from drivers.chain.chain import Array, arrays_of, energy_put_in, moving_at_start, sphere_for_face, tube_arrays_of
+from drivers.chain.trace import Trace, make_trace
+from drivers.limits.refusal import FORCE
 from drivers.run.guard import energy_error
 from postproc.read.observables import describe, observe, without_unit
 from postproc.read.residual import residual
 from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
-from validation.reference.hertz_chain import Motion
+from validation.reference.hertz_chain import Motion, TubeChain, TubeMotion
 from validation.reference.tube import TOTAL, integrate_tube
-from validation.reference.tube_chain import TubeChain, TubeMotion
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 
 TURN_RAD = 1.0  # about the axis, for the run that only rounds otherwise
@@ -104,7 +102,7 @@ def _tube_motion(case: Case, chain: TubeChain, law: str, finer: int = 1) -> Tube
 def _trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
     force, place, velocity = motion.force_N, motion.place_m, motion.velocity_m_s
     times, spin, bore = case.sample_times_s, motion.spin_rad_s, motion.bore_N
-    return make_sideways_trace(case.chain, times, force, place, velocity, spin, bore)
+    return make_trace(case.chain, times, force, place, velocity, spin, bore)
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,9 @@ import numpy as np
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case, Plan
-from drivers.chain.chain import Array, build_chain
+from drivers.chain.chain import Array, arrays_of, build_chain
 from drivers.chain.elements import choose_elements
-from drivers.chain.integrator_arrays import arrays_of
-from drivers.limits.attainable import FORCE, ROOM, unattainable
+from drivers.limits.refusal import FORCE, ROOM, unattainable
 from drivers.limits.stable_step import predicted_limit
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from postproc.paper import theory
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
-from validation.reference import precompressed_wave
+from validation.reference import travelling_wave
 from validation.reference.travelling_wave import fixed_point, solve_travelling_wave
 
 STATIC_N = 0.02  # any static force: the statements depend at most on the amplitude over it
@@ -29,7 +29,7 @@ def speed_constant() -> float:
 def sound_speed() -> float:
     """Long-wave sound speed of the discrete chain over ``c xi_0^(1/4)``."""
     p = _particles()
-    beads_per_s = precompressed_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N)
+    beads_per_s = travelling_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N)
     return float(beads_per_s * p.diameter_m / (p.speed_constant_m_s * p.strain(STATIC_N) ** 0.25))
 
 
@@ -128,7 +128,7 @@ def precompressed_discrete() -> float:
     p = _particles()
     found = []
     for amplitude in (0.1, 1.0, 10.0, 100.0, 1e3, 1e4):
-        wave = precompressed_wave.solve_at_amplitude(p.stiffness, p.mass_kg, STATIC_N, amplitude)
+        wave = travelling_wave.solve_at_amplitude(p.stiffness, p.mass_kg, STATIC_N, amplitude)
         long_wave = theory.precompressed_speed(p, (1 + amplitude) * STATIC_N, STATIC_N)
         found.append(abs(long_wave / (wave.speed * p.diameter_m) - 1))
     return max(found)
@@ -152,7 +152,7 @@ def contact_law() -> float:
 def _beta(amplitude: float, modulus_MPa: float = 1460) -> float:
     chain = case_of("table1", f"materials.ptfe.youngs_modulus={modulus_MPa} MPa").chain
     stiffness, mass = float(chain.stiffness[1]), float(chain.mass_kg[0])
-    return precompressed_wave.solve_at_amplitude(stiffness, mass, STATIC_N, amplitude).beta
+    return travelling_wave.solve_at_amplitude(stiffness, mass, STATIC_N, amplitude).beta
 
 
 def averaged_width() -> float:

@@ -28,7 +28,7 @@ from postproc.paper.strikes import (
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import ENVELOPE_MAXIMA, Peak, PulseShape, envelope, incident_pulse, peaks
-from validation.reference.precompressed_wave import solve_at_amplitude
+from validation.reference.travelling_wave import solve_at_amplitude
 
 Run = Callable[[Case], Simulation]
 

@@ -11,9 +11,8 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.messages import validate
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, build_chain, stiffness_by
+from drivers.chain.chain import Array, Chain, arrays_of, build_chain, stiffness_by
 from drivers.chain.contact_law import hertz_stiffness, restitution_with_attraction
-from drivers.chain.integrator_arrays import arrays_of
 from drivers.engines import load_engine
 from drivers.scene.model import RIGID, Material
 from drivers.scene.read_scene import read_toml

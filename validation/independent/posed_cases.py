@@ -19,8 +19,7 @@ from drivers.batch.study import read_study
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.scene.model import Name, Part
-from drivers.scene.overrides import lay_over
-from drivers.scene.read_scene import read_toml
+from drivers.scene.read_scene import lay_over, read_toml
 from validation.accuracy.plan import plan_case, planned_case
 from validation.independent import impact, linear, solitary, weak
 from validation.independent.passing_waves import Collision, Train, Wall

@@ -1,4 +1,4 @@
-"""The chain as the integrators see it, what an integration gives back, and their contact law."""
+"""Chains as the integrators see them, what an integration gives back, and the contact law."""
 
 from dataclasses import dataclass, field
 
@@ -8,6 +8,20 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 EXPONENT = 3 / 2  # of the overlap in Hertz's law
 ENERGY_SHARE = 1 / (1 + EXPONENT)  # elastic energy over force times overlap
+
+
+def _checked(name: str, values: Array, shape: tuple[int, ...]) -> Array:
+    """An array of a chain as doubles, where it can be one of its name."""
+    array = np.array(values, dtype=float)
+    if array.shape != shape or not array.size:
+        raise ValueError(f"{name}: shape {array.shape}, expected {shape}, for one or more bodies")
+    if not (np.isfinite(array) | (name == "radius_m")).all():
+        raise ValueError(f"{name}: not finite")
+    if name in ("mass_kg", "radius_m") and not (array > 0).all():
+        raise ValueError(f"{name}: not above zero")
+    if name in ("stiffness", "damping") and (array < 0).any():
+        raise ValueError(f"{name}: below zero")
+    return array
 
 
 @dataclass(frozen=True)
@@ -36,17 +50,7 @@ class HertzChain:
         if not np.size(self.damping):
             object.__setattr__(self, "damping", np.zeros(np.shape(self.mass_kg)))
         for name in self.__dataclass_fields__:
-            array = np.ascontiguousarray(getattr(self, name), dtype=float)
-            if array.ndim != 1 or array.shape != np.shape(self.mass_kg) or not array.size:
-                raise ValueError(f"{name}: shape {array.shape}, expected one value a body")
-            if not np.isfinite(array).all():
-                raise ValueError(f"{name}: not finite")
-            object.__setattr__(self, name, array)
-        if (self.mass_kg <= 0).any():
-            raise ValueError("mass_kg: not above zero")
-        for name in ("stiffness", "damping"):
-            if (getattr(self, name) < 0).any():
-                raise ValueError(f"{name}: below zero")
+            object.__setattr__(self, name, _checked(name, getattr(self, name), (np.size(self.mass_kg),)))
 
     @property
     def elastic(self) -> bool:
@@ -67,6 +71,106 @@ class Motion:
     force_N: Array
     displacement_m: Array
     velocity_m_s: Array
+
+
+# keys of a deck, as ``__main__`` reads it, by field of TubeChain; those of a straight chain go before them
+TUBE_KEYS = {
+    "place_m": "place_m",
+    "velocity_m_s": "velocity_xyz_m_s",
+    "wall_m": "wall_m",
+    "shear": "shear_N_m-3/2",
+    "friction": "friction",
+    "bore_m": "bore_m",
+    "bore_stiffness": "bore_stiffness_N_m-3/2",
+    "bore_shear": "bore_shear_N_m-3/2",
+    "bore_friction": "bore_friction",
+    "turns": "turns",
+}
+
+
+@dataclass(frozen=True)
+class TubeChain:
+    """Bodies 1 to n from the lowest up, contact j under body j; arrays of shape (n,) and (n, 3), SI units.
+
+    Attributes:
+        radius_m: inf for a level face, which moves along the axis only; its place is the face's.
+        stiffness: k of each contact in ``F = k overlap^(3/2)``; 0 where there is none (a free chain's first).
+        damping: C in ``F = max(0, k overlap^(3/2) + C overlap^(1/4) d overlap/dt)``.
+        shear: k_t of each contact: a shear ds adds ``k_t sqrt(overlap) ds``.
+        load_N: along the axis.
+        bore_stiffness: k of each body's contact with the bore, elastic; 0 for a body outside.
+        bore_shear: k_t likewise.
+        place_m: at time 0, the axis is x = y = 0.
+        velocity_m_s: at time 0; nothing spins then.
+        wall_m: height of the wall under body 1.
+        turns: whether friction turns bodies.
+
+    Raises:
+        ValueError: an array of another shape or not finite, a mass or a radius not above zero.
+    """
+
+    mass_kg: Array
+    radius_m: Array
+    stiffness: Array
+    damping: Array
+    shear: Array
+    load_N: Array
+    bore_stiffness: Array
+    bore_shear: Array
+    place_m: Array
+    velocity_m_s: Array
+    wall_m: float
+    friction: float
+    bore_m: float
+    bore_friction: float
+    turns: bool = True
+
+    def __post_init__(self) -> None:
+        bodies = np.size(self.mass_kg)
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if np.ndim(value):
+                shape = (bodies, 3) if name in ("place_m", "velocity_m_s") else (bodies,)
+                object.__setattr__(self, name, _checked(name, value, shape))
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """The largest of each contact in a motion, step by step; arrays of shape (bodies,).
+
+    Attributes:
+        overlap_m: of the contact under each body.
+        closing_m_s: the speed along its line at which it closes.
+        bore_overlap_m: likewise of the bore.
+        bore_closing_m_s: likewise.
+        impacts: closings of contacts, each by the square of its energy over the largest one's.
+    """
+
+    overlap_m: Array
+    closing_m_s: Array
+    bore_overlap_m: Array
+    bore_closing_m_s: Array
+    impacts: float
+
+
+@dataclass(frozen=True)
+class TubeMotion:
+    """Samples of an integration; velocities and spins at the time of the forces.
+
+    Attributes:
+        force_N: of the contact under each body, along the axis, friction included. Shape (samples, bodies).
+        bore_N: by the bore on each body. Shape (samples, bodies, 3).
+        place_m: likewise.
+        velocity_m_s: likewise.
+        spin_rad_s: likewise.
+    """
+
+    force_N: Array
+    bore_N: Array
+    place_m: Array
+    velocity_m_s: Array
+    spin_rad_s: Array
+    extremes: Extremes
 
 
 def check_timing(time_step_s: float, steps_per_sample: int, samples: int) -> None:

@@ -19,8 +19,7 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import damped_force, elastic_force
-from validation.reference.hertz_chain import Array, check_timing
-from validation.reference.tube_chain import Extremes, TubeChain, TubeMotion
+from validation.reference.hertz_chain import Array, Extremes, TubeChain, TubeMotion, check_timing
 
 TOTAL, INCREMENTAL = "total", "incremental"
 Three = tuple[float, float, float]
@@ -41,12 +40,7 @@ def integrate_tube(
 ) -> TubeMotion:
     """Integrates from time 0 and keeps the motion every ``steps_per_sample`` steps, the first at time 0.
 
-    Args:
-        chain: the bodies.
-        time_step_s: the time step.
-        steps_per_sample: steps from sample to sample.
-        samples: how many.
-        law: of friction, ``total`` or ``incremental``.
+    Friction follows the ``total`` or the ``incremental`` law.
 
     Raises:
         ValueError: a step not above zero, counts below one, or another law.
@@ -236,17 +230,9 @@ def _in_bore(
         ux, uy, uz = ux + closing * nx + ny * wz, uy + closing * ny - nx * wz, uz + nx * wy - ny * wx
         turning = 0.5 * dt * _turning(j, before, spin, True)
         tx, ty, tz = _friction(
-            kept,
-            before,
-            (nx, ny, 0.0),
-            (ux, uy, uz),
-            turning,
-            shear * root,
-            numbers[3] * normal,
-            dt,
-            incremental,
+            kept, before, (nx, ny, 0.0), (ux, uy, uz), turning, shear * root, numbers[3] * normal, dt, incremental,
             moved,
-        )
+        )  # fmt: skip
         fx, fy, fz = fx + tx, fy + ty, fz + tz
         torque[j, 0] -= arm * ny * tz
         torque[j, 1] += arm * nx * tz
@@ -302,15 +288,9 @@ def _friction(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _mark(
-    j: int,
-    overlap: float,
-    closing: float,
-    energy: float,
-    deepest: Array,
-    fastest: Array,
-    closed: Array,
+    j: int, overlap: float, closing: float, energy: float, deepest: Array, fastest: Array, closed: Array,
     energies: Array,
-) -> None:
+) -> None:  # fmt: skip
     """Notes what is reached; an open contact closes at the speed of its last step before."""
     deepest[j] = max(deepest[j], overlap)
     if overlap <= 0.0:

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from drivers.chain.case import Layout
 from drivers.chain.chain import Array
-from drivers.chain.layout import Layout
 from drivers.chain.trace import Trace
 from postproc.draw.stack import gauge_title, residuals
 from postproc.draw.style import drawing_order, line_of

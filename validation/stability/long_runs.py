@@ -8,8 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import energy_put_in
-from drivers.chain.integrator_arrays import arrays_of
+from drivers.chain.chain import arrays_of, energy_put_in
 from drivers.chain.trace import Trace
 from drivers.engines import installed_codes
 from drivers.run.guard import energy_error

@@ -13,10 +13,10 @@ import numpy as np
 
 from drivers.base.errors import RunError
 from drivers.chain.case import Case
-from drivers.chain.integrator_arrays import arrays_of
+from drivers.chain.chain import arrays_of
 from drivers.chain.trace import Trace
 from drivers.engines import codes, installed_codes, load_engine
-from drivers.limits.attainable import FORCE
+from drivers.limits.refusal import FORCE
 from drivers.limits.stable_step import predicted_limit
 from drivers.run.run import run_case
 from postproc.paper.simulate import case_of

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from tqdm import tqdm
 
 from drivers.chain.case import Case, build_case
-from drivers.chain.integrator_arrays import arrays_of
+from drivers.chain.chain import arrays_of
 from drivers.engines import installed_codes, missing_codes
 from drivers.run.run import run_case
 from drivers.scene.read_scene import read_scene

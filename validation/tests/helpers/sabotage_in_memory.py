@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
-from drivers.chain.integrator_arrays import arrays_of
+from drivers.chain.chain import Array, arrays_of
 from drivers.chain.trace import Trace, make_trace
 from validation.accuracy.schemes import heights_and_reach
 from validation.reference.hertz_chain import HertzChain

@@ -14,8 +14,7 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import AT_REST, Array
 from drivers.chain.contact_law import conformity, hertz_stiffness
-from drivers.chain.lateral_start import with_lateral
-from drivers.chain.packing import Column, find_rest
+from drivers.chain.lateral_start import find_rest, with_lateral
 from drivers.engines import load_engine
 from drivers.run.finished import EndedRun
 from drivers.run.run import run_case
@@ -324,9 +323,7 @@ def test_records_hold_what_moves(shared_runs: Path, tmp_path: Path) -> None:
 
 
 def test_beads_that_do_not_come_to_rest_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "drivers.chain.lateral_start.find_rest", lambda column, place: find_rest(column, place, steps=3)
-    )
+    monkeypatch.setattr("drivers.chain.lateral_start.find_rest", lambda chain, place: find_rest(chain, place, steps=3))
     with pytest.raises(InputError) as caught:
         case_of("fig4-tube")
     key, told = str(caught.value).split(": found ")
@@ -343,13 +340,9 @@ def test_a_rest_is_one() -> None:
     assert lateral.bore is not None
     assert with_lateral(case.scene, chain).height_m == pytest.approx(chain.height_m, rel=1e-12)
     place = np.column_stack([lateral.offset_m, chain.height_m - chain.wall_height_m])[:beads]
-    column = Column(
-        chain.radius_m[:beads], chain.load_N[:beads], chain.stiffness[:beads], lateral.bore.radius_m,
-        lateral.bore.stiffness[:beads],
-    )  # fmt: skip
-    rest = find_rest(column, place)
-    assert rest.at_rest
-    assert np.abs(rest.place_m - place).max() < 1e-12
+    rest, left = find_rest(chain, place)
+    assert left.max() <= AT_REST * np.abs(chain.load_N[:beads]).sum()
+    assert np.abs(rest - place).max() < 1e-12
     assert chain.force_N[0] == pytest.approx(-chain.load_N[:beads].sum(), rel=10 * AT_REST)
 
 

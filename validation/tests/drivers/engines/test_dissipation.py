@@ -12,9 +12,8 @@ from scipy.integrate import solve_ivp
 from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
+from drivers.chain.chain import Array, arrays_of
 from drivers.chain.contact_law import damping_ratio, restitution, restitution_with_attraction
-from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace
 from drivers.engines import codes, load_engine
 from drivers.limits.energy_bounds import certainly_stable, late_damping

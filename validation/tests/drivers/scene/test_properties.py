@@ -14,9 +14,8 @@ from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError
 from drivers.chain.case import Case, build_case
-from drivers.chain.chain import Array
+from drivers.chain.chain import Array, arrays_of
 from drivers.chain.contact_law import hertz_stiffness
-from drivers.chain.integrator_arrays import arrays_of
 from drivers.chain.trace import Trace
 from drivers.engines import engine_names, load_engine
 from drivers.run.guard import energy_error

@@ -12,7 +12,7 @@ import pytest
 from drivers.chain.chain import build_chain
 from drivers.chain.trace import Trace
 from drivers.run.finished import open_run
-from drivers.scene.stored_scene import stored_scene
+from drivers.scene.read_scene import stored_scene
 from postproc.draw import film
 from postproc.draw.film import film_of, sheet, write_animation
 from postproc.draw.product import cells_of, draw_spacetime, write_product

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from drivers.chain.chain import Array
-from drivers.chain.mesh import tube_mesh, write_mesh
+from drivers.chain.lateral import tube_mesh, write_mesh
 from drivers.run.finished import EndedRun, open_run
 from postproc.draw import vtk
 from postproc.draw.vtk import write_series
@@ -205,8 +205,8 @@ def test_bad_input_is_refused_in_one_line(scene_file: SceneWriter, shared_runs: 
         assert len(refused.stderr.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize(("sides", "rings"), [(3, None), (8, None), (48, None), (48, 2)])
-def test_the_bore_as_triangles(sides: int, rings: int | None) -> None:
+@pytest.mark.parametrize(("sides", "rings"), [(3, 6), (8, 24), (48, 153), (48, 2)])
+def test_the_bore_as_triangles(sides: int, rings: int) -> None:
     points, triangles = tube_mesh(0.0025, -0.01, 0.04, sides, rings)
     corners = points[triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
@@ -219,7 +219,7 @@ def test_the_bore_as_triangles(sides: int, rings: int | None) -> None:
     assert distance == pytest.approx(-0.0025, rel=1e-12)  # every side touches the bore
     assert area.sum() == pytest.approx(2 * sides * np.tan(np.pi / sides) * 0.0025 * 0.05, rel=1e-12)
     assert [points[:, 2].min(), points[:, 2].max()] == [-0.01, 0.04]
-    if rings is None:
+    if rings > 2:
         assert (edges.max(axis=1) / edges.min(axis=1)).max() < 1.6  # the halves of a square: sqrt(2)
     sides_of, counts = np.unique(np.sort(np.stack([triangles, np.roll(triangles, 1, 1)], -1).reshape(-1, 2)),
                                  axis=0, return_counts=True)  # fmt: skip
@@ -227,14 +227,6 @@ def test_the_bore_as_triangles(sides: int, rings: int | None) -> None:
     open_ends = points[sides_of[counts == 1], 2]
     assert len(open_ends) == 2 * sides  # no hole but the two ends
     assert set(open_ends.ravel()) == {-0.01, 0.04}
-
-
-@pytest.mark.parametrize(
-    "wrong", [(0.0, 0, 1, 8), (1, 1, 1, 8), (1, 0, 1, 2), (float("nan"), 0, 1, 8), (1, 0, 1, 8, 0)]
-)
-def test_no_tube_without_sides_radius_or_length(wrong: tuple[float, float, float, int]) -> None:
-    with pytest.raises(ValueError, match="no tube"):
-        tube_mesh(*wrong)
 
 
 def test_a_striker_is_no_bead_of_the_tube(scene_file: SceneWriter, shared_runs: Path, tmp_path: Path) -> None:

@@ -5,11 +5,10 @@ import pytest
 
 from postproc.paper import theory
 from validation.claims import equations
-from validation.reference import precompressed_wave
+from validation.reference import travelling_wave
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
-from validation.reference.precompressed_wave import solve_at_amplitude, solve_at_speed
-from validation.reference.travelling_wave import solve_travelling_wave
+from validation.reference.travelling_wave import solve_at_amplitude, solve_at_speed, solve_travelling_wave
 
 PTFE = theory.Particles(1.46e9, 0.46, 2171.0, 4.76e-3)
 AMPLITUDES = (0.1, 1.0, 10.0, 1e3, 1e6)
@@ -56,8 +55,8 @@ def test_the_precompressed_wave_is_a_fixed_point_and_finer_grids_change_nothing(
 ) -> None:
     wave = solve_at_amplitude(1.5e7, 1.2e-4, 0.02, amplitude)
     assert wave.amplitude == pytest.approx(amplitude, rel=1e-10)
-    monkeypatch.setattr(precompressed_wave, "POINTS_PER_BEAD", 128)
-    monkeypatch.setattr(precompressed_wave, "POINTS_PER_BEAD_LONG", 32)
+    monkeypatch.setattr(travelling_wave, "POINTS_PER_BEAD", 128)
+    monkeypatch.setattr(travelling_wave, "POINTS_PER_BEAD_LONG", 32)
     finer = solve_at_speed(1.5e7, 1.2e-4, 0.02, wave.speed)
     assert finer.beta == pytest.approx(wave.beta, rel=1e-12)
     assert finer.amplitude == pytest.approx(wave.amplitude, rel=1e-10)
@@ -67,7 +66,7 @@ def test_its_limits_are_the_linear_chain_and_the_wave_without_a_static_force() -
     free = solve_travelling_wave()
     weak, strong = (solve_at_amplitude(1e7, 1e-4, 1.0, amplitude) for amplitude in (0.02, 1e9))
     assert weak.beta == pytest.approx(1, abs=2e-3)
-    assert weak.speed == pytest.approx(precompressed_wave.sound_speed(1e7, 1e-4, 1.0), rel=2e-3)
+    assert weak.speed == pytest.approx(travelling_wave.sound_speed(1e7, 1e-4, 1.0), rel=2e-3)
     assert strong.beta == pytest.approx(free.contact_over_average, rel=1e-5)
     assert strong.speed == pytest.approx(free.speed_by_force * 1e7 ** (1 / 3) * 1e-4**-0.5 * 1e9 ** (1 / 6), rel=1e-5)
 
@@ -85,7 +84,7 @@ def test_amplitudes_beyond_are_refused(amplitude: float) -> None:
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 1e5])
 def test_a_speed_that_no_wave_has_is_refused(speed: float) -> None:
-    sound = precompressed_wave.sound_speed(1e7, 1e-4, 1.0)
+    sound = travelling_wave.sound_speed(1e7, 1e-4, 1.0)
     with pytest.raises(ValueError, match="above that of sound"):
         solve_at_speed(1e7, 1e-4, 1.0, speed * sound)
 

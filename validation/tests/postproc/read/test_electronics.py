@@ -9,8 +9,7 @@ import pytest
 
 from drivers.__main__ import request_of
 from drivers.batch.study_commands import Where, batch
-from drivers.chain.case import Case
-from drivers.chain.layout import read_layout
+from drivers.chain.case import Case, read_layout
 from drivers.chain.trace import Trace
 from drivers.engines import engine_names, load_engine
 from drivers.run.finished import EndedRun, open_run

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.chain.layout import Layout, SensorBead
+from drivers.chain.case import Layout, SensorBead
 from drivers.chain.trace import Trace
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_average

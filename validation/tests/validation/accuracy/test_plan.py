@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.base.errors import InputError
-from drivers.limits.attainable import beyond_rounding, refuse_beyond_rounding
+from drivers.limits.refusal import beyond_rounding, refuse_beyond_rounding
 from drivers.limits.stable_step import linear_limit
 from drivers.run.finished import RunRecord
 from validation.accuracy.baseline import baseline_of

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
-from drivers.chain.integrator_arrays import arrays_of
+from drivers.chain.chain import Array, arrays_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.run.finished import EndedRun
 from validation.accuracy.baseline import baseline_of, comparable

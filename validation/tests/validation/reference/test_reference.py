@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.chain.integrator_arrays import arrays_of
+from drivers.chain.chain import arrays_of
 from postproc.read.signals import peaks
 from validation.reference import travelling_wave
 from validation.reference.adaptive import integrate_adaptive

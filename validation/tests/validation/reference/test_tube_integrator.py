@@ -9,8 +9,7 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from drivers.chain.chain import energy_put_in
-from drivers.chain.integrator_arrays import arrays_of, tube_arrays_of
+from drivers.chain.chain import arrays_of, energy_put_in, tube_arrays_of
 from drivers.chain.trace import until
 from drivers.engines import INCREMENTAL, TOTAL, load_engine
 from drivers.limits.energy_bounds import certainly_stable
@@ -20,8 +19,8 @@ from postproc.read.residual import residual
 from validation.accuracy.baseline import Baseline
 from validation.accuracy.budget import error_budget, warnings_of
 from validation.accuracy.schemes import verlet_of
+from validation.reference.hertz_chain import TubeMotion
 from validation.reference.tube import integrate_tube
-from validation.reference.tube_chain import TubeMotion
 from validation.reference.velocity_verlet import integrate_verlet
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
