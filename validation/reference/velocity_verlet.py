@@ -105,23 +105,31 @@ def _start(chain: HertzChain, time_step_s: float) -> Arrays:
     return velocity, chain.overlap_m.copy(), force, chain.stiffness, kick, drop, damping
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _part(arrays: Arrays, low: int, high: int) -> Arrays:
-    """The arrays of the bodies from ``low`` to below ``high``, with the force above them."""
-    velocity, overlap, force, stiffness, kick, drop, damping = arrays
-    part = slice(low, high)
-    bodies = velocity[low + 1 : high + 1], overlap[part], force[low : high + 1]
-    return *bodies, stiffness[part], kick[part], drop[part], damping[part]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _sweep(
+    below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array, dt: float
+) -> None:
+    """One step of neighbouring bodies; ``below`` is the new velocity under them, ``force`` reaches one further."""
+    under = force[0]
+    for j in range(overlap.size):
+        above = force[j + 1]
+        here = velocity[j] + (kick[j] * (under - above) + drop[j])
+        velocity[j] = here
+        under = above
+        now = overlap[j] + dt * (below - here)
+        below = here
+        overlap[j] = now
+        closed = max(now, 0.0)
+        force[j] = stiffness[j] * overlap_power(closed)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _sweep(below: float, part: Arrays, dt: float) -> None:
-    """One step of neighbouring bodies; ``below`` is the new velocity under them.
-
-    Contacts that lose energy do so by velocities of half a step before, as in the codes.
-    """
-    velocity, overlap, force, stiffness, kick, drop, damping = part
-    under, damped = force[0], damping.size > 0
+def _sweep_damped(
+    below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
+    damping: Array, dt: float,
+) -> None:  # fmt: skip
+    """As ``_sweep``, of contacts that lose energy: by velocities of half a step before, as in the codes."""
+    under = force[0]
     for j in range(overlap.size):
         above = force[j + 1]
         here = velocity[j] + (kick[j] * (under - above) + drop[j])
@@ -131,12 +139,28 @@ def _sweep(below: float, part: Arrays, dt: float) -> None:
         now = overlap[j] + dt * closing
         below = here
         overlap[j] = now
-        closed = max(now, 0.0)
-        if damped:
-            root = sqrt(closed)
-            force[j] = max(stiffness[j] * (now * root) + damping[j] * sqrt(root) * closing, 0.0)
-        else:
-            force[j] = stiffness[j] * overlap_power(closed)
+        root = sqrt(max(now, 0.0))
+        force[j] = max(stiffness[j] * (now * root) + damping[j] * sqrt(root) * closing, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step_range(
+    arrays: Arrays, dt: float, low: int, high: int, below: float, step: int, every: int,
+    places: NDArray[np.int64], recorded: Array,
+) -> None:  # fmt: skip
+    """One step of the bodies from ``low`` to below ``high``, and what is to be recorded of it."""
+    velocity, overlap, force, stiffness, kick, drop, damping = arrays
+    if damping.size:
+        _sweep_damped(
+            below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
+            stiffness[low:high], kick[low:high], drop[low:high], damping[low:high], dt,
+        )  # fmt: skip
+    else:
+        _sweep(
+            below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
+            stiffness[low:high], kick[low:high], drop[low:high], dt,
+        )  # fmt: skip
+    _record(force, low, high, step, every, places, recorded)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -161,11 +185,13 @@ def _advance(
     thread's bodies next to it would have to be known for is left to ``_fill_between``. A rising range leaves the
     forces at its lower edge, as they were before each step, in ``edge``.
     """
-    velocity, force, kick, drop = arrays[0], arrays[2], arrays[4], arrays[5]
-    if first == 0 and arrays[1].size == last <= TILE:  # one tile: no need to cut it out at every step
-        whole = _part(arrays, first, last)
+    velocity, overlap, force, stiffness, kick, drop, damping = arrays
+    if first == 0 and overlap.size == last <= TILE:  # one tile: no need to cut it out at every step
         for step in range(steps):
-            _sweep(0.0, whole, dt)
+            if damping.size:
+                _sweep_damped(0.0, velocity[1:], overlap, force, stiffness, kick, drop, damping, dt)
+            else:
+                _sweep(0.0, velocity[1:], overlap, force, stiffness, kick, drop, dt)
             _record(force, first, last, done + step, every, places, recorded)
         return
     start = first
@@ -179,8 +205,7 @@ def _advance(
             if rising and low == bottom:
                 edge[step] = force[low]
                 below += kick[low - 1] * (force[low - 1] - force[low]) + drop[low - 1]
-            _sweep(below, _part(arrays, low, high), dt)
-            _record(force, low, high, done + step, every, places, recorded)
+            _step_range(arrays, dt, low, high, below, done + step, every, places, recorded)
         start += TILE
 
 
@@ -214,8 +239,7 @@ def _fill_between(
         low, high = middle - 1 - step, middle + step
         later = force[high]
         force[high] = edge[step]
-        _sweep(velocity[low], _part(arrays, low, high), dt)
-        _record(force, low, high, done + step, every, places, recorded)
+        _step_range(arrays, dt, low, high, velocity[low], done + step, every, places, recorded)
         force[high] = later
 
 
