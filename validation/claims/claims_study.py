@@ -29,7 +29,7 @@ from postproc.paper.strikes import solve_table1
 from postproc.read.residual import REFERENCE
 from validation.claims import equations, material_claims, simulated, table1_claims
 from validation.claims.simulated import Run
-from validation.study_tables import read_rows, refused_if_damaged, write_table
+from validation.studies import read_rows, refused_if_damaged, write_table
 
 REPRODUCED, DIFFERS, EXPERIMENT_ONLY = "reproduced", "differs", "experiment only"
 MODULES = {each.__name__.split(".")[-1]: each for each in (equations, material_claims, simulated, table1_claims)}

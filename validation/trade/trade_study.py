@@ -10,11 +10,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from drivers.engines import codes, engine_names, in_order
 from postproc.draw.style import COLUMN_IN, line_of, marker_of, pyplot
-from validation.studies import ADAPTIVE, FAILED, NOT_RUN, ORDER_4, Options, Picture, Study, Tables
-from validation.study_tables import frame_of
+from validation.studies import ADAPTIVE, FAILED, NOT_RUN, ORDER_4, Options, Picture, Study, Tables, frame_of
 from validation.trade.advice import QUANTITIES, STRAIGHT, TARGETS, Advice, Order, advice, cheapest, done, front, orders
-from validation.trade.climb import BUDGET_S, Row, climb
-from validation.trade.levers import Lever, pull_all
+from validation.trade.climb import BUDGET_S, Lever, Row, climb, pull_all
 
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 METHODS = {ORDER_4: ("#56b4e9", "D"), ADAPTIVE: ("#999999", "v")}  # colours and markers of what is no engine

@@ -9,8 +9,7 @@ from drivers.chain.case import Case
 from postproc.read.residual import residual
 from validation.accuracy.error_measures import truth_of
 from validation.accuracy.schemes import verlet_of
-from validation.stability.measured_limits import WITHIN, measure_limits
-from validation.stability.subjects import at_random, random_case, shipped
+from validation.stability.measured_limits import WITHIN, at_random, measure_limits, random_case, shipped
 from validation.tests.helpers.runs import finished
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)

@@ -20,11 +20,22 @@ from validation.compare.compared_scenes import run_and_compare
 from validation.report.write_report import write_report
 from validation.served_runs import builds_of
 from validation.stability.extremes import Extreme, extremes, run_extreme
-from validation.stability.height_rounding import by_build, in_repo, pressed
-from validation.stability.long_runs import energy_of
-from validation.stability.measured_limits import WITHIN, gain, measure_limits, prediction
+from validation.stability.measured_limits import (
+    PAPER,
+    RANDOM,
+    SHIPPED,
+    WITHIN,
+    Subject,
+    at_random,
+    bouncing,
+    gain,
+    measure_limits,
+    prediction,
+    random_case,
+    sweeps,
+)
+from validation.stability.rounding_effects import by_build, energy_of, in_repo, pressed
 from validation.stability.stability_study import STUDY, missed
-from validation.stability.subjects import PAPER, RANDOM, SHIPPED, Subject, at_random, bouncing, random_case, sweeps
 from validation.studies import read_section, write_study
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
