@@ -54,11 +54,7 @@ def write_frame(path: Path, table: pd.DataFrame) -> None:
 
 
 def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
-    """A table that ``make target`` wrote, each column of the type of its field.
-
-    Raises:
-        InputError: it is missing or damaged.
-    """
+    """A table that ``make target`` wrote, by its fields' types; InputError where it is missing or damaged."""
     with refused_if_damaged(path, target):
         types: dict[str, Any] = dict.fromkeys(pd.read_csv(path, nrows=0).columns, float)
         types |= {field.name: field.type for field in fields(kind) if not _is_mapping(field.type)}  # type: ignore[arg-type]
@@ -71,11 +67,7 @@ def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
 
 
 def read_rows(path: Path, kind: type[Row], target: str) -> list[Row]:
-    """The rows of a table that ``make target`` wrote, equal to those that were written.
-
-    Raises:
-        InputError: it is missing or damaged.
-    """
+    """The rows of a table that ``make target`` wrote, equal to those that were written."""
     table = read_table(path, kind, target)
     mapped = next((field.name for field in fields(kind) if _is_mapping(field.type)), None)  # type: ignore[arg-type]
     names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
@@ -90,11 +82,7 @@ def read_rows(path: Path, kind: type[Row], target: str) -> list[Row]:
 
 @contextmanager
 def refused_if_damaged(path: Path, target: str) -> Iterator[None]:
-    """Turns what reading a table, or computing from it, stumbles over into an error for people.
-
-    Raises:
-        InputError: names the file, what is wrong, and the make target that writes it.
-    """
+    """Turns what reading a table, or computing from it, stumbles over into an InputError with the make target."""
     allowed = f"the table that make {target} writes"
     try:
         yield
@@ -167,11 +155,7 @@ class Study:
         return next(iter(self.tables))
 
     def read(self, results: Path) -> Tables:
-        """Tables of a results folder.
-
-        Raises:
-            InputError: one is damaged, or missing and not optional.
-        """
+        """Tables of a results folder; InputError where one is damaged, or missing and not optional."""
         there = [name for name in self.tables if name not in self.optional or (results / f"{name}.csv").exists()]
         return {name: read_table(results / f"{name}.csv", self.tables[name], self.name) for name in there}
 
@@ -221,11 +205,7 @@ def write_study(study: Study, measured: Mapping[str, Any], results: Path) -> Tab
 
 
 def read_section(name: str, results: Path) -> dict[str, Any]:
-    """Sentences, figures and rows of a study as the report shows them; empty without its tables.
-
-    Raises:
-        InputError: a table or a figure is damaged.
-    """
+    """Sentences, figures and rows of a study as the report shows them; empty without its tables."""
     study = load_study(name)
     main = results / f"{study.main_table}.csv"
     if not main.exists():

@@ -62,11 +62,7 @@ def quotes() -> list[Quote]:
 
 
 def measure(options: Options) -> dict[str, Any]:
-    """All of it; the short study takes few seeds, and only the first scene where all are switched.
-
-    Raises:
-        RunError: a run failed.
-    """
+    """All of it; the short study takes few seeds, and only the first scene where all are switched."""
     asked, runs = read_elements(), options.runs
     seeds = asked.quick_seeds if options.quick else asked.seeds
     scenes = asked.scene[:1] if options.quick else asked.scene

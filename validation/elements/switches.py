@@ -185,11 +185,7 @@ def spread_of(values: Array) -> tuple[float, float]:
 
 
 def measure_effects(pairs: Sequence[Pair], engines: Iterable[str], repeats: int, runs: Path) -> Iterator[Effect]:
-    """Effects of all switches on all codes, but for those that a code cannot take.
-
-    Raises:
-        RunError: a run failed.
-    """
+    """Effects of all switches on all codes, but for those that a code cannot take."""
     for engine in engines:
         own = [pair for pair in pairs if not any(inability(case, engine) for case in pair.cases)]
         progress(f"{engine}: {len(own)} switches of {len(pairs)}")
@@ -350,11 +346,7 @@ def nothing_changes(subjects: Iterable[Subject], engines: Iterable[str], runs: P
 
 
 def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[Asked]:
-    """What several accuracies let out of a scene that has everything, and what runs then miss of them.
-
-    Raises:
-        RunError: a run failed.
-    """
+    """What several accuracies let out of a scene that has everything, and what runs then miss of them."""
     for accuracy in ASKED:
         case = planned_case(scene, *ALL, "run.time_step=", f"run.accuracy={accuracy}")
         jobs = [(case, engine) for engine in engines]
@@ -369,11 +361,7 @@ def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[
 
 
 def compare_codes(subjects: Iterable[Subject], seeds: int, codes: Sequence[str], runs: Path) -> Iterator[Between]:
-    """Every two codes on all scenes in their tubes.
-
-    Raises:
-        RunError: a run failed.
-    """
+    """Every two codes on all scenes in their tubes."""
     if len(codes) < 2:
         yield Between("any", "any", " ".join(codes), 0)
         return

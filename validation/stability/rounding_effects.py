@@ -62,11 +62,6 @@ class Energy:
     drift_error: float
     walk: float
 
-    @property
-    def drifts(self) -> bool:
-        """Whether the drift is more than chance."""
-        return abs(self.drift) > BEYOND_CHANCE * self.drift_error
-
 
 @dataclass(frozen=True)
 class Horizon:

@@ -179,11 +179,7 @@ def _by_method(method: str, rungs: list[Rung], truths: dict[tuple[float, int], T
 
 
 def _in_repo(rung: Rung) -> Served:
-    """A run by an integrator of this repository.
-
-    Raises:
-        RunError: it blew up.
-    """
+    """A run by an integrator of this repository; RunError where it blew up."""
     case, chain, scene = rung.case, arrays_of(rung.case.chain), rung.case.scene
     began = time.perf_counter()
     if rung.method == ADAPTIVE:
@@ -219,11 +215,7 @@ def errors_by_group(case: Case, trace: Trace, truth: Truth) -> dict[str, float]:
 
 
 def start_up(name: str, case: Case) -> float:
-    """Seconds of a process by itself that are not its loop; in-repo the better of two: the first may have to compile.
-
-    Raises:
-        RunError: it failed.
-    """
+    """Seconds of a process by itself that are not its loop; in-repo the better of two, as a first may compile."""
     times = 2 if load_engine(name).in_repository else 1
     with tempfile.TemporaryDirectory() as folder:
         records = [run_case(case, name, Path(folder), rerun=True).record for _ in range(times)]

@@ -25,9 +25,9 @@ from validation.stability.measured_limits import SHIPPED, Subject, measure_limit
 from validation.stability.stability_study import STUDY as STABILITY
 from validation.studies import STUDIES, Options, frame_of, load_study, read_section, write_study
 from validation.tests.helpers.scenes import case_of
-from validation.trade.advice import advice, orders
 from validation.trade.climb import Lever, Row, climb, extrapolation, rayleigh, sampling, softened
 from validation.trade.trade_study import STUDY as TRADE
+from validation.trade.trade_study import advice, orders
 
 ADAPTER = """
 from dataclasses import replace

@@ -13,9 +13,8 @@ from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 from validation.trade import climb as measured
-from validation.trade.advice import advice, cheapest, front, orders
 from validation.trade.climb import Row, Rung, affordable, at_step, climb, extrapolation, rayleigh, sampling, softened
-from validation.trade.trade_study import STUDY
+from validation.trade.trade_study import STUDY, advice, cheapest, front, orders
 
 
 def table(errors: list[float], shares: list[float]) -> pd.DataFrame:
