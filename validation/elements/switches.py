@@ -101,7 +101,7 @@ ALL = ("chain.mass_scatter=0.0008 g", "contact.restitution=0.995", "chain.precom
 PARTED = 1e-2  # of the largest force
 WITHOUT_FRICTION = "without friction"
 TUBES = {
-    WITHOUT_FRICTION: Side(tube=True, set=("contact.friction=0", "tube.friction=0")),
+    WITHOUT_FRICTION: Side(tube=True, set=FRICTIONLESS),
     "with friction": Side(tube=True),
 }
 
