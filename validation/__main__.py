@@ -15,12 +15,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "scenes": {"nargs": "*", "metavar": "SCENE", "help": "default: the paper's four, fig4 to fig6d"},
     "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "dest": "settings"},
     "--unsafe": {"action": "store_true", "help": "run what a guard refuses"},
-    "--budget": {
-        "type": seconds,
-        "metavar": "S",
-        "dest": "budget_s",
-        "help": "engine time in all (default: 300 s)",
-    },
+    "--budget": {"type": seconds, "metavar": "S", "dest": "budget_s", "help": "engine time in all (default: 300 s)"},
     "--quick": {"action": "store_true", "help": "the short study: fewer scenes and seeds, no long runs"},
     "--file": {"type": Path, "metavar": "FILE", "help": "cases (default: inputs/independent.toml)"},
     "--out": {"type": Path, "metavar": "FILE", "help": "default: report.html or claims.csv in results/"},

@@ -57,11 +57,7 @@ def serving(name: str, build: str = "") -> Iterator[Session]:
 
 
 def serve(session: Session, case: Case) -> Served:
-    """Runs a case in a session.
-
-    Raises:
-        RunError: it failed.
-    """
+    """Runs a case in a session; RunError where it failed."""
     outcome = session.run(session.engine.render(case), default_limit_s(case))
     trace = checked_trace(case, session.engine, outcome, session.case)
     loop_s = session.engine.loop_seconds((session.case / "stdout.txt").read_text(errors="replace"))

@@ -29,7 +29,7 @@ from postproc.paper.strikes import solve_table1
 from postproc.read.residual import REFERENCE
 from validation.claims import equations, simulated
 from validation.claims.simulated import Run
-from validation.study_tables import read_rows, refused_if_damaged, write_table
+from validation.studies import read_rows, refused_if_damaged, write_table
 
 REPRODUCED, DIFFERS, EXPERIMENT_ONLY = "reproduced", "differs", "experiment only"
 MODULES = {"equations": equations, "simulated": simulated}

@@ -15,9 +15,8 @@ from postproc.draw.style import FAINT, line_of, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
 from validation.accuracy.plan import cost_on
-from validation.elements import rule_checks
-from validation.elements.oscilloscope import STEPS, Number, Shown, add_steps, vary
-from validation.elements.switches import Effect, measure_effects, pairs_of, read_elements
+from validation.elements import switches
+from validation.elements.switches import STEPS, Shown, read_elements
 from validation.studies import VERLET, Options, Picture, Study, Tables
 
 REPEATS = 3  # runs from which a cost is the least
@@ -63,11 +62,7 @@ def quotes() -> list[Quote]:
 
 
 def measure(options: Options) -> dict[str, Any]:
-    """All of it; the short study takes few seeds, and only the first scene where all are switched.
-
-    Raises:
-        RunError: a run failed.
-    """
+    """All of it; the short study takes few seeds, and only the first scene where all are switched."""
     asked, runs = read_elements(), options.runs
     seeds = asked.quick_seeds if options.quick else asked.seeds
     scenes = asked.scene[:1] if options.quick else asked.scene
@@ -75,14 +70,14 @@ def measure(options: Options) -> dict[str, Any]:
     engines = codes or [VERLET]
     tube = case_of(f"{scenes[0].name}-tube")
     fastest = min(engines, key=lambda name: cost_on(name).run_s(tube))
-    pairs = pairs_of(asked.model_copy(update={"scene": scenes}), seeds)
-    steps = {scene.name: list(add_steps(scene, seeds, fastest, runs)) for scene in scenes}
-    varied = [each for scene in scenes[:2] for each in vary(scene, seeds, fastest, runs)]
+    pairs = switches.pairs_of(asked.model_copy(update={"scene": scenes}), seeds)
+    steps = {scene.name: list(switches.add_steps(scene, seeds, fastest, runs)) for scene in scenes}
+    varied = [each for scene in scenes[:2] for each in switches.vary(scene, seeds, fastest, runs)]
     return {
-        "elements": measure_effects(pairs, engines, 1 if options.quick else REPEATS, runs),
-        "elements-nothing": rule_checks.nothing_changes(scenes, engines, runs),
-        "elements-accuracies": rule_checks.accuracies_kept(scenes[0].name, engines, runs),
-        "elements-between": rule_checks.compare_codes(scenes, seeds, codes, runs),
+        "elements": switches.measure_effects(pairs, engines, 1 if options.quick else REPEATS, runs),
+        "elements-nothing": switches.nothing_changes(scenes, engines, runs),
+        "elements-accuracies": switches.accuracies_kept(scenes[0].name, engines, runs),
+        "elements-between": switches.compare_codes(scenes, seeds, codes, runs),
         "oscilloscope": [number for own in steps.values() for each in own for number in each.numbers],
         "oscilloscope-ranges": [number for each in varied for number in each.numbers],
         **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in steps.items()},
@@ -100,7 +95,7 @@ def missed(tables: Tables) -> list[str]:
     """Where the rule does not hold, or the codes differ where they must not."""
     limit, codes = tolerance("elements", "nothing").limit, tolerance("elements", "codes").limit
     nothing, accuracies, between = tables["elements-nothing"], tables["elements-accuracies"], tables["elements-between"]
-    without_friction = between[between["friction"] == rule_checks.WITHOUT_FRICTION].drop_duplicates(["scene", "codes"])
+    without_friction = between[between["friction"] == switches.WITHOUT_FRICTION].drop_duplicates(["scene", "codes"])
     return [
         *(f"{row['scene']} on {row['engine']}: what is always left out changes forces by {row['change']:.2g}, allowed"
           f" {limit:g}" for _, row in nothing[~(nothing["change"] <= limit)].iterrows()),
@@ -279,12 +274,12 @@ def _cell(change: float, spread: float) -> str:
 STUDY = Study(
     name="elements",
     tables={
-        "elements": Effect,
-        "elements-nothing": rule_checks.Nothing,
-        "elements-accuracies": rule_checks.Asked,
-        "elements-between": rule_checks.Between,
-        "oscilloscope": Number,
-        "oscilloscope-ranges": Number,
+        "elements": switches.Effect,
+        "elements-nothing": switches.Nothing,
+        "elements-accuracies": switches.Asked,
+        "elements-between": switches.Between,
+        "oscilloscope": switches.Number,
+        "oscilloscope-ranges": switches.Number,
     },
     measure=measure,
     sentences=sentences,

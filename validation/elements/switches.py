@@ -1,13 +1,21 @@
-"""What elements change and cost: runs of both sides of every switch of ``inputs/elements.toml`` on the codes."""
+"""What elements change, cost and would have shown, and whether the rule that leaves them out holds.
+
+Both sides of every switch of ``inputs/elements.toml`` are run on the codes, then all steps from the elastic line to
+tube, friction, restitution and gauge. What is always left out must change nothing: a straight chain is run once more
+with beads free to move sideways, in a tube, with friction. What an accuracy allows to be left out must change nothing
+that was asked for by more than that. In the tube codes are compared seed by seed until they part, and as distributions.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import combinations
 from math import inf, nan
 from pathlib import Path
 
 import numpy as np
 from pydantic import Field
+from scipy.stats import ks_2samp
 
 from drivers.base import paths
 from drivers.base.errors import RunError
@@ -16,10 +24,14 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.engines import load_engine
 from drivers.limits.refusal import inability
-from drivers.run.run import run_case
+from drivers.run.run import run_all_done, run_case
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
-from postproc.paper.simulate import case_of, run_codes
+from postproc.paper.simulate import Simulation, case_of, run_codes
+from postproc.read.residual import apart, residual
+from postproc.read.sensors import sensor_signals
+from validation.accuracy.assess import assess
+from validation.accuracy.plan import planned_case
 from validation.studies import progress
 
 SCATTER = "scatter"  # in a setting: the scene's own
@@ -57,6 +69,41 @@ class Elements(Part):
     quick_seeds: int
     scene: tuple[Subject, ...] = Field(strict=False)
     element: tuple[Element, ...] = Field(strict=False)
+
+
+FRICTIONLESS = ("contact.friction=0", "tube.friction=0")
+RESTITUTION = "contact.restitution=0.9"
+GAUGE = "sensor.time_constant=1 ms"  # RC of about 1e3 us, as the paper has it
+# each step has all that those before it have
+STEPS = {
+    "elastic line": Side(),
+    "tube": Side(tube=True, set=FRICTIONLESS),
+    "friction 0.05": Side(tube=True),
+    "restitution 0.9": Side(tube=True, set=(RESTITUTION,)),
+    "gauge of 1 ms": Side(tube=True, set=(RESTITUTION, GAUGE)),
+}
+# one parameter at a time, over the range in which it is known
+RANGES = {
+    "friction": ("friction 0.05", ("tube.friction={0}", "contact.friction={0}"), (0.0, 0.04, 0.1)),
+    "restitution": ("restitution 0.9", ("contact.restitution={0}",), (1.0, 0.95, 0.9, 0.8, 0.7)),
+}
+STRAIGHT = Side(tube=True, set=("chain.lateral_offset=0 um",))
+# what to ask for, so that something may be left out of a scene with all that can be
+ASKED = (
+    "{ wall_peak = 1e-1 }",
+    "{ wall_peak = 3e-2 }",
+    "{ wall_peak = 1e-2, speed_9_to_5 = 1e-2 }",
+    "{ wall_peak = 1e-3 }",
+    "1e-2",
+)
+ALL = ("chain.mass_scatter=0.0008 g", "contact.restitution=0.995", "chain.precompression=1 mN")
+
+PARTED = 1e-2  # of the largest force
+WITHOUT_FRICTION = "without friction"
+TUBES = {
+    WITHOUT_FRICTION: Side(tube=True, set=FRICTIONLESS),
+    "with friction": Side(tube=True),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,11 +185,7 @@ def spread_of(values: Array) -> tuple[float, float]:
 
 
 def measure_effects(pairs: Sequence[Pair], engines: Iterable[str], repeats: int, runs: Path) -> Iterator[Effect]:
-    """Effects of all switches on all codes, but for those that a code cannot take.
-
-    Raises:
-        RunError: a run failed.
-    """
+    """Effects of all switches on all codes, but for those that a code cannot take."""
     for engine in engines:
         own = [pair for pair in pairs if not any(inability(case, engine) for case in pair.cases)]
         progress(f"{engine}: {len(own)} switches of {len(pairs)}")
@@ -177,3 +220,168 @@ def _costs(pairs: Sequence[Pair], engine: str, repeats: int, runs: Path) -> dict
             raise RunError(f"{case.scene.file}: {engine} {record.status}: {record.reason}")
         least[deck] = min(least[deck], record.loop_s / (case.chain.bodies * case.scene.steps) * 1e9)
     return {element: tuple(least[deck] for deck in own) for element, own in decks.items()}
+
+
+@dataclass(frozen=True)
+class Number:
+    """One observable after one step, or at one value of a parameter: mean and spread over the seeds."""
+
+    scene: str
+    step: str
+    value: str
+    observable: str
+    mean: float
+    spread: float
+    seeds: int
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What gauges show after one step, or at one value of a parameter, over the seeds.
+
+    Attributes:
+        signals: by gauge, shape (seeds, samples).
+        values: observables, shape (seeds,).
+    """
+
+    scene: str
+    step: str
+    value: str
+    time_s: Array
+    signals: dict[str, Array]
+    values: dict[str, Array]
+
+    @property
+    def numbers(self) -> Iterator[Number]:
+        """Its observables as rows."""
+        for name, values in self.values.items():
+            yield Number(self.scene, self.step, self.value, name, *spread_of(values), len(values))
+
+
+def add_steps(subject: Subject, seeds: int, engine: str, runs: Path) -> Iterator[Shown]:
+    """All steps of a scene on one code."""
+    progress(f"{subject.name}: {len(STEPS)} steps of {seeds} seeds on {engine}")
+    for step, side in STEPS.items():
+        yield _shown(subject.name, step, "", seeded(subject, side, seeds if side.tube else 1), engine, runs)
+
+
+def vary(subject: Subject, seeds: int, engine: str, runs: Path) -> Iterator[Shown]:
+    """One parameter at a time over its range."""
+    for name, (step, settings, values) in RANGES.items():
+        progress(f"{subject.name}: {name} from {values[0]:g} to {values[-1]:g}")
+        for value in values:
+            cases = seeded(subject, STEPS[step], seeds, *(setting.format(value) for setting in settings))
+            yield _shown(subject.name, name, f"{value:g}", cases, engine, runs)
+
+
+def _shown(scene: str, step: str, value: str, cases: list[Case], engine: str, runs: Path) -> Shown:
+    done = run_codes({engine: cases}, runs)[engine]
+    shown = [sensor_signals(case.layout, run.trace) for case, run in zip(cases, done, strict=True)]
+    signals = {name: np.array([each[name] for each in shown]) for name in shown[0]}
+    values = {name: np.array([run.values[name] for run in done]) for name in done[0].values}
+    return Shown(scene, step, value, cases[0].sample_times_s, signals, values)
+
+
+@dataclass(frozen=True)
+class Nothing:
+    """What beads free to move sideways change of a straight chain: the largest force difference over the largest."""
+
+    scene: str
+    engine: str
+    change: float
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What an accuracy lets out, and what the run then missed of it.
+
+    Attributes:
+        left_out: names of elements.
+        quantity: of those asked for, the one that errs by the largest share of its accuracy.
+        error: its error against the exact motion of the whole scene.
+    """
+
+    accuracy: str
+    engine: str
+    left_out: str
+    time_step_s: float
+    quantity: str
+    asked: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Between:
+    """Two codes on a scene in its tube; a single row without seeds, which says why, where there are no two.
+
+    Attributes:
+        before_wall: largest force difference until the wave reaches the wall, over the largest force; the worst seed.
+        parted_s: when the difference first passes a per cent: the earliest seed, and the median; NaN: never.
+        means, spreads: of the observable, by code.
+        same: probability of samples so different from one distribution (Kolmogorov and Smirnov).
+    """
+
+    scene: str
+    friction: str
+    codes: str
+    seeds: int
+    before_wall: float = nan
+    earliest_parted_s: float = nan
+    median_parted_s: float = nan
+    observable: str = "not compared: fewer than two codes are installed"
+    first_mean: float = nan
+    first_spread: float = nan
+    second_mean: float = nan
+    second_spread: float = nan
+    same: float = nan
+
+
+def nothing_changes(subjects: Iterable[Subject], engines: Iterable[str], runs: Path) -> Iterator[Nothing]:
+    """What is always left out, put in."""
+    for engine in engines:
+        for subject in subjects:
+            cases = [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
+            one, other = (run.trace.force_N for run in run_all_done([(case, engine) for case in cases], runs))
+            yield Nothing(subject.name, engine, float(np.abs(other - one).max() / one.max()))
+
+
+def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[Asked]:
+    """What several accuracies let out of a scene that has everything, and what runs then miss of them."""
+    for accuracy in ASKED:
+        case = planned_case(scene, *ALL, "run.time_step=", f"run.accuracy={accuracy}")
+        jobs = [(case, engine) for engine in engines]
+        for (_, engine), ended in zip(jobs, run_all_done(jobs, runs), strict=True):
+            kept = assess(ended, case).record.accuracy
+            assert kept is not None
+            worst = max(kept, key=lambda name: kept[name]["measured"] / kept[name]["asked"])
+            lets_out = (each for each in case.elements if not each.modelled and each.reason.startswith("left out"))
+            names = ", ".join(each.name for each in lets_out)
+            step = case.scene.time_step_s
+            yield Asked(accuracy, engine, names, step, worst, kept[worst]["asked"], kept[worst]["measured"])
+
+
+def compare_codes(subjects: Iterable[Subject], seeds: int, codes: Sequence[str], runs: Path) -> Iterator[Between]:
+    """Every two codes on all scenes in their tubes."""
+    if len(codes) < 2:
+        yield Between("any", "any", " ".join(codes), 0)
+        return
+    for subject in subjects:
+        for friction, side in TUBES.items():
+            progress(f"{subject.name} {friction}: {seeds} seeds on {' and '.join(codes)}")
+            cases = seeded(subject, side, seeds)
+            done = run_codes(dict.fromkeys(codes, cases), runs)
+            for one, other in combinations(codes, 2):
+                yield from _compared(subject.name, friction, done[one], done[other])
+
+
+def _compared(scene: str, friction: str, first: list[Simulation], second: list[Simulation]) -> Iterator[Between]:
+    pairs = [(one.trace, other.trace, one.values["wall_arrival_s"]) for one, other in zip(first, second, strict=True)]
+    before = max(float(residual(other, one)[one.time_s < arrival_s].max()) for one, other, arrival_s in pairs)
+    parted = np.nan_to_num([apart(other, one, PARTED)[1] for one, other, _ in pairs], nan=np.inf)
+    earliest, median = (float(value) if np.isfinite(value) else nan for value in (parted.min(), np.median(parted)))
+    for word, name in observables_of(first[0].case).items():
+        one, other = (np.array([run.values[name] for run in runs]) for runs in (first, second))
+        yield Between(
+            scene, friction, f"{first[0].engine} {second[0].engine}", len(first), before, earliest, median, word,
+            *spread_of(one), *spread_of(other), float(ks_2samp(one, other).pvalue),
+        )  # fmt: skip

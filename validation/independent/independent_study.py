@@ -23,7 +23,7 @@ from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict, pass_or_fail
 from validation.independent.posed_cases import MEASURES, Check, Independent, Posed, pose, read_independent, unit_of
-from validation.study_tables import read_rows, write_table
+from validation.studies import read_rows, write_table
 
 RUN = "run"  # the quantity that a case without numbers fails, or is not run, in
 HERE: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, "verlet": verlet_of}

@@ -75,11 +75,7 @@ class Outcome:
 
 
 def extremes(*, quick: bool = False) -> list[Extreme]:
-    """All of ``inputs/extremes.toml``, or its quick subset.
-
-    Raises:
-        InputError: something is wrong with the file.
-    """
+    """All of ``inputs/extremes.toml``, or its quick subset."""
     file = validate(ExtremesFile, read_toml(paths.EXTREMES), paths.shown(paths.EXTREMES))
     return [each for each in file.extreme if each.quick or not quick]
 

@@ -11,20 +11,19 @@ import pandas as pd
 from drivers.engines import codes
 from drivers.limits.criteria import CRITERIA
 from postproc.draw.style import COLUMN_IN, FAINT, marker_of, pyplot
+from validation.stability import measured_limits, rounding_effects
 from validation.stability.extremes import Outcome, extremes, run_all
-from validation.stability.height_rounding import Rounded, measure_rounding
-from validation.stability.long_runs import BEYOND_CHANCE, Energy, Horizon, Statistic, energies, horizons, statistics
-from validation.stability.measured_limits import CRITERION_KEYS, JUDGED, WITHIN, Limit, measure_limits
-from validation.stability.subjects import BOUNCING, SHIPPED, SWEEPS, at_random, bouncing, shipped, sweeps
+from validation.stability.measured_limits import BOUNCING, CRITERION_KEYS, JUDGED, SHIPPED, SWEEPS, WITHIN, Limit
 from validation.studies import VERLET, Options, Picture, Study, Tables
 
 RANDOM_SCENES = 100
 LONG: dict[str, Callable[[], Iterable[Any]]] = {
-    "stability-energy": energies,
-    "stability-horizons": horizons,
-    "stability-statistics": statistics,
-    "stability-rounding": measure_rounding,
+    "stability-energy": rounding_effects.energies,
+    "stability-horizons": rounding_effects.horizons,
+    "stability-statistics": rounding_effects.statistics,
+    "stability-rounding": rounding_effects.measure_rounding,
 }
+LONG_ROWS = (rounding_effects.Energy, rounding_effects.Horizon, rounding_effects.Statistic, rounding_effects.Rounded)
 WASTEFUL = 0.1  # of the measured limit: steps below it buy accuracy that stability does not ask for
 COLOURS = ("#cc79a7", "#e69f00", "#56b4e9")
 ULP = np.spacing(1.0)
@@ -32,9 +31,9 @@ ULP = np.spacing(1.0)
 
 def measure(options: Options) -> dict[str, Any]:
     """All of it; the short study leaves out random scenes, most extremes, long runs and rounding."""
-    more = () if options.quick else (*bouncing(), *at_random(RANDOM_SCENES))
+    more = () if options.quick else (*measured_limits.bouncing(), *measured_limits.at_random(RANDOM_SCENES))
     rows = {
-        "stability": measure_limits([*shipped(), *sweeps(), *more]),
+        "stability": measured_limits.measure_limits([*measured_limits.shipped(), *measured_limits.sweeps(), *more]),
         "stability-extremes": run_all(extremes(quick=options.quick), options.runs),
     }
     return rows if options.quick else rows | {name: run() for name, run in LONG.items()}
@@ -117,7 +116,7 @@ def _on_energy(energy: pd.DataFrame) -> Iterator[str]:
         said = []
         for _, row in part.iterrows():
             drift = f"{row['drift']:.1e} ± {row['drift_error']:.0e}"
-            drifts = abs(row["drift"]) > BEYOND_CHANCE * row["drift_error"]
+            drifts = abs(row["drift"]) > rounding_effects.BEYOND_CHANCE * row["drift_error"]
             moves = f"drifts by {drift}" if drifts else f"does not drift ({drift})"
             said.append(f"{row['method']} errs by {row['largest']:.1e} and {moves}")
         yield f"Energy over {part['steps'].iloc[0]:.0e} steps, {scene}: {'; '.join(said)}."
@@ -279,8 +278,7 @@ def _verdict(row: "pd.Series[Any]") -> dict[str, Any]:
 
 STUDY = Study(
     name="stability",
-    tables={"stability": Limit, "stability-extremes": Outcome}
-    | dict(zip(LONG, (Energy, Horizon, Statistic, Rounded), strict=True)),
+    tables={"stability": Limit, "stability-extremes": Outcome} | dict(zip(LONG, LONG_ROWS, strict=True)),
     measure=measure,
     sentences=sentences,
     figures=figures,

@@ -17,20 +17,17 @@ from drivers.engines import installed_codes, load_engine
 from drivers.run.run import run_all_done
 from postproc.paper.simulate import Simulation, run_codes
 from validation.__main__ import COMMANDS
-from validation.elements import elements_study, oscilloscope, rule_checks, switches
+from validation.elements import elements_study, switches
 from validation.elements.elements_study import missed
 from validation.elements.switches import read_elements
 from validation.stability.extremes import Extreme, run_extreme
-from validation.stability.measured_limits import measure_limits
+from validation.stability.measured_limits import SHIPPED, Subject, measure_limits, sweeps
 from validation.stability.stability_study import STUDY as STABILITY
-from validation.stability.subjects import SHIPPED, Subject, sweeps
-from validation.studies import STUDIES, Options, load_study, read_section, write_study
-from validation.study_tables import frame_of
+from validation.studies import STUDIES, Options, frame_of, load_study, read_section, write_study
 from validation.tests.helpers.scenes import case_of
-from validation.trade.advice import advice, orders
-from validation.trade.climb import Row, climb
-from validation.trade.levers import Lever, extrapolation, rayleigh, sampling, softened
+from validation.trade.climb import Lever, Row, climb, extrapolation, rayleigh, sampling, softened
 from validation.trade.trade_study import STUDY as TRADE
+from validation.trade.trade_study import advice, orders
 
 ADAPTER = """
 from dataclasses import replace
@@ -111,14 +108,13 @@ def on_verlet(monkeypatch: pytest.MonkeyPatch, shared_runs: Path) -> None:
         done = {name: run_codes({"verlet": own}, shared_runs)["verlet"] for name, own in cases.items()}
         return {name: [replace(run, engine=name) for run in own] for name, own in done.items()}
 
-    for module in (oscilloscope, rule_checks, switches):
-        monkeypatch.setattr(module, "run_codes", run_all)
+    monkeypatch.setattr(switches, "run_codes", run_all)
     monkeypatch.setattr(
-        rule_checks, "run_all_done", lambda jobs, _: run_all_done([(case, "verlet") for case, _ in jobs], shared_runs)
+        switches, "run_all_done", lambda jobs, _: run_all_done([(case, "verlet") for case, _ in jobs], shared_runs)
     )
     monkeypatch.setattr(switches, "run_case", lambda case, *_, rerun: run_all_done([(case, "verlet")], shared_runs)[0])
-    monkeypatch.setattr(rule_checks, "ASKED", rule_checks.ASKED[:1])
-    monkeypatch.setattr(oscilloscope, "RANGES", {"restitution": ("tube", ("contact.restitution={0}",), (0.9,))})
+    monkeypatch.setattr(switches, "ASKED", switches.ASKED[:1])
+    monkeypatch.setattr(switches, "RANGES", {"restitution": ("tube", ("contact.restitution={0}",), (0.9,))})
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base.errors import InputError
-from validation.study_tables import frame_of, read_rows, read_table, write_table
+from validation.studies import frame_of, read_rows, read_table, write_table
 
 
 @dataclass(frozen=True)

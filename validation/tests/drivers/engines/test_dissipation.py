@@ -27,8 +27,7 @@ from validation.compare.verdict import PASS
 from validation.reference.adaptive import LEAST_DAMPED_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, record_contacts
-from validation.stability.measured_limits import WITHIN, measure_limits
-from validation.stability.subjects import Subject
+from validation.stability.measured_limits import WITHIN, Subject, measure_limits
 from validation.tests.helpers.runs import assessed, finished, need
 from validation.tests.helpers.scenes import case_of
 

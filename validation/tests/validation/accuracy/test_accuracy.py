@@ -8,8 +8,7 @@ import pytest
 from drivers.chain.case import Case
 from postproc.read.residual import residual
 from validation.accuracy.schemes import truth_of, verlet_of
-from validation.stability.measured_limits import WITHIN, measure_limits
-from validation.stability.subjects import at_random, random_case, shipped
+from validation.stability.measured_limits import WITHIN, at_random, measure_limits, random_case, shipped
 from validation.tests.helpers.runs import finished
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)

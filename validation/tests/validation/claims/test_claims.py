@@ -24,7 +24,7 @@ from validation.claims.claims_study import (
     write_claims,
 )
 from validation.report.write_report import write_report
-from validation.study_tables import read_rows
+from validation.studies import read_rows
 from validation.tests.helpers.runs import need
 
 pytestmark = pytest.mark.long

@@ -29,7 +29,7 @@ from validation.compare.departure import (
     departure,
     departure_rows,
 )
-from validation.stability.subjects import random_case
+from validation.stability.measured_limits import random_case
 from validation.tests.helpers.runs import blown_up, finished
 from validation.tests.helpers.scenes import case_of
 

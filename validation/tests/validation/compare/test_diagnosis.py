@@ -17,7 +17,7 @@ from validation.compare.diagnosis import ITS_OWN, WINDOW, Diagnosis, Found, diag
 from validation.compare.variants import model_of
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.reference.hertz_chain import Motion
-from validation.stability.subjects import random_case
+from validation.stability.measured_limits import random_case
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.sabotage_in_memory import SABOTAGES, softer_wall, trace_with
 from validation.tests.helpers.scenes import SceneWriter, case_of

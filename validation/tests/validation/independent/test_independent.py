@@ -18,7 +18,7 @@ from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.independent.independent_study import HERE, RUN, Line, judge_all, read_lines, read_section, verdict_of
 from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
 from validation.report.write_report import write_report
-from validation.study_tables import write_table
+from validation.studies import write_table
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import StandIn

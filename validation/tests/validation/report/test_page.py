@@ -21,7 +21,7 @@ from validation.compare.verdict import FAIL, PASS
 from validation.independent.independent_study import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.write_report import write_report
-from validation.study_tables import write_table
+from validation.studies import write_table
 from validation.tests.helpers.browser import (
     PRINTED_HIGH_PX,
     PRINTED_PX,

@@ -25,7 +25,7 @@ from validation.report.machine_readable import cpu_name
 from validation.report.page_figures import image_of
 from validation.report.scene_section import share_of, worst_of
 from validation.report.write_report import write_report
-from validation.study_tables import write_table
+from validation.studies import write_table
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import SceneWriter, case_of

@@ -20,11 +20,22 @@ from validation.compare.comparison import run_and_compare
 from validation.report.write_report import write_report
 from validation.served_runs import builds_of
 from validation.stability.extremes import Extreme, extremes, run_extreme
-from validation.stability.height_rounding import by_build, in_repo, pressed
-from validation.stability.long_runs import energy_of
-from validation.stability.measured_limits import WITHIN, gain, measure_limits, prediction
+from validation.stability.measured_limits import (
+    PAPER,
+    RANDOM,
+    SHIPPED,
+    WITHIN,
+    Subject,
+    at_random,
+    bouncing,
+    gain,
+    measure_limits,
+    prediction,
+    random_case,
+    sweeps,
+)
+from validation.stability.rounding_effects import BEYOND_CHANCE, by_build, energy_of, in_repo, pressed
 from validation.stability.stability_study import STUDY, missed
-from validation.stability.subjects import PAPER, RANDOM, SHIPPED, Subject, at_random, bouncing, random_case, sweeps
 from validation.studies import read_section, write_study
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
@@ -181,8 +192,10 @@ def test_a_drift_is_told_from_a_walk() -> None:
         nothing = np.zeros((len(samples), 1))
         return Trace(samples * case.sample_times_s[-1], nothing, energy, 1 + energy, energy)
 
-    assert energy_of("", "", case, trace(1e-6 * samples + 1e-8 * draw.normal(size=2000))).drifts
-    assert not energy_of("", "", case, trace(1e-7 * draw.normal(size=2000).cumsum())).drifts
+    drifting = energy_of("", "", case, trace(1e-6 * samples + 1e-8 * draw.normal(size=2000)))
+    assert abs(drifting.drift) > BEYOND_CHANCE * drifting.drift_error
+    walking = energy_of("", "", case, trace(1e-7 * draw.normal(size=2000).cumsum()))
+    assert not abs(walking.drift) > BEYOND_CHANCE * walking.drift_error
 
 
 def test_heights_round_and_overlaps_do_not() -> None:

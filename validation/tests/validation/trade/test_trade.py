@@ -8,16 +8,13 @@ import pytest
 
 from drivers.base.errors import InputError, RunError
 from drivers.limits.criteria import rayleigh_time
-from validation.studies import read_section, write_study
-from validation.study_tables import frame_of
+from validation.studies import frame_of, read_section, write_study
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
-from validation.trade import levers as trade_levers
-from validation.trade.advice import advice, cheapest, front, orders
-from validation.trade.climb import Row, Rung, affordable, at_step, climb
-from validation.trade.levers import extrapolation, rayleigh, sampling, softened
-from validation.trade.trade_study import STUDY
+from validation.trade import climb as measured
+from validation.trade.climb import Row, Rung, affordable, at_step, climb, extrapolation, rayleigh, sampling, softened
+from validation.trade.trade_study import STUDY, advice, cheapest, front, orders
 
 
 def table(errors: list[float], shares: list[float]) -> pd.DataFrame:
@@ -88,10 +85,10 @@ def test_a_build_that_is_there_and_fails_has_no_row(
     def broken(*_: object) -> None:
         raise RunError("it is broken")
 
-    monkeypatch.setattr(trade_levers, "installed_codes", lambda: ["verlet"])
-    monkeypatch.setattr(trade_levers, "builds_of", lambda _: ["", "precise"])
-    monkeypatch.setattr(trade_levers, "serve", broken)
-    assert list(trade_levers.precision()) == []
+    monkeypatch.setattr(measured, "installed_codes", lambda: ["verlet"])
+    monkeypatch.setattr(measured, "builds_of", lambda _: ["", "precise"])
+    monkeypatch.setattr(measured, "serve", broken)
+    assert list(measured.precision()) == []
     assert "precise, wall at 1 km is left out: it is broken" in capsys.readouterr().err
 
 

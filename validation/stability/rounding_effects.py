@@ -1,28 +1,32 @@
-"""Ten million steps, and the time after which engines can be compared in their statistics only."""
+"""What rounding does: to forces at rest, to the energy over ten million steps, to the time codes stay comparable.
+
+At time 0 the exact force is known: the chain rests in equilibrium under the load on its top bead.
+"""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
+from math import inf
 
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import arrays_of, energy_put_in
+from drivers.chain.chain import Array, arrays_of, energy_put_in
 from drivers.chain.trace import Trace
-from drivers.engines import installed_codes
+from drivers.engines import installed_codes, load_engine
 from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
 from postproc.read.residual import apart
-from validation.accuracy.schemes import trace_of, truth_of, verlet_of
+from validation.accuracy.schemes import trace_of, truth_of, verlet_in_heights, verlet_of
 from validation.reference.symplectic import integrate_symplectic
-from validation.served_runs import serve, serving
+from validation.served_runs import builds_of, left_out_if_failed, serve, serving
 from validation.studies import ADAPTIVE, ORDER_4, VERLET, progress
 
 # five beads whose contacts open and close under gravity, and five pressed together so that none ever opens
 SMALL = ("chain.count=5", "chain.sensors=[]", "run.sample_interval=1 ms", "run.time_step=1 us", "run.duration=10 s")
 PRESSED = ("chain.precompression=30 N", "striker=", "chain.bead=[{from_wall=5, velocity='-2 cm/s'}]")
-LONG = {"beads that bounce": SMALL, "contacts that stay closed": (*SMALL, *PRESSED)}
+LONG_RUNS = {"beads that bounce": SMALL, "contacts that stay closed": (*SMALL, *PRESSED)}
 BOUNCING = "fig4"
 HORIZON_STEPS_US = (2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
 HORIZON = ("run.duration=30 ms", "run.sample_interval=10 us")
@@ -31,6 +35,11 @@ STATISTICS = ("run.duration=2 s", "run.sample_interval=20 us", "run.time_step=1 
 SETTLED_S = 0.2  # when statistics begin
 BLOCKS = 20  # parts of a run, for standard errors
 BEYOND_CHANCE = 3.0  # standard errors
+HEIGHTS_M = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
+LOADS_N = tuple(10.0 ** np.arange(-8.0, 3.0, 2.0))
+COUNTS = (10, 100, 1000, 10_000, 100_000)
+COUNTS_LOAD_N = 1.0
+OVERLAPS, HEIGHTS = "in-repo, overlaps", "in-repo, heights"
 
 
 @dataclass(frozen=True)
@@ -50,11 +59,6 @@ class Energy:
     drift: float
     drift_error: float
     walk: float
-
-    @property
-    def drifts(self) -> bool:
-        """Whether the drift is more than chance."""
-        return abs(self.drift) > BEYOND_CHANCE * self.drift_error
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ class Statistic:
 
 def energies() -> Iterator[Energy]:
     """Energy errors over ten million steps, of every method."""
-    for name, settings in LONG.items():
+    for name, settings in LONG_RUNS.items():
         case = case_of("fig4", *settings)
         for method, trace in _by_all(case, order_4=True):
             yield energy_of(name, method, case, trace)
@@ -144,3 +148,61 @@ def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
     walk, count = float(steps.std(ddof=1)), len(steps)
     drift, error = float(levels[-1] - levels[0]) * BLOCKS / count, walk * np.sqrt(count) * BLOCKS / count
     return Energy(scene, method, case.scene.steps, float(change.max()), drift, float(error), walk)
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """The largest relative error of the forces between beads at time 0.
+
+    Attributes:
+        method: an engine, a build of its code in higher precision, or the in-repo scheme in overlaps or in heights.
+        height_m: of the wall.
+        overlap_m: of the contacts.
+    """
+
+    method: str
+    beads: int
+    height_m: float
+    overlap_m: float
+    error: float
+
+
+def measure_rounding() -> Iterator[Rounded]:
+    """Errors by height and overlap, then by the number of beads."""
+    cases = [pressed(3, load, height) for height in HEIGHTS_M for load in LOADS_N]
+    cases += [pressed(count, COUNTS_LOAD_N, 0.0) for count in COUNTS]
+    for case in cases:
+        yield from in_repo(case)
+    for engine in installed_codes():
+        for build in builds_of(engine):
+            progress(f"rounding of heights: {build or engine}")
+            with left_out_if_failed(build or engine):
+                yield from list(by_build(engine, build, cases))
+
+
+def pressed(count: int, load_N: float, height_m: float) -> Case:
+    """A chain at rest, pressed together from above; its forces at time 0 are known."""
+    rest = ("striker=", "gravity=", "chain.sensors=[]", "run.duration=1 ns", "run.sample_interval=1 ns")
+    settings = (f"chain.count={count}", f"chain.precompression={load_N:g} N", f"chain.origin={height_m:g} m")
+    return case_of("fig4", *settings, *rest, "run.time_step=1 ns")
+
+
+def in_repo(case: Case) -> Iterator[Rounded]:
+    """By the scheme of the codes in overlaps and in heights."""
+    yield _rounded(case, OVERLAPS, verlet_of(case).force_N)
+    yield _rounded(case, HEIGHTS, verlet_in_heights(case).force_N)
+
+
+def by_build(engine: str, build: str, cases: list[Case]) -> Iterator[Rounded]:
+    """By a code, or a build of it; the longest chains only where they take seconds."""
+    most_bodies = load_engine(engine).precise_builds.get(build, inf)
+    with serving(engine, build) as session:
+        for case in cases:
+            if case.chain.bodies <= most_bodies:
+                yield _rounded(case, build or engine, serve(session, case).trace.force_N)
+
+
+def _rounded(case: Case, method: str, force_N: Array) -> Rounded:
+    chain = case.chain
+    error = np.abs(force_N[0] / chain.force_N - 1)[1:]
+    return Rounded(method, chain.beads, chain.wall_height_m, float(chain.overlap_m[1]), float(error.max()))
