@@ -12,16 +12,19 @@ from drivers.chain.chain import Array, furthest_m
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, load_engine
 from validation.accuracy.baseline import ROUNDING_MARGIN, baseline_of, comparable
+from validation.compare.departure import motion_scales
 from validation.compare.variants import (
     Model,
     Variant,
     families,
     misread_forces,
+    misread_velocities,
     model_of,
     plain_variants,
     single_families,
 )
 from validation.compare.verdict import FAIL, Verdict
+from validation.reference.hertz_chain import Motion
 
 BUDGET = 2_000_000_000  # bodies times steps of all variants together, some 10 s
 RUNS = 400  # of all that is compared, within that budget
@@ -135,7 +138,8 @@ def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
         return _untried(f"{case.chain.bodies} bodies over {case.scene.steps} steps are too much to try variants of")
     part = f" in the first {affordable} samples" if affordable < case.scene.samples else ""
     model = model_of(case)
-    own_N = model.motion(affordable).force_N
+    own = model.motion(affordable)
+    own_N = own.force_N
     own_largest = float(np.abs(own_N).max())
     rounding, comparable_samples = comparable(baseline_of(case).rounding_N[:affordable] / (own_largest or 1.0))
     allowed = max(tolerance("model", "force").limit, rounding)
@@ -149,12 +153,28 @@ def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
     target = Target(case, force, largest, np.abs(own_N[:samples] - force) / largest, allowed)
     when_us = case.sample_times_s * 1e6
     if target.off.max() <= allowed:
-        ends = f"it is its scene until {when_us[min(samples, len(when_us) - 1)]:g} us, where it ends or blows up"
-        return None if samples == comparable_samples else _untried(ends)
+        if samples == comparable_samples:
+            return _of_velocities(model, own, trace, samples, max(allowed, tolerance("model", "motion").limit))
+        return _untried(
+            f"it is its scene until {when_us[min(samples, len(when_us) - 1)]:g} us, where it ends or blows up"
+        )
     if samples == comparable_samples < min(target.first + 1 + WINDOW, int(usable.sum())):
         why = f"it leaves its scene at {when_us[target.first]:g} us, and from {when_us[samples]:g} us on rounding alone"
         return _untried(f"{why} may do that", float(target.off.max()))
     return _said(_tried(target, model, engine), float(target.off.max()), f"of the largest force{part}")
+
+
+def _of_velocities(model: Model, own: Motion, trace: Trace, samples: int, allowed: float) -> Diagnosis | None:
+    """Misreading that recorded velocities match by kinetic energy and momentum, where the forces are right."""
+    mass, scales = model.chain.mass_kg, motion_scales(model.chain, trace)
+    found = np.column_stack([trace.kinetic_energy_J, trace.momentum_N_s])[:samples] / scales
+    misses = []
+    for words, velocity in (("", own.velocity_m_s), *misread_velocities(model, own)):
+        sums = np.column_stack([0.5 * (velocity**2 @ mass), velocity @ mass])[:samples] / scales
+        misses.append((words, float(np.abs(sums - found).max())))
+    (_, off), *rest = misses
+    read = (Found("velocities", words, left, allowed, off) for words, left in rest)
+    return _said(read, off, "of the energy and the momentum; the forces are right") if off > allowed else None
 
 
 def _untried(why: str, deviation: float = float("nan")) -> Diagnosis:

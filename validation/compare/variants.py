@@ -277,3 +277,13 @@ def misread_forces(model: Model, found_N: Array) -> Iterator[Misreading]:
     yield "static forces", "forces summed without the loads", right - below, whole
     factor = float((found_N * right).sum() / ((right**2).sum() or 1.0))
     yield "factor", f"forces times {number(factor)}", factor * right, whole
+
+
+def misread_velocities(model: Model, right: Motion) -> Iterator[tuple[str, Array]]:
+    """The velocities of a case, recorded wrongly: words and values of shape (samples, bodies)."""
+    above_N = np.pad(right.force_N, ((0, 0), (0, 1)))[:, 1:]
+    change = 0.5 * model.time_step_s * (right.force_N - above_N + model.chain.load_N) / model.chain.mass_kg
+    size = f"({number(model.time_step_s * 0.5e6)} us)"
+    yield f"velocities half a step {size} early", right.velocity_m_s + change
+    yield f"velocities half a step {size} late", right.velocity_m_s - change
+    yield "velocities of the other sign", -right.velocity_m_s
