@@ -18,7 +18,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--budget": {"type": seconds, "metavar": "S", "dest": "budget_s", "help": "engine time in all (default: 300 s)"},
     "--quick": {"action": "store_true", "help": "the short study: fewer scenes and seeds, no long runs"},
     "--file": {"type": Path, "metavar": "FILE", "help": "cases (default: inputs/independent.toml)"},
-    "--out": {"type": Path, "metavar": "FILE", "help": "default: report.html or claims.csv in results/"},
+    "--out": {"type": Path, "metavar": "FILE", "help": "default: results/report.html"},
     "--results": {"type": Path, "metavar": "DIR", "help": "default: results/"},
     "--runs": {"type": Path, "metavar": "DIR", "help": "where run folders are (default: runs/)"},
 }
@@ -55,25 +55,12 @@ def _report(arguments: argparse.Namespace) -> int:
     return report(arguments.scenes, arguments.out, arguments.runs)
 
 
-def _claims(arguments: argparse.Namespace) -> int:
-    from validation.claims.claims_study import claims
-
-    return claims(arguments.out or paths.RESULTS / paths.CLAIMS_TABLE, arguments.runs or paths.RUNS)
-
-
 def _study(arguments: argparse.Namespace) -> int:
     from validation.studies import Options, load_study, run_study
 
     given = {key: value for key, value in vars(arguments).items() if value is not None}
     options = Options(**{field.name: given[field.name] for field in fields(Options) if field.name in given})
     return run_study(load_study(arguments.command), options)
-
-
-def _independent(arguments: argparse.Namespace) -> int:
-    from validation.independent.independent_study import independent
-
-    results, runs = arguments.results or paths.RESULTS, arguments.runs or paths.RUNS
-    return independent(arguments.file or paths.INDEPENDENT, results, runs)
 
 
 def _wave(_: argparse.Namespace) -> int:
@@ -87,11 +74,11 @@ def _wave(_: argparse.Namespace) -> int:
 COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, str]] = {
     "compare": (_compare, "verdicts on scenes, run where needed, or on two run folders", "what --set --runs --unsafe"),
     "report": (_report, "write the report page, and its verdicts for programs", "scenes --out --runs"),
-    "claims": (_claims, "compute and judge every quantitative statement of the paper", "--out --runs"),
+    "claims": (_study, "compute and judge every quantitative statement of the paper", "--results --runs"),
     "trade": (_study, "errors against cost, for all engines and steps, and what to use", "--budget --results"),
     "stability": (_study, "limits of the time step, extremes, long runs, rounding", "--quick --results --runs"),
     "elements": (_study, "what each modelling element adds and costs, step by step", "--quick --results --runs"),
-    "independent": (_independent, "beyond the paper, against published numbers and theory", "--file --results --runs"),
+    "independent": (_study, "beyond the paper, against published numbers and theory", "--file --results --runs"),
     "wave": (_wave, "constants of the exact solitary wave of the discrete chain", ""),
 }
 

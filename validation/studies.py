@@ -18,12 +18,13 @@ import pandas as pd
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
+from drivers.engines import missing_codes
 from postproc.draw.product import write_figure
 from validation.report.page_figures import read_image, stored_or_drawn
 
 Row = TypeVar("Row")
-STUDIES = ("trade", "stability", "elements")
-VERLET, ORDER_4, ADAPTIVE = "verlet", "order 4", "adaptive"  # this repository's methods, beside the codes
+STUDIES = ("independent", "claims", "trade", "stability", "elements")
+ORDER_4, ADAPTIVE = "order 4", "adaptive"  # this repository's methods, beside the codes
 DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # what came of a run
 Tables = Mapping[str, pd.DataFrame]
 
@@ -68,7 +69,11 @@ def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
 
 def read_rows(path: Path, kind: type[Row], target: str) -> list[Row]:
     """The rows of a table that ``make target`` wrote, equal to those that were written."""
-    table = read_table(path, kind, target)
+    return rows_in(read_table(path, kind, target), kind)
+
+
+def rows_in(table: pd.DataFrame, kind: type[Row]) -> list[Row]:
+    """Rows of a table that ``read_table`` read."""
     mapped = next((field.name for field in fields(kind) if _is_mapping(field.type)), None)  # type: ignore[arg-type]
     names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     rows = []
@@ -101,12 +106,14 @@ class Options:
     """Options of the command; a study takes those that it names on the command line.
 
     Attributes:
+        file: the independent cases.
         quick: the short study.
         budget_s: engine time of all runs; None is the study's own.
     """
 
     results: Path = paths.RESULTS
     runs: Path = paths.RUNS
+    file: Path = paths.INDEPENDENT
     quick: bool = False
     budget_s: float | None = None
 
@@ -134,8 +141,8 @@ class Study:
         tables: dataclass of each table's rows; the first table is the one that the section stands on.
         measure: runs everything; rows by table, and by their names the figures that take more than tables hold.
         sentences: what the tables say, computed from them.
-        figures: pictures by name.
         section: what the report's template takes beside sentences and figures.
+        figures: pictures by name.
         missed: requirements that are not met, a line each.
         optional: tables that the short study leaves out.
     """
@@ -144,8 +151,8 @@ class Study:
     tables: Mapping[str, type]
     measure: Callable[[Options], Mapping[str, Any]]
     sentences: Callable[[Tables], Sequence[str]]
-    figures: Callable[[Tables], Mapping[str, Picture]]
     section: Callable[[Tables], Mapping[str, Any]]
+    figures: Callable[[Tables], Mapping[str, Picture]] = lambda tables: {}
     missed: Callable[[Tables], Sequence[str]] = lambda tables: ()
     optional: frozenset[str] = frozenset()
 
@@ -181,6 +188,8 @@ def run_study(study: Study, options: Options) -> int:
     missed = study.missed(tables)
     for line in missed:
         progress(line)
+    if missing_codes():
+        progress(f"without what is not installed: {', '.join(missing_codes())}")
     return 1 if missed else 0
 
 

@@ -17,8 +17,6 @@ CLAIMS = INPUTS / "paper" / "claims.toml"
 TEMPLATES = ROOT / "templates"
 RUNS = ROOT / "runs"
 RESULTS = ROOT / "results"
-CLAIMS_TABLE = "claims.csv"
-INDEPENDENT_TABLE = "independent.csv"
 LOCK = ROOT / "requirements.lock"
 
 

@@ -22,11 +22,10 @@ from drivers.base.tolerances import tolerance
 from drivers.batch.store import Row, Store
 from drivers.batch.study import Study, column_name, value_at
 from drivers.chain.case import Case
-from drivers.engines import installed, load_engine
+from drivers.engines import REFERENCE, installed, load_engine
 from drivers.limits.refusal import inability, refuse
 from drivers.run.run import known_version, run_identity
 
-REFERENCE = "reference"
 KEPT_DECKS_BODIES = 1000  # decks of longer chains are rendered again, since many cases are planned at a time
 PLANS = ".plans"
 KEPT_PLANS = 20  # of a runs folder

@@ -23,9 +23,9 @@ from typing import Any
 from drivers.base.errors import RunError
 from drivers.batch.store import WORK, Outbox, Row, Store
 from drivers.batch.study import read_study, select
-from drivers.batch.study_cases import REFERENCE, Request, Setup, Steps, StudyCase, StudyPlan, facts_of, plan_of, set_up
+from drivers.batch.study_cases import Request, Setup, Steps, StudyCase, StudyPlan, facts_of, plan_of, set_up
 from drivers.chain.trace import Trace, digest_of
-from drivers.engines import load_engine
+from drivers.engines import REFERENCE, load_engine
 from drivers.run.guard import checked_trace
 from drivers.run.run import default_limit_s
 from drivers.run.session import Session, served_by

@@ -17,6 +17,7 @@ from drivers.chain.case import Case
 from drivers.chain.elements import STRAIGHT
 from drivers.chain.trace import Trace
 
+REFERENCE, VERLET = "reference", "verlet"  # this repository's: exact forces, and the codes' scheme
 IN_HEIGHTS = "velocity Verlet in absolute heights"
 IN_OVERLAPS = "velocity Verlet in overlaps"
 EXACT = "exact to its tolerance, whatever the time step"

@@ -9,8 +9,9 @@ import pandas as pd
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
+from drivers.engines import REFERENCE
 from postproc.draw.style import COLUMN_IN, FAINT, MICRO, drawing_order, line_of, pyplot
-from postproc.read.residual import REFERENCE, residual
+from postproc.read.residual import residual
 from postproc.read.sensors import sensor_signals
 
 GAUGE_IN, RESIDUAL_IN = 1.126, 1.426  # heights of panels

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 
 from drivers.base.errors import InputError
+from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import COLUMN_IN, FAINT, line_of, marker_of, pyplot
-from postproc.read.residual import REFERENCE
 
 LESS, MORE = "#56b4e9", "#d55e00"  # a tornado's bars
 MARKERS = "osD^vPX*"

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import draw_lines
 from postproc.draw.style import COLUMN_IN, FAINT, MICRO, drawing_order, marker_of, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, simulate, simulate_one
 from postproc.paper.strikes import contact_peak, sensor_pair, static_force, strike_for
-from postproc.read.residual import REFERENCE
 from postproc.read.sensors import sensor_average
 from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave
 

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import COLUMN_IN, FAINT, draw_table, drawing_order, line_of, marker_of, pyplot
 from postproc.paper import strikes
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation, case_of, run_codes_on
 from postproc.paper.theory import particles_of, precompressed_speed, speed_from_force
-from postproc.read.residual import REFERENCE
 
 FORCES_N = np.geomspace(0.03, 20, 13)
 BY_CODES = slice(0, 13, 4)  # the amplitudes that the codes run as well

@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
+from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import chain_of_reference, draw_stack, stack_table
 from postproc.draw.style import FAINT
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import UNTIL_REFLECTED, case_of, simulate_one
 from postproc.paper.strikes import sensor_pair, speed_between_sensors
-from postproc.read.residual import REFERENCE
 
 
 def make(runs: Path) -> Product:

@@ -12,12 +12,12 @@ import pandas as pd
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
+from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import chain_of_reference, draw_stack, stack_table
 from postproc.draw.style import FAINT, MICRO
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of, simulate_one
-from postproc.read.residual import REFERENCE
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import ENVELOPE_MAXIMA, Envelope, PulseShape, incident_pulse, peaks, train_envelope
 

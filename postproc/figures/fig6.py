@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import draw_lines, draw_residuals, stack_table
 from postproc.draw.style import COLUMN_IN, MICRO, pyplot
 from postproc.paper.simulate import UNTIL_REFLECTED, case_of, simulate
-from postproc.read.residual import REFERENCE
 
 PANELS = {"fig6b": "(b)", "fig6d": "(d)"}
 

@@ -5,11 +5,11 @@ Solitary waves of five amplitudes: measured, as printed, and computed here.
 
 from pathlib import Path
 
+from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import draw_table, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS, engines_of, sensor_amplitude, solve_table1, strike_for
-from postproc.read.residual import REFERENCE
 
 HEADINGS = (r"$V_s$ (m/s)", r"$L/2R$, 0.2 %", r"$L/2R$, 4 %")
 WIDTHS = [0.09, 0.15, 0.11, 0.08, 0.14, 0.12, 0.14, 0.13]  # of the columns

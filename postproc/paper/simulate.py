@@ -11,11 +11,10 @@ from drivers.base.files import whole_file
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import arrays_of
 from drivers.chain.trace import SENSORS, Trace, make_trace
-from drivers.engines import installed_codes
+from drivers.engines import REFERENCE, installed_codes
 from drivers.run.run import run_all_done
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe
-from postproc.read.residual import REFERENCE
 from postproc.read.sensors import write_sensors
 from validation.reference.adaptive import integrate_adaptive
 

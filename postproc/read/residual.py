@@ -7,8 +7,6 @@ import numpy as np
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 
-REFERENCE = "reference"  # the engine whose forces are exact
-
 
 def share_of_largest(difference_N: Array, reference: Trace) -> Array:
     """A force difference over the largest force of the reference; of a chain without forces: over 1 N."""

@@ -22,13 +22,12 @@ from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, until
-from drivers.engines import EXACT, IN_HEIGHTS, load_engine
+from drivers.engines import EXACT, IN_HEIGHTS, VERLET, load_engine
 from drivers.limits.refusal import FORCE
 from drivers.scene.read_scene import read_scene
 from postproc.read.residual import share_of_largest
 from validation.accuracy.schemes import Truth, truth_of, turned_verlet_of, verlet_in_heights, verlet_of
 
-VERLET = "verlet"  # the engine of this repository that has a time step
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding of the same size, not the same
 ROUNDING_REASON = (
     f"{ROUNDING_MARGIN:g} times what rounding absolute coordinates does to this very scene, measured in-repo"

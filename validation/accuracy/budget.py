@@ -20,11 +20,11 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, until
-from drivers.engines import EXACT, load_engine
+from drivers.engines import EXACT, VERLET, load_engine
 from drivers.limits.refusal import FORCE
 from postproc.read.observables import of_kind
 from postproc.read.residual import residual
-from validation.accuracy.baseline import VERLET, Baseline, Extrapolation, baseline_of
+from validation.accuracy.baseline import Baseline, Extrapolation, baseline_of
 from validation.accuracy.schemes import Truth, errors_of, quantities, truth_of, verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE
 

@@ -1,11 +1,10 @@
-"""``python -m validation claims``: computes and judges the paper's statements, tells what came out; their section.
+"""The paper's statements: computed, judged, told.
 
 A claim names the function that computes it, ``module.function`` in ``validation/claims``, and its ``arguments``. One of
 ``run`` is asked for every engine, one of ``table`` reads the solved Table 1; into others no simulated chain enters.
 """
 
 import inspect
-import sys
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -19,17 +18,16 @@ from pydantic import Field
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten, validate
-from drivers.engines import in_order, installed_codes, missing_codes
+from drivers.engines import REFERENCE, in_order, installed_codes
 from drivers.run.run import workers
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import exact, run_codes
 from postproc.paper.strikes import solve_table1
-from postproc.read.residual import REFERENCE
 from validation.claims import equations, simulated
 from validation.claims.simulated import Run
-from validation.studies import read_rows, refused_if_damaged, write_table
+from validation.studies import Options, Study, Tables, rows_in
 
 REPRODUCED, DIFFERS, EXPERIMENT_ONLY = "reproduced", "differs", "experiment only"
 MODULES = {"equations": equations, "simulated": simulated}
@@ -206,68 +204,72 @@ class Row:
     how: str  # what was computed
 
 
-def claims(out: Path, runs: Path) -> int:
-    """Judges every claim and writes the table; the exit code is 1 where one cannot stand.
+def measure(options: Options) -> dict[str, list[Row]]:
+    """Rows of all claims.
 
     Raises:
         RunError: a run failed.
     """
-    judged = judge_all(runs)
-    write_claims(judged, out)
-    for each in judged:
-        claim = each.claim
-        if each.verdict == DIFFERS:
-            print(f"{claim.id}: quoted {claim.quoted:g}, computed {each.value:.4g} {claim.unit}: {claim.explained}")
+    return {"claims": [row_of(judged) for judged in judge_all(options.runs)]}
+
+
+def row_of(judged: Judged) -> Row:
+    """A judged claim as the table has it."""
+    claim = judged.claim
+    same = ("id", "where", "quote", "relation", "quoted", "unit", "because")
+    return Row(
+        **{name: getattr(claim, name) for name in same},
+        number_is="ours" if claim.ours else "the paper's",
+        kind="arithmetic" if claim.arithmetic else "computed",
+        within=nan if claim.within is None else claim.within,
+        computed=judged.computed,
+        difference=judged.value - claim.quoted,
+        verdict=judged.verdict,
+        why=claim.explained or claim.note,
+        how=judged.how,
+    )
+
+
+def judged_in(tables: Tables) -> list[Judged]:
+    """The claims of ``inputs/paper/claims.toml`` with what the table says came out.
+
+    Raises:
+        InputError: the table is of other claims.
+    """
+    rows, claims = rows_in(tables["claims"], Row), read_claims()
+    if [row.id for row in rows] != [claim.id for claim in claims]:
+        found = f"not the claims of {paths.shown(paths.CLAIMS)}"
+        raise InputError("claims.csv", "id", found, "the table that make claims writes")
+    return [Judged(claim, dict(row.computed), row.how) for claim, row in zip(claims, rows, strict=True)]
+
+
+def sentences(tables: Tables) -> list[str]:
+    """Statements that differ, and how many there are of each verdict."""
+    judged = judged_in(tables)
     counts = Counter(each.verdict for each in judged)
     plain = sum(each.claim.arithmetic for each in judged if each.verdict == REPRODUCED)
     reproduced = f"{counts[REPRODUCED]} reproduced ({plain} of them by plain arithmetic)"
-    rest = f"{counts[DIFFERS]} differ, {counts[EXPERIMENT_ONLY]} of the experiment only"
-    print(f"{paths.shown(out)}: {reproduced}, {rest}")
-    if missing_codes():
-        print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
-    faults = [each for each in judged if each.fault]
-    for each in faults:
-        print(f"{each.claim.id}: {each.fault}", file=sys.stderr)
-    return 1 if faults else 0
-
-
-def write_claims(judged: list[Judged], path: Path) -> None:
-    """Writes the table, whole or not at all."""
-    same = ("id", "where", "quote", "relation", "quoted", "unit", "because")
-    rows = [
-        Row(
-            **{name: getattr(each.claim, name) for name in same},
-            number_is="ours" if each.claim.ours else "the paper's",
-            kind="arithmetic" if each.claim.arithmetic else "computed",
-            within=nan if each.claim.within is None else each.claim.within,
-            computed=each.computed,
-            difference=each.value - each.claim.quoted,
-            verdict=each.verdict,
-            why=each.claim.explained or each.claim.note,
-            how=each.how,
-        )
+    differ = [
+        f"{each.claim.id}: quoted {each.claim.quoted:g}, computed {each.value:.4g} {each.claim.unit}: "
+        f"{each.claim.explained}"
         for each in judged
+        if each.verdict == DIFFERS
     ]
-    write_table(path, Row, rows)
+    return [*differ, f"{reproduced}, {counts[DIFFERS]} differ, {counts[EXPERIMENT_ONLY]} of the experiment only"]
 
 
-def read_section(results: Path) -> dict[str, Any]:
-    """The rows of ``claims.csv`` by verdict, the differing ones first, and the engines in it; empty without the file.
+def missed(tables: Tables) -> list[str]:
+    """Claims that cannot stand."""
+    return [f"{each.claim.id}: {each.fault}" for each in judged_in(tables) if each.fault]
 
-    Raises:
-        InputError: the table is damaged, or of other claims than those of ``inputs/paper/claims.toml``.
-    """
-    path = results / paths.CLAIMS_TABLE
-    if not path.exists():
-        return {}
-    table = read_rows(path, Row, "claims")
-    if [row.id for row in table] != [claim.id for claim in read_claims()]:
-        found = f"not the claims of {paths.shown(paths.CLAIMS)}"
-        raise InputError(paths.shown(path), "id", found, "the table that make claims writes")
+
+def section(tables: Tables) -> dict[str, Any]:
+    """The rows by verdict, the differing ones first, and the engines in them."""
+    judged_in(tables)
     rows: dict[str, list[dict[str, Any]]] = {verdict: [] for verdict in (DIFFERS, REPRODUCED, EXPERIMENT_ONLY)}
-    with refused_if_damaged(path, "claims"):
-        for row in table:
-            rows[row.verdict].append(_cells(row))
+    table = rows_in(tables["claims"], Row)
+    for row in table:
+        rows[row.verdict].append(_cells(row))
     return {"rows": rows, "engines": in_order({engine for row in table for engine in row.computed})}
 
 
@@ -283,3 +285,6 @@ def _cells(row: Row) -> dict[str, Any]:
         "computed": "–" if isnan(computed) else f"{computed:.{digits}g}",
         "why": row.why or row.because,
     }
+
+
+STUDY = Study("claims", {"claims": Row}, measure, sentences, section, missed=missed)

@@ -14,23 +14,14 @@ from drivers.base import paths
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
-from drivers.engines import engine_names, in_order, load_engine
+from drivers.engines import REFERENCE, VERLET, engine_names, in_order, load_engine
 from drivers.limits.refusal import inability, refuse
 from drivers.run.finished import EndedRun
 from drivers.run.guard import energy_error
 from drivers.run.run import run_case
 from postproc.read.observables import observe, of_kind
-from postproc.read.residual import REFERENCE
 from validation.accuracy.assess import assess
-from validation.accuracy.baseline import (
-    HORIZON,
-    ROUNDING_MARGIN,
-    ROUNDING_REASON,
-    VERLET,
-    Baseline,
-    baseline_of,
-    shipped_name,
-)
+from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, ROUNDING_REASON, Baseline, baseline_of, shipped_name
 from validation.accuracy.budget import PARTS, for_terminal
 from validation.accuracy.plan import planned_case
 from validation.compare.departure import Departure, Deviation, departure, departure_rows, deviation, motion_deviation

@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 
 from drivers.base.tolerances import tolerance
-from drivers.engines import installed_codes
+from drivers.engines import VERLET, installed_codes
 from postproc.draw.style import FAINT, line_of, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
 from validation.accuracy.plan import cost_on
 from validation.elements import switches
 from validation.elements.switches import STEPS, Shown, read_elements
-from validation.studies import VERLET, Options, Picture, Study, Tables
+from validation.studies import Options, Picture, Study, Tables
 
 REPEATS = 3  # runs from which a cost is the least
 ROUNDING = 1e-6  # of a mean: where a spread is none

@@ -1,6 +1,5 @@
-"""``python -m validation independent``: runs and judges the independent cases, writes what they show; their section."""
+"""Cases beyond the paper: run, judged, told."""
 
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -12,18 +11,17 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
-from drivers.engines import engine_names, in_order, load_engine, missing_codes
+from drivers.engines import REFERENCE, engine_names, in_order, load_engine
 from drivers.limits.refusal import inability, refuse
 from drivers.run.finished import EndedRun, open_run
 from drivers.run.run import run_many
 from postproc.paper.simulate import exact
 from postproc.read.motion import read_motion
-from postproc.read.residual import REFERENCE
 from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict, pass_or_fail
 from validation.independent.posed_cases import MEASURES, Check, Independent, Posed, pose, read_independent, unit_of
-from validation.studies import read_rows, write_table
+from validation.studies import Options, Study, Tables, rows_in
 
 RUN = "run"  # the quantity that a case without numbers fails, or is not run, in
 HERE: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, "verlet": verlet_of}
@@ -174,26 +172,31 @@ def rows_of(lines: Iterable[Line]) -> list[dict[str, Line]]:
     return list(rows.values())
 
 
-def independent(file: Path, results: Path, runs: Path) -> int:
-    """Judges every case, writes ``independent.csv``; the exit code is 1 where one fails.
+def measure(options: Options) -> dict[str, list[Line]]:
+    """Lines of all cases.
 
     Raises:
         InputError: the file, a scene or a study is wrong.
     """
-    lines = judge_all(file, runs)
-    out = results / paths.INDEPENDENT_TABLE
-    write_table(out, Line, lines)
-    print("\n".join(for_terminal(lines)))
+    return {"independent": judge_all(options.file, options.runs)}
+
+
+def sentences(tables: Tables) -> list[str]:
+    """The lines for a terminal, and how many there are of each verdict."""
+    lines = rows_in(tables["independent"], Line)
     counts = Counter(line.verdict for line in lines)
-    print(f"{paths.shown(out)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run")
-    if missing_codes():
-        print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
-    for line in lines:
+    return [*for_terminal(lines), f"{counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"]
+
+
+def missed(tables: Tables) -> list[str]:
+    """Numbers that are off by more than is allowed, and runs that failed."""
+    said = []
+    for line in rows_in(tables["independent"], Line):
         if line.verdict == FAIL:
             each = verdict_of(line)
             off = "" if line.quantity == RUN else f"off by {line.error:.3g}, allowed {line.within:g}: "
-            print(f"{line.id}: {line.engine}: {each.quantity}: {off}{each.where}", file=sys.stderr)
-    return 1 if counts[FAIL] else 0
+            said.append(f"{line.id}: {line.engine}: {each.quantity}: {off}{each.where}")
+    return said
 
 
 def for_terminal(lines: list[Line]) -> list[str]:
@@ -213,18 +216,15 @@ def for_terminal(lines: list[Line]) -> list[str]:
     return text + [f"{x.id} {x.label} {x.engine} {x.verdict}: {x.why}" for x in lines if x.quantity == RUN]
 
 
-def read_lines(path: Path, cases: Path = paths.INDEPENDENT) -> list[Line]:
-    """The lines of the table; none where there is no table.
+def lines_in(tables: Tables) -> list[Line]:
+    """The lines of the shipped cases.
 
     Raises:
-        InputError: it is damaged, or of other cases than those of ``cases``.
+        InputError: the table is of other cases, or has a verdict that its numbers do not make.
     """
-    if not path.exists():
-        return []
-    lines = read_rows(path, Line, "independent")
-    where, allowed = paths.shown(path), "what make independent writes"
-    if list(dict.fromkeys(line.id for line in lines)) != [entry.id for entry in read_independent(cases)]:
-        raise InputError(where, "id", f"not the cases of {paths.shown(cases)}", allowed)
+    lines, allowed = rows_in(tables["independent"], Line), "what make independent writes"
+    if list(dict.fromkeys(line.id for line in lines)) != [entry.id for entry in read_independent()]:
+        raise InputError("independent.csv", "id", f"not the cases of {paths.shown(paths.INDEPENDENT)}", allowed)
     for line in lines:
         # the verdict that the numbers make; of what was not measured the one it has, unless that is a pass
         verdict = line.verdict if line.verdict == NOT_RUN else FAIL
@@ -232,20 +232,13 @@ def read_lines(path: Path, cases: Path = paths.INDEPENDENT) -> list[Line]:
             verdict = PASS if line.error <= line.within else FAIL
         if line.verdict != verdict:
             found = f"{line.verdict} of {line.id} on {line.engine}, off by {line.error:g} of {line.within:g}"
-            raise InputError(where, "verdict", found, allowed)
+            raise InputError("independent.csv", "verdict", found, allowed)
     return lines
 
 
-def read_section(results: Path) -> dict[str, Any]:
-    """``cases`` with their rows and counts of verdicts, ``engines``, ``verdicts``; empty without the table.
-
-    Raises:
-        InputError: the table is damaged.
-    """
-    lines = read_lines(results / paths.INDEPENDENT_TABLE)
-    if not lines:
-        return {}
-    cases = []
+def section(tables: Tables) -> dict[str, Any]:
+    """``cases`` with their rows and counts of verdicts, ``engines``, ``verdicts``."""
+    lines, cases = lines_in(tables), []
     for entry in read_independent():
         own = [line for line in lines if line.id == entry.id]
         rows = rows_of(own)
@@ -262,3 +255,6 @@ def read_section(results: Path) -> dict[str, Any]:
         "counts": Counter(line.verdict for line in lines),
         "verdicts": [verdict_of(line) for line in lines],
     }
+
+
+STUDY = Study("independent", {"independent": Line}, measure, sentences, section, missed=missed)

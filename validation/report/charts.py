@@ -14,9 +14,9 @@ import numpy as np
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
+from drivers.engines import REFERENCE, VERLET
 from postproc.draw.stack import gauge_title, residuals
 from postproc.draw.style import drawing_order, line_of
-from postproc.read.residual import REFERENCE
 from postproc.read.sensors import sensor_signals
 
 WIDTH, LEFT, RIGHT, TOP = 720.0, 62.0, 712.0, 24.0
@@ -27,7 +27,6 @@ NOTE = 22.0  # height of a note's words on a phone
 LETTER, KEY = 11.0, 4.5  # width of a letter of the legend on a phone, and of a line with its gaps in letters
 FINE = 10  # coordinates are whole tenths
 SEEN = 0.1  # by how much a line may be moved by thinning
-VERLET = "verlet"
 NO_TRACES: Mapping[str, Trace] = {}
 PLACES = {"width": WIDTH, "left": LEFT, "right": RIGHT}
 TIMES = ((1e6, "µs"), (1e3, "ms"), (1.0, "s"))

@@ -14,13 +14,12 @@ from drivers.base import paths
 from drivers.chain.case import Case
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
-from drivers.engines import in_order, load_engine
+from drivers.engines import REFERENCE, in_order, load_engine
 from drivers.run.finished import EndedRun
 from drivers.scene.model import Scene
 from postproc.draw.product import draw_spacetime
 from postproc.draw.style import svg_of
 from postproc.read.observables import observe
-from postproc.read.residual import REFERENCE
 from validation.accuracy.budget import PARTS
 from validation.compare.comparison import ComparedScene
 from validation.compare.departure import Departure, departure_rows

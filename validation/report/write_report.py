@@ -15,10 +15,8 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.engines import in_order
-from validation.claims.claims_study import read_section as read_claims
 from validation.compare.comparison import ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
-from validation.independent.independent_study import read_section as read_independent
 from validation.report.charts import PLACES
 from validation.report.machine_readable import as_json, as_junit, made_with, when_made
 from validation.report.page_figures import read_figures, read_table1
@@ -47,11 +45,11 @@ class Section:
 
 SECTIONS = {
     "independent": Section(
-        "Independent cases", "Independent cases: are the codes right beyond the paper?", paths.INDEPENDENT_TABLE,
-        read_independent,
+        "Independent cases", "Independent cases: are the codes right beyond the paper?", "independent.csv",
+        partial(read_section, "independent"),
     ),
     "table1": Section("Table 1", "Table 1 of the paper", "table1.csv", read_table1),
-    "claims": Section("Claims", "The paper's statements, computed", paths.CLAIMS_TABLE, read_claims),
+    "claims": Section("Claims", "The paper's statements, computed", "claims.csv", partial(read_section, "claims")),
     "figures": Section("Figures", "The paper's figures, computed", "", read_figures),
     "trade": Section("Cost of accuracy", "What accuracy costs", "trade.csv", partial(read_section, "trade")),
     "stability": Section("Stability", "Where it breaks", "stability.csv", partial(read_section, "stability")),

@@ -11,17 +11,17 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import validate
 from drivers.chain.trace import Trace
-from drivers.engines import codes, installed
+from drivers.engines import REFERENCE, VERLET, codes, installed
 from drivers.limits.refusal import refuse
 from drivers.limits.stable_step import predicted_limit
 from drivers.run.run import run_many
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
-from postproc.read.residual import REFERENCE, apart
+from postproc.read.residual import apart
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON
 from validation.accuracy.plan import planned_case
-from validation.studies import DONE, NOT_RUN, VERLET, progress
+from validation.studies import DONE, NOT_RUN, progress
 
 LEFT = 1e-2  # of the largest force: a run that is further from the reference has left it
 

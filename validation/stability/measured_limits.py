@@ -18,7 +18,7 @@ from drivers.chain.case import Case, build_case
 from drivers.chain.chain import energy_put_in
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
-from drivers.engines import installed_codes
+from drivers.engines import VERLET, installed_codes
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.energy_bounds import at_most
 from drivers.limits.stable_step import reached, reached_in, stable_step
@@ -29,7 +29,7 @@ from postproc.paper.simulate import case_of
 from validation.accuracy.plan import plan_case
 from validation.accuracy.schemes import truth_of, verlet_of
 from validation.served_runs import serving
-from validation.studies import VERLET, progress
+from validation.studies import progress
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
 SHIPPED, RANDOM, BOUNCING = "shipped scenes", "random scenes", "impacts"

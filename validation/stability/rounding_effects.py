@@ -14,14 +14,14 @@ import numpy as np
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of, energy_put_in
 from drivers.chain.trace import Trace
-from drivers.engines import installed_codes, load_engine
+from drivers.engines import VERLET, installed_codes, load_engine
 from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
 from postproc.read.residual import apart
 from validation.accuracy.schemes import trace_of, truth_of, verlet_in_heights, verlet_of
 from validation.reference.symplectic import integrate_symplectic
 from validation.served_runs import builds_of, left_out_if_failed, serve, serving
-from validation.studies import ADAPTIVE, ORDER_4, VERLET, progress
+from validation.studies import ADAPTIVE, ORDER_4, progress
 
 # five beads whose contacts open and close under gravity, and five pressed together so that none ever opens
 SMALL = ("chain.count=5", "chain.sensors=[]", "run.sample_interval=1 ms", "run.time_step=1 us", "run.duration=10 s")

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from drivers.engines import codes
+from drivers.engines import VERLET, codes
 from drivers.limits.criteria import CRITERIA
 from postproc.draw.style import COLUMN_IN, FAINT, marker_of, pyplot
 from validation.stability import measured_limits, rounding_effects
 from validation.stability.extremes import Outcome, extremes, run_all
 from validation.stability.measured_limits import BOUNCING, CRITERION_KEYS, JUDGED, SHIPPED, SWEEPS, WITHIN, Limit
-from validation.studies import VERLET, Options, Picture, Study, Tables
+from validation.studies import Options, Picture, Study, Tables
 
 RANDOM_SCENES = 100
 LONG: dict[str, Callable[[], Iterable[Any]]] = {

@@ -22,14 +22,14 @@ from drivers.base.processes import run_command
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of
 from drivers.chain.trace import Trace
-from drivers.engines import Engine, codes, installed_codes, load_engine
+from drivers.engines import REFERENCE, VERLET, Engine, codes, installed_codes, load_engine
 from drivers.limits.criteria import rayleigh_time
 from drivers.limits.refusal import FORCE
 from drivers.limits.stable_step import predicted_limit
 from drivers.run.run import default_limit_s, run_case
 from postproc.paper.simulate import case_of, exact
 from postproc.read.observables import of_kind
-from postproc.read.residual import REFERENCE, residual
+from postproc.read.residual import residual
 from validation.accuracy.plan import cost_on
 from validation.accuracy.schemes import (
     ENERGY,
@@ -45,7 +45,7 @@ from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
 from validation.served_runs import Served, builds_of, left_out_if_failed, serve, serving
-from validation.studies import ADAPTIVE, DONE, NOT_RUN, ORDER_4, VERLET, progress
+from validation.studies import ADAPTIVE, DONE, NOT_RUN, ORDER_4, progress
 
 SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")
 SHARES = tuple(10 ** (-k / 3) for k in range(13))  # of the predicted stability limit

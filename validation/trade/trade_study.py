@@ -13,10 +13,10 @@ import pandas as pd
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from drivers.chain.chain import Array
-from drivers.engines import codes, engine_names, in_order
+from drivers.engines import VERLET, codes, engine_names, in_order
 from postproc.draw.style import COLUMN_IN, line_of, marker_of, pyplot
 from validation import studies
-from validation.studies import ADAPTIVE, DONE, ORDER_4, VERLET, Options, Picture, Study, Tables
+from validation.studies import ADAPTIVE, DONE, ORDER_4, Options, Picture, Study, Tables
 from validation.trade.climb import BUDGET_S, Lever, Row, climb, pull_all
 
 TARGETS = tuple(10.0**-k for k in range(2, 9))

@@ -7,7 +7,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from drivers.base import paths
 from drivers.base.errors import InputError
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS
@@ -20,11 +19,10 @@ from validation.claims.claims_study import (
     Row,
     judge_all,
     read_claims,
-    read_section,
-    write_claims,
+    row_of,
 )
 from validation.report.write_report import write_report
-from validation.studies import read_rows
+from validation.studies import read_rows, read_section, write_table
 from validation.tests.helpers.runs import need
 
 pytestmark = pytest.mark.long
@@ -175,13 +173,13 @@ def test_numbers_quoted_twice_are_the_same() -> None:
 
 
 def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], tmp_path: Path) -> None:
-    write_claims(judged, tmp_path / "claims.csv")
+    write_table(tmp_path / "claims.csv", Row, map(row_of, judged))
     table = pd.read_csv(tmp_path / "claims.csv").set_index("id")
     assert len(table) == len(judged)
     assert {"reference", "liggghts", "yade"} <= set(table.columns)
     assert table.loc["energy-in-five", "reference"] == pytest.approx(99.9999955, abs=5e-8)
     assert list(table.columns[-4:]) == ["difference", "verdict", "why", "how"]
-    section = read_section(tmp_path)
+    section = read_section("claims", tmp_path)
     assert sum(len(rows) for rows in section["rows"].values()) == len(judged)
     assert section["engines"] == ["liggghts", "yade", "reference"]
     assert [row.how for row in read_rows(tmp_path / "claims.csv", Row, "claims")] == [each.how for each in judged]
@@ -190,18 +188,18 @@ def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], 
 @pytest.mark.parametrize("damage", ["", "id,where\n", "\x00\xff", "cut", "verdict"])
 def test_a_damaged_table_is_not_shown_as_if_whole(damage: str, judged: list[Judged], tmp_path: Path) -> None:
     path = tmp_path / "claims.csv"
-    write_claims(judged, path)
+    write_table(path, Row, map(row_of, judged))
     whole = path.read_text()
     damaged = {"cut": whole[: len(whole) // 2], "verdict": whole.replace(",reproduced,", ",great,")}.get(damage, damage)
     path.write_bytes(damaged.encode("latin-1", errors="replace") if damage == "\x00\xff" else damaged.encode())
     with pytest.raises(InputError) as caught:
-        read_section(tmp_path)
+        read_section("claims", tmp_path)
     assert "claims.csv" in str(caught.value)
     assert "make claims" in str(caught.value)
 
 
 def test_the_page_shows_every_verdict(judged: list[Judged], tmp_path: Path) -> None:
-    write_claims(judged, tmp_path / paths.CLAIMS_TABLE)
+    write_table(tmp_path / "claims.csv", Row, map(row_of, judged))
     write_report([], tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     for each in judged:

@@ -15,10 +15,10 @@ from drivers.chain.trace import Trace
 from drivers.engines import codes, load_engine
 from postproc.paper.simulate import exact
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
-from validation.independent.independent_study import HERE, RUN, Line, judge_all, read_lines, read_section, verdict_of
+from validation.independent.independent_study import HERE, RUN, Line, judge_all, verdict_of
 from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
 from validation.report.write_report import write_report
-from validation.studies import write_table
+from validation.studies import read_rows, read_section, write_table
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import StandIn
@@ -142,7 +142,7 @@ def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path
     where = ("--file", cheap, "--results", tmp_path / "results", "--runs", shared_runs)
     done = command_line("validation", "independent", *where)
     assert done.returncode == 0, done.stderr
-    lines = read_lines(tmp_path / "results" / "independent.csv", cheap)
+    lines = read_rows(tmp_path / "results" / "independent.csv", Line, "independent")
     assert {line.verdict for line in lines} == {PASS}
     per_engine = Counter(line.engine for line in lines)
     assert set(per_engine) >= {"reference", "verlet", *codes()}
@@ -154,7 +154,11 @@ def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path
     cheap.write_text(cheap.read_text().replace("expected = 10697.0", "expected = 10698.0"))  # printed: 10.697 kN
     done = command_line("validation", "independent", *where)
     assert done.returncode == 1
-    red = [line for line in read_lines(tmp_path / "results" / "independent.csv", cheap) if line.verdict == FAIL]
+    red = [
+        line
+        for line in read_rows(tmp_path / "results" / "independent.csv", Line, "independent")
+        if line.verdict == FAIL
+    ]
     assert {(line.id, line.quantity, line.against) for line in red} == {("two-glass-spheres", "peak_force_N", "quoted")}
     assert {line.engine for line in red} == set(per_engine)
     assert len(done.stderr.strip().splitlines()) == len(red)
@@ -264,17 +268,16 @@ def test_the_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
     lines = whole_table()
     lines[0] = replace(lines[0], why='a "word", and\nanother', found=0.1 + 0.2, label="a=1, b=nan")
     write_table(tmp_path / "independent.csv", Line, lines)
-    assert read_lines(tmp_path / "independent.csv") == lines
-    assert read_section(tmp_path)["verdicts"] == [verdict_of(line) for line in lines]
-    assert read_lines(tmp_path / "none.csv") == []
-    assert read_section(tmp_path / "nowhere") == {}
+    assert read_rows(tmp_path / "independent.csv", Line, "independent") == lines
+    assert read_section("independent", tmp_path)["verdicts"] == [verdict_of(line) for line in lines]
+    assert read_section("independent", tmp_path / "nowhere") == {}
 
 
 @pytest.mark.parametrize("text", ["", "id,title\na,b\n", "\x00", "id\n"])
 def test_a_damaged_table_is_told(tmp_path: Path, text: str) -> None:
     (tmp_path / "independent.csv").write_text(text)
     with pytest.raises(InputError, match=r"independent\.csv.*make independent"):
-        read_section(tmp_path)
+        read_section("independent", tmp_path)
 
 
 @pytest.mark.parametrize("change", [{"error": 5.0}, {"error": math.nan}, {"found": math.nan}, {"verdict": FAIL}])
@@ -282,24 +285,24 @@ def test_a_verdict_that_its_numbers_do_not_make_is_told(change: dict[str, Any], 
     lines = whole_table()
     write_table(tmp_path / "independent.csv", Line, [replace(lines[0], **change), *lines[1:]])
     with pytest.raises(InputError, match=r"verdict: found (pass|fail) of"):
-        read_section(tmp_path)
+        read_section("independent", tmp_path)
 
 
 def test_a_table_of_other_cases_is_told(tmp_path: Path) -> None:
     write_table(tmp_path / "independent.csv", Line, whole_table()[:3])
     with pytest.raises(InputError, match="not the cases"):
-        read_section(tmp_path)
+        read_section("independent", tmp_path)
 
 
 def test_the_section_has_engines_as_columns_and_says_why(tmp_path: Path) -> None:
-    assert read_section(tmp_path) == {}
+    assert read_section("independent", tmp_path) == {}
     lines = whole_table()
     first = lines[0].id
     lost = [line for line in lines if (line.id, line.engine) == (first, "yade")]
     kept = [line for line in lines if line not in lost]
     broken = replace(lost[0], quantity=RUN, against="", verdict=FAIL, why="it blew up", found=math.nan, error=math.nan)
     write_table(tmp_path / "independent.csv", Line, [*kept[:1], broken, *kept[1:]])
-    section = read_section(tmp_path)
+    section = read_section("independent", tmp_path)
     assert section["engines"] == ["liggghts", "yade", "reference"]
     assert section["counts"] == {PASS: len(kept), FAIL: 1}
     case = section["cases"][0]

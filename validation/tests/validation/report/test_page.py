@@ -98,7 +98,7 @@ def write_independent(results: Path) -> None:
         for entry in read_independent(paths.INDEPENDENT) for engine in engine_names() for check in entry.check
     ]  # fmt: skip
     failed = replace(lines[-1], verdict=FAIL, error=2 * lines[-1].within, why=HOSTILE)
-    write_table(results / paths.INDEPENDENT_TABLE, Line, [*lines[:-1], failed])
+    write_table(results / "independent.csv", Line, [*lines[:-1], failed])
 
 
 @pytest.fixture(scope="module")

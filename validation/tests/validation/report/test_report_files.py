@@ -14,7 +14,6 @@ from xml.etree import ElementTree
 import pytest
 
 from drivers.base import decks as deck
-from drivers.base import paths
 from postproc.draw.style import pyplot, svg_of
 from validation.compare.comparison import ComparedScene, compare_case
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
@@ -86,7 +85,7 @@ def written(hostile: ComparedScene, tmp_path: Path) -> tuple[str, dict[str, Any]
              for entry in read_independent() for engine in ("yade", "reference")]  # fmt: skip
     lines[0] = replace(lines[0], verdict=FAIL, error=0.5)
     lines[2] = replace(lines[2], verdict=NOT_RUN, quantity="run", why="not installed", within=math.nan, error=math.nan)
-    write_table(folder / paths.INDEPENDENT_TABLE, Line, lines)
+    write_table(folder / "independent.csv", Line, lines)
     write_report([hostile], folder / "report.html", HOSTILE)
     page, data = (
         (folder / "report.html").read_text(),
