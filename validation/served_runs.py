@@ -1,8 +1,8 @@
 """Cases run by one process of a code, one after another, in a folder that is gone afterwards."""
 
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -12,7 +12,7 @@ from drivers.chain.trace import Trace
 from drivers.engines import load_engine
 from drivers.run.guard import checked_trace
 from drivers.run.run import default_limit_s
-from drivers.run.session import Session
+from drivers.run.session import Session, served_by
 from validation.studies import progress
 
 
@@ -45,14 +45,7 @@ def left_out_if_failed(what: str) -> Iterator[None]:
 @contextmanager
 def serving(name: str, build: str = "") -> Iterator[Session]:
     """A session of an installed engine, or of another build that stands beside its executable."""
-    engine = load_engine(name)
-    executable = engine.find()
-    assert executable is not None
-    if build:
-        command = tuple(build if word == executable.name else word for word in engine.server.command)
-        engine = replace(engine, server=replace(engine.server, command=command))
-        executable = executable.with_name(build)
-    with TemporaryDirectory() as folder, closing(Session(engine, executable, Path(folder))) as session:
+    with TemporaryDirectory() as folder, served_by(name, Path(folder), build) as session:
         yield session
 
 

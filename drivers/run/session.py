@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import time
 from contextlib import closing, suppress
+from dataclasses import replace
 from pathlib import Path
 
 from drivers.base.decks import Deck
@@ -112,11 +113,15 @@ class Session:
         return Outcome(self.close(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
 
 
-def served_by(name: str, folder: Path) -> closing[Session]:
-    """A session of an installed engine that ends with its block."""
+def served_by(name: str, folder: Path, build: str = "") -> closing[Session]:
+    """Session of an installed engine, or of another build beside its executable, that ends with its block."""
     engine = load_engine(name)
     executable = engine.find()
     assert executable is not None
+    if build:
+        command = tuple(build if word == executable.name else word for word in engine.server.command)
+        engine = replace(engine, server=replace(engine.server, command=command))
+        executable = executable.with_name(build)
     return closing(Session(engine, executable, folder))
 
 
