@@ -18,7 +18,7 @@ from drivers.chain.trace import Trace, make_trace
 from drivers.limits.refusal import FORCE
 from drivers.run.guard import energy_error
 from postproc.read.observables import describe, observe, without_unit
-from postproc.read.residual import residual
+from postproc.read.residual import residual, share_of_largest
 from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import Motion, TubeChain, TubeMotion
 from validation.reference.tube import TOTAL, integrate_tube
@@ -27,6 +27,10 @@ from validation.reference.velocity_verlet import integrate_verlet, integrate_ver
 TURN_RAD = 1.0  # about the axis, for the run that only rounds otherwise
 ENERGY = "energy"
 FINER = 4  # times the samples that true peaks are read from: quintics leave 4^-6 of the error of sampling
+# times the tolerance: that of second motions, by which the first one's error is measured
+ROUGH_FACTOR, NEAR_FACTOR = 100.0, 3.0
+LINEAR_SHARE = 1e-3  # of the largest force: larger differences no longer shrink with the tolerance
+COARSE_ERROR = 0.1  # tolerances beyond it tell nothing
 MAX_FINE_VALUES = 4_000_000  # values of the finer record; beyond it the error of sampling is not measured
 
 
@@ -112,11 +116,13 @@ class Truth:
     Attributes:
         trace: at the case's sample times.
         fine: four times as fine; the same as ``trace`` where that would be too much.
+        tolerance: with which it was followed.
     """
 
     case: Case
     trace: Trace
     fine: Trace
+    tolerance: float
 
     @cached_property
     def true(self) -> dict[str, float]:
@@ -133,6 +139,15 @@ class Truth:
         """Whether the finer record is one."""
         return self.fine is not self.trace
 
+    @cached_property
+    def known_N(self) -> Array:
+        """Largest force error of the exact motion until each sample, as ``own_error_N`` measures it."""
+        return own_error_N(self.case, self.trace, self.tolerance)
+
+    def horizon(self, share: float) -> int:
+        """For how many samples that error stays below a share of the largest force."""
+        return int(np.searchsorted(share_of_largest(self.known_N, self.trace), share))
+
 
 def truth_of(case: Case, tolerance: float = LEAST_TOLERANCE, *, finer: bool = True) -> Truth:
     """The exact motion of a case, good to ``tolerance`` of the largest force.
@@ -146,9 +161,29 @@ def truth_of(case: Case, tolerance: float = LEAST_TOLERANCE, *, finer: bool = Tr
     motion = integrate_adaptive(arrays_of(case.chain), time, tolerance)
     fine = trace_of(case, time, motion)
     if factor == 1:
-        return Truth(case, fine, fine)
+        return Truth(case, fine, fine, tolerance)
     kept = Motion(*(values[::factor] for values in (motion.force_N, motion.displacement_m, motion.velocity_m_s)))
-    return Truth(case, trace_of(case, case.sample_times_s, kept), fine)
+    return Truth(case, trace_of(case, case.sample_times_s, kept), fine, tolerance)
+
+
+def own_error_N(case: Case, exact: Trace, tolerance: float = LEAST_TOLERANCE) -> Array:
+    """Largest force error until each sample of a motion that was followed with a tolerance. Shape (samples,).
+
+    Measured: the difference from a motion with ``ROUGH_FACTOR`` times the tolerance, over that factor, as long as
+    differences are small enough to grow linearly; beyond, where the motion is chaotic, the difference itself from a
+    motion with ``NEAR_FACTOR`` times the tolerance.
+
+    Raises:
+        ArithmeticError: the motion cannot be followed.
+    """
+
+    def apart(factor: float) -> Array:
+        other = truth_of(case, min(factor * tolerance, COARSE_ERROR), finer=False).trace
+        return np.asarray(np.maximum.accumulate(np.abs(other.force_N - exact.force_N).max(axis=1)))
+
+    rough = apart(ROUGH_FACTOR)
+    linear = share_of_largest(rough, exact) < LINEAR_SHARE
+    return np.maximum.accumulate(np.where(linear, rough / ROUGH_FACTOR, 0.0 if linear.all() else apart(NEAR_FACTOR)))
 
 
 def quantities(case: Case, trace: Trace) -> dict[str, float]:

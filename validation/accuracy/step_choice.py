@@ -20,9 +20,9 @@ from drivers.limits.refusal import FORCE, ROOM, unattainable
 from drivers.limits.stable_step import predicted_limit
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS
-from postproc.read.residual import residual, share_of_largest
+from postproc.read.residual import share_of_largest
 from validation.accuracy.baseline import Baseline
-from validation.accuracy.schemes import ENERGY, Truth, errors_of, truth_of, verlet_of
+from validation.accuracy.schemes import COARSE_ERROR, ENERGY, Truth, errors_of, truth_of, verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE, scales
 from validation.reference.tube import TOTAL
 
@@ -30,14 +30,11 @@ SHARE = 0.5  # of the accuracy: what all that is left out may take together; the
 MIN_ACCURACY = 10 * LEAST_TOLERANCE
 TRUTH_SHARE = 1e-3  # of the accuracy: how exact the exact motion has to be
 MAX_TOLERANCE = 1e-4  # of the exact motion
-ROUGH_FACTOR = 100.0  # times the tolerance: the second motion, by which the exactness of the first is measured
-LINEAR_SHARE = 1e-3  # differences beyond it do not shrink with the tolerance: the motion is chaotic
 DOUBT_SHARE = 5e-3  # of the accuracy: errors so close to it are measured against the exact motion at its best
 STEP_RATIO = 1.2  # a step that is refused within this factor of the one that is taken ends the search
 MAX_TRIES = 60
 MAX_WORK = 4e9  # bodies times steps of one trial: some seconds
 MAX_TRUTH_WORK = 4e6  # bodies times duration over the time scale of a contact: some seconds of following the motion
-COARSE_ERROR = 0.1  # errors beyond it tell nothing of the order: the step is halved
 ROUNDING_FACTOR = 4.0  # times the rounding predicted: it is scaled, and a random walk
 ROUNDING_WORK = 400_000  # bodies times steps of which rounding is measured, some milliseconds; beyond, it is scaled
 MARGIN = 1.25  # times the best accuracy, as errors name it
@@ -154,9 +151,7 @@ class Chooser:
         tolerance = min(max(TRUTH_SHARE * strictest, LEAST_TOLERANCE), MAX_TOLERANCE)
         while True:
             truth = self._truth(tolerance)
-            rough = truth_of(self.full, min(ROUGH_FACTOR * tolerance, COARSE_ERROR), finer=False)
-            apart = float(residual(rough.trace, truth.trace).max())
-            known = apart / ROUGH_FACTOR if apart < LINEAR_SHARE else apart
+            known = float(share_of_largest(truth.known_N, truth.trace)[-1])
             if known <= TRUTH_SHARE * strictest or tolerance <= LEAST_TOLERANCE:
                 return truth, known
             tolerance = max(0.1 * tolerance * min(TRUTH_SHARE * strictest / known, 1.0), LEAST_TOLERANCE)
@@ -204,7 +199,7 @@ class Chooser:
                 taken = steps
             else:
                 refused = max(refused, steps)
-            coarse = max(self.errors_at(steps).values()) > COARSE_ERROR
+            coarse = max(self.errors_at(steps).values()) > COARSE_ERROR  # tells nothing of the order
             steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * found ** (1 / order)))
         rounding = ROUNDING_FACTOR * float(self.rounding(taken)[-1])
         return self.case.at(taken), Plan(wanted, self.errors_at(taken), rounding, refused, tries)
