@@ -161,13 +161,10 @@ def open_run(folder: Path) -> EndedRun:
     return run
 
 
-def find_run(home: Path, identity: str) -> EndedRun | None:
-    """A run that ended, looked up by its hash alone, under whatever name."""
-    for folder in home.glob(f"[!.]*-{identity}"):
-        record = read_record(folder)
-        if record is not None:
-            return EndedRun(folder, record)
-    return None
+def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | None:
+    """A run that ended, looked up by its hash, under whatever name: done before failed, of this layout before others."""
+    found = [EndedRun(folder, record) for folder in home.glob(f"[!.]*-{identity}") if (record := read_record(folder))]
+    return max(found, key=lambda run: (run.done, run.record.layout == layout), default=None)
 
 
 @cache

@@ -41,7 +41,7 @@ def run_case(
     """Runs a case, or finds it done.
 
     A run that failed before is tried again. The folder appears under its name only when it is complete. A run found
-    for another scene of the same physics gets the record of this one, to be assessed anew.
+    for another scene of the same physics serves this one, to be assessed anew.
 
     Raises:
         RunError: the engine is not installed.
@@ -54,9 +54,11 @@ def run_case(
     home = runs / engine_name
     version = known_version(engine, executable, home)
     identity = run_identity(engine_name, version, deck)
-    found = find_run(home, identity)
+    layout = _description(case)["layout"]
+    target = home / f"{case.scene.name}-{hashlib.sha256(repr(layout).encode()).hexdigest()[:6]}-{identity}"
+    found = find_run(home, identity, layout)
     if found and not rerun and _is_whole(found, case):
-        return refresh_record(found, case)
+        return refresh_record(found, case, target)
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()
@@ -81,21 +83,21 @@ def run_case(
             else:
                 raw.unlink(missing_ok=True)
         record.write(folder)
-        faster = find_run(home, identity)  # another process may have been
+        faster = find_run(home, identity, layout)  # another process may have been
         if faster and not rerun and _is_whole(faster, case):
-            return refresh_record(faster, case)
-        target = home / f"{case.scene.name}-{identity}"
-        kept = faster and faster.done and record.status != "done"
+            return refresh_record(faster, case, target)
+        own = faster if faster and faster.record.layout == layout else None
+        kept = own and own.done and record.status != "done"
         if kept:  # what is done stays
             target = target.with_name(f"{target.name}-failed")
-        _move_into_place(folder, target, None if kept or not faster else faster.folder)
+        _move_into_place(folder, target, own.folder if own and not kept else None)
     return EndedRun(target, record, partial_trace)
 
 
 def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[EndedRun]:
     """Runs pairs of a case and an engine, in their order; what is done is found.
 
-    Equal decks run once: scenes that differ in their sensors alone share a folder, whose record is that of the last.
+    Equal decks run once.
 
     Raises:
         RunError: an engine is not installed; what was under way has ended.
@@ -108,7 +110,10 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[
         under_way = {key: pool.submit(run_case, *job, runs) for key, job in different.items()}
         bar = tqdm(under_way.items(), unit="run", leave=False, disable=None)
         ended = {key: future.result() for key, future in bar}
-    return [ended[key] for key in keys]
+    return [
+        run_case(case, engine, runs) if run.done and run.layout != case.layout else run  # found, for other gauges
+        for (case, engine), run in zip(jobs, map(ended.__getitem__, keys), strict=True)
+    ]
 
 
 def run_all_done(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[EndedRun]:
@@ -151,20 +156,28 @@ def run_identity(engine_name: str, version: str, deck: Deck) -> str:
     return hashlib.sha256(f"{engine_name}\0{version}\0{deck.sha256}".encode()).hexdigest()[:12]
 
 
-def refresh_record(found: EndedRun, case: Case) -> EndedRun:
-    """A run found for a scene of the same physics, with the record of the scene asked for, which nobody assessed."""
-    described = json.loads(json.dumps(_description(case)))
+def refresh_record(found: EndedRun, case: Case, target: Path) -> EndedRun:
+    """A run found for a scene of the same physics, with the record of the scene asked for, which nobody assessed.
+
+    With other gauges it is a copy at ``target``: what the gauges of the first scene showed stays.
+    """
+    described = _description(case)
     if all(getattr(found.record, key) == value for key, value in described.items()):
         return found
     record = replace(found.record, **described, **UNASSESSED)
-    (found.folder / SENSORS).unlink(missing_ok=True)
-    record.write(found.folder)
-    return EndedRun(found.folder, record)
+    if found.record.layout == record.layout:
+        record.write(found.folder)
+        return EndedRun(found.folder, record)
+    with workplace(target.parent) as place:
+        shutil.copytree(found.folder, place / "run", ignore=shutil.ignore_patterns(SENSORS))
+        record.write(place / "run")
+        _move_into_place(place / "run", target, None)
+    return EndedRun(target, record)
 
 
 def _description(case: Case) -> dict[str, Any]:
-    """Keys of a record that describe the scene; beyond the deck, numbers do not depend on them."""
-    return {
+    """Keys of a record that describe the scene, as JSON holds them; beyond the deck, numbers do not depend on them."""
+    described = {
         "scene_name": case.scene.name,
         "scene": {"units": "SI"} | case.scene.model_dump(mode="json", exclude_none=True),
         "layout": asdict(case.layout),
@@ -172,6 +185,7 @@ def _description(case: Case) -> dict[str, Any]:
         "time_step_s": case.scene.time_step_s,
         "steps": case.scene.steps,
     }
+    return dict(json.loads(json.dumps(described)))
 
 
 def _is_whole(found: EndedRun, case: Case) -> bool:

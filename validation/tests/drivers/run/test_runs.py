@@ -15,7 +15,7 @@ from drivers.base.errors import InputError, RunError
 from drivers.chain.trace import read_forces
 from drivers.engines import load_engine
 from drivers.run.finished import open_run
-from drivers.run.run import run_case
+from drivers.run.run import run_case, run_many
 from validation.accuracy.assess import assess
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import assessed, failing_run, finished, need
@@ -65,12 +65,34 @@ def test_what_a_run_folder_holds(scene_file: SceneWriter, tmp_path: Path) -> Non
 def test_a_sensor_that_moves_reads_another_contact_of_the_same_run(scene_file: SceneWriter, tmp_path: Path) -> None:
     case, runs = case_of(scene_file(chain="sensors = [{ from_wall = 2 }]")), tmp_path / "runs"
     first = assessed(case, "verlet", runs)
-    stamp = (first.folder / "forces.parquet").stat().st_mtime_ns
     moved = assessed(case_of(scene_file(), "chain.sensors=[{from_wall=4}]"), "verlet", runs)
-    assert moved.folder == first.folder
-    assert (moved.folder / "forces.parquet").stat().st_mtime_ns == stamp
-    assert list(pd.read_csv(moved.folder / "sensors.csv").columns) == ["time_s", "bead_4_N", "wall_N"]
-    assert open_run(moved.folder).layout.sensors[0].from_wall == 4
+    assert moved.folder != first.folder
+    assert moved.record.wall_s == first.record.wall_s, "found, not run again"
+    for ended, place in ((first, 2), (moved, 4)):
+        assert list(pd.read_csv(ended.folder / "sensors.csv").columns) == ["time_s", f"bead_{place}_N", "wall_N"]
+        assert open_run(ended.folder).layout.sensors[0].from_wall == place
+
+
+def test_each_scene_keeps_its_gauges_in_any_order(scene_file: SceneWriter, tmp_path: Path) -> None:
+    """Scenes that differ in their electronics alone, run, found, run again and failing."""
+    path, runs = scene_file(chain="sensors = [{ from_wall = 2 }]"), tmp_path / "runs"
+    cases = [
+        case_of(path, *setting) for setting in ((), *((f"sensor.time_constant={tau}",) for tau in ("1 ms", "50 us")))
+    ]
+    tables: dict[Path, bytes] = {}
+    for place in (1, 0, 2, 1, 0, 0, 2):
+        folder = assessed(cases[place], "verlet", runs).folder
+        assert tables.setdefault(folder, (folder / "sensors.csv").read_bytes()) == (folder / "sensors.csv").read_bytes()
+        assert open_run(folder).layout == cases[place].layout
+    assert len(set(tables.values())) == len(tables) == 3
+    ended = run_case(cases[0], "verlet", runs, rerun=True)
+    assert not run_case(cases[1], "verlet", runs, rerun=True, limit_s=0.01).done
+    shared = run_many([(case, "verlet") for case in (*cases, cases[0])], tmp_path / "fresh")
+    assert len({each.folder for each in shared}) == len({each.record.wall_s for each in shared}) + 2 == 3
+    assert [each.layout for each in shared] == [case.layout for case in (*cases, cases[0])]
+    assert {folder: (folder / "sensors.csv").read_bytes() for folder in tables if folder != ended.folder} == {
+        folder: table for folder, table in tables.items() if folder != ended.folder
+    }
 
 
 def test_a_run_is_assessed_once_for_each_scene(scene_file: SceneWriter, tmp_path: Path) -> None:
@@ -86,7 +108,6 @@ def test_a_run_is_assessed_once_for_each_scene(scene_file: SceneWriter, tmp_path
     other = run_case(case_of(scene_file("two")), "verlet", runs)
     assert other.folder == bare.folder
     assert other.record.error_budget is None
-    assert not (bare.folder / "sensors.csv").exists()
 
 
 def test_the_reference_serves_every_time_step(scene_file: SceneWriter, tmp_path: Path) -> None:

@@ -178,7 +178,8 @@ def test_the_same_run_told_again_both_ways(scene_file: SceneWriter, tmp_path: Pa
         values = observe(run.layout, run.trace)
         (wall,) = (part for part in run.record.error_budget or () if part["quantity"] == "wall_peak")
         assert wall["whole"] == pytest.approx(values["wall_peak_N"] / truth_of(case).true["wall_peak"] - 1, abs=1e-9)
-    assert len({ended.folder for ended, _, _ in told}) == 1
+    assert len({ended.folder for ended, _, _ in told}) == 3
+    assert len({ended.record.wall_s for ended, _, _ in told}) == 1, "found, not run again"
     assert len({forces for _, forces, _ in told}) == 1
     tables = [sensors for _, _, sensors in told]
     assert len(set(tables[:3])) == 3
