@@ -162,7 +162,7 @@ def open_run(folder: Path) -> EndedRun:
 
 
 def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | None:
-    """A run that ended, looked up by its hash, under whatever name: done before failed, of this layout before others."""
+    """A run that ended, looked up by its hash, whatever its name: done before failed, of this layout before others."""
     found = [EndedRun(folder, record) for folder in home.glob(f"[!.]*-{identity}") if (record := read_record(folder))]
     return max(found, key=lambda run: (run.done, run.record.layout == layout), default=None)
 
