@@ -26,7 +26,7 @@ class Row:
         study, label: for whom it was run, under which values: a row of the same label and another identity is stale.
         status: ``done``, ``failed`` or ``timeout``; ``reason`` says why in the latter cases.
         values: observables by name.
-        force_error: largest force difference from the exact forces, over the largest force; None for these.
+        force_error: largest force difference from the exact forces, over the largest change of force; None for these.
         trace_sha256: digest of the forces and energies.
         work: bodies times steps.
         cost: seconds by what they were spent on.

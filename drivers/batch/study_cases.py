@@ -41,7 +41,7 @@ class Steps:
     Attributes:
         plan: of a case: the case at the time step of its accuracy, where its scene asks for one.
         observe: of a layout and a trace: observables by name.
-        residual: of two traces: largest force difference at each sample, over the second's largest force.
+        residual: of two traces: largest force difference at each sample, over the second's largest change.
         assess: of a run that ended and its case: the run with its errors measured.
     """
 

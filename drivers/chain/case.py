@@ -60,7 +60,7 @@ class Plan:
 
     Attributes:
         predicted: the error of the codes' scheme at the chosen step, measured with it on this very case.
-        rounding_share: what rounding of absolute heights may add on engines that hold them, of the largest force.
+        rounding_share: what rounding of absolute heights may add on engines that hold them, of the largest change.
         refused_steps: the largest step found too coarse, in steps a sample; 0 where none was.
         trials: runs of the in-repo scheme that it took.
         seconds: what the plan cost.

@@ -19,7 +19,7 @@ from postproc.read.sensors import write_sensors
 from validation.reference.adaptive import integrate_adaptive
 
 UNTIL_REFLECTED = "run.duration=0.9 ms"  # until the reflected wave has come by, in Figs. 4 and 6
-TOLERANCE = 1e-11  # of the largest force: far below the truncation error of any code's run
+TOLERANCE = 1e-11  # of the largest change: far below the truncation error of any code's run
 
 
 class _Observables(dict[str, float]):

@@ -6,7 +6,7 @@ The first peak at a gauge is the incident wave, the first one after the wall's p
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from drivers.chain.case import Layout
 from drivers.chain.trace import Trace, energy_error_J
+from postproc.read.residual import still
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import ENVELOPE_MAXIMA, integral, peaks, rising_crossing, train_envelope
 
@@ -85,6 +86,20 @@ def without_unit(name: str) -> str:
 def of_kind(names: Iterable[str], *kinds: str) -> list[str]:
     """The names of observables of some kinds, in their order."""
     return [name for name in names if describe(name).kind in kinds]
+
+
+def scale_of(name: str, values: Mapping[str, float]) -> float:
+    """The part of an observable that its error is counted over: a peak less its static load, or all of another.
+
+    Args:
+        name: with or without its unit, as in ``values``.
+        values: all observables of the run.
+    """
+    gauge, _, rest = name.partition("_peak")
+    if describe(name).kind not in ("peak", "later peak"):
+        return abs(values[name])
+    unit = "_N" if rest.endswith("_N") else ""
+    return abs(values[name] - values[f"{gauge}_peak{unit}"] + values[f"{gauge}_amplitude{unit}"])
 
 
 def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) -> dict[str, float]:
@@ -167,7 +182,8 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
     changed = np.abs(wall_N - wall_N[0]) > QUIET * largest_N
     quiet = slice(0, int(np.argmax(changed)) if changed.any() else len(wall_N))
     steady = np.abs(momentum - momentum[0] - net[0] * time)[quiet]
-    scale = max(float(np.abs(momentum).max()), layout.moving_N_s, abs(layout.load_N) * float(time[-1])) or 1.0
+    loads = abs(layout.load_N) * float(time[-1]) if still(trace.force_N) else 0.0
+    scale = max(float(np.abs(momentum).max()), layout.moving_N_s, loads) or 1.0
     drift = energy_error_J(energy, damped=layout.damped, slips=layout.slips)
     return {
         "kinetic_energy_start_J": float(trace.kinetic_energy_J[0]),

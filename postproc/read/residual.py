@@ -1,21 +1,43 @@
-"""How far two traces are from each other."""
+"""How far two traces are from each other, as shares of what changes: a static load is none of it."""
 
 from math import nan
 
 import numpy as np
 
-from drivers.chain.chain import Array
+from drivers.chain.chain import Array, Chain, energy_put_in
 from drivers.chain.trace import Trace
 
+STILL = 1e-12  # of the largest force: what changes less is rounding, and nothing moves
 
-def share_of_largest(difference_N: Array, reference: Trace) -> Array:
-    """A force difference over the largest force of the reference; of a chain without forces: over 1 N."""
-    return np.asarray(difference_N / (float(np.abs(reference.force_N).max()) or 1.0))
+
+def still(force_N: Array) -> bool:
+    """Whether nothing moves, but by rounding. Shape (samples, contacts)."""
+    return bool(np.abs(force_N - force_N[0]).max() <= STILL * np.abs(force_N).max())
+
+
+def largest_change_N(force_N: Array) -> float:
+    """Largest ``|F - F(0)|`` of any contact, over which errors of forces are counted. Shape (samples, contacts).
+
+    Where nothing moves, the largest force; 1 N where there is none.
+    """
+    change = np.abs(force_N if still(force_N) else force_N - force_N[0])
+    return float(change.max()) or 1.0
+
+
+def largest_kinetic_J(chain: Chain, motion: Trace) -> float:
+    """Largest kinetic energy, over which errors of the energy are counted; where nothing moves, what contacts hold."""
+    kinetic, put_in = float(motion.kinetic_energy_J.max()), energy_put_in(chain, float(motion.time_s[-1]))
+    return kinetic if kinetic > STILL * put_in else put_in or 1.0
+
+
+def share_of_change(difference_N: Array, reference: Trace) -> Array:
+    """A force difference over the largest change of force of the reference."""
+    return np.asarray(difference_N / largest_change_N(reference.force_N))
 
 
 def residual(trace: Trace, reference: Trace) -> Array:
-    """Largest difference over all contacts at each sample, over the reference's largest force. Shape (samples,)."""
-    return share_of_largest(np.abs(trace.force_N - reference.force_N).max(axis=1), reference)
+    """Largest difference over all contacts at each sample, over the reference's largest change. Shape (samples,)."""
+    return share_of_change(np.abs(trace.force_N - reference.force_N).max(axis=1), reference)
 
 
 def apart(trace: Trace, other: Trace, limit: float) -> tuple[float, float]:

@@ -25,7 +25,7 @@ from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, IN_HEIGHTS, VERLET, load_engine
 from drivers.limits.refusal import FORCE
 from drivers.scene.read_scene import read_scene
-from postproc.read.residual import share_of_largest
+from postproc.read.residual import largest_change_N, largest_kinetic_J, share_of_change
 from validation.accuracy.schemes import Truth, truth_of, turned_verlet_of, verlet_in_heights, verlet_of
 
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding of the same size, not the same
@@ -37,7 +37,7 @@ MAX_BODIES = 20_000
 TOO_LARGE = f"not measured: the exact motion of more than {MAX_BODIES} bodies costs more than most runs of them"
 MAX_WORK = 20_000_000  # bodies times steps of the finest three-dimensional run, some ten seconds
 MIN_ORDER, MAX_ORDER = 0.5, 2.5  # that an extrapolation is made with
-ARRIVED_SHARE = 1e-3  # of the largest force: the wave is there
+ARRIVED_SHARE = 1e-3  # of the largest change: the wave is there
 CHAOTIC_GROWTH = 100.0  # times what rounding made until the wave came to the wall: measured up to 56 on shipped scenes
 
 
@@ -151,8 +151,8 @@ class Baseline:
 
     @cached_property
     def rounding(self) -> Array:
-        """The most that rounding has made until each sample, of the largest force. Shape (samples,)."""
-        share = np.nan_to_num(share_of_largest(self.rounding_N, self.plain), nan=np.inf)
+        """The most that rounding has made until each sample, of the largest change. Shape (samples,)."""
+        share = np.nan_to_num(share_of_change(self.rounding_N, self.plain), nan=np.inf)
         return np.asarray(np.maximum.accumulate(share))
 
     @property
@@ -176,10 +176,18 @@ class Baseline:
         explained, _ = comparable(self.rounding)
         return self.stated if explained <= self.stated.limit else Tolerance(explained, ROUNDING_REASON)
 
-    @property
-    def largest_N(self) -> float:
-        """The largest force; 1 N where there is none."""
-        return float(np.abs(self.exact.force_N).max()) or 1.0
+    @cached_property
+    def scale_N(self) -> float:
+        """Largest change of force, over which errors are counted."""
+        return largest_change_N(self.exact.force_N)
+
+    def energy_scale_J(self, trace: Trace) -> float:
+        """Largest kinetic energy, of the exact motion where that is known, else of a run."""
+        try:
+            motion = self.exact if self.straight and not self.unknown else trace
+        except ArithmeticError:
+            motion = trace
+        return largest_kinetic_J(self.case.chain, motion)
 
     @cached_property
     def arrival(self) -> int:
@@ -189,7 +197,7 @@ class Baseline:
         if not felt.size:
             return len(force_N)
         lowest = force_N[:, felt[0]]
-        arrived = np.abs(lowest - lowest[0]) > ARRIVED_SHARE * self.largest_N
+        arrived = np.abs(lowest - lowest[0]) > ARRIVED_SHARE * self.scale_N
         return int(np.argmax(arrived)) if arrived.any() else len(force_N)
 
     def growth(self, sample: int) -> float:
@@ -204,10 +212,10 @@ class Baseline:
 
 
 def comparable(rounding_share: Array) -> tuple[float, int]:
-    """Difference of two engines that rounding explains, of the largest force, and for how many samples that is small.
+    """Difference of two engines that rounding explains, of the largest change, and for how many samples that is small.
 
     Args:
-        rounding_share: what rounding does to the forces at each sample, over the largest force. Shape (samples,).
+        rounding_share: what rounding does to the forces at each sample, over the largest change. Shape (samples,).
     """
     explained = ROUNDING_MARGIN * np.maximum.accumulate(rounding_share)
     samples = max(1, int(np.searchsorted(explained, ROUNDING_MARGIN * HORIZON, side="right")))

@@ -22,10 +22,10 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, VERLET, load_engine
 from drivers.limits.refusal import FORCE
-from postproc.read.observables import of_kind
+from postproc.read.observables import of_kind, scale_of
 from postproc.read.residual import residual
 from validation.accuracy.baseline import Baseline, Extrapolation, baseline_of
-from validation.accuracy.schemes import Truth, errors_of, quantities, truth_of, verlet_of
+from validation.accuracy.schemes import Truth, energy_change_J, errors_of, quantities, truth_of, verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE
 
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
@@ -62,7 +62,7 @@ def parts_of(baseline: Baseline, engine: str, trace: Trace) -> tuple[list[dict[s
         stages = (trace, scheme, truth.half, truth.quarter)
     difference = np.nan_to_num(np.abs(trace.force_N - exact.force_N), nan=np.inf)
     sample, column = np.unravel_index(int(np.argmax(difference)), difference.shape)
-    values = [float(stage.force_N[sample, column]) / baseline.largest_N for stage in stages]
+    values = [float(stage.force_N[sample, column]) / baseline.scale_N for stage in stages]
     where = f"contact {column + 1} at {trace.time_s[sample] * 1e6:g} us"
     found = [_parts(FORCE, _rungs(values, truth), where)]
 
@@ -72,9 +72,10 @@ def parts_of(baseline: Baseline, engine: str, trace: Trace) -> tuple[list[dict[s
     unseen = []
     for name in seen[-1]:
         if all(name in stage for stage in seen):
-            true = abs(_rungs([stage[name] for stage in seen], truth)[-1])
-            if true:
-                found.append(_parts(name, _rungs([stage[name] / true for stage in seen], truth)))
+            static = abs(seen[-1][name]) - scale_of(name, seen[-1])
+            scale = abs(_rungs([stage[name] for stage in seen], truth)[-1]) - static
+            if scale > 0:
+                found.append(_parts(name, _rungs([stage[name] / scale for stage in seen], truth)))
         elif seen[-1][name] and name not in seen[0]:
             unseen.append(name)
     return found, unseen
@@ -136,17 +137,25 @@ def warnings_of(case: Case, engine: str, trace: Trace) -> list[str]:
 
 
 def _warnings(case: Case, engine: str, trace: Trace) -> Iterator[str]:
-    """Where the error that is predicted passes a tenth, and where a code differs from its scheme beyond rounding."""
+    """Where the energy, or the error that is predicted, passes a tenth, and a code its scheme by more than rounding."""
     error, limit = predicted_error(case, engine), tolerance("warning", "force").limit
     beyond = error > limit
     if beyond.any():
         since = case.sample_times_s[int(np.argmax(beyond))]
         by_step = case.chain.lateral is not None or predicted_error(case, VERLET).max() > limit
         yield (
-            f"forces are predicted to be off by up to {error.max():.2g} of the largest, by more than {limit:g} from"
+            f"forces are predicted to be off by up to {error.max():.2g} of the largest change, by more than {limit:g} from"
             f" t = {since:g} s on, by {'the time step' if by_step else 'the rounding of heights so far from 0'}"
         )
     baseline = baseline_of(case, engine)
+    change_J = energy_change_J(case.chain, trace, None if baseline.unknown or not baseline.straight else baseline.exact)
+    share, limit = change_J / baseline.energy_scale_J(trace), tolerance("warning", "energy").limit
+    if not (share <= limit).all():
+        since = case.sample_times_s[int(np.argmax(~(share <= limit)))]
+        yield (
+            f"the energy is off by up to {share.max():.2g} of the largest kinetic energy, by more than {limit:g} from"
+            f" t = {since:g} s on"
+        )
     if load_engine(engine).in_repository or baseline.unknown:
         return
     scheme, allowed = baseline.in_overlaps, baseline.allowed.limit
@@ -154,13 +163,13 @@ def _warnings(case: Case, engine: str, trace: Trace) -> Iterator[str]:
     if not (apart <= allowed).all():
         since = case.sample_times_s[int(np.argmax(~(apart <= allowed)))]
         yield (
-            f"forces differ from velocity Verlet at the same step by {apart.max():.2g} of the largest, from"
+            f"forces differ from velocity Verlet at the same step by {apart.max():.2g} of the largest change, from"
             f" t = {since:g} s on, where rounding explains {allowed:.1g}: what ran is not what the scene says"
         )
 
 
 def predicted_error(case: Case, engine: str) -> Array:
-    """Largest force error by the engine's scheme at each sample where that is known, over the largest force.
+    """Largest force error by the engine's scheme at each sample where that is known, over the largest change of force.
 
     Against the exact motion; of chains that are too long for it, against the same scheme at half the step.
 

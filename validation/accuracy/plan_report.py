@@ -142,7 +142,7 @@ def _horizon(case: Case, share: Array) -> str:
     if share[-1] <= HORIZON:
         return (
             f"to the end ({ms[-1]:.4g} ms) engines can be compared point by point: rounding stays below"
-            f" {share[-1]:.0e} of the largest force"
+            f" {share[-1]:.0e} of the largest change"
         )
     if share[0] > HORIZON:
         return "heights so far from the origin round too much for any comparison of engines point by point"

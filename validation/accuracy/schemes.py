@@ -1,9 +1,9 @@
 """A case by the in-repo schemes, as traces: rounded in two ways, or exact; and errors of a run, by quantity.
 
 Quantities are named like observables, without the unit: ``wall_peak``, ``bead_9_arrival``, ``speed_9_to_5``. The error
-of ``force`` is the largest force difference over all contacts and sample times over the largest force, that of
-``energy`` the largest change over what the scene puts in (where contacts lose energy, the largest difference); all
-others are relative to the true value.
+of ``force`` is the largest difference of all contacts and sample times over the largest change of force, that of
+``energy`` the largest change over the largest kinetic energy (where contacts lose energy, the largest difference); that
+of a peak is relative to its true value less the static load, all others to the true value.
 """
 
 from collections.abc import Collection
@@ -13,12 +13,11 @@ from functools import cached_property
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, arrays_of, energy_put_in, moving_at_start, sphere_for_face, tube_arrays_of
-from drivers.chain.trace import Trace, make_trace
+from drivers.chain.chain import Array, Chain, arrays_of, moving_at_start, sphere_for_face, tube_arrays_of
+from drivers.chain.trace import Trace, energy_error_J, make_trace
 from drivers.limits.refusal import FORCE
-from drivers.run.guard import energy_error
-from postproc.read.observables import describe, observe, without_unit
-from postproc.read.residual import residual, share_of_largest
+from postproc.read.observables import describe, observe, scale_of, without_unit
+from postproc.read.residual import largest_kinetic_J, residual, share_of_change
 from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import Motion, TubeChain, TubeMotion
 from validation.reference.tube import TOTAL, integrate_tube
@@ -29,7 +28,7 @@ ENERGY = "energy"
 FINER = 4  # times the samples that true peaks are read from: quintics leave 4^-6 of the error of sampling
 # times the tolerance: that of second motions, by which the first one's error is measured
 ROUGH_FACTOR, NEAR_FACTOR = 100.0, 3.0
-LINEAR_SHARE = 1e-3  # of the largest force: larger differences no longer shrink with the tolerance
+LINEAR_SHARE = 1e-3  # of the largest change: larger differences no longer shrink with the tolerance
 COARSE_ERROR = 0.1  # tolerances beyond it tell nothing
 MAX_FINE_VALUES = 4_000_000  # values of the finer record; beyond it the error of sampling is not measured
 
@@ -145,12 +144,12 @@ class Truth:
         return own_error_N(self.case, self.trace, self.tolerance)
 
     def horizon(self, share: float) -> int:
-        """For how many samples that error stays below a share of the largest force."""
-        return int(np.searchsorted(share_of_largest(self.known_N, self.trace), share))
+        """For how many samples that error stays below a share of the largest change."""
+        return int(np.searchsorted(share_of_change(self.known_N, self.trace), share))
 
 
 def truth_of(case: Case, tolerance: float = LEAST_TOLERANCE, *, finer: bool = True) -> Truth:
-    """The exact motion of a case, good to ``tolerance`` of the largest force.
+    """The exact motion of a case, good to ``tolerance`` of the largest change.
 
     Raises:
         ArithmeticError: it cannot be followed.
@@ -182,7 +181,7 @@ def own_error_N(case: Case, exact: Trace, tolerance: float = LEAST_TOLERANCE) ->
         return np.asarray(np.maximum.accumulate(np.abs(other.force_N - exact.force_N).max(axis=1)))
 
     rough = apart(ROUGH_FACTOR)
-    linear = share_of_largest(rough, exact) < LINEAR_SHARE
+    linear = share_of_change(rough, exact) < LINEAR_SHARE
     return np.maximum.accumulate(np.where(linear, rough / ROUGH_FACTOR, 0.0 if linear.all() else apart(NEAR_FACTOR)))
 
 
@@ -204,14 +203,18 @@ def errors_of(case: Case, trace: Trace, truth: Truth, names: Collection[str]) ->
         if name == FORCE:
             errors[name] = float(residual(trace, truth.trace).max())
         elif name == ENERGY:
-            if not case.chain.damping_ratio:
-                errors[name] = float(energy_error(case.chain, trace).max())
-                continue
-            scale = energy_put_in(case.chain, float(trace.time_s[-1])) or 1.0
-            errors[name] = float(np.abs(trace.total_energy_J - truth.trace.total_energy_J).max()) / scale
+            errors[name] = float(energy_change_J(case.chain, trace, truth.trace).max())
+            errors[name] /= largest_kinetic_J(case.chain, truth.trace)
         else:
-            errors[name] = abs(seen.get(name, np.inf) / truth.true[name] - 1)
+            errors[name] = abs(seen.get(name, np.inf) - truth.true[name]) / scale_of(name, truth.true)
     return {name: error if np.isfinite(error) else np.inf for name, error in errors.items()}
+
+
+def energy_change_J(chain: Chain, trace: Trace, exact: Trace | None) -> Array:
+    """Error of the energy at each sample; where contacts lose some, from the exact motion's if that is known."""
+    if chain.damping_ratio and exact is not None:
+        return np.asarray(np.abs(trace.total_energy_J - exact.total_energy_J))
+    return energy_error_J(trace.total_energy_J, damped=chain.damping_ratio > 0, slips=chain.slips)
 
 
 def momentum_error(case: Case, trace: Trace, truth: Truth) -> float:

@@ -20,7 +20,8 @@ from drivers.limits.refusal import FORCE, ROOM, unattainable
 from drivers.limits.stable_step import predicted_limit
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS
-from postproc.read.residual import share_of_largest
+from postproc.read.observables import scale_of
+from postproc.read.residual import share_of_change
 from validation.accuracy.baseline import Baseline
 from validation.accuracy.schemes import COARSE_ERROR, ENERGY, Truth, errors_of, truth_of, verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE, scales
@@ -144,14 +145,14 @@ class Chooser:
         return truth_of(self.full, tolerance, finer=bool(self.gauges))
 
     def _follow(self, strictest: float) -> tuple[Truth, float]:
-        """The exact motion, and to what share of the largest force it is known.
+        """The exact motion, and to what share of the largest change it is known.
 
         Errors grow where a motion is chaotic, so the tolerance is tightened until what it leaves is small.
         """
         tolerance = min(max(TRUTH_SHARE * strictest, LEAST_TOLERANCE), MAX_TOLERANCE)
         while True:
             truth = self._truth(tolerance)
-            known = float(share_of_largest(truth.known_N, truth.trace)[-1])
+            known = float(share_of_change(truth.known_N, truth.trace)[-1])
             if known <= TRUTH_SHARE * strictest or tolerance <= LEAST_TOLERANCE:
                 return truth, known
             tolerance = max(0.1 * tolerance * min(TRUTH_SHARE * strictest / known, 1.0), LEAST_TOLERANCE)
@@ -211,7 +212,8 @@ class Chooser:
                 why = "what the exact motion itself is known to"
                 raise unattainable(self.case, name, share, MARGIN * least if least > MIN_ACCURACY else least, why)
             if name in self.gauges:
-                left = abs(self.truth.sampled.get(name, inf) / self.truth.true[name] - 1)
+                true = self.truth.true
+                left = abs(self.truth.sampled.get(name, inf) - true[name]) / scale_of(name, true)
                 if left >= share:
                     why = "what samples so far apart show, at any time step (sample_interval smaller: more)"
                     raise unattainable(self.case, name, share, MARGIN * left, why)
@@ -228,7 +230,7 @@ class Chooser:
         return case, plan
 
     def rounding(self, steps_per_sample: int) -> Array:
-        """The most that rounding of absolute heights makes until each sample, of the largest force. Shape (samples,).
+        """The most that rounding of absolute heights makes until each sample, of the largest change. Shape (samples,).
 
         Measured where that is cheap; it grows as a random walk with the steps.
         """
@@ -236,7 +238,7 @@ class Chooser:
         affordable = ROUNDING_WORK // (self.case.chain.bodies * self.case.scene.samples)
         measured = min(steps_per_sample, max(first, affordable, 1))
         error_N = Baseline(self.case.at(measured), TOTAL).rounding_N
-        error = share_of_largest(error_N, self.truth.trace)
+        error = share_of_change(error_N, self.truth.trace)
         return np.asarray(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured))
 
 

@@ -17,13 +17,13 @@ from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, engine_names, in_order, load_engine
 from drivers.limits.refusal import inability, refuse
 from drivers.run.finished import EndedRun
-from drivers.run.guard import energy_error
 from drivers.run.run import run_case
-from postproc.read.observables import observe, of_kind
+from postproc.read.observables import observe, of_kind, scale_of
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, ROUNDING_REASON, Baseline, baseline_of, shipped_name
 from validation.accuracy.budget import PARTS, for_terminal
 from validation.accuracy.plan import planned_case
+from validation.accuracy.schemes import energy_change_J
 from validation.compare.departure import Departure, Deviation, departure, departure_rows, deviation, motion_deviation
 from validation.compare.verdict import FAIL, NOT_RUN, Verdict, judged
 
@@ -93,9 +93,9 @@ def _observable_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str,
     verdicts = []
     for label, kind in (("peak of a gauge", "peak"), ("speed between gauges", "speed")):
         errors = {
-            name: abs(values[name] / exact[name] - 1)
+            name: abs(values[name] - exact[name]) / scale_of(name, exact)
             for name in of_kind(exact, kind)
-            if np.isfinite(exact[name]) and exact[name]
+            if np.isfinite(exact[name]) and scale_of(name, exact)
         }
         if errors:
             worst = max(errors, key=lambda name: np.inf if np.isnan(errors[name]) else errors[name])
@@ -107,7 +107,7 @@ def _observable_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str,
 def _balance_verdicts(case: Case, engine: str, run: EndedRun) -> list[Verdict]:
     """Energy and impulse; the latter no finer than the samples of the wall's force allow."""
     name, values = shipped_name(case), observe(run.layout, run.trace)
-    energy = float(energy_error(case.chain, run.trace).max())
+    energy = float(energy_change_J(case.chain, run.trace, None).max()) / baseline_of(case).energy_scale_J(run.trace)
     impulse, sampling = values["impulse_imbalance_share"], values["impulse_sampling_share"]
     limit = tolerance("impulse", "balance", name)
     if sampling > limit.limit:
@@ -116,7 +116,7 @@ def _balance_verdicts(case: Case, engine: str, run: EndedRun) -> list[Verdict]:
         limit = Tolerance(min(case.plan.asked.values()), "the accuracy that the scene asks for")
     drift = tolerance("energy", "drift", name)
     return [
-        judged(case.scene.name, engine, "energy drift", energy, drift, "share of what is put in"),
+        judged(case.scene.name, engine, "energy drift", energy, drift, "share of the largest kinetic energy"),
         judged(case.scene.name, engine, "impulse balance", impulse, limit, "share of momentum"),
     ]
 

@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, energy_put_in, moving_at_start
+from drivers.chain.chain import Array, Chain, moving_at_start
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, load_engine
+from postproc.read.residual import largest_change_N, largest_kinetic_J, still
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, Baseline, baseline_of
 
-# of the largest force: where rounding ends comparisons, what good steps keep, what experiments could resolve
+# of the largest change: where rounding ends comparisons, what good steps keep, what experiments could resolve
 LEVELS = (HORIZON, 1e-4, 1e-2)
 NONE, UNKNOWN = "none", "not known"
 TRUNCATION, ROUNDING, CHAOS = "truncation", "rounding", "chaos"
@@ -35,8 +36,8 @@ class Deviation:
     """How far two traces are apart, and where.
 
     Attributes:
-        share: of the forces, over the largest |F_ref|; of the kinetic energy over what is put in, or of the momentum
-            over the largest there can be.
+        share: of the forces, over the largest change of F_ref; of kinetic energy or momentum, over the
+            largest.
         quantity: such as ``contact 3`` or ``momentum``.
     """
 
@@ -51,7 +52,7 @@ class Deviation:
 
 
 def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Deviation:
-    """The largest force difference from a reference, whose largest force is 1; all samples count by default.
+    """The largest force difference from a reference, whose largest change is 1; all samples count by default.
 
     Raises:
         ValueError: the traces differ in contacts or sample times.
@@ -76,17 +77,17 @@ def _in_contact(trace: Trace, share: Array, sample: int, column: int) -> Deviati
     return Deviation(float(share[sample, column]), float(trace.time_s[sample]), f"contact {column + 1}")
 
 
-def shares_apart(force_N: Array, reference_N: Array, largest_N: float | None = None) -> Array:
-    """|F - F_ref| over the largest |F_ref|; inf where there is no number. All of shape (samples, contacts).
+def shares_apart(force_N: Array, reference_N: Array, scale_N: float | None = None) -> Array:
+    """|F - F_ref| over the largest change of F_ref; inf where there is no number. All of shape (samples, contacts).
 
     Args:
         force_N: the forces in question.
         reference_N: what they should be.
-        largest_N: the largest force, where these are but the first samples.
+        scale_N: the largest change, where these are but the first samples.
     """
-    largest_N = largest_N or float(np.abs(reference_N).max()) or 1.0
+    scale_N = scale_N or largest_change_N(reference_N)
     with np.errstate(invalid="ignore"):
-        return np.nan_to_num(np.abs(force_N - reference_N) / largest_N, nan=np.inf)
+        return np.nan_to_num(np.abs(force_N - reference_N) / scale_N, nan=np.inf)
 
 
 def first_beyond(share: Array, level: float | Array) -> tuple[int, int] | None:
@@ -104,16 +105,14 @@ def first_beyond(share: Array, level: float | Array) -> tuple[int, int] | None:
 
 
 def motion_scales(chain: Chain, trace: Trace) -> Array:
-    """What kinetic energies and momenta are counted by: the energy put in, the largest momentum there can be.
+    """Largest kinetic energy and momentum of a motion, in J and N s, over which differences are counted. Shape (2,).
 
-    The latter is at least that of the loads' impulse, and that of all bodies at time 0 without directions, so that a
-    chain at rest has one, and what meets head on. In J and N s, shape (2,).
+    The momentum is at least that of all bodies at time 0 without directions, since some meet head on, and the loads'
+    impulse where nothing moves.
     """
-    duration = float(trace.time_s[-1])
-    energy = energy_put_in(chain, duration) or 1.0
-    loads = abs(float(chain.load_N.sum())) * duration
+    loads = abs(float(chain.load_N.sum())) * float(trace.time_s[-1]) if still(trace.force_N) else 0.0
     momentum = max(float(np.abs(trace.momentum_N_s).max()), moving_at_start(chain), loads) or 1.0
-    return np.array([energy, momentum])
+    return np.array([largest_kinetic_J(chain, trace), momentum])
 
 
 def motion_deviation(chain: Chain, trace: Trace, reference: Trace, samples: int | None = None) -> Deviation:
@@ -133,7 +132,7 @@ class Departure:
     Attributes:
         time_s: of that sample; NaN where there is none.
         contact: which is furthest off then; 0 where it is not a contact's force, or there is none.
-        share: by how much, of the largest force (of energy or momentum: of its largest).
+        share: by how much, of the largest change (of energy or momentum: of its largest).
         kind: ``none``, ``not known``, ``set-up``, ``model``, ``another step``, ``truncation``, ``rounding``, ``chaos``.
         level: what was passed, or of a run at fault what was allowed, likewise a share; NaN where there is none.
         words: all this in a sentence.
@@ -178,8 +177,8 @@ class HeldRun:
         return Departure(float(self.run.time_s[place[0]]), place[1] + 1, float(share[place]), kind, level, words)
 
     def off(self, should_N: Array) -> Array:
-        """Differences of the run's forces from others, of the largest force. Shape (samples, contacts)."""
-        return shares_apart(self.run.force_N, should_N, self.baseline.largest_N)
+        """Differences of the run's forces from others, of the largest change. Shape (samples, contacts)."""
+        return shares_apart(self.run.force_N, should_N, self.baseline.scale_N)
 
 
 def departure(case: Case, engine: str, trace: Trace) -> Departure:
@@ -204,11 +203,11 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
             if fault := first_fault(held):
                 return fault
             found = sorted([*_from_exact(held), *_from_scheme(held)], key=lambda each: each.time_s)
-            share = np.abs(held.run.force_N - held.exact_N) / held.baseline.largest_N
+            share = np.abs(held.run.force_N - held.exact_N) / held.baseline.scale_N
             sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
             furthest = f"it is furthest from it, {share.max():.1e}, {held.place(int(sample), int(column))}"
             if not found:
-                never = f"never leaves the exact motion by {LEVELS[0]:g} of the largest force"
+                never = f"never leaves the exact motion by {LEVELS[0]:g} of the largest change"
                 return _nowhere(NONE, never + (f"; {furthest}" if share.any() else ": it is the same, bit for bit"))
             return replace(found[0], words=f"{found[0].words}; {furthest}", later=tuple(found[1:]))
     except ArithmeticError as error:
@@ -237,7 +236,7 @@ def _from_exact(held: HeldRun) -> Iterator[Departure]:
             kind, why = TRUNCATION, "velocity Verlet at this step does the same"
         elif own[place[0]] <= baseline.explained[place[0]]:
             kind, why = ROUNDING, "of heights so far from 0"
-        words = f"leaves the exact motion by {level:g} of the largest force {held.place(*place)}: {kind}, {why}"
+        words = f"leaves the exact motion by {level:g} of the largest change {held.place(*place)}: {kind}, {why}"
         yield held.departure(place, share, kind, level, words)
 
 
@@ -247,11 +246,11 @@ def _from_scheme(held: HeldRun) -> Iterator[Departure]:
     if load_engine(held.engine).scheme == EXACT:
         return
     samples, plain_N = len(held.exact_N), baseline.in_overlaps.force_N
-    share = shares_apart(held.run.force_N, plain_N[:samples], float(np.abs(plain_N).max()))
+    share = shares_apart(held.run.force_N, plain_N[:samples], largest_change_N(plain_N))
     beyond = first_beyond(share, HORIZON)
     if baseline.samples < len(times_s) and beyond and baseline.chaotic(beyond[0]):
         words = (
-            f"leaves velocity Verlet at the same step by {HORIZON:g} of the largest force {held.place(*beyond)}:"
+            f"leaves velocity Verlet at the same step by {HORIZON:g} of the largest change {held.place(*beyond)}:"
             f" {CHAOS}, as a Verlet does that only rounds otherwise"
         )
         yield held.departure(beyond, share, CHAOS, HORIZON, words)
@@ -289,7 +288,7 @@ def first_fault(held: HeldRun) -> Departure | None:
         scheme = load_engine(held.engine).scheme
         words = (
             f"leaves {'the exact motion' if scheme == EXACT else 'velocity Verlet at the same step'} by"
-            f" {shares[sample, column]:.1e} of the largest force {held.place(sample, column)}{why};"
+            f" {shares[sample, column]:.1e} of the largest change {held.place(sample, column)}{why};"
             f" it is off by up to {shares[: held.samples].max():.1e}"
         )
     return held.departure((sample, column), shares, kind, allowed, words)
@@ -335,7 +334,7 @@ def _kind_and_why(held: HeldRun, sample: int, column: int) -> tuple[str, str]:
     stated, explained = held.baseline.stated.limit, float(held.baseline.explained[sample])
     still = max(STILL_SHARE * stated, explained)  # what changes by less has felt nothing but rounding
     force_N = held.scheme.force_N
-    change = np.abs(force_N[: sample + 1] - force_N[0]) / held.baseline.largest_N
+    change = np.abs(force_N[: sample + 1] - force_N[0]) / held.baseline.scale_N
     if change[:, column].max() <= still:
         return SET_UP, ", before any wave is there: set-up, it does not start in equilibrium (gravity, loads, masses)"
     if change[:sample].max() <= still:
@@ -357,7 +356,7 @@ def _other_step(held: HeldRun) -> str:
     n, end = case.scene.steps_per_sample, min(baseline.arrival + 1, held.samples)
     run_N, exact_N, own_N = (each[:end] for each in (held.run.force_N, held.exact_N, held.scheme.force_N))
     off_N = float(np.abs(run_N - own_N).max())
-    if off_N <= baseline.allowed.limit * baseline.largest_N:
+    if off_N <= baseline.allowed.limit * baseline.scale_N:
         return ""  # a step shows from the start
     left_N, steps = {n: off_N}, n
     error, own = run_N - exact_N, own_N - exact_N
@@ -373,8 +372,8 @@ def _other_step(held: HeldRun) -> str:
         left_N[steps] = float(np.abs(run_N - own_N).max())
     best = min(left_N, key=lambda each: left_N[each])
     if left_N[best] <= FITTED_SHARE * off_N:
-        same = f"to {left_N[best] / baseline.largest_N:.0e}" if left_N[best] else "bit for bit"
+        same = f"to {left_N[best] / baseline.scale_N:.0e}" if left_N[best] else "bit for bit"
         return f"velocity Verlet at {case.scene.run.sample_interval / best * 1e6:.4g} µs does the same {same}"
     furthest_N = float(np.abs(error).max())
-    exact = f"a far smaller one: it follows the exact motion to {furthest_N / baseline.largest_N:.0e}"
+    exact = f"a far smaller one: it follows the exact motion to {furthest_N / baseline.scale_N:.0e}"
     return exact if furthest_N <= FITTED_SHARE * off_N else ""

@@ -11,6 +11,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, furthest_m
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, load_engine
+from postproc.read.residual import largest_change_N
 from validation.accuracy.baseline import ROUNDING_MARGIN, baseline_of, comparable
 from validation.compare.departure import motion_scales
 from validation.compare.variants import (
@@ -35,7 +36,7 @@ EXPLAINED = 0.01  # of a deviation: what leaves more does not explain it
 NAMED = 0.5  # of a deviation: what leaves more is not worth naming
 AT_ONCE = 1e-4  # of a deviation: what rounding may leave where it is large at once, as where damped bodies just touch
 BLOW_UP = 100.0  # times the largest force of the scene
-NO_NUMBER = 1e3  # what a motion that is no number counts, of the largest force
+NO_NUMBER = 1e3  # what a motion that is no number counts, of the largest change
 ITS_OWN = (
     "its forces are those of its scene at its time step, but for rounding: what it misses is the time step's, that of "
     "velocities or heights as recorded, or of what it is measured against"
@@ -51,7 +52,7 @@ class Diagnosis:
             was tried.
         sentence: what the run matches and how closely, or what comes nearest and what it leaves.
         matched: whether a variant explains it to rounding.
-        left, deviation: of the largest force, with the variant and with the scene as it should be.
+        left, deviation: of the largest change, with the variant and with the scene as it should be.
     """
 
     kind: str
@@ -83,14 +84,14 @@ class Target:
 
     Attributes:
         force_N: of the run. Shape (samples, bodies).
-        largest_N: what deviations are counted by.
+        scale_N: what deviations are counted by.
         off: deviation of the case as it should be from the run. Shape (samples, bodies).
         allowed: what rounding explains of it.
     """
 
     case: Case
     force_N: Array
-    largest_N: float
+    scale_N: float
     off: Array
     allowed: float
 
@@ -112,7 +113,7 @@ class Target:
                 readings = list(model.readings(model.motion(len(force)).force_N))
             except (ArithmeticError, ValueError):
                 return np.full(force.shape, NO_NUMBER)
-            shares = [np.nan_to_num((reading - force) / self.largest_N, nan=NO_NUMBER) for reading in readings]
+            shares = [np.nan_to_num((reading - force) / self.scale_N, nan=NO_NUMBER) for reading in readings]
         return min((np.clip(share, -NO_NUMBER, NO_NUMBER) for share in shares), key=_root_mean_square)
 
 
@@ -140,17 +141,17 @@ def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
     model = model_of(case)
     own = model.motion(affordable)
     own_N = own.force_N
-    own_largest = float(np.abs(own_N).max())
-    rounding, comparable_samples = comparable(baseline_of(case).rounding_N[:affordable] / (own_largest or 1.0))
+    scale = largest_change_N(own_N)
+    rounding, comparable_samples = comparable(baseline_of(case).rounding_N[:affordable] / scale)
     allowed = max(tolerance("model", "force").limit, rounding)
     with np.errstate(invalid="ignore"):
-        usable = (np.abs(trace.force_N) <= BLOW_UP * (own_largest or np.inf)).all(axis=1)
+        usable = (np.abs(trace.force_N) <= BLOW_UP * (np.abs(own_N).max() or np.inf)).all(axis=1)
     samples = min(comparable_samples, int(np.argmin(np.append(usable, False))))
     force = trace.force_N[:samples]
-    largest = max(own_largest, float(np.abs(force).max(initial=0.0)))
-    if not samples or not largest:
+    if not samples or not (own_N.any() or force.any()):
         return _untried("there are no forces to compare")
-    target = Target(case, force, largest, np.abs(own_N[:samples] - force) / largest, allowed)
+    scale = max(scale, largest_change_N(force))
+    target = Target(case, force, scale, np.abs(own_N[:samples] - force) / scale, allowed)
     when_us = case.sample_times_s * 1e6
     if target.off.max() <= allowed:
         if samples == comparable_samples:
@@ -161,7 +162,7 @@ def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
     if samples == comparable_samples < min(target.first + 1 + WINDOW, int(usable.sum())):
         why = f"it leaves its scene at {when_us[target.first]:g} us, and from {when_us[samples]:g} us on rounding alone"
         return _untried(f"{why} may do that", float(target.off.max()))
-    return _said(_tried(target, model, engine), float(target.off.max()), f"of the largest force{part}")
+    return _said(_tried(target, model, engine), float(target.off.max()), f"of the largest change{part}")
 
 
 def _of_velocities(model: Model, own: Motion, trace: Trace, samples: int, allowed: float) -> Diagnosis | None:
@@ -201,9 +202,9 @@ def _tried(target: Target, model: Model, engine: str) -> Iterator[Found]:
     """All that forces may match, the plainest first."""
     for variant in plain_variants(model, engine):
         yield from _followed(target, variant, 0.0)
-    largest, right = target.largest_N, model.motion(len(target.off)).force_N
+    scale, right = target.scale_N, model.motion(len(target.off)).force_N
     for kind, words, values, chosen in misread_forces(model, target.force_N):
-        left, deviation = (float(np.abs(N - target.force_N)[chosen].max()) / largest for N in (values, right))
+        left, deviation = (float(np.abs(N - target.force_N)[chosen].max()) / scale for N in (values, right))
         yield Found(kind, words, left, target.allowed, deviation)
     place = int(np.argmax(target.off[target.first] > 0.5 * target.off[target.first].max()))
     near = sorted(range(model.chain.bodies), key=lambda j: abs(j - place))[:NEAREST]
@@ -271,10 +272,10 @@ def _followed(target: Target, variant: Variant, value: float) -> Iterator[Found]
 
 
 def _horizon(target: Target, model: Model) -> tuple[float, int]:
-    """What rounding does to a variant, of the largest force, and for how many samples that is small."""
+    """What rounding does to a variant, of the largest change, and for how many samples that is small."""
     samples = len(target.off)
     forces = [model.motion(samples, lift).force_N for lift in (0.0, furthest_m(model.chain) / 3)]
-    share = np.abs(forces[0] - forces[1]).max(axis=1) / target.largest_N
+    share = np.abs(forces[0] - forces[1]).max(axis=1) / target.scale_N
     apart, small = comparable(share)
     if small >= target.least:
         return apart, small

@@ -20,7 +20,7 @@ from drivers.chain.trace import FORCES, Trace, part_of, until
 from drivers.engines import EXACT, engine_names, load_engine
 from drivers.run.finished import FILE, EndedRun, open_run
 from postproc.read.motion import chain_of
-from postproc.read.observables import describe, observe, of_kind, without_unit
+from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
 from postproc.read.signals import integral
 from validation.accuracy.baseline import HORIZON, baseline_of, model_quantity, shipped_name
 from validation.accuracy.budget import PARTS, for_terminal
@@ -28,7 +28,12 @@ from validation.compare.departure import Departure, Deviation, departure, deviat
 from validation.compare.verdict import FAIL, Verdict, judged
 
 KINDS = ("peak", "later peak", "speed")  # of observables that are judged
-LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)  # of the largest force: rounding, its horizon, coarse steps, what experiments resolve
+LEVELS = (
+    1e-9,
+    1e-6,
+    1e-3,
+    1e-2,
+)  # of the largest change: rounding, horizon, coarse steps, experiments
 MIN_SAMPLES = 4  # of which peaks can be read
 TIME_TOLERANCE = 1e-9  # of a sample time
 DERIVED = ("units", "name", "steps_per_sample", "samples")  # no keys of a scene file
@@ -210,7 +215,7 @@ def _verdicts(one: PairedRun, other: PairedRun, limits: dict[str, Tolerance], sa
         observable = describe(name)
         arrival_s = should[name.replace("_peak_N", "_arrival_s")] if observable.kind == "peak" else np.nan
         when = f" at {arrival_s * 1e6:.6g} µs" if np.isfinite(arrival_s) else ""
-        error = abs(has[name] / should[name] - 1) if should[name] else abs(has[name])
+        error = abs(has[name] - should[name]) / (scale_of(name, should) or 1.0)
         values = f"{should[name]:.7g} against {has[name]:.7g} {observable.unit}"
         yield verdict(without_unit(name), float(error), limits[observable.kind], f"{values}{when}")
 
@@ -279,7 +284,7 @@ def _times(pair: Pair) -> Iterator[str]:
     """When the runs part, when each leaves the exact motion of its own scene, and what a miss looks like."""
     for level, found in pair.parted.items():
         place = f"at {found.time_s * 1e6:.6g} µs in {found.quantity}" if found else "never"
-        yield f"parted by {level:g} of the largest force {place}"
+        yield f"parted by {level:g} of the largest change {place}"
     for name, first in zip(("first", "second"), pair.departures, strict=True):
         for each in (first, *first.later):
             yield f"{name:<7} {each.words}"

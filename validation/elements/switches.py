@@ -98,7 +98,7 @@ ASKED = (
 )
 ALL = ("chain.mass_scatter=0.0008 g", "contact.restitution=0.995", "chain.precompression=1 mN")
 
-PARTED = 1e-2  # of the largest force
+PARTED = 1e-2  # of the largest change
 WITHOUT_FRICTION = "without friction"
 TUBES = {
     WITHOUT_FRICTION: Side(tube=True, set=FRICTIONLESS),
@@ -315,7 +315,7 @@ class Between:
     """Two codes on a scene in its tube; a single row without seeds, which says why, where there are no two.
 
     Attributes:
-        before_wall: largest force difference until the wave reaches the wall, over the largest force; the worst seed.
+        before_wall: largest force difference until the wave reaches the wall, over the largest change; the worst seed.
         parted_s: when the difference first passes a per cent: the earliest seed, and the median; NaN: never.
         means, spreads: of the observable, by code.
         same: probability of samples so different from one distribution (Kolmogorov and Smirnov).

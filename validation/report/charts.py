@@ -172,7 +172,7 @@ def _forces(title: str, forces: list[_Series], x: Array, every: int, top: float)
 
 
 def _differences(found: list[_Series], x: Array, every: int, top: float) -> Panel:
-    """Largest force difference of any contact to each yardstick, over the largest force, on a logarithmic axis."""
+    """Largest force difference of any contact to each yardstick, over the largest change, on a logarithmic axis."""
     above_zero = np.concatenate([each.values[np.isfinite(each.values) & (each.values > 0)] for each in found])
     low = np.floor(np.log10(above_zero.min())) if len(above_zero) else -17.0
     high = max(low + 1.0, np.ceil(np.log10(above_zero.max()))) if len(above_zero) else -16.0
@@ -191,7 +191,7 @@ def _differences(found: list[_Series], x: Array, every: int, top: float) -> Pane
             notes[words] = max(notes.get(words, -np.inf), last)  # at the lowest curve: a run that is off has left it
     stride = max(1, int(np.ceil((high - low) / 5)))
     ticks = [(float(place(np.array(10.0**power))), f"1e{power:g}") for power in np.arange(low, high + 1, stride)]
-    title = "largest difference over all contacts, of the largest force"
+    title = "largest difference over all contacts, of the largest change"
     paths, right = [_path(x, y) for y in heights], [(y, words) for words, y in notes.items()]
     return Panel(title, "", top, top + PANEL, ticks, [_curve(each, every) for each in found], paths, right)
 

@@ -23,7 +23,7 @@ from validation.accuracy.baseline import HORIZON
 from validation.accuracy.plan import planned_case
 from validation.studies import DONE, NOT_RUN, progress
 
-LEFT = 1e-2  # of the largest force: a run that is further from the reference has left it
+LEFT = 1e-2  # of the largest change: a run that is further from the reference has left it
 
 
 class Extreme(Part):
@@ -48,7 +48,7 @@ class ExtremesFile(Part):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an extreme on one engine; shares are of the largest force, NaN where nothing was measured.
+    """What came of an extreme on one engine; shares are of the largest change, NaN where nothing was measured.
 
     Attributes:
         verdict: ``done``, ``warned``, ``failed``, ``timeout``, ``refused`` or ``not run``, with the ``reason``.

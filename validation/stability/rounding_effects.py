@@ -30,7 +30,7 @@ LONG_RUNS = {"beads that bounce": SMALL, "contacts that stay closed": (*SMALL, *
 BOUNCING = "fig4"
 HORIZON_STEPS_US = (2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
 HORIZON = ("run.duration=30 ms", "run.sample_interval=10 us")
-AGREED = 1e-2  # of the largest force: what pointwise comparison asks for
+AGREED = 1e-2  # of the largest change: what pointwise comparison asks for
 STATISTICS = ("run.duration=2 s", "run.sample_interval=20 us", "run.time_step=1 us")
 SETTLED_S = 0.2  # when statistics begin
 BLOCKS = 20  # parts of a run, for standard errors
@@ -63,7 +63,7 @@ class Energy:
 
 @dataclass(frozen=True)
 class Horizon:
-    """Times in s at which two methods are first a per cent of the largest force apart; NaN: never within the run."""
+    """Times in s at which two methods are first a per cent of the largest change apart; NaN: never within the run."""
 
     time_step_s: float
     one: str

@@ -261,7 +261,7 @@ def _on_levers(levers: pd.DataFrame) -> Iterator[str]:
         yield f"{row['engine']}, {row['lever']} ({row['scene']}, {row['setting']}): {share} as without."
     for _, row in gains[gains["lever"] == "extended precision"].iterrows():
         yield (
-            f"{row['engine']}, {row['setting']}: {row['error']:.1e} of the largest force off the scheme in overlaps,"
+            f"{row['engine']}, {row['setting']}: {row['error']:.1e} of the largest change off the scheme in overlaps,"
             f" at {1 / row['gain']:.2g} times the time of double precision."
         )
 

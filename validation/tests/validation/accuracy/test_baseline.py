@@ -36,7 +36,7 @@ def test_another_rounding_is_only_rounding_and_another_step_is_not(scene: str) -
     assert (apart <= baseline.allowed.limit).all()
     assert baseline.explained[:samples].max() <= ROUNDING_MARGIN * HORIZON
     coarse = Baseline(case.at(1), "total")
-    assert np.abs(coarse.plain.force_N - baseline.plain.force_N).max() > baseline.allowed.limit * baseline.largest_N
+    assert np.abs(coarse.plain.force_N - baseline.plain.force_N).max() > baseline.allowed.limit * baseline.scale_N
 
 
 @pytest.mark.parametrize("scene", ["fig4", "fig5-tube"])
