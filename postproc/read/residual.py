@@ -24,6 +24,12 @@ def largest_change_N(force_N: Array) -> float:
     return float(change.max()) or 1.0
 
 
+def beside(share: float, reference_N: Array) -> str:
+    """The same share of the largest force, in words, where a static load makes that more than twice the change."""
+    plain, scale_N = float(np.abs(reference_N).max()), largest_change_N(reference_N)
+    return f", {share * scale_N / plain:.1e} of the largest force" if plain > 2 * scale_N else ""
+
+
 def largest_kinetic_J(chain: Chain, motion: Trace) -> float:
     """Largest kinetic energy, over which errors of the energy are counted; where nothing moves, what contacts hold."""
     kinetic, put_in = float(motion.kinetic_energy_J.max()), energy_put_in(chain, float(motion.time_s[-1]))

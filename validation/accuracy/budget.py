@@ -23,11 +23,12 @@ from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, VERLET, load_engine
 from drivers.limits.refusal import FORCE
 from postproc.read.observables import of_kind, scale_of
-from postproc.read.residual import residual
+from postproc.read.residual import beside, residual, still
 from validation.accuracy.baseline import Baseline, Extrapolation, baseline_of
 from validation.accuracy.schemes import Truth, energy_change_J, errors_of, quantities, truth_of, verlet_of
 from validation.reference.adaptive import LEAST_TOLERANCE
 
+NOTHING_MOVES = "nothing moves: errors are shares of the largest force"
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
 
 
@@ -63,8 +64,9 @@ def parts_of(baseline: Baseline, engine: str, trace: Trace) -> tuple[list[dict[s
     difference = np.nan_to_num(np.abs(trace.force_N - exact.force_N), nan=np.inf)
     sample, column = np.unravel_index(int(np.argmax(difference)), difference.shape)
     values = [float(stage.force_N[sample, column]) / baseline.scale_N for stage in stages]
-    where = f"contact {column + 1} at {trace.time_s[sample] * 1e6:g} us"
-    found = [_parts(FORCE, _rungs(values, truth), where)]
+    place = f"contact {column + 1} at {trace.time_s[sample] * 1e6:g} us"
+    share = float(difference[sample, column]) / baseline.scale_N
+    found = [_parts(FORCE, _rungs(values, truth), place + beside(share, exact.force_N))]
 
     seen = [quantities(baseline.case, stage) for stage in stages]
     if isinstance(truth, Truth):
@@ -100,6 +102,8 @@ def _parts(quantity: str, shares: list[float], where: str = "") -> dict[str, Any
 def _notes(baseline: Baseline, engine: str) -> Iterator[str]:
     """What a budget leaves out."""
     truth, case = baseline.truth, baseline.case
+    if still(baseline.exact.force_N):
+        yield NOTHING_MOVES
     if isinstance(truth, Truth):
         if not truth.sampling_known:
             yield "sampling not measured: too many samples"
@@ -143,9 +147,10 @@ def _warnings(case: Case, engine: str, trace: Trace) -> Iterator[str]:
     if beyond.any():
         since = case.sample_times_s[int(np.argmax(beyond))]
         by_step = case.chain.lateral is not None or predicted_error(case, VERLET).max() > limit
+        why = "the time step" if by_step else "the rounding of heights so far from 0"
         yield (
-            f"forces are predicted to be off by up to {error.max():.2g} of the largest change, by more than {limit:g} from"
-            f" t = {since:g} s on, by {'the time step' if by_step else 'the rounding of heights so far from 0'}"
+            f"forces are predicted to be off by up to {error.max():.2g} of the largest change, by more than {limit:g}"
+            f" from t = {since:g} s on, by {why}"
         )
     baseline = baseline_of(case, engine)
     change_J = energy_change_J(case.chain, trace, None if baseline.unknown or not baseline.straight else baseline.exact)

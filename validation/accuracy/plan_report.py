@@ -13,8 +13,9 @@ from drivers.engines import installed, load_engine
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import FORCE
 from drivers.limits.stable_step import predicted_limit
+from postproc.read.residual import still
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of
-from validation.accuracy.budget import predicted_error
+from validation.accuracy.budget import NOTHING_MOVES, predicted_error
 from validation.accuracy.plan import able, asked_of, cheapest, cost_on, planned_case
 from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 
@@ -60,6 +61,8 @@ def _straight(case: Case) -> Iterator[str]:
     if case.scene.time_step_s > chooser.stable_s:
         return  # of a step that is refused there is nothing to predict
     allowance = ROUNDING_FACTOR * float(rounding[-1])
+    if still(chooser.truth.trace.force_N):
+        yield f"           {NOTHING_MOVES}"
     yield f"predicted  {_listed(errors)}; rounding of absolute heights up to {allowance:.1e} more"
     if chooser.known > min(errors.values(), default=1.0) / TENFOLD:
         yield f"           the exact motion itself is known to {chooser.known:.1e} only: it multiplies rounding"

@@ -15,7 +15,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, moving_at_start
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, load_engine
-from postproc.read.residual import largest_change_N, largest_kinetic_J, still
+from postproc.read.residual import beside, largest_change_N, largest_kinetic_J, still
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, Baseline, baseline_of
 
 # of the largest change: where rounding ends comparisons, what good steps keep, what experiments could resolve
@@ -39,16 +39,18 @@ class Deviation:
         share: of the forces, over the largest change of F_ref; of kinetic energy or momentum, over the
             largest.
         quantity: such as ``contact 3`` or ``momentum``.
+        remark: the share of the largest force, where that is another.
     """
 
     share: float
     time_s: float
     quantity: str
+    remark: str = ""
 
     @property
     def place(self) -> str:
         """Where that is, in words."""
-        return f"{self.quantity} at {self.time_s * 1e6:g} µs"
+        return f"{self.quantity} at {self.time_s * 1e6:g} µs{self.remark}"
 
 
 def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Deviation:
@@ -63,7 +65,8 @@ def deviation(trace: Trace, reference: Trace, samples: int | None = None) -> Dev
         raise ValueError("the sample times differ")
     share = shares_apart(trace.force_N, reference.force_N)[:samples]
     sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
-    return _in_contact(trace, share, int(sample), int(column))
+    found = _in_contact(trace, share, int(sample), int(column))
+    return replace(found, remark=beside(found.share, reference.force_N))
 
 
 def first_deviation(trace: Trace, reference: Trace, level: float) -> Deviation | None:
