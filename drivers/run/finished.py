@@ -17,7 +17,9 @@ from drivers.chain.case import Layout, read_layout
 from drivers.chain.trace import FORCES, Trace, read_forces
 
 FILE = "run.json"
-UNASSESSED: dict[str, Any] = dict.fromkeys(("error_budget", "error_note", "warnings", "step_limit_s", "accuracy"))
+UNASSESSED: dict[str, Any] = dict.fromkeys(
+    ("error_budget", "error_note", "exact_to", "exact_until_s", "warnings", "step_limit_s", "accuracy")
+)
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class RunRecord:
     """The record of one run; times in seconds.
 
     What ``validation.accuracy.assess`` adds is None until a run that is done has been assessed: ``error_budget``,
-    ``error_note``, ``warnings``, ``step_limit_s``, ``accuracy``.
+    ``error_note``, ``exact_to``, ``exact_until_s``, ``warnings``, ``step_limit_s``, ``accuracy``.
 
     Attributes:
         status: ``done``, ``failed`` or ``timeout``; ``reason`` says why in the latter cases.
@@ -36,6 +38,8 @@ class RunRecord:
         loop_s: of the engine's own time loop.
         error_budget: parts of the error of the force and of what gauges show (``validation.accuracy.budget``).
         error_note: what of it could not be measured, and why.
+        exact_to: measured error of the exact motion itself until ``exact_until_s``, of the largest change of force; None
+            too of three-dimensional chains.
         warnings: of a run that is done and of little use.
         step_limit_s: the predicted stability limit of the time step; None too where no contact closes.
         accuracy: by quantity what was ``asked``, ``predicted`` and ``measured``; None too where none is asked for.
@@ -62,6 +66,8 @@ class RunRecord:
     forces_sha256: str
     error_budget: list[dict[str, Any]] | None
     error_note: str | None
+    exact_to: float | None
+    exact_until_s: float | None
     warnings: list[str] | None
     step_limit_s: float | None
     accuracy: dict[str, dict[str, float]] | None

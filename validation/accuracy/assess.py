@@ -31,6 +31,7 @@ def assess(ended: EndedRun, case: Case) -> EndedRun:
 def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
     """The error budget, what was kept of the accuracy asked for, and what to be warned of."""
     from drivers.limits.stable_step import predicted_limit
+    from validation.accuracy.baseline import baseline_of
     from validation.accuracy.budget import error_budget, measured_errors, warnings_of
 
     parts, note = error_budget(case, engine, trace)
@@ -41,10 +42,17 @@ def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
             name: {"asked": share, "predicted": plan.predicted[name], "measured": measured[name]}
             for name, share in plan.asked.items()
         }
+    baseline, exact_to, exact_until_s = baseline_of(case, engine), None, None
+    if baseline.straight and parts:
+        samples = len(baseline.exact.time_s)
+        exact_to = float(baseline.known[samples - 1])
+        exact_until_s = float(case.sample_times_s[samples - 1])
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
     return {
         "error_budget": parts,
         "error_note": note,
+        "exact_to": exact_to,
+        "exact_until_s": exact_until_s,
         "warnings": warnings_of(case, engine, trace),
         "step_limit_s": limit if math.isfinite(limit) else None,
         "accuracy": accuracy,

@@ -5,8 +5,8 @@ three-dimensional one alike
 
 * ``plain``: velocity Verlet at the case's step, in overlaps, or in three dimensions with the engine's law of friction;
 * ``rounded``: the same with other rounding, in absolute heights, or in three dimensions turned and lifted;
-* ``exact``: followed adaptively (``Truth``), or in three dimensions extrapolated from finer steps (``Extrapolation``),
-  and there only as long as rounding alone does not part two runs.
+* ``exact``: followed adaptively (``Truth``) as long as its own error is measured to stay below ``HORIZON``, or in three
+  dimensions extrapolated from finer steps (``Extrapolation``) as long as rounding alone does not part two runs.
 """
 
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: 
 ROUNDING_REASON = (
     f"{ROUNDING_MARGIN:g} times what rounding absolute coordinates does to this very scene, measured in-repo"
 )
-HORIZON = 1e-6  # where rounding alone makes this much, pointwise comparison of engines ends
+HORIZON = 1e-6  # where rounding alone makes this much, or the exact motion is off by it, pointwise comparison ends
 MAX_BODIES = 20_000
 TOO_LARGE = f"not measured: the exact motion of more than {MAX_BODIES} bodies costs more than most runs of them"
 MAX_WORK = 20_000_000  # bodies times steps of the finest three-dimensional run, some ten seconds
@@ -99,14 +99,28 @@ class Baseline:
         return verlet_in_heights(self.case) if self.straight else turned_verlet_of(self.case, self.law)
 
     @cached_property
+    def followed(self) -> Truth:
+        """The motion of a straight chain as exactly as it can be followed, to the end.
+
+        Raises:
+            ArithmeticError: it cannot be followed.
+        """
+        return truth_of(self.case)
+
+    @cached_property
+    def known(self) -> Array:
+        """The most that this motion itself is off until each sample, measured, of the largest change."""
+        return share_of_change(self.followed.known_N, self.followed.trace)
+
+    @cached_property
     def truth(self) -> Truth | Extrapolation:
-        """The exact motion.
+        """The exact motion as long as it is known to ``HORIZON``.
 
         Raises:
             ArithmeticError: it cannot be followed.
         """
         if self.straight:
-            return truth_of(self.case)
+            return self.followed.first(max(1, int(np.searchsorted(self.known, HORIZON, side="right"))))
         steps = (self.plain, *(verlet_of(self.case, self.law, finer) for finer in (2, 4)))
         whole, half, quarter = (until(trace, self.samples) for trace in steps)
         order, apart = 2.0, [float(np.abs(a.force_N - b.force_N).max()) for a, b in ((whole, half), (half, quarter))]
@@ -118,7 +132,7 @@ class Baseline:
 
     @property
     def exact(self) -> Trace:
-        """The exact motion at the case's samples, in three dimensions at the first ``samples`` of them."""
+        """The exact motion at the first of the case's samples, as many as it is known at."""
         return self.truth.trace
 
     @property
@@ -131,7 +145,7 @@ class Baseline:
     @property
     def in_overlaps(self) -> Trace:
         """``plain`` at the samples at which the exact motion is known."""
-        return self.plain if self.straight else until(self.plain, self.samples)
+        return until(self.plain, len(self.exact.time_s))
 
     def stepped_by(self, engine: str) -> Trace:
         """The case by the scheme of an engine that has a time step, rounded as the engine does."""
@@ -141,8 +155,7 @@ class Baseline:
         """The motion of a run without faults, but for rounding, at the samples at which the exact motion is known."""
         if load_engine(engine).scheme == EXACT:
             return self.exact
-        stepped = self.stepped_by(engine)
-        return self.in_overlaps if stepped is self.plain else stepped
+        return until(self.stepped_by(engine), len(self.exact.time_s))
 
     @cached_property
     def rounding_N(self) -> Array:
@@ -179,12 +192,12 @@ class Baseline:
     @cached_property
     def scale_N(self) -> float:
         """Largest change of force, over which errors are counted."""
-        return largest_change_N(self.exact.force_N)
+        return largest_change_N((self.followed.trace if self.straight else self.exact).force_N)
 
     def energy_scale_J(self, trace: Trace) -> float:
         """Largest kinetic energy, of the exact motion where that is known, else of a run."""
         try:
-            motion = self.exact if self.straight and not self.unknown else trace
+            motion = self.followed.trace if self.straight and not self.unknown else trace
         except ArithmeticError:
             motion = trace
         return largest_kinetic_J(self.case.chain, motion)

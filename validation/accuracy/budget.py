@@ -23,10 +23,9 @@ from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, VERLET, load_engine
 from drivers.limits.refusal import FORCE
 from postproc.read.observables import of_kind, scale_of
-from postproc.read.residual import beside, residual, still
-from validation.accuracy.baseline import Baseline, Extrapolation, baseline_of
+from postproc.read.residual import beside, residual, share_of_change, still
+from validation.accuracy.baseline import HORIZON, Baseline, Extrapolation, baseline_of
 from validation.accuracy.schemes import Truth, energy_change_J, errors_of, quantities, truth_of, verlet_of
-from validation.reference.adaptive import LEAST_TOLERANCE
 
 NOTHING_MOVES = "nothing moves: errors are shares of the largest force"
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
@@ -48,10 +47,9 @@ def error_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, 
 
 def measured_errors(case: Case, trace: Trace, names: Collection[str]) -> dict[str, float]:
     """Errors of the named quantities of a run against the exact motion, which is known to its tolerance."""
-    truth = truth_of(case.full) if case.full else baseline_of(case).truth
-    assert isinstance(truth, Truth)  # accuracies are of straight chains
-    found = errors_of(case, trace, truth, names)
-    return {name: max(error, LEAST_TOLERANCE) for name, error in found.items()}
+    truth = truth_of(case.full) if case.full else baseline_of(case).followed  # accuracies are of straight chains
+    known = float(share_of_change(truth.known_N, truth.trace)[-1])
+    return {name: max(error, known) for name, error in errors_of(case, trace, truth, names).items()}
 
 
 def parts_of(baseline: Baseline, engine: str, trace: Trace) -> tuple[list[dict[str, Any]], list[str]]:
@@ -107,8 +105,8 @@ def _notes(baseline: Baseline, engine: str) -> Iterator[str]:
     if isinstance(truth, Truth):
         if not truth.sampling_known:
             yield "sampling not measured: too many samples"
-        if load_engine(engine).scheme == EXACT:
-            yield f"exact to its tolerance, {LEAST_TOLERANCE:g}: nothing here measures it"
+        if load_engine(engine).scheme == EXACT or len(truth.trace.time_s) < case.scene.samples:
+            yield known_to(baseline)
         return
     converging = f"which converge with order {truth.order:.2g}"
     yield f"truncation by extrapolation from half and a quarter of the step, {converging}"
@@ -117,6 +115,17 @@ def _notes(baseline: Baseline, engine: str) -> Iterator[str]:
     if baseline.samples < case.scene.samples:
         end = case.sample_times_s[baseline.samples - 1]
         yield f"measured until t = {end:g} s, from when on rounding alone parts two runs"
+
+
+def known_to(baseline: Baseline) -> str:
+    """How exact the exact motion of a straight chain is, in words."""
+    samples, times = len(baseline.exact.time_s), baseline.case.sample_times_s
+    if samples == len(times):
+        return f"exact to {baseline.known[-1]:.0e} of the largest change, by a second run at another tolerance"
+    return (
+        f"the exact motion is known to {HORIZON:g} of the largest change until t = {times[samples - 1]:g} s, and at the"
+        f" end to {baseline.known[-1]:.1g}, since it multiplies rounding: nothing is measured beyond"
+    )
 
 
 def for_terminal(error_budget: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str]]:
@@ -153,7 +162,9 @@ def _warnings(case: Case, engine: str, trace: Trace) -> Iterator[str]:
             f" from t = {since:g} s on, by {why}"
         )
     baseline = baseline_of(case, engine)
-    change_J = energy_change_J(case.chain, trace, None if baseline.unknown or not baseline.straight else baseline.exact)
+    change_J = energy_change_J(
+        case.chain, trace, None if baseline.unknown or not baseline.straight else baseline.followed.trace
+    )
     share, limit = change_J / baseline.energy_scale_J(trace), tolerance("warning", "energy").limit
     if not (share <= limit).all():
         since = case.sample_times_s[int(np.argmax(~(share <= limit)))]
@@ -161,10 +172,12 @@ def _warnings(case: Case, engine: str, trace: Trace) -> Iterator[str]:
             f"the energy is off by up to {share.max():.2g} of the largest kinetic energy, by more than {limit:g} from"
             f" t = {since:g} s on"
         )
+    if load_engine(engine).scheme == EXACT and exact is not None and baseline.known[-1] > HORIZON:
+        yield known_to(baseline)
     if load_engine(engine).in_repository or baseline.unknown:
         return
-    scheme, allowed = baseline.in_overlaps, baseline.allowed.limit
-    apart = residual(until(trace, len(scheme.time_s)), scheme)[: baseline.samples]
+    allowed = baseline.allowed.limit
+    apart = residual(trace, baseline.plain)[: baseline.samples]
     if not (apart <= allowed).all():
         since = case.sample_times_s[int(np.argmax(~(apart <= allowed)))]
         yield (

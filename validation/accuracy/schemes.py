@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, arrays_of, moving_at_start, sphere_for_face, tube_arrays_of
-from drivers.chain.trace import Trace, energy_error_J, make_trace
+from drivers.chain.trace import Trace, energy_error_J, make_trace, until
 from drivers.limits.refusal import FORCE
 from postproc.read.observables import describe, observe, scale_of, without_unit
 from postproc.read.residual import largest_kinetic_J, residual, share_of_change
@@ -143,9 +143,11 @@ class Truth:
         """Largest force error of the exact motion until each sample, as ``own_error_N`` measures it."""
         return own_error_N(self.case, self.trace, self.tolerance)
 
-    def horizon(self, share: float) -> int:
-        """For how many samples that error stays below a share of the largest change."""
-        return int(np.searchsorted(share_of_change(self.known_N, self.trace), share))
+    def first(self, samples: int) -> "Truth":
+        """The first samples of the motion."""
+        factor = (len(self.fine.time_s) - 1) // max(len(self.trace.time_s) - 1, 1)
+        trace = until(self.trace, samples)
+        return replace(self, trace=trace, fine=until(self.fine, factor * (samples - 1) + 1) if factor > 1 else trace)
 
 
 def truth_of(case: Case, tolerance: float = LEAST_TOLERANCE, *, finer: bool = True) -> Truth:

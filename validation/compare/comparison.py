@@ -13,7 +13,7 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
-from drivers.chain.trace import Trace
+from drivers.chain.trace import Trace, until
 from drivers.engines import REFERENCE, VERLET, engine_names, in_order, load_engine
 from drivers.limits.refusal import inability, refuse
 from drivers.run.finished import EndedRun
@@ -54,20 +54,35 @@ def _force_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, Ende
         another_law = own.law != baseline.law and not own.unknown  # of friction: the same scheme with the engine's
         verlet, limit, samples = own.plain if another_law else runs[VERLET].trace, baseline.allowed, baseline.samples
         found = deviation(run.trace, verlet, samples)
-        until = ""
+        remark = ""
         if samples < case.scene.samples:
-            until = f"; judged until {run.trace.time_s[samples] * 1e6:g} µs, where rounding alone passes {HORIZON:g}"
-        verdicts.append(_judge(case, engine, "force against verlet", found, limit, until))
+            remark = f"; judged until {run.trace.time_s[samples] * 1e6:g} µs, where rounding alone passes {HORIZON:g}"
+        verdicts.append(_judge(case, engine, "force against verlet", found, limit, remark))
         verdicts.append(_motion_verdict(baseline, engine, run.trace, verlet))
     if REFERENCE in runs and engine != REFERENCE:
-        found = deviation(run.trace, runs[REFERENCE].trace)
+        known = _known_samples(case)
+        found = deviation(run.trace, runs[REFERENCE].trace, known)
         limit = tolerance("truncation", "force", shipped_name(case))
-        verdicts.append(_judge(case, engine, "force against reference", found, limit))
+        remark = ""
+        if known < case.scene.samples:
+            remark = (
+                f"; judged until {run.trace.time_s[known] * 1e6:g} µs, from when on the reference is off by {HORIZON:g}"
+            )
+        verdicts.append(_judge(case, engine, "force against reference", found, limit, remark))
     others = [name for name in runs if name != engine]
     if others and not {VERLET, REFERENCE} & set(runs):  # a bore of flat sides: only the codes have it
         found = deviation(run.trace, runs[others[0]].trace)
         verdicts.append(_judge(case, engine, f"force against {others[0]}", found, tolerance("model", "sides")))
     return verdicts
+
+
+def _known_samples(case: Case) -> int:
+    """At how many samples the reference is known to ``HORIZON``; all where nobody can tell."""
+    baseline = baseline_of(case)
+    try:
+        return case.scene.samples if baseline.unknown or not baseline.straight else len(baseline.exact.time_s)
+    except ArithmeticError:
+        return case.scene.samples
 
 
 def _motion_verdict(baseline: Baseline, engine: str, trace: Trace, verlet: Trace) -> Verdict:
@@ -88,8 +103,7 @@ def _observable_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str,
     """The worst relative error of peaks and of speeds against the reference's."""
     if REFERENCE not in runs or engine == REFERENCE:
         return []
-    values = observe(run.layout, run.trace)
-    exact = observe(runs[REFERENCE].layout, runs[REFERENCE].trace)
+    values, exact = (observe(each.layout, until(each.trace, _known_samples(case))) for each in (run, runs[REFERENCE]))
     verdicts = []
     for label, kind in (("peak of a gauge", "peak"), ("speed between gauges", "speed")):
         errors = {

@@ -17,6 +17,7 @@ from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, load_engine
 from postproc.read.residual import beside, largest_change_N, largest_kinetic_J, still
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, Baseline, baseline_of
+from validation.accuracy.budget import known_to
 
 # of the largest change: where rounding ends comparisons, what good steps keep, what experiments could resolve
 LEVELS = (HORIZON, 1e-4, 1e-2)
@@ -209,6 +210,8 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
             share = np.abs(held.run.force_N - held.exact_N) / held.baseline.scale_N
             sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
             furthest = f"it is furthest from it, {share.max():.1e}, {held.place(int(sample), int(column))}"
+            if not found and load_engine(engine).scheme == EXACT:
+                return _nowhere(NONE, f"is itself the exact motion: {known_to(baseline)}")
             if not found:
                 never = f"never leaves the exact motion by {LEVELS[0]:g} of the largest change"
                 return _nowhere(NONE, never + (f"; {furthest}" if share.any() else ": it is the same, bit for bit"))
@@ -257,7 +260,7 @@ def _from_scheme(held: HeldRun) -> Iterator[Departure]:
             f" {CHAOS}, as a Verlet does that only rounds otherwise"
         )
         yield held.departure(beyond, share, CHAOS, HORIZON, words)
-    elif samples == len(plain_N) < len(times_s):  # of three dimensions nothing beyond is known
+    elif samples == len(plain_N) < len(times_s):  # nothing beyond is known
         time_s = float(times_s[samples])
         kind = CHAOS if baseline.chaotic(samples - 1) else ROUNDING
         words = (

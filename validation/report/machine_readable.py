@@ -70,7 +70,7 @@ def cpu_name(file: Path = CPUS) -> str:
 SCHEMA = 1
 RECORDED = ("status", "engine_version", "deck_sha256", "commit", "dirty", "host", "time_step_s", "steps", "bodies",
          "wall_s", "cpu_s", "loop_s", "memory_bytes", "step_limit_s", "warnings", "error_budget",
-         "error_note")  # fmt: skip
+         "error_note", "exact_to", "exact_until_s")  # fmt: skip
 SCENES, CASES = "scenes", "independent"  # what the suites' names begin with
 UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # what XML 1.0 cannot hold
 
