@@ -38,8 +38,8 @@ class RunRecord:
         loop_s: of the engine's own time loop.
         error_budget: parts of the error of the force and of what gauges show (``validation.accuracy.budget``).
         error_note: what of it could not be measured, and why.
-        exact_to: measured error of the exact motion itself until ``exact_until_s``, of the largest change of force; None
-            too of three-dimensional chains.
+        exact_to: measured error of the exact motion itself until ``exact_until_s``, of the largest change; None too of
+            three-dimensional chains.
         warnings: of a run that is done and of little use.
         step_limit_s: the predicted stability limit of the time step; None too where no contact closes.
         accuracy: by quantity what was ``asked``, ``predicted`` and ``measured``; None too where none is asked for.

@@ -162,9 +162,8 @@ def _warnings(case: Case, engine: str, trace: Trace) -> Iterator[str]:
             f" from t = {since:g} s on, by {why}"
         )
     baseline = baseline_of(case, engine)
-    change_J = energy_change_J(
-        case.chain, trace, None if baseline.unknown or not baseline.straight else baseline.followed.trace
-    )
+    exact = baseline.followed.trace if baseline.straight and not baseline.unknown else None
+    change_J = energy_change_J(case.chain, trace, exact)
     share, limit = change_J / baseline.energy_scale_J(trace), tolerance("warning", "energy").limit
     if not (share <= limit).all():
         since = case.sample_times_s[int(np.argmax(~(share <= limit)))]
