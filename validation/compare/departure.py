@@ -210,11 +210,11 @@ def departure(case: Case, engine: str, trace: Trace) -> Departure:
             share = np.abs(held.run.force_N - held.exact_N) / held.baseline.scale_N
             sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
             furthest = f"it is furthest from it, {share.max():.1e}, {held.place(int(sample), int(column))}"
-            if not found and load_engine(engine).scheme == EXACT:
-                return _nowhere(NONE, f"is itself the exact motion: {known_to(baseline)}")
             if not found:
                 never = f"never leaves the exact motion by {LEVELS[0]:g} of the largest change"
-                return _nowhere(NONE, never + (f"; {furthest}" if share.any() else ": it is the same, bit for bit"))
+                same = f"; {furthest}" if share.any() else ": it is the same, bit for bit"
+                own = f"; {known_to(baseline)}" if load_engine(engine).scheme == EXACT else ""
+                return _nowhere(NONE, f"{never}{same}{own}")
             return replace(found[0], words=f"{found[0].words}; {furthest}", later=tuple(found[1:]))
     except ArithmeticError as error:
         return _nowhere(UNKNOWN, f"when it leaves the exact motion is not measured: {error}")

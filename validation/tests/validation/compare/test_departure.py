@@ -84,7 +84,7 @@ def test_the_exact_motion_never_leaves() -> None:
     found = departure(case, "reference", baseline_of(case).exact)
     assert found.kind == NONE
     assert math.isnan(found.time_s)
-    assert found.words.endswith("bit for bit")
+    assert ": it is the same, bit for bit; exact to " in found.words
 
 
 def test_chaos_comes_after_reflections() -> None:
@@ -111,7 +111,7 @@ def test_truncation_stays_truncation_after_a_reflection() -> None:
 
 
 def test_rounding_parts_a_code_from_verlet_when_the_chain_is_chaotic(shared_runs: Path) -> None:
-    """Two roundings pass 1e-8 of the largest force at 8 ms and are 1 % apart at 20 ms: 1e-6 lies between."""
+    """Two roundings pass 1e-8 of the largest change at 8 ms and are 1 % apart at 20 ms: 1e-6 lies between."""
     case = case_of("fig4", *LONG)
     found = departure(case, "liggghts", finished(case, "liggghts", shared_runs).trace)
     (parted,) = [each for each in _all(found) if "only rounds otherwise" in each.words]

@@ -33,7 +33,7 @@ wall = { material = "rigid" }
 contact = { restitution = 0.6 }
 run = { duration = "0.2 ms", sample_interval = "1 us", time_step = "20 ns" }
 """
-CLOSELY = 1e-8  # of the largest force, where rounding does not take more: measured up to 1e-9
+CLOSELY = 1e-8  # of the largest change, where rounding does not take more: measured up to 1e-9
 
 
 @pytest.mark.parametrize("number", [pytest.param(n, marks=() if n < QUICK else pytest.mark.long) for n in range(ALL)])
@@ -239,7 +239,7 @@ def test_what_nothing_comes_near_names_nothing(scene_file: SceneWriter) -> None:
     assert said is not None
     assert (said.kind, said.matched) == ("", False)
     assert said.sentence.startswith("no variant explains it: it is off by ")
-    assert said.sentence.endswith(" of the largest force, and none comes near")
+    assert said.sentence.endswith(" of the largest change, and none comes near")
     assert said.left > 0.5 * said.deviation
 
 

@@ -126,7 +126,7 @@ def test_a_sabotaged_deck_is_red_and_named(
     assert FAIL in {verdict.verdict for verdict in compared.verdicts if verdict.engine == engine}
     assert set(compared.diagnoses) == {engine}
     assert re.match(SABOTAGE[engine, name][3], compared.diagnoses[engine]), compared.diagnoses[engine]
-    closely = re.search(r" to (\S+) of the largest force$", compared.diagnoses[engine])
+    closely = re.search(r" to (\S+) of the largest change$", compared.diagnoses[engine])
     assert closely is None or float(closely[1]) <= 1e-9  # measured up to 2e-11; else to the last bit
 
 

@@ -194,8 +194,8 @@ def test_what_is_printed(run_of: FolderOf, capsys: pytest.CaptureFixture[str]) -
         "differs run.time_step: 1e-07 s against 1e-06 s",
         "contact 1 at 564 µs",
         "allowed 0.01 (force)",
-        "parted by 0.001 of the largest force at 465 µs in contact 5",
-        "first   leaves the exact motion by 1e-06 of the largest force at 12 µs in contact 22: truncation",
+        "parted by 0.001 of the largest change at 465 µs in contact 5",
+        "first   leaves the exact motion by 1e-06 of the largest change at 12 µs in contact 22: truncation",
         "error budget",
     ):
         assert words in told
