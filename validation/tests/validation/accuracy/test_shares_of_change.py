@@ -1,0 +1,151 @@
+"""Errors are shares of what changes: a static load hides none, on random scenes of weak waves in pressed chains."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.chain.case import Case, build_case
+from drivers.scene.read_scene import read_scene
+from postproc.read.observables import observe
+from validation.accuracy.assess import assess
+from validation.accuracy.baseline import HORIZON, Baseline, baseline_of
+from validation.accuracy.budget import NOTHING_MOVES, error_budget, warnings_of
+from validation.accuracy.plan import planned_case
+from validation.accuracy.schemes import verlet_of
+from validation.compare.comparison import compare_case
+from validation.compare.verdict import FAIL
+from validation.tests.helpers.runs import finished
+from validation.tests.helpers.scenes import case_of
+
+PRESSED = """title = "a weak wave in a pressed chain"
+[chain]
+count = {count}
+material = "steel"
+diameter = "10 mm"
+precompression = "{load:.4g} N"
+sensors = [{{ from_wall = 3 }}]
+[striker]
+material = "steel"
+diameter = "10 mm"
+speed = "{speed:.4g} m/s"
+[wall]
+material = "steel"
+[run]
+duration = "{duration:.6g} us"
+sample_interval = "{step:.6g} us"
+{last}
+"""
+LIGHT = """title = "a light striker on a chain under its own weight"
+gravity = "9.81 m/s^2"
+[chain]
+count = {count}
+material = "ptfe"
+diameter = "{diameter:.4g} mm"
+[striker]
+material = "alumina"
+speed = "{speed:.4g} m/s"
+diameter = "{light:.4g} mm"
+[wall]
+material = "rigid"
+[run]
+duration = "300 us"
+sample_interval = "0.5 us"
+time_step = "0.5 us"
+"""
+
+
+def pressed(number: int, share: float, folder: Path, accuracy: float | None = None) -> Case:
+    """A random steel chain whose wave is far weaker than its load, at a share of its stable step, or planned."""
+    draw = np.random.default_rng(number)
+    step_us = share * 10.7 * draw.uniform(0.85, 1.0)
+    count = int(draw.integers(40, 80))
+    settings = {"count": count, "load": 200 * draw.uniform(0.8, 1.0), "step": step_us}
+    settings |= {"speed": 10 ** draw.uniform(-3.5, -2.5), "duration": int(18 * count / step_us) * step_us}
+    last = f"accuracy = {accuracy:g}" if accuracy else f'time_step = "{step_us:.6g} us"'
+    path = folder / f"pressed-{number}.toml"
+    path.write_text(PRESSED.format(**settings, last=last))
+    return planned_case(path)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_a_wave_that_is_wrong_under_a_static_load_is_red_and_warned_of(
+    number: int, tmp_path: Path, shared_runs: Path
+) -> None:
+    case = pressed(number, 0.9, tmp_path)
+    runs = {name: finished(case, name, shared_runs) for name in ("reference", "verlet")}
+    wave_N = runs["reference"].trace.force_N - case.chain.force_N
+    off_N = np.abs(runs["verlet"].trace.force_N - runs["reference"].trace.force_N).max()
+    assert off_N > 0.02 * np.abs(wave_N).max()  # wrong by much of the wave
+    assert off_N < 0.01 * runs["reference"].trace.force_N.max()  # and by little of the force
+    red = {each.quantity: each for each in compare_case(case, runs, {}) if each.verdict == FAIL}
+    assert red["force against reference"].value == pytest.approx(off_N / np.abs(wave_N).max(), rel=1e-9)
+    assert "of the largest force" in red["force against reference"].where
+    if off_N > 0.1 * np.abs(wave_N).max():
+        assert any("of the largest change" in line for line in warnings_of(case, "verlet", runs["verlet"].trace))
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_a_plan_keeps_its_accuracy_of_the_wave(number: int, tmp_path: Path) -> None:
+    case = pressed(number, 0.9, tmp_path, accuracy=1e-3)
+    exact = Baseline(case, "total").exact.force_N
+    off_N = np.abs(verlet_of(case).force_N - exact).max()
+    assert 2e-4 < off_N / np.abs(exact - exact[0]).max() <= 1e-3
+    assert case.scene.steps_per_sample > 1
+
+
+def test_a_peak_errs_by_its_own_wave(tmp_path: Path) -> None:
+    case = pressed(1, 0.9, tmp_path)
+    parts, _ = error_budget(case, "verlet", verlet_of(case))
+    found, exact = (observe(case.layout, each) for each in (verlet_of(case), baseline_of(case).exact))
+    budget = {part["quantity"]: part for part in parts}
+    for gauge in ("bead_3", "wall"):
+        off = (found[f"{gauge}_amplitude_N"] - exact[f"{gauge}_amplitude_N"]) / exact[f"{gauge}_amplitude_N"]
+        assert budget[f"{gauge}_peak"]["truncation"] == pytest.approx(off, rel=1e-2)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_an_energy_that_grows_beside_a_static_load_is_warned_of(number: int, tmp_path: Path) -> None:
+    draw = np.random.default_rng(number)
+    settings = {"diameter": draw.uniform(4, 8), "light": draw.uniform(0.4, 0.8), "speed": 10 ** draw.uniform(-3, -2)}
+    path = tmp_path / "light.toml"
+    path.write_text(LIGHT.format(count=int(draw.integers(3, 9)), **settings))
+    fine = build_case(read_scene(path))
+    contact_us = 1e6 * 2.87 * (0.75**2 * fine.chain.mass_kg[-1] ** 2 / fine.chain.stiffness[-1] ** 2) ** 0.2
+    contact_us *= draw.uniform(0.9, 1.1) * settings["speed"] ** -0.2
+    step = f"{0.3 * contact_us:.4g} us"
+    coarse = build_case(read_scene(path, (f"run.sample_interval={step}", f"run.time_step={step}")))
+    trace = verlet_of(coarse)
+    kinetic = baseline_of(coarse).followed.trace.kinetic_energy_J.max()
+    drift = np.abs(trace.total_energy_J - trace.total_energy_J[0]).max() / kinetic
+    said = [line for line in warnings_of(coarse, "verlet", trace) if line.startswith("the energy is off by up to")]
+    assert bool(said) == (drift > 0.1)
+    assert not any("energy" in line for line in warnings_of(fine.at(50), "verlet", verlet_of(fine.at(50))))
+
+
+def test_where_nothing_moves_it_is_said(tmp_path: Path, shared_runs: Path) -> None:
+    case = pressed(0, 0.5, tmp_path)
+    scene = case.scene.model_copy(update={"striker": None})
+    still = build_case(scene)
+    parts, note = error_budget(still, "verlet", verlet_of(still))
+    assert NOTHING_MOVES in note
+    assert abs(parts[0]["whole"]) < 1e-9
+
+
+def test_the_reference_says_until_when_it_is_exact(shared_runs: Path) -> None:
+    known = assess(finished(case_of("fig4"), "reference", shared_runs), case_of("fig4")).record
+    assert known.exact_to is not None
+    assert known.exact_to < 1e-11
+    assert known.exact_until_s == case_of("fig4").sample_times_s[-1]
+    chaotic = case_of("fig4", "run.duration=20 ms", "run.sample_interval=5 us", "run.time_step=1 us")
+    run = finished(chaotic, "reference", shared_runs)
+    record = assess(run, chaotic).record
+    assert record.exact_until_s is not None
+    assert record.exact_to is not None
+    assert 5e-3 < record.exact_until_s < 20e-3
+    assert record.exact_to <= HORIZON
+    assert any("nothing is measured beyond" in line for line in record.warnings or ())
+    other = finished(chaotic, "verlet", shared_runs)
+    verdicts = compare_case(chaotic, {"reference": run, "verlet": other}, {})
+    against = next(each for each in verdicts if each.quantity == "force against reference")
+    assert "from when on the reference is off by 1e-06" in against.where
