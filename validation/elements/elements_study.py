@@ -88,7 +88,12 @@ def sentences(tables: Tables) -> list[str]:
     """What was found, each with its numbers; the effects themselves are a table."""
     rule = _on_rule(tables["elements-nothing"], tables["elements-accuracies"])
     gaps = (_on_gap(quote, tables["oscilloscope"], tables["oscilloscope-ranges"]) for quote in quotes())
-    return [*rule, *_on_codes(tables["elements-between"]), *chain.from_iterable(gaps)]
+    return [
+        *rule,
+        *_on_variants(tables["elements"]),
+        *_on_codes(tables["elements-between"]),
+        *chain.from_iterable(gaps),
+    ]
 
 
 def missed(tables: Tables) -> list[str]:
@@ -118,6 +123,22 @@ def _on_rule(nothing: pd.DataFrame, accuracies: pd.DataFrame) -> list[str]:
     ]
 
 
+def _on_variants(effects: pd.DataFrame) -> Iterator[str]:
+    """How sure an effect is: its spread over seeds, and over what is not known of it."""
+    variants = {each.name: each.of for each in read_elements().element if each.of}
+    peaks = effects[effects["observable"] == "wall peak"].groupby(["scene", "element"], sort=False)
+    means = 100 * peaks[["change", "spread"]].mean()  # over the codes
+    for element in dict.fromkeys(variants.values()):
+        for scene in dict.fromkeys(scene for scene, name in means.index if name == element):
+            own = means.loc[scene]
+            others = [f"{row['change']:+.2g} ({name})" for name, row in own.iterrows() if variants.get(name) == element]
+            change, spread = own.loc[element]
+            yield (
+                f"{scene}, {element}: changes the wall peak by {change:+.2g} %, with a spread over seeds of"
+                f" {spread:.1g} %; what is not known of it makes that {', '.join(others)}."
+            )
+
+
 def _on_codes(between: pd.DataFrame) -> Iterator[str]:
     for (scene, friction, codes), rows in between.groupby(["scene", "friction", "codes"], sort=False):
         row = rows.iloc[0]
@@ -130,9 +151,10 @@ def _on_codes(between: pd.DataFrame) -> Iterator[str]:
             parted = f"they part by a per cent from {row['earliest_parted_s'] * 1e6:.0f} µs on (median {median})"
         wall = rows[rows["observable"] == "wall peak"].iloc[0]
         first, second = (_pm(wall[f"{each}_mean"], wall[f"{each}_spread"]) for each in ("first", "second"))
-        alike = f"equal distributions: p = {wall['same']:.2g}"
+        apart = f"{wall['second_mean'] / wall['first_mean'] - 1:+.1e} apart"
+        alike = f"{apart}; equal distributions: p = {wall['same']:.2g}"
         if max(wall["first_spread"], wall["second_spread"]) < ROUNDING * wall["first_mean"]:  # seeds change nothing
-            alike = f"the same for every seed, {wall['second_mean'] / wall['first_mean'] - 1:+.1e} apart"
+            alike = f"the same for every seed, {apart}"
         yield (
             f"{scene} {friction}, {codes}, {row['seeds']} seeds: until the wave reaches the wall they differ by"
             f" at most {row['before_wall']:.1e}; {parted}. Wall peak {first} and {second} N ({alike})."

@@ -45,9 +45,13 @@ class Side(Part):
 
 
 class Element(Part):
-    """What is switched; ``random`` draws are repeated for every seed, ``only`` names the scenes that have it."""
+    """What is switched; ``random`` draws are repeated for every seed, ``only`` names the scenes that have it.
+
+    One that is ``of`` another is the same as somebody else may have it: together they tell how sure the effect is.
+    """
 
     name: str
+    of: str = ""
     without: Side
     with_: Side = Field(alias="with")
     random: bool = False
@@ -103,6 +107,7 @@ WITHOUT_FRICTION = "without friction"
 TUBES = {
     WITHOUT_FRICTION: Side(tube=True, set=FRICTIONLESS),
     "with friction": Side(tube=True),
+    "with friction of 0.3": Side(tube=True, set=("contact.friction=0.3", "tube.friction=0.3")),
 }
 
 
@@ -284,7 +289,7 @@ def _shown(scene: str, step: str, value: str, cases: list[Case], engine: str, ru
 
 @dataclass(frozen=True)
 class Nothing:
-    """What beads free to move sideways change of a straight chain: the largest force difference over the largest."""
+    """What beads free to move sideways change of a straight chain, of the largest change of force."""
 
     scene: str
     engine: str
@@ -341,8 +346,8 @@ def nothing_changes(subjects: Iterable[Subject], engines: Iterable[str], runs: P
     for engine in engines:
         for subject in subjects:
             cases = [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
-            one, other = (run.trace.force_N for run in run_all_done([(case, engine) for case in cases], runs))
-            yield Nothing(subject.name, engine, float(np.abs(other - one).max() / one.max()))
+            one, other = (run.trace for run in run_all_done([(case, engine) for case in cases], runs))
+            yield Nothing(subject.name, engine, float(residual(other, one).max()))
 
 
 def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[Asked]:
