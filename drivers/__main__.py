@@ -216,9 +216,6 @@ SCENE = ("scene SCENE", "--set KEY=VALUE")
 STUDY = ("study STUDY", "--runs DIR", "--engine E")
 CLUSTER = ("--slice I/N", "--dask ADDRESS", "--slurm", "--slices N", "--wait")
 HERE = ("--workers N", "--dry-run", "--retry", "--yes")
-BATCH = (
-    "--results DIR, --workers N, --dry-run, --retry, --yes, --slice I/N, --dask ADDRESS, --slurm, --slices N, --wait"
-)
 RUN = ("--engine E", "--runs DIR", "--rerun", "--time-limit S", "--unsafe")
 # by name: what it does, how, and its options
 COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, tuple[str, ...]]] = {

@@ -1,14 +1,18 @@
 """What the command lines share: one-line errors and exit codes."""
 
 import argparse
+import errno
 import os
 import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NoReturn
 
-from drivers.base.errors import InputError, RunError
+from drivers.base.errors import InputError, RunError, one_line
+
+IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 
 
 class Parser(argparse.ArgumentParser):
@@ -16,7 +20,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Exits with code 2."""
-        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+        self.exit(2, one_line(f"{self.prog}: ", message, f" (see {self.prog} --help)") + "\n")
 
 
 def seconds(text: str) -> float:
@@ -31,16 +35,23 @@ def seconds(text: str) -> float:
 
 
 def must_be_folder(option: str, path: Path | None) -> None:
-    """Refuses a file where a folder is to be made.
+    """Refuses a folder that cannot be made or written to; tried beside or in what there is, and nothing stays.
 
     Raises:
-        InputError: it is one.
+        InputError: it is a file, or below one, or the system refuses.
     """
-    for place in (path, *path.parents) if path is not None else ():
-        if place.exists():
-            if not place.is_dir():
-                raise InputError(f"{option} {path}", "", f"{place} is a file", "a folder")
-            return
+    if path is None:
+        return
+    try:
+        there = next(place for place in (path, *path.parents) if place.exists() or place.is_symlink())
+        if not there.is_dir():
+            found = f"{there} is {'a file' if there.is_file() else 'no folder'}"
+            raise InputError(f"{option} {path}", "", found, "a folder")
+        with TemporaryDirectory(prefix=f".{path.name}-", dir=there):
+            pass
+    except OSError as error:
+        allowed = "a folder that can be made and written to"
+        raise InputError(f"{option} {path}", "", error.strerror or str(error), allowed) from error
 
 
 def must_be_file(option: str, path: Path | None) -> None:
@@ -49,9 +60,11 @@ def must_be_file(option: str, path: Path | None) -> None:
     Raises:
         InputError: it is one, or no folder can hold it.
     """
-    if path is not None:
-        if path.exists() and not path.is_file():
-            raise InputError(f"{option} {path}", "", "a folder" if path.is_dir() else "a device", "a file")
+    if path is None or not path.exists():
+        must_be_folder(option, path)
+    elif not path.is_file():
+        raise InputError(f"{option} {path}", "", "a folder" if path.is_dir() else "a device", "a file")
+    else:
         must_be_folder(option, path.parent)
 
 
@@ -73,8 +86,8 @@ def run_main(main: Callable[[], int]) -> NoReturn:
         if isinstance(error, BrokenPipeError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone: nothing to say
         else:
-            print(f"error: {error}", file=sys.stderr)
-        code = 1
+            print(one_line("error: ", error), file=sys.stderr)
+        code = 2 if isinstance(error, OSError) and error.errno in IMPOSSIBLE_NAMES else 1
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         code = 130

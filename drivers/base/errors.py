@@ -1,9 +1,22 @@
 """Errors that end a command or a run, told in one line."""
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
 InputProblem = tuple[str, str, str]  # key, found, allowed
+LONGEST = 270  # characters of a message; with the name of its scene before it, a line stays below 300
+
+
+def one_line(*parts: object, longest: int = LONGEST) -> str:
+    """Parts of a message on one line; what is too long loses its middle, the longest part first."""
+    lines = [re.sub(r"[\s\x00-\x1f\x7f]+", " ", str(part)) for part in parts]
+    for left, place in enumerate(sorted(range(len(lines)), key=lambda place: len(lines[place]))):
+        line, share = lines[place], longest // (len(lines) - left)
+        if len(line) > share:
+            line = lines[place] = f"{line[: share // 2 - 2]} ... {line[len(line) - share // 2 + 3 :]}"
+        longest -= len(line)
+    return "".join(lines)
 
 
 class InputError(Exception):
@@ -22,8 +35,7 @@ class InputError(Exception):
     def __str__(self) -> str:
         """The one line."""
         where, key, found, allowed = self.args
-        place = f"{where}: {key}" if key else where
-        return f"{place}: found {found}; allowed: {allowed}".replace("\n", " ")
+        return one_line(where, f": {key}" if key else "", f": found {found}", f"; allowed: {allowed}")
 
 
 def refuse_any(where: str, problems: Iterable[InputProblem]) -> None:

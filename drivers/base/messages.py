@@ -1,5 +1,6 @@
 """Validation errors in words: what was found, what is allowed."""
 
+from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import Any, TypeVar
 
@@ -48,7 +49,7 @@ def validate(model: type[Model], data: object, where: str, prefix: str = "") -> 
 def _told(error: Any, model: type[BaseModel], path: list[int | str]) -> tuple[str, str]:
     """What was found and what is allowed, in words, from one of pydantic's errors."""
     if error["type"] == "extra_forbidden":
-        keys = _keys_at(model, path[:-1])
+        keys = keys_at(model, path[:-1])
         close = get_close_matches(str(path[-1]), keys, 1)
         return "an unknown key", f"did you mean {close[0]}?" if close else ", ".join(keys)
     if error["type"] == "missing":
@@ -70,7 +71,7 @@ def shorten(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _keys_at(model: type[BaseModel], path: list[int | str]) -> list[str]:
+def keys_at(model: type[BaseModel], path: Sequence[int | str]) -> list[str]:
     """The keys that a table may have, following ``path`` down the models."""
     for part in path:
         if isinstance(part, int) or part not in model.model_fields:

@@ -8,7 +8,6 @@ import re
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache, lru_cache
-from math import inf
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator
@@ -63,34 +62,37 @@ class InUnit(BeforeValidator):
     unit: str = ""
 
 
-def _quantity(what: str, unit: str, example: str, least: float = float(SMALLEST)) -> InUnit:
+def _quantity(what: str, unit: str, example: str, least: float, most: float, *, zero: bool = False) -> InUnit:
+    """A reader of quantities between bounds in the SI unit; ``zero``: that, too."""
     allowed = f'{what} with its unit, such as "{example}"'
+    bounds = f"{'0, or ' * zero}from {least:g} to {most:g} {unit}"
 
     def read(value: object) -> float:
         if not isinstance(value, str):
             raise NotAllowedError(allowed)
         try:
             number = to_si(value, unit)
-        except NotAllowedError:
-            raise
         except ValueError as error:
-            raise NotAllowedError(allowed) from error
-        if number < least:
-            raise NotAllowedError(allowed)
+            raise NotAllowedError(bounds if isinstance(error, NotAllowedError) else allowed) from error
+        if not (least <= number <= most or (zero and number == 0)):
+            raise NotAllowedError(allowed if number <= 0 < least else bounds)
         return number
 
     return InUnit(read, unit=unit)
 
 
-Length = Annotated[float, _quantity("a length above zero", "m", "4.76 mm")]
-Gap = Annotated[float, _quantity("a length of zero or more", "m", "10 um", 0.0)]
-Height = Annotated[float, _quantity("a height", "m", "0.1 m", -inf)]
-Mass = Annotated[float, _quantity("a mass above zero", "kg", "0.1226 g")]
-MassSpread = Annotated[float, _quantity("a mass of zero or more", "kg", "0.0008 g", 0.0)]
-Duration = Annotated[float, _quantity("a time above zero", "s", "0.8 ms")]
-Speed = Annotated[float, _quantity("a speed above zero", "m/s", "2 m/s")]
-Velocity = Annotated[float, _quantity("a velocity (upwards positive)", "m/s", "-0.5 m/s", -inf)]
-Acceleration = Annotated[float, _quantity("an acceleration of zero or more", "m/s^2", "9.81 m/s^2", 0.0)]
-Force = Annotated[float, _quantity("a force of zero or more", "N", "2 N", 0.0)]
-Modulus = Annotated[float, _quantity("a pressure above zero", "Pa", "1.46 GPa")]
-Density = Annotated[float, _quantity("a density above zero", "kg/m^3", "2200 kg/m^3")]
+# bounds are generous: from colloids to boulders, and what doubles and a search for neighbours hold
+Length = Annotated[float, _quantity("a length above zero", "m", "4.76 mm", 1e-9, 1e3)]
+Gap = Annotated[float, _quantity("a length of zero or more", "m", "10 um", 1e-30, 1e6, zero=True)]
+Height = Annotated[float, _quantity("a height", "m", "0.1 m", -1e6, 1e6)]
+Mass = Annotated[float, _quantity("a mass above zero", "kg", "0.1226 g", 1e-24, 1e12)]
+MassSpread = Annotated[float, _quantity("a mass of zero or more", "kg", "0.0008 g", 1e-30, 1e12, zero=True)]
+Duration = Annotated[float, _quantity("a time above zero", "s", "0.8 ms", 1e-21, 1e9)]
+Speed = Annotated[float, _quantity("a speed above zero", "m/s", "2 m/s", 1e-12, 1e4)]
+Velocity = Annotated[float, _quantity("a velocity (upwards positive)", "m/s", "-0.5 m/s", -1e4, 1e4)]
+Acceleration = Annotated[
+    float, _quantity("an acceleration of zero or more", "m/s^2", "9.81 m/s^2", 1e-30, 1e7, zero=True)
+]
+Force = Annotated[float, _quantity("a force of zero or more", "N", "2 N", 1e-30, 1e9, zero=True)]
+Modulus = Annotated[float, _quantity("a pressure above zero", "Pa", "1.46 GPa", 1.0, 1e14)]
+Density = Annotated[float, _quantity("a density above zero", "kg/m^3", "2200 kg/m^3", 1e-3, 1e6)]

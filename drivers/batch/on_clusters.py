@@ -40,6 +40,24 @@ exec {command} --slice "$SLURM_ARRAY_TASK_ID/{parts}"
 """
 
 
+def check_dask(address: str) -> None:
+    """Refuses a cluster that cannot be had, before anything is written.
+
+    Raises:
+        InputError: ``distributed`` is not installed, or no scheduler answers.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError("--dask", "", "no distributed package", "an environment with it: make cluster") from error
+    try:
+        if address != LOCAL:
+            Client(address, timeout=CONNECT_S).close()
+    except (OSError, ValueError) as error:
+        allowed = "the address of a running scheduler, such as tcp://10.0.0.1:8786"
+        raise InputError(f"--dask {address}", "", "nobody who answers", allowed) from error
+
+
 def run_on_dask(address: str, request: Request, selection: Selection, todo: list[int], workers: int) -> Iterator[None]:
     """Runs the slices that have something to do, and yields now and then until all are through.
 
@@ -47,13 +65,10 @@ def run_on_dask(address: str, request: Request, selection: Selection, todo: list
     Dask workers have to see the request's runs folder; its paths are absolute.
 
     Raises:
-        InputError: ``distributed`` is not installed, or no scheduler answers.
         RunError: a slice failed as a whole.
     """
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError as error:
-        raise InputError("--dask", "", "no distributed package", "an environment with it: make cluster") from error
+    from distributed import Client, LocalCluster
+
     with ExitStack() as stack:
         client: Any
         if address == LOCAL:
@@ -64,11 +79,7 @@ def run_on_dask(address: str, request: Request, selection: Selection, todo: list
             signal.signal(signal.SIGINT, former)
             client = stack.enter_context(Client(cluster))
         else:
-            try:
-                client = stack.enter_context(Client(address, timeout=CONNECT_S))
-            except (OSError, ValueError) as error:
-                allowed = "the address of a running scheduler, such as tcp://10.0.0.1:8786"
-                raise InputError(f"--dask {address}", "", "nobody who answers", allowed) from error
+            client = stack.enter_context(Client(address, timeout=CONNECT_S))
         threads = max(1, sum(client.nthreads().values()))
         parts = max(SLICES_PER_THREAD * threads, math.ceil(len(selection.numbers) / CHUNK))
         executor = client.get_executor(pure=False, retries=RETRIES)

@@ -84,6 +84,10 @@ def batch(request: Request, results: Path, where: Where, *, dry_run: bool = Fals
     """Runs what is not done of a study and writes its tables; the exit code."""
     if where.slurm and shutil.which("sbatch") is None:
         raise InputError("--slurm", "", "no sbatch", "a machine that submits to Slurm")
+    if where.dask:
+        from drivers.batch.on_clusters import check_dask
+
+        check_dask(where.dask)
     if not (where.dask or where.slurm or dry_run):
         get_ready(request.steps)
     found = _open(request, where.workers, yes=yes)

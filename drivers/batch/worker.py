@@ -6,6 +6,7 @@ On this machine they are processes that live as long as the batch.
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -36,11 +37,16 @@ PROBE_BYTES = 1 << 20
 POLL_S = 0.2
 RETRY_S = 2.0  # between looks at what another batch is at work on
 EXIT_LIMIT_S = 10.0  # for workers that are asked to end
+QUIET = "ignore:resource_tracker"  # after a kill the system has semaphores to clear up, and would say so
 MAX_DEATHS = 3  # of workers in a row, without a row done
 PLAN_CHUNK = 250
 MANY_TO_PLAN = 500  # cases; from here on, workers share the planning
 
 _work: tuple[Setup, Store, Any]  # of a worker process; the last: how many numbers all workers have taken up
+
+
+class WorkersKilledError(RunError):
+    """Workers, or what they are forked from, were killed from outside."""
 
 
 @dataclass
@@ -229,19 +235,26 @@ def _sessions(folder: Path) -> Iterator[Callable[[str], Session]]:
 def get_ready(steps: Steps) -> multiprocessing.context.ForkServerContext:
     """Starts what workers are forked from, with all that they need loaded, without waiting for it."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([run_cases.__module__, steps.plan.partition(":")[0], *steps.observing])
+    modules = ("drivers.base.ends_with_parent", run_cases.__module__, steps.plan.partition(":")[0], *steps.observing)
+    context.set_forkserver_preload(list(modules))
+    if QUIET not in sys.warnoptions:
+        sys.warnoptions.append(QUIET)
     forkserver.ensure_running()
     return context
 
 
 @contextmanager
 def worker_pool(workers: int, setup: Setup, store: Store) -> Iterator[ProcessPoolExecutor]:
-    """Worker processes for a study; whatever happens here, they end with it."""
+    """Worker processes for a study; whatever happens here, they end with it.
+
+    Raises:
+        RunError: one was killed, or what they are forked from.
+    """
     context = get_ready(setup.steps)
     pool = ProcessPoolExecutor(workers, context, _begin, (setup, store.runs, context.Value("q", 0)))
     try:
         yield pool
-    except BaseException:
+    except BaseException as error:
         processes = multiprocessing.active_children()
         for process in processes:
             process.terminate()
@@ -249,6 +262,8 @@ def worker_pool(workers: int, setup: Setup, store: Store) -> Iterator[ProcessPoo
             process.join(EXIT_LIMIT_S)
         # only now: a worker that is stopped while it reads the pool's farewell leaves half of it to the next
         pool.shutdown(wait=False, cancel_futures=True)
+        if isinstance(error, (BrokenProcessPool, EOFError, ConnectionError)):
+            raise WorkersKilledError("workers were killed; what is done is kept") from error
         raise
     pool.shutdown()
 
@@ -285,11 +300,11 @@ def run_locally(
             numbers = [number for future in futures for number in future.result()]
             if numbers:  # another batch is at work on them
                 time.sleep(RETRY_S)
-        except BrokenProcessPool as error:
+        except WorkersKilledError:
             store.refresh()
             deaths = 0 if len(store.rows) > known else deaths + 1
             if deaths == MAX_DEATHS:
-                raise RunError(f"workers were killed {deaths} times; what is done is kept") from error
+                raise
 
 
 def waiting_for_all(futures: list[Future[Any]]) -> Iterator[None]:
@@ -306,11 +321,11 @@ def _begin(setup: Setup, runs: Path, taken: Any) -> None:
     """A worker's first act: it leaves Ctrl-C to the batch, ends in order when asked to, and never outlives it."""
     global _work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _end)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
     _work = setup, Store(runs), taken
+    signal.signal(signal.SIGTERM, _end)  # last: until here there is nothing to leave in order
 
 
 def _end_with(sentinel: int) -> None:

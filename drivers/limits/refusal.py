@@ -61,15 +61,15 @@ def _refuse_step(case: Case, override: str) -> None:
     chain, duration, step = case.chain, float(case.sample_times_s[-1]), case.scene.time_step_s
     if certainly_stable(chain, duration, step):
         return
-    from drivers.limits.stable_step import predicted_limit
+    from drivers.limits.stable_step import BEGINNING, predicted_limit
 
-    limit = predicted_limit(chain, duration)
-    if step > limit:
-        digits = 10.0 ** (floor(log10(limit)) - 2)
-        allowed = (
-            f"at most {floor(limit / digits) * digits:.3g} s, beyond which this chain blows up ({override} runs it)"
-        )
-        raise InputError(case.scene.file, "run.time_step", f"{step:g} s", allowed)
+    for share in (BEGINNING, 1.0):
+        limit = predicted_limit(chain, duration, share)
+        if step > limit:
+            digits = 10.0 ** (floor(log10(limit)) - 2)
+            most = f"at most {floor(limit / digits) * digits:.3g} s"
+            allowed = f"{most}, beyond which this chain blows up ({override} runs it)"
+            raise InputError(case.scene.file, "run.time_step", f"{step:g} s", allowed)
 
 
 def _refuse_depth(case: Case, override: str) -> None:
@@ -77,18 +77,19 @@ def _refuse_depth(case: Case, override: str) -> None:
     chain, duration = case.chain, float(case.sample_times_s[-1])
     if (_depths(chain, at_most(chain, duration)) < 1).all():
         return
-    from drivers.limits.stable_step import reached
+    from drivers.limits.stable_step import BEGINNING, reached
 
-    between, in_bore = _depths(chain, reached(chain, duration))
-    for key, what, depth, where in (
-        ("striker.speed" if case.scene.striker else "chain", "contact", between, ""),
-        ("chain", "body", in_bore, " into the bore"),
-    ):
-        if (depth >= 1).any():
-            place = int(np.argmax(depth))
-            found = f"a motion that presses {what} {place + 1} {depth[place]:.3g} radii deep{where}"
-            allowed = f"overlaps below a radius: beyond, Hertz's law means nothing ({override} runs it)"
-            raise InputError(case.scene.file, key, found, allowed)
+    for share in (BEGINNING, 1.0):
+        between, in_bore = _depths(chain, reached(chain, duration, share))
+        for key, what, depth, where in (
+            ("striker.speed" if case.scene.striker else "chain", "contact", between, ""),
+            ("chain", "body", in_bore, " into the bore"),
+        ):
+            if (depth >= 1).any():
+                place = int(np.argmax(depth))
+                found = f"a motion that presses {what} {place + 1} {depth[place]:.3g} radii deep{where}"
+                allowed = f"overlaps below a radius: beyond, Hertz's law means nothing ({override} runs it)"
+                raise InputError(case.scene.file, key, found, allowed)
 
 
 def _depths(chain: Chain, reached: Reached) -> Array:

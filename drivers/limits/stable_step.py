@@ -23,21 +23,22 @@ FINE_STEP_SHARE = 0.125  # of the bounds' step: limits so found are within 0.3 %
 BODY_STEPS_PER_CHUNK = 1_000_000  # bodies times steps kept at a time
 # bodies times steps that are followed, some seconds; what comes later is taken to be alike
 MAX_BODY_STEPS, MAX_BODY_STEPS_3D = 500_000_000, 20_000_000
+BEGINNING = 0.01  # share of them, followed first: most of what is refused shows there
 
 
-def predicted_limit(chain: Chain, duration_s: float) -> float:
+def predicted_limit(chain: Chain, duration_s: float, share: float = 1.0) -> float:
     """Time step in s beyond which a run of that duration blows up; inf where nothing closes."""
-    return stable_step(chain, reached(chain, duration_s))
+    return stable_step(chain, reached(chain, duration_s, share))
 
 
-def reached(chain: Chain, duration_s: float) -> Reached:
-    """Extremes of a motion, followed at a fine step: all of it, or where that takes long its beginning."""
+def reached(chain: Chain, duration_s: float, share: float = 1.0) -> Reached:
+    """Extremes of a motion, followed at a fine step: all of it, or what a share of the most body steps takes."""
     bounds = at_most(chain, duration_s)
     step = FINE_STEP_SHARE * stable_step(chain, bounds)
     if not np.isfinite(step):
         return bounds
     steps = max(1.0, np.ceil(duration_s / step))
-    most = MAX_BODY_STEPS if chain.lateral is None else MAX_BODY_STEPS_3D
+    most = share * (MAX_BODY_STEPS if chain.lateral is None else MAX_BODY_STEPS_3D)
     followed = min(steps, max(1.0, most // chain.bodies))
     follow = _follow if chain.lateral is None else _follow_in_three_dimensions
     found = follow(chain, step, int(followed))

@@ -17,7 +17,7 @@ LEAST_RESTITUTION, MAX_DAMPING_RATIO = 1e-4, 50.0  # about the same: beyond, bod
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
 FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
 PoissonRatio = Annotated[float, Field(ge=0, lt=0.5, allow_inf_nan=False)]
-Friction = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Friction = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 
 
 def _accuracy(value: object) -> object:

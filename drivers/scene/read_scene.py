@@ -6,7 +6,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, refuse_any
-from drivers.base.messages import shorten, validate
+from drivers.base.messages import keys_at, shorten, validate
 from drivers.scene.model import (
     RIGID,
     Bead,
@@ -135,8 +135,8 @@ def set_value(data: dict[str, Any], path: str, value: Any, where: str) -> None:
         here = here.setdefault(key, {}) if isinstance(here, dict) else here[_place_in(here, key, where, key)]
     if not isinstance(here, dict):
         here[_place_in(here, last, where, path)] = value
-    elif value != "":
-        here[last] = value
+    elif value != "" or not (last in here or keys == ["materials"] or last in keys_at(SceneFile, keys)):
+        here[last] = value  # an unknown key is left to validation
     else:
         here.pop(last, None)
 

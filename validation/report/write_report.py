@@ -15,6 +15,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.engines import in_order
+from drivers.scene.read_scene import read_scene
 from validation.compare.comparison import ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.report.charts import PLACES
@@ -66,13 +67,13 @@ def report(sources: list[str], out: Path | None, runs: Path | None) -> int:
     page = out or paths.RESULTS / "report.html"
     if page.suffix in (".json", ".xml"):
         raise InputError(f"--out {page}", "", page.suffix, "another ending: JSON and XML are written beside the page")
-    compared = []
-    for source in sources or PAPER:
-        print(f"{source} ...", file=sys.stderr, flush=True)
-        compared.append(run_and_compare(source, runs=runs or paths.RUNS))
-    names = Counter(scene.case.scene.name for scene in compared)
+    names = Counter(read_scene(source).name for source in sources or PAPER)
     for name in (name for name, count in names.items() if count > 1):
         raise InputError("report", "", f"two scenes named {name}", "scenes of different names")
+    compared = []
+    for source in sources or PAPER:
+        compared.append(run_and_compare(source, runs=runs or paths.RUNS))
+        print(f"{source}: compared", file=sys.stderr, flush=True)
     counts = write_report(compared, page, _command(sources, out, runs), runs)
     print(f"{paths.shown(page)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run")
     return 1 if counts[FAIL] else 0

@@ -1,12 +1,9 @@
 """Batches: what is done is kept and never done again, whatever happens to them."""
 
 import os
-import random
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -237,87 +234,6 @@ def test_two_batches_at_once_share_the_work(study_file: StudyWriter, tmp_path: P
     assert results[0].joinpath("study.parquet").read_bytes() == results[1].joinpath("study.parquet").read_bytes()
     assert set(stored(runs).values()) == {1}
     assert len(stored(runs)) == 300
-
-
-@pytest.mark.long
-def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> None:
-    """SIGKILL of the whole process group, at least twenty times; the table is that of an undisturbed run."""
-    need("liggghts")
-    path = study_file(SPEEDS.format(250), "liggghts", "verlet")
-    words = [sys.executable, "-m", "drivers", "batch", str(path), "--results", str(tmp_path / "runs-results")]
-    runs, moments, kills, kept = tmp_path / "runs", random.Random(5), 0, 0
-    leaders: list[int] = []
-    while kills < 22:
-        process = subprocess.Popen(
-            [*words, "--runs", str(runs)], start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-        )
-        try:
-            process.wait(moments.uniform(0.3, 3.2))
-            assert process.returncode == 0, process.stderr and process.stderr.read()
-            kept = 0
-            shutil.rmtree(runs / "batch")  # done already: from the beginning, for there are kills to go
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-            leaders.append(process.pid)
-            kills += 1
-            rows = len(stored(runs))
-            assert rows >= kept, "rows were lost"
-            kept = rows
-    assert batch(path, runs).returncode == 0
-    assert batch(path, tmp_path / "undisturbed").returncode == 0
-    assert table_bytes(runs) == table_bytes(tmp_path / "undisturbed")
-    assert not list((runs / "batch" / ".work").glob("*@*"))
-    time.sleep(0.5)
-    assert not [left for leader in leaders for left in _processes_of(leader, tmp_path)]
-
-
-def _processes_of(leader: int, folder: Path) -> list[str]:
-    """Commands of processes of a session, and of those that work below a folder: engines lead sessions of their own."""
-    found = []
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            session = int((process / "stat").read_text().rpartition(")")[2].split()[3])
-            if session == leader or str((process / "cwd").resolve()).startswith(str(folder)):
-                found.append((process / "cmdline").read_text())
-        except OSError:
-            continue
-    return [command for command in found if command]  # the dead that nobody has asked for yet have none
-
-
-def test_workers_do_not_outlive_a_killed_batch(study_file: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
-    words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
-    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL)
-    until = time.monotonic() + 60
-    while not stored(runs) and time.monotonic() < until:
-        time.sleep(0.1)
-    process.kill()  # it alone, not its group
-    process.wait()
-    time.sleep(2)
-    assert not _processes_of(process.pid, runs)
-
-
-def test_interrupted_in_order(study_file: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
-    words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
-    process = subprocess.Popen(
-        words,
-        start_new_session=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # tests begun with & do not hear Ctrl-C
-    )
-    until = time.monotonic() + 60
-    while not stored(runs) and time.monotonic() < until:
-        time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=20)
-    assert (process.returncode, told) == (130, "interrupted\n")
-    assert stored(runs)
-    time.sleep(0.5)
-    assert not _processes_of(process.pid, runs)
 
 
 def test_rows_without_exact_forces_are_tried_again(study_file: StudyWriter, tmp_path: Path) -> None:

@@ -217,6 +217,16 @@ def test_bad_words(words: list[str], told: str, scene_file: SceneWriter, tmp_pat
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert told in done.stderr
     assert not list(tmp_path.glob("runs/batch/*.jsonl"))
+    assert "--dask" not in words or not (tmp_path / "runs").exists()
+
+
+def test_no_dask(study_file: StudyWriter, tmp_path: Path) -> None:
+    (tmp_path / "distributed.py").write_text("raise ImportError")
+    path, places = study_file("[[axis]]\nseeds = 3", "reference"), ("--runs", tmp_path / "runs", "--results", tmp_path)
+    done = command_line("drivers", "batch", path, "--dask", *places, PYTHONPATH=str(tmp_path))
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "make cluster" in done.stderr
+    assert not (tmp_path / "runs").exists()
 
 
 def test_no_sbatch(scene_file: SceneWriter, tmp_path: Path) -> None:
