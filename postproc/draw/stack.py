@@ -80,7 +80,7 @@ def draw_residuals(axis: Any, traces: Mapping[str, Trace]) -> None:
         axis.set_ylim(bottom=1e-3 * axis.dataLim.y1)
     else:
         axis.text(0.5, 0.5, "no other engine", transform=axis.transAxes, ha="center", color=FAINT)
-    axis.set_ylabel("|ΔF| / largest F")
+    axis.set_ylabel("|ΔF| / largest change")
     axis.set_title("largest difference from the reference over all contacts", loc="left")
 
 

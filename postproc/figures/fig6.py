@@ -34,7 +34,7 @@ def make(runs: Path) -> Product:
         force.set(ylabel="wall force (N)", xlim=(0, float(time_s[-1]) * MICRO))
         force.set_title(title, loc="left")
         draw_residuals(difference, traces)
-        difference.set_ylabel("|ΔF| / largest")
+        difference.set_ylabel("|ΔF| / largest change")
         tables.append(stack_table(case.layout, traces).assign(scene=case.scene.name))
         chains[title] = traces[REFERENCE]
     axes[0].legend(loc="upper right")
