@@ -2,7 +2,8 @@
 
 All is read from what the gauges show. A ``peak`` is the force itself, an ``amplitude`` is counted above the signal at
 time 0, which is the static load; behind electronics with a time constant a gauge shows none, and the two are the same.
-The first peak at a gauge is the incident wave, the first one after the wall's peak the reflected wave.
+The first pulse at a gauge is the incident wave; the reflected wave is the first one after the wall's peak that goes up:
+it reaches the contact below the bead before the one above. ``pulses`` are those that go down before it.
 """
 
 import re
@@ -15,8 +16,8 @@ import numpy as np
 from drivers.chain.case import Layout
 from drivers.chain.trace import Trace, energy_error_J
 from postproc.read.residual import still
-from postproc.read.sensors import sensor_signals
-from postproc.read.signals import ENVELOPE_MAXIMA, integral, peaks, rising_crossing, train_envelope
+from postproc.read.sensors import goes_up, sensor_signals
+from postproc.read.signals import ENVELOPE_MAXIMA, integral, peaks, pulses, rising_crossing, train_envelope
 
 LEVELS = (0.002, 0.04)  # of the peak, at which the paper's Table 1 cuts the width
 QUIET = 1e-14  # of the largest force: the wall has not felt anything yet
@@ -112,7 +113,7 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
     readings = sensor_signals(layout, trace)
     signals = {name: reading - reading[0] for name, reading in readings.items()}
     noise = ROUNDING * float(np.abs(trace.force_N).max())
-    found = {name: peaks(time, signal) if np.ptp(signal) > noise else [] for name, signal in signals.items()}
+    found = {name: pulses(time, signal) if np.ptp(signal) > noise else [] for name, signal in signals.items()}
     values: dict[str, float] = {}
     for name, signal in signals.items():
         first = found[name][0] if found[name] else None
@@ -124,20 +125,31 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
             edge_s = rising_crossing(time, signal, level * first.value, first) if first else np.nan
             values[f"{name}_duration_{_percent(level)}_s"] = 2 * (first.time_s - edge_s) if first else np.nan
     turned = found["wall"][0].time_s if layout.wall and found["wall"] else np.inf  # until then it goes to the wall
-    names = [f"bead_{sensor.from_wall}" for sensor in layout.sensors]
-    values |= {f"{name}_pulses": float(sum(peak.time_s < turned for peak in found[name])) for name in names}
-    for name in names if turned < np.inf else ():
-        back = next((peak for peak in found[name] if peak.time_s > turned), None)
-        values[f"{name}_reflected_amplitude_N"] = back.value if back else np.nan
-        values[f"{name}_reflected_arrival_s"] = back.time_s if back else np.nan
+    places = {f"bead_{sensor.from_wall}": sensor.from_wall for sensor in layout.sensors}
+    rising = {
+        # at bead 1 a wave and its reflection are one
+        name: [peak for peak in found[name] if goes_up(trace.force_N, place, peak)]
+        if place > 1 or not layout.wall
+        else []
+        for name, place in places.items()
+    }
+    for name, upwards in rising.items():
+        back = next((peak for peak in upwards if peak.time_s > turned), None)
+        before = found[name][: found[name].index(back)] if back else found[name]
+        values[f"{name}_pulses"] = float(sum(peak not in upwards for peak in before) if layout.wall else len(before))
+        if turned < np.inf:
+            values[f"{name}_reflected_amplitude_N"] = back.value if back else np.nan
+            values[f"{name}_reflected_arrival_s"] = back.time_s if back else np.nan
     if layout.wall:
-        maxima = peaks(time, signals["wall"], LATER)[:ENVELOPE_MAXIMA] if found["wall"] else []
+        later = [peak for peak in peaks(time, signals["wall"], LATER) if peak.time_s > turned]
+        maxima = [*found["wall"][:1], *later][:ENVELOPE_MAXIMA]
         shown = [replace(peak, value=peak.value + values["wall_static_N"]) for peak in maxima]
         for number in range(2, ENVELOPE_MAXIMA + 1):
             values[f"wall_peak_{number}_N"] = shown[number - 1].value if number <= len(shown) else np.nan
         curve = train_envelope(shown)
         values["wall_envelope_per_s"] = curve.rate_per_s if curve else np.nan
-    values |= _speeds_and_widths(layout, values, levels)
+    from_below = {name for name, upwards in rising.items() if found[name][:1] == upwards[:1] != []}
+    values |= _speeds_and_widths(layout, values, levels, from_below)
     values |= _balances(layout, trace)
     return values
 
@@ -146,20 +158,24 @@ def _percent(level: float) -> str:
     return f"{100 * level:g}pct"
 
 
-def _speeds_and_widths(layout: Layout, values: dict[str, float], levels: tuple[float, ...]) -> dict[str, float]:
+def _speeds_and_widths(
+    layout: Layout, values: dict[str, float], levels: tuple[float, ...], from_below: set[str]
+) -> dict[str, float]:
     """Peak-to-peak speed and amplitude's ratio a bead between neighbouring sensors, width at the one nearer the wall.
 
     ``transmission_9_to_5`` is ``(A_5 / A_9)^(1/4)``: what share of its amplitude a wave passes on from bead to bead.
+    There is neither where the first waves do not both go down: they are not one wave.
     """
     result: dict[str, float] = {}
     for upper, lower in zip(layout.sensors[:-1], layout.sensors[1:], strict=True):
         first, second = f"bead_{upper.from_wall}", f"bead_{lower.from_wall}"
         pair = f"{upper.from_wall}_to_{lower.from_wall}"
         travel = values[f"{second}_arrival_s"] - values[f"{first}_arrival_s"]
-        speed = result[f"speed_{pair}_m_s"] = (upper.height_m - lower.height_m) / travel if travel > 0 else np.nan
+        same = travel > 0 and not {first, second} & from_below
+        speed = result[f"speed_{pair}_m_s"] = (upper.height_m - lower.height_m) / travel if same else np.nan
         share = values[f"{second}_amplitude_N"] / values[f"{first}_amplitude_N"]
         steps = upper.from_wall - lower.from_wall
-        result[f"transmission_{pair}"] = share ** (1 / steps) if share > 0 else np.nan
+        result[f"transmission_{pair}"] = share ** (1 / steps) if same and share > 0 else np.nan
         for level in levels:
             duration = values[f"{second}_duration_{_percent(level)}_s"]
             result[f"{second}_width_{_percent(level)}_diameters"] = duration * speed / lower.diameter_m

@@ -26,6 +26,7 @@ from scipy.special import hyp1f1
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
+from postproc.read.signals import Peak
 
 POINTS = 6  # samples that each interval's polynomial goes through
 
@@ -43,6 +44,13 @@ def mean_forces(force_N: Array) -> Array:
 def sensor_average(force_N: Array, from_wall: int) -> Array:
     """What a sensor bead reads, counted from the wall, of forces of shape (samples, contacts). Shape (samples,)."""
     return mean_forces(force_N[:, from_wall - 1 : from_wall + 1])[:, 0]
+
+
+def goes_up(force_N: Array, from_wall: int, peak: Peak) -> bool:
+    """Whether a pulse at a bead goes up: at its peak the force passes from the contact below to the one above."""
+    upper = max(min(from_wall, force_N.shape[1] - 1), 1)  # the top bead of a chain without a striker has none above
+    change = force_N[min(peak.sample + 1, len(force_N) - 1)] - force_N[max(peak.sample - 1, 0)]
+    return force_N.shape[1] > 1 and bool(change[upper] > change[upper - 1])
 
 
 def sensor_signals(layout: Layout, trace: Trace) -> dict[str, Array]:

@@ -16,6 +16,9 @@ from scipy.signal import find_peaks
 from drivers.chain.chain import Array
 
 PROMINENCE = 0.05  # of the signal's range: smaller bumps are no peaks
+NOISE = 1e-4  # of the signal's range: a hundred times what rounding leaves of forces at rest
+OWN = 0.01  # of its own height, by which a pulse stands out: those of a train overlap
+SHARE = 0.05  # of the largest pulse before: what is lower is its wake
 # integrals of Lagrange's polynomials through six samples, over their first two intervals and their middle one
 FIRST_INTERVALS = np.array([[475, 1427, -798, 482, -173, 27], [-27, 637, 1022, -258, 77, -11]]) / 1440
 MIDDLE_INTERVAL = np.array([11, -93, 802, 802, -93, 11]) / 1440
@@ -37,25 +40,37 @@ class Peak:
 
 def peaks(time_s: Array, values: Array, prominence: float = PROMINENCE) -> list[Peak]:
     """Maxima that stand out by ``prominence`` of the signal's range, in the order of time; samples equally spaced."""
-    return list(_peaks(time_s, values, prominence))
+    return [peak for peak, _ in _peaks(time_s, values, prominence)]
+
+
+def pulses(time_s: Array, values: Array) -> list[Peak]:
+    """Maxima above 0 that are pulses, however small beside later ones: no noise, ripple or wake of an earlier pulse."""
+    found: list[Peak] = []
+    for peak, prominence in _peaks(time_s, values, NOISE):
+        largest = max((earlier.value for earlier in found), default=0.0)
+        if peak.value > SHARE * largest and prominence >= OWN * peak.value:
+            found.append(peak)
+    return found
 
 
 def first_peak(time_s: Array, values: Array, prominence: float = PROMINENCE) -> Peak | None:
     """The first of ``peaks``; None where there is none."""
-    return next(_peaks(time_s, values, prominence), None)
+    return next((peak for peak, _ in _peaks(time_s, values, prominence)), None)
 
 
-def _peaks(time_s: Array, values: Array, prominence: float) -> Iterator[Peak]:
+def _peaks(time_s: Array, values: Array, prominence: float) -> Iterator[tuple[Peak, float]]:
+    """Maxima, each with the height by which it stands out."""
     span = float(np.ptp(values))
     if span > 0 and len(values) >= 3:
-        for place in map(int, find_peaks(values, prominence=prominence * span)[0]):
+        places, properties = find_peaks(values, prominence=prominence * span)
+        for place, height in zip(map(int, places), map(float, properties["prominences"]), strict=True):
             first, last = max(place - 1, 0), min(place + 1, len(time_s) - 1)
             curve = _local_curve(time_s, values, place, first, last)
             roots = np.asarray(curve.derivative().roots(extrapolate=False))  # a flat stretch's NaN is not inside
             inside = roots[(roots >= time_s[first]) & (roots <= time_s[last])]
             candidates = [(float(curve(root)), float(root)) for root in inside]
             value, time = max([*candidates, (float(values[place]), float(time_s[place]))])
-            yield Peak(time, value, place)
+            yield Peak(time, value, place), height
 
 
 def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) -> float:

@@ -1,4 +1,6 @@
-"""Every number of a run is declared, with its unit and kind."""
+"""Every number of a run is declared, with its unit and kind, and is of the wave that it names."""
+
+from math import isnan
 
 import pytest
 
@@ -46,3 +48,51 @@ def test_names_are_chosen_by_kind_in_their_order() -> None:
     names = ["force", "speed_9_to_5", "wall_peak", "bead_9_reflected_arrival", "bead_9_arrival", "wall_peak_2"]
     assert of_kind(names, "peak", "speed") == ["speed_9_to_5", "wall_peak"]
     assert of_kind(names, "arrival") == ["bead_9_arrival"]
+
+
+@pytest.mark.parametrize(("mass", "speed", "places"), [("0.5 g", "0.89 m/s", (14, 8)), ("1 g", "0.3 m/s", (15, 6))])
+def test_a_train_is_told_from_its_reflection(mass: str, speed: str, places: tuple[int, int]) -> None:
+    """Reflected waves go up, at a wave's speed; pulses are no more than pass a bead of a long chain."""
+    upper, lower = places
+    sensors = "chain.sensors=[{from_wall=%d}, {from_wall=%d}]" % places  # noqa: UP031 - braces are TOML's
+    strike = (f"striker.mass={mass}", f"striker.speed={speed}", "run.duration=2.4 ms")
+    case = case_of("fig6d", sensors, *strike)
+    values = observe(case.layout, exact(case).trace)
+    climb = values[f"bead_{upper}_reflected_arrival_s"] - values[f"bead_{lower}_reflected_arrival_s"]
+    back = (upper - lower) * case.scene.chain.diameter / climb
+    assert 0.8 < back / values[f"speed_{upper}_to_{lower}_m_s"] < 1.6
+    assert values[f"bead_{lower}_reflected_arrival_s"] > values["wall_arrival_s"]
+    far = case_of("fig6d", f"chain.count={40 + 18}", sensors.replace(str(upper), str(40 + upper)), *strike)
+    seen = observe(far.layout, exact(far).trace)
+    assert 3 <= values[f"bead_{upper}_pulses"] <= seen[f"bead_{40 + upper}_pulses"]
+    assert seen[f"bead_{40 + upper}_pulses"] >= 8
+
+
+@pytest.mark.parametrize("weak", [0.2, 0.05, 0.005])
+def test_a_weak_wave_before_a_strong_one_is_the_first(weak: float) -> None:
+    """Of two strikes the gauges see both, with the force and the speed of the first."""
+    beads = "[{from_wall=40, velocity='-2 m/s', gap_below='3 mm'}, {from_wall=39, velocity='-%g m/s'}]" % weak  # noqa: UP031
+    settings = ("chain.count=40", "striker=", "chain.sensors=[{from_wall=30}, {from_wall=20}]", f"chain.bead={beads}")
+    case = case_of("fig4", "gravity=", "run.duration=4 ms", *settings)
+    values = observe(case.layout, exact(case).trace)
+    alone = case_of("fig4", "gravity=", "run.duration=4 ms", *settings[:3], settings[3].replace("-2 m/s", "0 m/s"))
+    first = observe(alone.layout, exact(alone).trace)
+    for name in ("bead_30_amplitude_N", "bead_20_amplitude_N", "bead_30_arrival_s", "speed_30_to_20_m_s"):
+        assert values[name] == pytest.approx(first[name], rel=1e-6)
+    assert values["bead_30_pulses"] == 2
+    assert first["bead_30_pulses"] == 1
+
+
+def test_what_is_not_seen_is_not_told() -> None:
+    """Two strikes from both ends have no speed between gauges; at bead 1 a wave and its reflection are one."""
+    ends = "chain.bead=[{from_wall=21, velocity='-1 m/s'}, {from_wall=1, velocity='1 m/s'}]"
+    sensors = "chain.sensors=[{from_wall=18}, {from_wall=15}, {from_wall=5}, {from_wall=1}]"
+    case = case_of("fig4", "gravity=", "striker=", "wall=", ends, sensors)
+    values = observe(case.layout, exact(case).trace)
+    assert isnan(values["speed_15_to_5_m_s"])
+    assert isnan(values["transmission_15_to_5"])
+    assert values["transmission_18_to_15"] == pytest.approx(1, abs=0.01)
+    case = case_of("fig4", sensors)
+    values = observe(case.layout, exact(case).trace)
+    assert isnan(values["bead_1_reflected_amplitude_N"])
+    assert values["bead_5_reflected_amplitude_N"] > 1
