@@ -90,7 +90,9 @@ def of_kind(names: Iterable[str], *kinds: str) -> list[str]:
 
 
 def scale_of(name: str, values: Mapping[str, float]) -> float:
-    """The part of an observable that its error is counted over: a peak less its static load, or all of another.
+    """Value that the error of an observable is counted over: of peaks their gauge's wave, of others their own.
+
+    A gauge's wave is its first peak less the static load, or a later one where that is larger.
 
     Args:
         name: with or without its unit, as in ``values``.
@@ -100,7 +102,8 @@ def scale_of(name: str, values: Mapping[str, float]) -> float:
     if describe(name).kind not in ("peak", "later peak"):
         return abs(values[name])
     unit = "_N" if rest.endswith("_N") else ""
-    return abs(values[name] - values[f"{gauge}_peak{unit}"] + values[f"{gauge}_amplitude{unit}"])
+    wave_N = values[f"{gauge}_amplitude{unit}"]
+    return max(abs(wave_N), abs(values[name] - values[f"{gauge}_peak{unit}"] + wave_N))
 
 
 def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) -> dict[str, float]:

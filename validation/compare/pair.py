@@ -24,16 +24,12 @@ from postproc.read.observables import describe, observe, of_kind, scale_of, with
 from postproc.read.signals import integral
 from validation.accuracy.baseline import HORIZON, baseline_of, model_quantity, shipped_name
 from validation.accuracy.budget import PARTS, for_terminal
-from validation.compare.departure import Departure, Deviation, departure, deviation, first_deviation
+from validation.compare.departure import Departure, Deviation, departure, deviation, first_deviation, motion_scales
 from validation.compare.verdict import FAIL, Verdict, judged
 
 KINDS = ("peak", "later peak", "speed")  # of observables that are judged
-LEVELS = (
-    1e-9,
-    1e-6,
-    1e-3,
-    1e-2,
-)  # of the largest change: rounding, horizon, coarse steps, experiments
+# of the largest change: rounding, horizon, coarse steps, experiments
+LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)
 MIN_SAMPLES = 4  # of which peaks can be read
 TIME_TOLERANCE = 1e-9  # of a sample time
 DERIVED = ("units", "name", "steps_per_sample", "samples")  # no keys of a scene file
@@ -219,17 +215,17 @@ def _verdicts(one: PairedRun, other: PairedRun, limits: dict[str, Tolerance], sa
         values = f"{should[name]:.7g} against {has[name]:.7g} {observable.unit}"
         yield verdict(without_unit(name), float(error), limits[observable.kind], f"{values}{when}")
 
+    energy_J, momentum_N_s = motion_scales(one.case.chain, first)
     series = {
-        "kinetic energy": (first.kinetic_energy_J, second.kinetic_energy_J),
-        "total energy": (first.total_energy_J, second.total_energy_J),
-        "momentum": (first.momentum_N_s, second.momentum_N_s),
+        "kinetic energy": (first.kinetic_energy_J, second.kinetic_energy_J, energy_J),
+        "total energy": (first.total_energy_J, second.total_energy_J, energy_J),
+        "momentum": (first.momentum_N_s, second.momentum_N_s, momentum_N_s),
     }
     if one.run.layout.wall and other.run.layout.wall:
-        impulses = [integral(each.time_s, each.force_N[:, 0]) for each in (first, second)]
-        series["wall impulse"] = (impulses[0], impulses[1])
-    for quantity, (expected, measured) in series.items():
-        scale = first.kinetic_energy_J if quantity == "total energy" else expected
-        share = np.abs(measured - expected) / (float(np.abs(scale).max()) or 1.0)
+        own, others = (integral(each.time_s, each.force_N[:, 0]) for each in (first, second))
+        series["wall impulse"] = (own, others, np.abs(own).max() or 1.0)
+    for quantity, (expected, measured, scale) in series.items():
+        share = np.abs(measured - expected) / scale
         sample = int(np.argmax(np.nan_to_num(share, nan=np.inf)))
         yield verdict(quantity, float(share[sample]), limits["others"], f"at {first.time_s[sample] * 1e6:g} µs")
 
