@@ -149,7 +149,8 @@ def contact_law() -> float:
     return float(case_of("table1").chain.stiffness[1]) / _particles().stiffness
 
 
-def _beta(amplitude: float, modulus_MPa: float = 1460) -> float:
+def beta(amplitude: float, modulus_MPa: float = 1460) -> float:
+    """Beta of a wave of so many times the static force."""
     chain = case_of("table1", f"materials.ptfe.youngs_modulus={modulus_MPa} MPa").chain
     stiffness, mass = float(chain.stiffness[1]), float(chain.mass_kg[0])
     return travelling_wave.solve_at_amplitude(stiffness, mass, STATIC_N, amplitude).beta
@@ -187,14 +188,9 @@ def power_three() -> float:
     return float(np.log2(fast / slow))
 
 
-def beta_linear() -> float:
-    """Beta of a wave of a tenth of the static force."""
-    return _beta(0.1)
-
-
 def beta_spread() -> float:
     """Largest relative difference of beta between 600, 1000 and 1460 MPa, per cent."""
-    found = np.array([[_beta(a, modulus) for modulus in quoted().ptfe.moduli_MPa] for a in AMPLITUDES])
+    found = np.array([[beta(a, modulus) for modulus in quoted().ptfe.moduli_MPa] for a in AMPLITUDES])
     return float(100 * ((found.max(axis=1) - found.min(axis=1)) / found.mean(axis=1)).max())
 
 

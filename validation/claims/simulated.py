@@ -27,7 +27,7 @@ from postproc.paper.strikes import (
 )
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_average
-from postproc.read.signals import ENVELOPE_MAXIMA, Peak, PulseShape, envelope, incident_pulse, peaks
+from postproc.read.signals import Peak, incident_pulse, peaks
 from validation.reference.travelling_wave import solve_at_amplitude
 
 Run = Callable[[Case], Simulation]
@@ -141,11 +141,6 @@ def fig4(run: Run, observable: str, over: str = "", times: float = 1.0) -> float
     """An observable of Fig. 4's chain, maybe over another, times a number."""
     values = _fig4(run).values
     return values[observable] / (values[over] if over else 1.0) * times
-
-
-def fig4_speed(run: Run) -> float:
-    """Speed from bead 9 to bead 5 of Fig. 4, m/s."""
-    return speed_between_sensors(_fig4(run))
 
 
 def speed_to_the_wall(run: Run) -> float:
@@ -262,33 +257,22 @@ def precompression_width(run: Run) -> float:
 
 def envelope_rate(run: Run) -> float:
     """Rate of the exponential through the first three maxima at the wall in Fig. 5, per microsecond."""
-    maxima = _waves(run(case_of("fig5")), 1, at_least=ENVELOPE_MAXIMA)[:ENVELOPE_MAXIMA]
-    return envelope(maxima).rate_per_s / MICRO
+    return run(case_of("fig5")).values["wall_envelope_per_s"] / MICRO
 
 
-def _entrance(run: Run) -> PulseShape:
-    """The averaged force at the top bead of Fig. 5."""
+def entrance(run: Run, number: str, times: float) -> float:
+    """A number of the averaged force at the top bead of Fig. 5, in the unit that a factor makes of SI's."""
     one = run(case_of("fig5"))
     reading = sensor_average(one.trace.force_N, one.case.chain.beads)
     shape = incident_pulse(one.trace.time_s, reading - reading[0])
     if shape is None:
         raise InputError(one.case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
-    return shape
-
-
-def decay(run: Run) -> float:
-    """Rate of the initial decay of the averaged force at the top bead of Fig. 5, per microsecond."""
-    return _entrance(run).decay_per_s / MICRO
-
-
-def entrance_time(run: Run, time: str) -> float:
-    """A time of the averaged force at the top bead of Fig. 5, microseconds."""
-    return float(getattr(_entrance(run), time) * MICRO)
+    return float(getattr(shape, number) * times)
 
 
 def decay_ratio(run: Run) -> float:
     """Rate of decay of the incident pulse at the top bead over that of the envelope at the wall."""
-    return decay(run) / envelope_rate(run)
+    return entrance(run, "decay_per_s", 1 / MICRO) / envelope_rate(run)
 
 
 def solved(table: pd.DataFrame, force_N: float, column: str) -> dict[str, float]:

@@ -15,7 +15,7 @@ from math import pi, sqrt
 
 import numpy as np
 from scipy.optimize import brentq, curve_fit
-from scipy.special import jn_zeros, jv
+from scipy.special import jn_zeros, jv, jvp
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
@@ -49,11 +49,8 @@ def response(order: int, tau: Array) -> Array:
 
 def first_maximum(order: int) -> float:
     """Where ``J_m(tau) / tau`` has its first maximum: ``tau J_m' = J_m``."""
-
-    def slope(tau: float) -> float:
-        return float(tau * (jv(order - 1, tau) - jv(order + 1, tau)) / 2 - jv(order, tau))
-
-    return float(brentq(slope, 0.9 * order, jn_zeros(order, 1)[0], xtol=1e-13))
+    ends = 0.9 * order, jn_zeros(order, 1)[0]
+    return float(brentq(lambda tau: tau * jvp(order, tau) - jv(order, tau), *ends, xtol=1e-13))
 
 
 def fit(time_s: Array, force_N: Array, order: int, last_tau: float) -> Fit:

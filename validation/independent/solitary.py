@@ -81,13 +81,10 @@ def _width_s(time_s: Array, values: Array, share: float) -> float:
     """Time from rising through a share of the first peak to falling through it."""
     peak = _peak(time_s, values)
     level = share * peak.value
-    end_of_pulse = peak.sample + int(np.argmax(values[peak.sample :] < level))
-    part = slice(0, end_of_pulse + 9)  # what comes later is another wave
     # the falling edge rises where time runs back
-    mirrored = Peak(-peak.time_s, peak.value, len(values[part]) - 1 - peak.sample)
-    rise = rising_crossing(time_s, values, level, peak)
-    fall = -rising_crossing(-time_s[part][::-1], values[part][::-1], level, mirrored)
-    return fall - rise
+    mirrored = Peak(-peak.time_s, peak.value, len(values) - 1 - peak.sample)
+    fall = -rising_crossing(-time_s[::-1], values[::-1], level, mirrored)
+    return fall - rising_crossing(time_s, values, level, peak)
 
 
 QUANTITIES = {
