@@ -178,10 +178,15 @@ def read_study(source: str | Path) -> Study:
 def _base_scene(source: str, study: Path, where: str) -> Path:
     """The base scene: by its name in ``inputs/scenes``, or as a path from the study file's folder."""
     try:
-        return find_scene(source if "." not in source and "/" not in source else study.parent / source).resolve()
+        return find_scene(seen_from(study, source)).resolve()
     except (InputError, OSError, ValueError) as error:
         allowed = "a scene file, as seen from the study, or the name of a scene"
         raise InputError(where, "scene", shorten(source), allowed) from error
+
+
+def seen_from(file: Path, source: str) -> str | Path:
+    """A name in ``inputs`` as it is, any other source as a path from the file's folder."""
+    return source if "." not in source and "/" not in source else file.parent / source
 
 
 @dataclass(frozen=True)

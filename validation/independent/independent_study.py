@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from itertools import product
 from math import isfinite, nan
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from postproc.read.motion import read_motion
 from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict, pass_or_fail
-from validation.independent.posed_cases import MEASURES, Check, Independent, Posed, pose, read_independent, unit_of
+from validation.independent.posed_cases import MEASURES, Check, Posed, pose, read_independent, unit_of
 from validation.studies import Options, Study, Tables, rows_in
 
 RUN = "run"  # the quantity that a case without numbers fails, or is not run, in
@@ -62,44 +63,40 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
     Raises:
         InputError: the file, a scene or a study is wrong, or a scene cannot end well.
     """
-    posed = [(one, label) for one in (pose(entry, path) for entry in read_independent(path)) for label in one.cases]
+    posed = [one for entry in read_independent(path) for one in pose(entry, path)]
     absent, jobs = {}, {}
-    for one, label in posed:
-        for engine in engine_names():
-            key, case = (one.entry.id, label, engine), one.cases[label]
-            if load_engine(engine).find() is None:
-                absent[key] = NOT_INSTALLED
-            elif (cannot := inability(case, engine)) is not None:
-                absent[key] = f"{REFUSED}: {cannot}"
-            elif engine not in HERE:
-                jobs[key] = (case, engine)
+    for one, engine in product(posed, engine_names()):
+        key = (one.entry.id, one.label, engine)
+        if load_engine(engine).find() is None:
+            absent[key] = NOT_INSTALLED
+        elif (cannot := inability(one.case, engine)) is not None:
+            absent[key] = f"{REFUSED}: {cannot}"
+        elif engine not in HERE:
+            jobs[key] = (one.case, engine)
     # of equal decks the last is run: one that keeps its state serves the others too
     order = sorted(jobs, key=lambda key: "state" in jobs[key][0].scene.run.record)
     for key in order:
         refuse(*jobs[key])
     ended = dict(zip(order, run_many([jobs[key] for key in order], runs), strict=True))
     lines = []
-    for one, label in posed:
-        for engine in engine_names():
-            key = (one.entry.id, label, engine)
-            if key in absent:
-                lines.append(_without(one.entry, label, engine, NOT_RUN, absent[key]))
-            else:
-                lines += _judged(one, label, engine, ended.get(key))
+    for one, engine in product(posed, engine_names()):
+        key = (one.entry.id, one.label, engine)
+        if key in absent:
+            lines.append(_without(one, engine, NOT_RUN, absent[key]))
+        else:
+            lines += _judged(one, engine, ended.get(key))
     return lines
 
 
-def _judged(one: Posed, label: str, engine: str, ended: EndedRun | None) -> list[Line]:
-    entry, case = one.entry, one.cases[label]
+def _judged(one: Posed, engine: str, ended: EndedRun | None) -> list[Line]:
     if ended is not None and not ended.done:
-        return [_without(entry, label, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")]
+        return [_without(one, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")]
     try:
-        trace = HERE[engine](case) if ended is None else trace_of(case, ended.folder)
-        found = MEASURES[entry.measure].measure(case, trace)
+        trace = HERE[engine](one.case) if ended is None else trace_of(one.case, ended.folder)
+        found = MEASURES[one.entry.measure].measure(one.case, trace)
     except (ValueError, ArithmeticError, IndexError) as error:  # what the run does not show
-        return [_without(entry, label, engine, FAIL, str(error))]
-    theory = one.theory[label]
-    return [_line(entry, label, engine, check, found.get(check.quantity, nan), theory) for check in entry.check]
+        return [_without(one, engine, FAIL, str(error))]
+    return [_line(one, engine, check, found.get(check.quantity, nan)) for check in one.entry.check]
 
 
 def trace_of(case: Case, folder: Path) -> Trace:
@@ -115,13 +112,13 @@ def trace_of(case: Case, folder: Path) -> Trace:
     return replace(run.trace, height_m=motion.place_m[:, :, 2], velocity_m_s=motion.velocity_m_s[:, :, 2])
 
 
-def _line(entry: Independent, label: str, engine: str, check: Check, found: float, theory: dict[str, float]) -> Line:
-    expected = theory[check.quantity] if check.expected is None else check.expected
+def _line(one: Posed, engine: str, check: Check, found: float) -> Line:
+    expected = one.theory[check.quantity] if check.expected is None else check.expected
     error = check.error(found, expected)
     return Line(
-        id=entry.id,
-        title=entry.title,
-        label=label,
+        id=one.entry.id,
+        title=one.entry.title,
+        label=one.label,
         engine=engine,
         quantity=check.quantity,
         unit=unit_of(check.quantity),
@@ -134,15 +131,14 @@ def _line(entry: Independent, label: str, engine: str, check: Check, found: floa
         verdict=pass_or_fail(error, check.limit),
         why="" if found == found else "the run does not show it",
         reason=check.reason,
-        source=MEASURES[entry.measure].SOURCE if check.expected is None else entry.source,
+        source=MEASURES[one.entry.measure].SOURCE if check.expected is None else one.entry.source,
     )
 
 
-def _without(entry: Independent, label: str, engine: str, verdict: str, why: str) -> Line:
-    reason = "a run has to be done and to show what is asked"
-    return Line(
-        entry.id, entry.title, label, engine, RUN, "", "", nan, nan, nan, "", nan, verdict, why, reason, entry.source
-    )
+def _without(one: Posed, engine: str, verdict: str, why: str) -> Line:
+    entry, reason = one.entry, "a run has to be done and to show what is asked"
+    names = (entry.id, entry.title, one.label, engine, RUN, "", "")
+    return Line(*names, nan, nan, nan, "", nan, verdict, why, reason, entry.source)
 
 
 def verdict_of(line: Line) -> Verdict:

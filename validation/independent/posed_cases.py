@@ -4,8 +4,7 @@ A further measure is a module or class of the form of ``Measure`` and a line in 
 """
 
 from collections import Counter
-from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 from typing import Annotated, Protocol
@@ -15,7 +14,7 @@ from pydantic import Field
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten, validate
-from drivers.batch.study import read_study
+from drivers.batch.study import read_study, seen_from
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.scene.model import Name, Part
@@ -122,17 +121,18 @@ class IndependentFile(Part):
 
 @dataclass(frozen=True)
 class Posed:
-    """An independent case ready to be run.
+    """A case of an independent case, ready to be run.
 
     Attributes:
         entry: as the file has it.
-        cases: by its label, which is empty where there is one only: a case for the scene, or each of the study.
-        theory: what the measure's theory gives for each.
+        label: of a case of a study; empty for a scene.
+        theory: what the measure's theory gives.
     """
 
     entry: Independent
-    cases: dict[str, Case]
-    theory: dict[str, dict[str, float]]
+    label: str
+    case: Case
+    theory: dict[str, float]
 
 
 def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
@@ -170,7 +170,7 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
     return entries
 
 
-def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> Posed:
+def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> list[Posed]:
     """The case of an entry's scene, or all of its study, with its settings laid over.
 
     Raises:
@@ -178,26 +178,18 @@ def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> Posed:
     """
     where, key = paths.shown(path), f"case {entry.id}"
     if entry.scene is not None:
-        cases = {"": planned_case(_source(entry.scene, path), *entry.set)}
+        cases = {"": planned_case(seen_from(path, entry.scene), *entry.set)}
     else:
         assert entry.study is not None
-        study = read_study(_source(entry.study, path))
-        base = deepcopy(study.base)
+        study = read_study(seen_from(path, entry.study))
         for setting in entry.set:
-            lay_over(base, setting)
-        study = replace(study, base=base)
+            lay_over(study.base, setting)
         cases = {study.label(number): plan_case(study.case(number)) for number in range(1, study.count + 1)}
     try:
-        theory = {label: MEASURES[entry.measure].theory(case) for label, case in cases.items()}
+        posed = [Posed(entry, label, case, MEASURES[entry.measure].theory(case)) for label, case in cases.items()]
     except (ValueError, ArithmeticError) as error:
         raise InputError(where, key, str(error), f'a case that the measure "{entry.measure}" can read') from error
-    for given in theory.values():
-        for check in entry.check:
-            if check.expected is None and check.quantity not in given:
-                raise InputError(where, f"{key}: check {check.quantity}", "no expected", "a number: no theory gives it")
-    return Posed(entry, cases, theory)
-
-
-def _source(name: str, path: Path) -> str | Path:
-    """A name in ``inputs``, or a path as seen from the file."""
-    return name if "." not in name and "/" not in name else path.parent / name
+    for check in entry.check:
+        if check.expected is None and any(check.quantity not in one.theory for one in posed):
+            raise InputError(where, f"{key}: check {check.quantity}", "no expected", "a number: no theory gives it")
+    return posed

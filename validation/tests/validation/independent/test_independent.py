@@ -41,7 +41,7 @@ CHEAP = ("two-glass-spheres", "aluminium-on-plane")
 
 
 def load(path: Path) -> list[Posed]:
-    return [pose(entry, path) for entry in read_independent(path)]
+    return [one for entry in read_independent(path) for one in pose(entry, path)]
 
 
 def shipped(*names: str) -> str:

@@ -33,7 +33,7 @@ AT_CONTACT, AT_BEAD, WEAK = "head-on-at-contact", "head-on-at-bead", "weak-strik
 @cache
 def posed(name: str) -> Case:
     """The case of an entry."""
-    return pose(CASES[name]).cases[""]
+    return pose(CASES[name])[0].case
 
 
 def with_settings(name: str, *settings: str) -> Case:
