@@ -67,13 +67,8 @@ def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
         return table
 
 
-def read_rows(path: Path, kind: type[Row], target: str) -> list[Row]:
-    """The rows of a table that ``make target`` wrote, equal to those that were written."""
-    return rows_in(read_table(path, kind, target), kind)
-
-
 def rows_in(table: pd.DataFrame, kind: type[Row]) -> list[Row]:
-    """Rows of a table that ``read_table`` read."""
+    """Rows of a table that ``read_table`` read, equal to those that were written."""
     mapped = next((field.name for field in fields(kind) if _is_mapping(field.type)), None)  # type: ignore[arg-type]
     names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     rows = []

@@ -17,6 +17,7 @@ from postproc.paper import theory
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, exact
 from postproc.paper.strikes import (
+    READINGS,
     contact_peak,
     deviations,
     engines_of,
@@ -39,7 +40,6 @@ LONG = "run.duration=2 ms"
 WIDTH = "bead_5_width_4pct_diameters"
 MICRO = 1e6
 ROWS = {"large": slice(0, 2), "small": slice(2, None)}  # of the table: 5 and 2 N; 0.6, 0.1 and 0.06 N
-READINGS = {"contact": contact_peak, "average": sensor_amplitude}
 
 
 def _waves(simulation: Simulation, contact: int, at_least: int = 1, prominence: float = PROMINENCE) -> list[Peak]:
@@ -281,7 +281,7 @@ def solved(table: pd.DataFrame, force_N: float, column: str) -> dict[str, float]
     return {engine: row[f"{engine}_{column}"] for engine in engines_of(table)}
 
 
-def misfit(modulus_MPa: float, forces: str, force_is: str = "contact") -> float:
+def misfit(modulus_MPa: float, forces: str, force_is: str = "contact force") -> float:
     """Measured speed off the simulated, root mean square over some forces, per cent."""
     return float(100 * np.sqrt((deviations(modulus_MPa, READINGS[force_is])[ROWS[forces]] ** 2).mean()))
 

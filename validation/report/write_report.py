@@ -3,12 +3,8 @@
 import shlex
 import sys
 from collections import Counter
-from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 from drivers.base import decks as deck
 from drivers.base import paths
@@ -28,34 +24,17 @@ PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 AGAIN = "make report"
 
 
-@dataclass(frozen=True)
-class Section:
-    """A section of the page, made of what is in the results folder by the template and ``make`` target of its name.
-
-    Attributes:
-        link: what the contents call it.
-        table: the file whose date is told; empty where each file is its own.
-        read: from the results folder; empty where nothing has been made. Raises an InputError if that is damaged.
-    """
-
-    link: str
-    heading: str
-    table: str
-    read: Callable[[Path], Any]
-
-
+# link in the contents and heading of each section, by the name of its template, its table and its ``make`` target
 SECTIONS = {
-    "independent": Section(
-        "Independent cases", "Independent cases: are the codes right beyond the paper?", "independent.csv",
-        partial(read_section, "independent"),
-    ),
-    "table1": Section("Table 1", "Table 1 of the paper", "table1.csv", read_table1),
-    "claims": Section("Claims", "The paper's statements, computed", "claims.csv", partial(read_section, "claims")),
-    "figures": Section("Figures", "The paper's figures, computed", "", read_figures),
-    "trade": Section("Cost of accuracy", "What accuracy costs", "trade.csv", partial(read_section, "trade")),
-    "stability": Section("Stability", "Where it breaks", "stability.csv", partial(read_section, "stability")),
-    "elements": Section("Elements", "What each element adds", "elements.csv", partial(read_section, "elements")),
-}  # fmt: skip
+    "independent": ("Independent cases", "Independent cases: are the codes right beyond the paper?"),
+    "table1": ("Table 1", "Table 1 of the paper"),
+    "claims": ("Claims", "The paper's statements, computed"),
+    "figures": ("Figures", "The paper's figures, computed"),
+    "trade": ("Cost of accuracy", "What accuracy costs"),
+    "stability": ("Stability", "Where it breaks"),
+    "elements": ("Elements", "What each element adds"),
+}
+READERS = {"table1": read_table1, "figures": read_figures}  # of sections that are no study's
 
 
 def report(sources: list[str], out: Path | None, runs: Path | None) -> int:
@@ -101,7 +80,7 @@ def write_report(
     """
     results = path.parent
     made = made_with(scenes, command)
-    sections = {name: section.read(results) for name, section in SECTIONS.items()}
+    sections = {name: READERS[name](results) if name in READERS else read_section(name, results) for name in SECTIONS}
     rows = [scene_row(scene, runs) for scene in scenes]
     cases = case_rows(sections["independent"])
     page = deck.render(
@@ -115,7 +94,7 @@ def write_report(
         case_counts=counted(cases),
         tolerances=tolerances(scenes),
         scenes=[section_of(scene, row) for scene, row in zip(scenes, rows, strict=True)],
-        sections=[(name, section, sections[name]) for name, section in SECTIONS.items()],
+        sections=[(name, *words, sections[name]) for name, words in SECTIONS.items()],
         dates=when_made(results),
         short=short,
         shown=paths.shown,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 
 from drivers.chain.chain import Array
 from drivers.engines import VERLET, codes, engine_names, in_order
@@ -35,7 +35,6 @@ QUANTITIES = {
     "energy": "the energy",
     "momentum": "the momentum",
 }
-UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 METHODS = {ORDER_4: ("#56b4e9", "D"), ADAPTIVE: ("#999999", "v")}  # colours and markers of what is no engine
 COSTS = {"loop_s": "time in the loop, s", "wall_s": "time of a run by itself, s"}
 
@@ -161,15 +160,13 @@ def advice(rows: pd.DataFrame) -> Iterator[Advice]:
     """For each scene, quantity and error the cheapest way of all, and by each method, with and without start-up."""
     for scene, group in rows.groupby("scene", sort=False):
         among = {"any": group} | {str(name): part for name, part in group.groupby("method", sort=False)}
-        for quantity, target, name in product(QUANTITIES, TARGETS, among):
-            kept = reaching(among[name], quantity, target)
-            for cost in ("loop_s", "wall_s"):
-                found = Advice(str(scene), quantity, target, name, cost)
-                if not kept.empty:
-                    best = kept.iloc[int(kept[cost].to_numpy().argmin())]
-                    measured = {key: best[key] for key in ("method", "time_step_s", "loop_s", "wall_s")}
-                    found = replace(found, **measured, error=best[quantity])
-                yield found
+        for quantity, target, name, cost in product(QUANTITIES, TARGETS, among, COSTS):
+            found = Advice(str(scene), quantity, target, name, cost)
+            best = cheapest(among[name], quantity, target, cost)
+            if best is not None:
+                measured = {key: best[key] for key in ("method", "time_step_s", "loop_s", "wall_s")}
+                found = replace(found, **measured, error=best[quantity])
+            yield found
 
 
 def measure(options: Options) -> dict[str, Any]:
@@ -343,9 +340,7 @@ def _time(seconds: float) -> str:
     """Two digits, in the unit in which they are easily read."""
     if pd.isna(seconds):
         return "of its own"
-    two = float(f"{seconds:.2g}")
-    scale, unit = next(((each, name) for each, name in UNITS if two >= each), UNITS[-1])
-    return f"{two / scale:.3g} {unit}"
+    return EngFormatter("s")(float(f"{seconds:.2g}"))
 
 
 STUDY = Study(

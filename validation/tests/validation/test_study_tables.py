@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base.errors import InputError
-from validation.studies import frame_of, read_rows, read_table, write_table
+from validation.studies import frame_of, read_table, rows_in, write_table
 
 
 @dataclass(frozen=True)
@@ -40,26 +40,26 @@ ROWS = [
 
 def test_rows_come_back_bit_for_bit(tmp_path: Path) -> None:
     write_table(tmp_path / "new" / "t.csv", Measured, ROWS)
-    assert read_rows(tmp_path / "new" / "t.csv", Measured, "trade") == ROWS
+    assert rows_in(read_table(tmp_path / "new" / "t.csv", Measured, "trade"), Measured) == ROWS
 
 
 def test_what_was_not_measured_is_an_empty_cell(tmp_path: Path) -> None:
     write_table(tmp_path / "t.csv", Measured, [Measured("a", 1, nan, True)])
     assert (tmp_path / "t.csv").read_text() == "name,steps,value,good\na,1,,True\n"
-    assert isnan(read_rows(tmp_path / "t.csv", Measured, "trade")[0].value)
+    assert isnan(rows_in(read_table(tmp_path / "t.csv", Measured, "trade"), Measured)[0].value)
 
 
 def test_a_table_without_rows_keeps_its_columns(tmp_path: Path) -> None:
     write_table(tmp_path / "t.csv", Measured, [])
     assert list(read_table(tmp_path / "t.csv", Measured, "trade").columns) == ["name", "steps", "value", "good"]
-    assert read_rows(tmp_path / "t.csv", Measured, "trade") == []
+    assert rows_in(read_table(tmp_path / "t.csv", Measured, "trade"), Measured) == []
 
 
 def test_each_engine_has_a_column(tmp_path: Path) -> None:
     rows = [ByEngine("a", {}, "x"), ByEngine("b", {"p": 1.5}, ""), ByEngine("c", {"q": 0.1, "p": 2.0}, "y")]
     assert list(frame_of(ByEngine, rows).columns) == ["id", "p", "q", "why"]
     write_table(tmp_path / "t.csv", ByEngine, rows)
-    assert read_rows(tmp_path / "t.csv", ByEngine, "claims") == rows
+    assert rows_in(read_table(tmp_path / "t.csv", ByEngine, "claims"), ByEngine) == rows
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_each_engine_has_a_column(tmp_path: Path) -> None:
 def test_a_damaged_table_is_named_with_the_target_that_writes_it(tmp_path: Path, content: bytes, found: str) -> None:
     (tmp_path / "t.csv").write_bytes(content)
     with pytest.raises(InputError, match=f"t.csv: found .*{found}.*; allowed: the table that make trade writes$"):
-        read_rows(tmp_path / "t.csv", Measured, "trade")
+        rows_in(read_table(tmp_path / "t.csv", Measured, "trade"), Measured)
 
 
 def test_a_missing_table_is_named_with_the_target_that_writes_it(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from validation.claims.claims_study import (
     row_of,
 )
 from validation.report.write_report import write_report
-from validation.studies import read_rows, read_section, write_table
+from validation.studies import read_section, read_table, rows_in, write_table
 from validation.tests.helpers.runs import need
 
 pytestmark = pytest.mark.long
@@ -182,7 +182,9 @@ def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], 
     section = read_section("claims", tmp_path)
     assert sum(len(rows) for rows in section["rows"].values()) == len(judged)
     assert section["engines"] == ["liggghts", "yade", "reference"]
-    assert [row.how for row in read_rows(tmp_path / "claims.csv", Row, "claims")] == [each.how for each in judged]
+    assert [row.how for row in rows_in(read_table(tmp_path / "claims.csv", Row, "claims"), Row)] == [
+        each.how for each in judged
+    ]
 
 
 @pytest.mark.parametrize("damage", ["", "id,where\n", "\x00\xff", "cut", "verdict"])

@@ -18,7 +18,7 @@ from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.independent.independent_study import HERE, RUN, Line, judge_all, verdict_of
 from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
 from validation.report.write_report import write_report
-from validation.studies import read_rows, read_section, write_table
+from validation.studies import read_section, read_table, rows_in, write_table
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import StandIn
@@ -142,7 +142,7 @@ def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path
     where = ("--file", cheap, "--results", tmp_path / "results", "--runs", shared_runs)
     done = command_line("validation", "independent", *where)
     assert done.returncode == 0, done.stderr
-    lines = read_rows(tmp_path / "results" / "independent.csv", Line, "independent")
+    lines = rows_in(read_table(tmp_path / "results" / "independent.csv", Line, "independent"), Line)
     assert {line.verdict for line in lines} == {PASS}
     per_engine = Counter(line.engine for line in lines)
     assert set(per_engine) >= {"reference", "verlet", *codes()}
@@ -156,7 +156,7 @@ def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path
     assert done.returncode == 1
     red = [
         line
-        for line in read_rows(tmp_path / "results" / "independent.csv", Line, "independent")
+        for line in rows_in(read_table(tmp_path / "results" / "independent.csv", Line, "independent"), Line)
         if line.verdict == FAIL
     ]
     assert {(line.id, line.quantity, line.against) for line in red} == {("two-glass-spheres", "peak_force_N", "quoted")}
@@ -268,7 +268,7 @@ def test_the_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
     lines = whole_table()
     lines[0] = replace(lines[0], why='a "word", and\nanother', found=0.1 + 0.2, label="a=1, b=nan")
     write_table(tmp_path / "independent.csv", Line, lines)
-    assert read_rows(tmp_path / "independent.csv", Line, "independent") == lines
+    assert rows_in(read_table(tmp_path / "independent.csv", Line, "independent"), Line) == lines
     assert read_section("independent", tmp_path)["verdicts"] == [verdict_of(line) for line in lines]
     assert read_section("independent", tmp_path / "nowhere") == {}
 
