@@ -3,7 +3,7 @@
 All is read from what the gauges show. A ``peak`` is the force itself, an ``amplitude`` is counted above the signal at
 time 0, which is the static load; behind electronics with a time constant a gauge shows none, and the two are the same.
 The first pulse at a gauge is the incident wave; the reflected wave is the first one after the wall's peak that goes up:
-it reaches the contact below the bead before the one above. ``pulses`` are those that go down before it.
+the contact below the bead feels it before the one above. ``pulses`` are those that go down before it.
 """
 
 import re
@@ -16,7 +16,7 @@ import numpy as np
 from drivers.chain.case import Layout
 from drivers.chain.trace import Trace, energy_error_J
 from postproc.read.residual import still
-from postproc.read.sensors import goes_up, sensor_signals
+from postproc.read.sensors import going_up, sensor_signals
 from postproc.read.signals import ENVELOPE_MAXIMA, integral, peaks, pulses, rising_crossing, train_envelope
 
 LEVELS = (0.002, 0.04)  # of the peak, at which the paper's Table 1 cuts the width
@@ -129,11 +129,8 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
             values[f"{name}_duration_{_percent(level)}_s"] = 2 * (first.time_s - edge_s) if first else np.nan
     turned = found["wall"][0].time_s if layout.wall and found["wall"] else np.inf  # until then it goes to the wall
     places = {f"bead_{sensor.from_wall}": sensor.from_wall for sensor in layout.sensors}
-    rising = {
-        # at bead 1 a wave and its reflection are one
-        name: [peak for peak in found[name] if goes_up(trace.force_N, place, peak)]
-        if place > 1 or not layout.wall
-        else []
+    rising = {  # at bead 1 a wave and its reflection are one
+        name: going_up(trace.force_N, place, found[name]) if place > 1 or not layout.wall else []
         for name, place in places.items()
     }
     for name, upwards in rising.items():

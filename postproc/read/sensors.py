@@ -46,11 +46,18 @@ def sensor_average(force_N: Array, from_wall: int) -> Array:
     return mean_forces(force_N[:, from_wall - 1 : from_wall + 1])[:, 0]
 
 
-def goes_up(force_N: Array, from_wall: int, peak: Peak) -> bool:
-    """Whether a pulse at a bead goes up: at its peak the force passes from the contact below to the one above."""
+def going_up(force_N: Array, from_wall: int, pulses: list[Peak]) -> list[Peak]:
+    """The pulses at a bead that go up: from the valley before to the peak the contact below pushes more than the other."""
     upper = max(min(from_wall, force_N.shape[1] - 1), 1)  # the top bead of a chain without a striker has none above
-    change = force_N[min(peak.sample + 1, len(force_N) - 1)] - force_N[max(peak.sample - 1, 0)]
-    return force_N.shape[1] > 1 and bool(change[upper] > change[upper - 1])
+    both_N = force_N[:, [upper - 1, upper % force_N.shape[1]]]
+    lower_N, upper_N = (both_N - both_N[0]).T
+    found, before = [], 0
+    for pulse in pulses:
+        valley = before + int(np.argmin((lower_N + upper_N)[before : pulse.sample + 1]))
+        if (lower_N - upper_N)[valley : pulse.sample + 1].sum() > 0:
+            found.append(pulse)
+        before = pulse.sample
+    return found
 
 
 def sensor_signals(layout: Layout, trace: Trace) -> dict[str, Array]:
