@@ -47,7 +47,7 @@ def sensor_average(force_N: Array, from_wall: int) -> Array:
 
 
 def going_up(force_N: Array, from_wall: int, pulses: list[Peak]) -> list[Peak]:
-    """The pulses at a bead that go up: from the valley before to the peak the contact below pushes more than the other."""
+    """The pulses at a bead that go up: before their peaks the contact below pushes more than the one above."""
     upper = max(min(from_wall, force_N.shape[1] - 1), 1)  # the top bead of a chain without a striker has none above
     both_N = force_N[:, [upper - 1, upper % force_N.shape[1]]]
     lower_N, upper_N = (both_N - both_N[0]).T
