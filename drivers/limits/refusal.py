@@ -11,7 +11,8 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
 from drivers.engines import EXACT, IN_HEIGHTS, engine_names, load_engine
-from drivers.limits.energy_bounds import Reached, at_most, certainly_stable
+from drivers.limits.energy_bounds import at_most, certainly_stable
+from validation.reference.hertz_chain import Extremes
 
 FORCE = "force"  # the quantity of an accuracy without a name
 ROOM = 1.3  # times the rounding that is predicted, where a step has to leave room for it
@@ -22,9 +23,9 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
     """Refuses what cannot end well on an engine; ``override`` is what runs it all the same.
 
     Raises:
-        InputError: the time step is beyond the stability limit; contacts would be pressed deeper than Hertz's law can
-            mean; the engine's coordinates cannot give the accuracy asked for; the engine cannot take the case; nobody
-            has planned the time step of a scene that asks for an accuracy.
+        InputError: the time step fails in a trial, or may blow up where a trial takes too long; contacts would be
+            pressed deeper than Hertz's law can mean; the engine's coordinates cannot give the accuracy asked for; the
+            engine cannot take the case; nobody has planned the time step of a scene that asks for an accuracy.
     """
     if case.scene.run.accuracy is not None and case.plan is None:
         raise InputError(case.scene.file, "run.accuracy", "an accuracy", "a run.time_step: nothing plans one here")
@@ -34,7 +35,7 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
         raise cannot
     _refuse_depth(case, override)
     if load_engine(engine).scheme != EXACT:
-        _refuse_step(case, override)
+        _refuse_step(case, load_engine(engine).shear, override)
 
 
 def inability(case: Case, engine: str) -> InputError | None:
@@ -57,19 +58,23 @@ def _models_all(case: Case, engine: str) -> bool:
     return {each.name for each in case.elements if each.modelled} <= load_engine(engine).models
 
 
-def _refuse_step(case: Case, override: str) -> None:
+def _refuse_step(case: Case, shear: str, override: str) -> None:
+    """A step beyond the predicted bound, where a trial of the scheme fails or takes too long."""
     chain, duration, step = case.chain, float(case.sample_times_s[-1]), case.scene.time_step_s
     if certainly_stable(chain, duration, step):
         return
     from drivers.limits.stable_step import BEGINNING, predicted_limit
+    from drivers.limits.trial import failure
 
     for share in (BEGINNING, 1.0):
         limit = predicted_limit(chain, duration, share)
         if step > limit:
-            digits = 10.0 ** (floor(log10(limit)) - 2)
-            most = f"at most {floor(limit / digits) * digits:.3g} s"
-            allowed = f"{most}, beyond which this chain blows up ({override} runs it)"
-            raise InputError(case.scene.file, "run.time_step", f"{step:g} s", allowed)
+            if problem := failure(case, shear):
+                digits = 10.0 ** (floor(log10(limit)) - 2)
+                most = f"at most {floor(limit / digits) * digits:.3g} s, which is stable"
+                allowed = f"{most}; a trial at this step {problem} ({override} runs it)"
+                raise InputError(case.scene.file, "run.time_step", f"{step:g} s", allowed)
+            return
 
 
 def _refuse_depth(case: Case, override: str) -> None:
@@ -92,7 +97,7 @@ def _refuse_depth(case: Case, override: str) -> None:
                 raise InputError(case.scene.file, key, found, allowed)
 
 
-def _depths(chain: Chain, reached: Reached) -> Array:
+def _depths(chain: Chain, reached: Extremes) -> Array:
     """Overlaps of contacts, and with the bore, over the smaller radius. Shape (2, bodies)."""
     return np.array([reached.overlap_m / chain.smaller_radius_m, reached.bore_overlap_m / chain.radius_m])
 

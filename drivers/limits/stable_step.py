@@ -1,4 +1,7 @@
-"""Stability limit of velocity Verlet on a chain: 2 over the highest frequency that its contacts reach.
+"""Stability limit of velocity Verlet on a chain, from below: 2 over the highest frequency that its contacts can reach.
+
+The largest stiffnesses count as if all came at once and lasted. Contacts that are closed for a few steps only, apart
+from each other, may be stable at several times that: ``drivers.limits.trial`` shows it.
 
 In three dimensions there are springs of contacts and bore, displacement across the axis and spin. All contacts are
 taken at the largest overlaps of the motion, lines of centres along the axis, and the bore on one side. Friction only
@@ -6,20 +9,21 @@ cuts shear springs, so that a contact that slides may be stable beyond.
 """
 
 from dataclasses import replace
+from math import log
 
 import numpy as np
 from scipy.linalg import eigvals_banded, eigvalsh_tridiagonal
 
-from drivers.chain.chain import Array, Chain, arrays_of, tube_arrays_of
+from drivers.chain.chain import Array, Chain, arrays_of, energy_put_in, tube_arrays_of
 from drivers.chain.contact_law import contact_stiffness, hertz_overlap
 from drivers.chain.lateral import block_bands
-from drivers.chain.trace import Trace, overlaps
-from drivers.limits.energy_bounds import SAFETY, Reached, at_most, bore_stiffness, late_damping, wear
+from drivers.limits.energy_bounds import SAFETY, at_most, bore_stiffness, deepest_m, late_damping, wear
+from validation.reference.hertz_chain import Extremes
 from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import integrate_verlet
 
 STEP_TOLERANCE, MAX_ITERATIONS = 1e-9, 100
-FINE_STEP_SHARE = 0.125  # of the bounds' step: limits so found are within 0.3 % of exact ones, on 300 random scenes
+FINE_STEP_SHARE = 0.125  # of the bounds' step: 0.01 of it changes limits by up to 0.7 %, on 300 random scenes
 BODY_STEPS_PER_CHUNK = 1_000_000  # bodies times steps kept at a time
 # bodies times steps that are followed, some seconds; what comes later is taken to be alike
 MAX_BODY_STEPS, MAX_BODY_STEPS_3D = 500_000_000, 20_000_000
@@ -27,14 +31,14 @@ BEGINNING = 0.01  # share of them, followed first: most of what is refused shows
 
 
 def predicted_limit(chain: Chain, duration_s: float, share: float = 1.0) -> float:
-    """Time step in s beyond which a run of that duration blows up; inf where nothing closes."""
-    return stable_step(chain, reached(chain, duration_s, share))
+    """Lower bound of the time steps in s at which a run of that duration may blow up; inf where nothing closes."""
+    return stable_step(chain, reached(chain, duration_s, share), duration_s)
 
 
-def reached(chain: Chain, duration_s: float, share: float = 1.0) -> Reached:
+def reached(chain: Chain, duration_s: float, share: float = 1.0) -> Extremes:
     """Extremes of a motion, followed at a fine step: all of it, or what a share of the most body steps takes."""
     bounds = at_most(chain, duration_s)
-    step = FINE_STEP_SHARE * stable_step(chain, bounds)
+    step = FINE_STEP_SHARE * stable_step(chain, bounds, duration_s)
     if not np.isfinite(step):
         return bounds
     steps = max(1.0, np.ceil(duration_s / step))
@@ -42,16 +46,16 @@ def reached(chain: Chain, duration_s: float, share: float = 1.0) -> Reached:
     followed = min(steps, max(1.0, most // chain.bodies))
     follow = _follow if chain.lateral is None else _follow_in_three_dimensions
     found = follow(chain, step, int(followed))
-    return replace(found, impacts=found.impacts * steps / followed)
+    return replace(found, impacts_J=found.impacts_J * steps / followed)
 
 
-def stable_step(chain: Chain, reached: Reached) -> float:
-    """Predicted limit in s, ``SAFETY * 2 / omega_max``; inf for a chain without a contact that closes.
+def stable_step(chain: Chain, reached: Extremes, duration_s: float) -> float:
+    """Predicted limit in s, ``SAFETY / wear * 2 / omega_max``; inf for a chain without a contact that closes.
 
     Stiffnesses are tangents of Hertz's law at the largest overlaps, or at those that a step of that size makes. Many
     impacts lower the limit, and so does damping, which codes have half a step late (``late_damping``).
     """
-    safety = SAFETY / wear(reached.impacts)
+    safety = SAFETY / wear(impacts_counted(chain, reached, duration_s))
     step = safety * _limit(chain, reached, 0.0, safety)
     if not np.isfinite(step):  # no overlap to begin with: a step's own
         step = 1.0
@@ -64,15 +68,30 @@ def stable_step(chain: Chain, reached: Reached) -> float:
     return found
 
 
-def _limit(chain: Chain, reached: Reached, step: float, safety: float) -> float:
+def impacts_counted(chain: Chain, reached: Extremes, duration_s: float) -> float:
+    """Impacts of the body that has most, each by the share f that it has of the energy that is put in.
+
+    The error of an impact multiplies its energy, so the logarithm walks at random, and has ``ln (1 + 1/f)`` to go until
+    as much is gained as was put in. The steps of such a walk go with the square: ``(ln 2 / ln (1 + 1/f))^2`` an impact.
+    """
+    largest = 0.5 * chain.reduced_mass_kg * reached.closing_m_s**2
+    hit = (reached.impacts_J > 0) & (largest > 0)
+    put_in = max(energy_put_in(chain, duration_s), float(largest.max()))
+    counted = np.zeros(chain.bodies + 1)  # with the body above, and none
+    counted[:-1][hit] = reached.impacts_J[hit] / largest[hit] * (log(2) / np.log1p(put_in / largest[hit])) ** 2
+    return float((counted[:-1] + counted[1:]).max())
+
+
+def _limit(chain: Chain, reached: Extremes, step: float, safety: float) -> float:
     """``2 / omega_max`` of the springs that contacts are with steps of that size."""
-    normal = late_damping(chain, reached.spring(chain, step), step / safety)
+    deepest = deepest_m(reached.overlap_m, reached.closing_m_s, step)
+    normal = late_damping(chain, contact_stiffness(chain.stiffness, deepest), step / safety)
     if chain.lateral is None:
         return linear_limit(chain, normal)
     shear, dragged = np.zeros(chain.bodies), np.zeros(chain.bodies)
     if chain.lateral.friction > 0:
-        shear = chain.lateral.shear_stiffness * np.sqrt(np.maximum(reached.deepest_m(step), 0.0))
-    pressed = reached.deepest_in_bore_m(step)
+        shear = chain.lateral.shear_stiffness * np.sqrt(deepest)
+    pressed = deepest_m(reached.bore_overlap_m, reached.bore_closing_m_s, step)
     if chain.bore is not None and chain.bore.friction > 0:
         dragged = chain.bore.shear_stiffness * np.sqrt(pressed)
     held = contact_stiffness(bore_stiffness(chain), pressed)
@@ -140,56 +159,40 @@ def _highest(inverse: Array, contacts: list[tuple[Array, Array, Array]], alone: 
     return float(eigvals_banded(block_bands(own, beside[1:]), select="i", select_range=(last, last))[0])
 
 
-def reached_in(chain: Chain, trace: Trace) -> Reached:
-    """Extremes of a straight chain's trace that keeps its state and is sampled finely."""
-    assert trace.velocity_m_s is not None
-    assert trace.height_m is not None
-    overlap, closing, energies = _extremes(chain, trace.force_N, trace.velocity_m_s, overlaps(chain, trace.height_m))
-    nothing = np.zeros(chain.bodies)
-    return Reached(overlap, closing, nothing, nothing, _counted(energies))
-
-
-def _follow(chain: Chain, step: float, left: int) -> Reached:
+def _follow(chain: Chain, step: float, left: int) -> Extremes:
     """Extremes by velocity Verlet of a straight chain, of which no samples are kept."""
     arrays = arrays_of(chain)
-    nothing, energies = np.zeros(chain.bodies), np.zeros(0)
-    overlap, closing = nothing, nothing
+    nothing = np.zeros(chain.bodies)
+    found = Extremes(nothing, nothing, nothing, nothing, nothing)
     while left:
         steps = min(left, max(1, BODY_STEPS_PER_CHUNK // chain.bodies))
         motion = integrate_verlet(arrays, step, 1, steps + 1)
         moved = motion.displacement_m
         pressed = arrays.overlap_m + np.column_stack([np.zeros(len(moved)), moved[:, :-1]]) - moved
-        deeper, faster, more = _extremes(chain, motion.force_N, motion.velocity_m_s, pressed)
-        overlap, closing = np.maximum(overlap, deeper), np.maximum(closing, faster)
-        energies = np.append(energies, more)
+        more = _extremes(chain, motion.force_N, motion.velocity_m_s, pressed)
+        deeper, faster = np.maximum(found.overlap_m, more.overlap_m), np.maximum(found.closing_m_s, more.closing_m_s)
+        found = Extremes(deeper, faster, nothing, nothing, found.impacts_J + more.impacts_J)
         arrays = replace(arrays, overlap_m=pressed[-1], velocity_m_s=motion.velocity_m_s[-1])
         left -= steps
-    return Reached(overlap, closing, nothing, nothing, _counted(energies))
+    return found
 
 
-def _follow_in_three_dimensions(chain: Chain, step: float, steps: int) -> Reached:
+def _follow_in_three_dimensions(chain: Chain, step: float, steps: int) -> Extremes:
     """Extremes by velocity Verlet of a three-dimensional chain."""
-    return Reached(**vars(integrate_tube(tube_arrays_of(chain), step, steps, 2).extremes))
+    return integrate_tube(tube_arrays_of(chain), step, steps, 2).extremes
 
 
-def _extremes(chain: Chain, force_N: Array, velocity_m_s: Array, overlap_m: Array) -> tuple[Array, Array, Array]:
-    """Largest overlaps and speeds of closing, and ``mu v^2 / 2`` of each impact in J, mu being the reduced mass.
+def _extremes(chain: Chain, force_N: Array, velocity_m_s: Array, overlap_m: Array) -> Extremes:
+    """Extremes of samples as fine as steps.
 
     Overlaps are those of the forces; of damped contacts, whose forces do not tell them, those of the places.
     """
-    there = chain.stiffness > 0
+    there, nothing = chain.stiffness > 0, np.zeros(chain.bodies)
     closing = np.column_stack([np.zeros(len(velocity_m_s)), velocity_m_s[:, :-1]]) - velocity_m_s
     closing = np.where((force_N <= 0) & there, np.maximum(closing, 0.0), 0.0)  # 0 where it is closed or opens
-    inverse = 1 / chain.mass_kg
-    inverse = inverse + np.append(0.0, inverse[:-1])
-    energies = (0.5 * closing[:-1] ** 2 / inverse)[(force_N[:-1] <= 0) & (force_N[1:] > 0)]
-    largest = np.maximum(overlap_m.max(axis=0), 0.0) if chain.damping_ratio else np.zeros(chain.bodies)
+    closes = (force_N[:-1] <= 0) & (force_N[1:] > 0) & (overlap_m[:-1] < 0)  # not what touches at the start
+    energies = np.where(closes, 0.5 * chain.reduced_mass_kg * closing[:-1] ** 2, 0.0)
+    largest = np.maximum(overlap_m.max(axis=0), 0.0) if chain.damping_ratio else nothing.copy()
     if not chain.damping_ratio:
         largest[there] = hertz_overlap(chain.stiffness[there], np.maximum(force_N.max(axis=0), 0.0)[there])
-    return largest, closing.max(axis=0), energies
-
-
-def _counted(energies_J: Array) -> float:
-    """Impacts counted by the square of their energy over the largest one's: as they count in a random walk."""
-    largest = float(energies_J.max(initial=0.0))
-    return float(((energies_J / largest) ** 2).sum()) if largest else 0.0
+    return Extremes(largest, closing.max(axis=0), nothing, nothing, energies.sum(axis=0))

@@ -13,6 +13,7 @@ from drivers.engines import installed, load_engine
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import FORCE
 from drivers.limits.stable_step import predicted_limit
+from drivers.limits.trial import failure, first_failure_s
 from postproc.read.residual import still
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of
 from validation.accuracy.budget import NOTHING_MOVES, predicted_error
@@ -57,8 +58,9 @@ def _straight(case: Case) -> Iterator[str]:
         if plan.refused_steps:
             coarser = _us(case.scene.run.sample_interval / plan.refused_steps)
             why = f": {coarser} would err by {_listed(chooser.errors_at(plan.refused_steps))}"
-    yield from _stability(case, chooser.stable_s, why)
-    if case.scene.time_step_s > chooser.stable_s:
+    problem = failure(case) if case.scene.time_step_s > chooser.stable_s else None
+    yield from _stability(case, chooser.stable_s, why, problem)
+    if problem:
         return  # of a step that is refused there is nothing to predict
     allowance = ROUNDING_FACTOR * float(rounding[-1])
     if still(chooser.truth.trace.force_N):
@@ -79,8 +81,9 @@ def _straight(case: Case) -> Iterator[str]:
 def _three_dimensional(case: Case) -> Iterator[str]:
     """Of a scene whose exact motion nobody knows: errors by extrapolation."""
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
-    yield from _stability(case, limit, AS_GIVEN)
-    if case.scene.time_step_s > limit:
+    problem = failure(case) if case.scene.time_step_s > limit else None
+    yield from _stability(case, limit, AS_GIVEN, problem)
+    if problem:
         return
     yield f"engine     {_engines(case)}"
     if baseline_of(case).unknown:
@@ -157,16 +160,21 @@ def _horizon(case: Case, share: Array) -> str:
     )
 
 
-def _stability(case: Case, stable_s: float, why: str) -> Iterator[str]:
-    """The time step, its predicted limit, and criteria that do not look at the motion."""
+def _stability(case: Case, stable_s: float, why: str, problem: str | None) -> Iterator[str]:
+    """The time step, the bound below which it is stable, trials beyond, and criteria that do not look at the motion."""
     steps = case.scene.steps_per_sample
     yield f"time step  {_us(case.scene.time_step_s)} ({steps} step{'s' if steps > 1 else ''} a sample){why}"
     if stable_s == float("inf"):
         yield "stability  no contact closes: no limit"
         return
     share = case.scene.time_step_s / stable_s
-    refused = ": it blows up, and is refused" if share > 1 else ""
-    yield f"stability  up to {_us(stable_s)}; this step is {share:.2g} of it{refused}"
+    fails_s = first_failure_s(case, stable_s)
+    beyond = f"the first trial to blow up is at {_us(fails_s)}" if fails_s else "no trial beyond it that blows up"
+    yield f"stability  up to {_us(stable_s)}, a lower bound; {beyond}; this step is {share:.2g} of the bound"
+    if share > 1:
+        yield (
+            f"           a trial at this step {problem}: it is refused" if problem else "           and runs in a trial"
+        )
     others = (f"{label} {_us(fraction * time(case))}" for label, (fraction, time) in CRITERIA.items())
     yield f"           (by criteria that do not look at the motion: {', '.join(others)})"
 

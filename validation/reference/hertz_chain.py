@@ -143,14 +143,14 @@ class Extremes:
         closing_m_s: the speed along its line at which it closes.
         bore_overlap_m: likewise of the bore.
         bore_closing_m_s: likewise.
-        impacts: closings of contacts, each by the square of its energy over the largest one's.
+        impacts_J: of all its closings, the energies ``mu v^2 / 2`` together, mu being the reduced mass.
     """
 
     overlap_m: Array
     closing_m_s: Array
     bore_overlap_m: Array
     bore_closing_m_s: Array
-    impacts: float
+    impacts_J: Array
 
 
 @dataclass(frozen=True)

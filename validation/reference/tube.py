@@ -31,7 +31,7 @@ Numbers = tuple[float, float, float, float]
 State = tuple[Array, Array, Array, Array, Array, Array, Array]
 # kept by contacts and by the bore, normals of the step before of both
 Memory = tuple[Array, Array, Array, Array]
-# of contacts: deepest, fastest closing, whether closed; of the bore likewise; squares of energies summed, the largest
+# of contacts: deepest, fastest closing, whether closed; of the bore likewise; energies of impacts summed
 Marks = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 
@@ -57,14 +57,12 @@ def integrate_tube(
     rows, flat = partial(np.zeros, (n, 3)), partial(np.zeros, n)
     place, velocity = chain.place_m.copy(), chain.velocity_m_s.copy()
     state: State = (place, velocity, rows(), rows(), rows(), rows(), flat())
-    marks: Marks = (flat(), flat(), flat(), flat(), flat(), flat(), np.zeros(2))
+    marks: Marks = (flat(), flat(), flat(), flat(), flat(), flat(), flat())
     memory: Memory = (rows(), rows(), rows(), rows())
     forces, kept = np.empty((samples, n)), np.empty((4, samples, n, 3))
     timing = (law == INCREMENTAL, time_step_s, steps_per_sample)
     _run(bodies, inertia, numbers, state, memory, marks, *timing, forces, kept)
-    energies = marks[6]
-    impacts = float(energies[0] / energies[1] ** 2) if energies[1] else 0.0
-    extremes = Extremes(marks[0], marks[1], marks[3], marks[4], impacts)
+    extremes = Extremes(marks[0], marks[1], marks[3], marks[4], marks[6])
     return TubeMotion(forces, kept[0], kept[1], kept[2], kept[3], extremes)
 
 
@@ -298,5 +296,4 @@ def _mark(
         closed[j] = 0.0
     elif closed[j] == 0.0:
         closed[j] = 1.0
-        energies[0] += energy * energy
-        energies[1] = max(energies[1], energy)
+        energies[j] += energy if fastest[j] > 0.0 else 0.0  # not of what touches at time 0

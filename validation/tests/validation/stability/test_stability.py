@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from drivers.base.errors import InputError
+from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.engines import codes, installed
+from drivers.limits import stable_step, trial
 from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import inability, refuse
 from drivers.limits.stable_step import predicted_limit
+from drivers.run.guard import reason_to_fail
 from drivers.run.run import run_case
+from validation.accuracy.plan_report import plan_report
 from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import run_and_compare
 from validation.report.write_report import write_report
@@ -30,19 +34,20 @@ from validation.stability.measured_limits import (
     bouncing,
     gain,
     measure_limits,
-    prediction,
     random_case,
     sweeps,
 )
 from validation.stability.rounding_effects import BEYOND_CHANCE, by_build, energy_of, in_repo, pressed
 from validation.stability.stability_study import STUDY, missed
 from validation.studies import read_section, write_study
+from validation.tests.helpers.adversarial import KINDS, adversarial_case
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 TOO_LARGE = ("--set", "run.time_step=20 us", "--set", "run.sample_interval=20 us")
 COARSE = ("run.time_step=8 us", "run.sample_interval=8 us")
+BELOW = (0.7, 0.85, 0.93, 0.97, 1.0)  # of the bound
 QUICK = {each.name: each for each in extremes(quick=True)}
 
 
@@ -65,19 +70,102 @@ def test_codes_blow_up_where_the_in_repo_scheme_does() -> None:
     assert bad.pop() < limits[0].measured_s
 
 
-def test_the_cheap_bound_never_calls_a_step_stable_that_is_not() -> None:
+def test_the_cheap_bound_never_calls_a_step_stable_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     for number in range(60):
         case = random_case(number, accuracy=0.1)
         duration = float(case.sample_times_s[-1])
         limit = predicted_limit(case.chain, duration)
         assert not certainly_stable(case.chain, duration, 1.0001 * limit)
-        assert limit == pytest.approx(prediction(case), rel=4e-3)
+        with monkeypatch.context() as finer:
+            finer.setattr(stable_step, "FINE_STEP_SHARE", 0.01)
+            assert limit == pytest.approx(predicted_limit(case.chain, duration), rel=8e-3)
 
 
 def test_many_impacts_lower_the_limit() -> None:
     limits = measure_limits([*bouncing()][:2], names=())
     assert limits[1].measured_s < 0.85 * limits[0].measured_s
-    assert all(1 <= limit.ratio <= WITHIN for limit in limits)
+    assert all(limit.ratio >= 1 for limit in limits)
+    # the bound is of the unluckiest phases of the impacts: of some it has to be near
+    settings = ("chain.count=0", "chain.sensors=[]", "gravity=981 m/s^2", "run.duration=25 ms", "run.time_step=1 us")
+    speeds = [(*settings, f"striker.speed={speed} m/s") for speed in np.linspace(0.4, 0.6, 8)]
+    ratios = [limit.ratio for limit in measure_limits([Subject(RANDOM, "", case_of("fig4", *s)) for s in speeds], ())]
+    assert 1 <= min(ratios) <= WITHIN
+
+
+def check_bound(case: Case) -> None:
+    """Verlet gains less than all that is put in at steps up to the bound."""
+    limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
+    for share in BELOW:
+        run = case.sampled_at_every(share * limit)
+        assert gain(run, verlet_of(run)) <= 1, f"{case.scene.name} blows up at {share:.2f} of its bound"
+
+
+@pytest.mark.parametrize("damped", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_nothing_blows_up_below_the_bound(kind: str, damped: bool) -> None:
+    for number in range(4):
+        check_bound(adversarial_case(kind, number, damped=damped))
+
+
+@pytest.mark.accuracy
+@pytest.mark.parametrize("damped", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_nothing_blows_up_below_the_bound_of_many(kind: str, damped: bool) -> None:
+    for number in range(4, 100):
+        check_bound(adversarial_case(kind, number, damped=damped))
+
+
+@pytest.mark.parametrize("share", [1.3, 1.7, 3.0])
+def test_beyond_the_bound_steps_are_refused_where_the_scheme_fails(share: float) -> None:
+    refused = []
+    for kind in KINDS:
+        for number in range(6):
+            case = adversarial_case(kind, number)
+            run = case.sampled_at_every(share * predicted_limit(case.chain, float(case.sample_times_s[-1])))
+            with np.errstate(all="ignore"):
+                fails = reason_to_fail(run, verlet_of(run))
+            refused.append(fails is not None)
+            if fails is None:
+                refuse(run, "verlet")
+                continue
+            with pytest.raises(InputError, match="a trial at this step is unstable at t = ") as error:
+                refuse(run, "verlet")
+            assert "\n" not in str(error.value)
+    assert any(refused)
+    assert not all(refused)
+
+
+def test_what_outlasts_a_trial_is_refused_beyond_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = case_of("fig4")
+    limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
+    slightly = case.sampled_at_every(1.01 * limit)
+    refuse(slightly, "verlet")
+    monkeypatch.setattr(trial, "MAX_BODY_STEPS", 100)
+    with pytest.raises(InputError, match=r"at most 1.7.* s, which is stable; a trial at .* takes too long"):
+        refuse(slightly, "verlet")
+    refuse(case.sampled_at_every(0.99 * limit), "verlet")
+
+
+def test_a_bead_that_flies_runs_beyond_the_bound_and_is_warned_of_by_its_error(tmp_path: Path) -> None:
+    case = adversarial_case("light bead", 3)
+    limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
+    first = trial.first_failure_s(case, limit)
+    assert first is not None
+    assert first > 3 * limit
+    ended = run_case(case.sampled_at_every(2 * limit), "verlet", tmp_path)
+    assert ended.done
+
+
+def test_a_plan_says_what_is_a_bound_and_what_a_trial(tmp_path: Path) -> None:
+    lines = [line for line in plan_report("fig4") if line.startswith("stability")]
+    bound, _, rest = lines[0].partition(" us, a lower bound; the first trial to blow up is at ")
+    assert float(bound.split()[-1]) == pytest.approx(17.3, rel=0.01)
+    assert float(rest.split()[0]) > 17.4
+    beyond = [*plan_report("fig4", ("run.time_step=18 us", "run.sample_interval=18 us"))]
+    assert any("and runs in a trial" in line for line in beyond)
+    refused = [*plan_report("fig4", ("run.time_step=20 us", "run.sample_interval=20 us"))]
+    assert any("a trial at this step is unstable" in line and "refused" in line for line in refused)
+    assert len(refused) < len(beyond)
 
 
 FEW = [("chain.count=1", "chain.sensors=[]"), ("chain.count=0", "chain.sensors=[]"), ("striker.mass=1e-9 kg",)]
@@ -239,6 +327,8 @@ def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) ->
     assert "the short study; <code>make stability</code> makes the whole" in page
     table = tables["stability"]
     table["ratio"] = 0.99
+    assert len(missed(tables)) == len(table)
+    table["ratio"] = 1.3
     assert len(missed(tables)) == (table["group"] == SHIPPED).sum()
     (tmp_path / "stability.csv").write_text("group,scene\nshipped scenes,fig4\n")
     with pytest.raises(InputError, match="a damaged table"):
