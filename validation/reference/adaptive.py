@@ -1,12 +1,9 @@
 """The exact reference: adaptive order 8 that knows when contacts open and close.
 
-The state is overlaps and velocities, so that nothing cancels. Steps are those of ``dop853``: in
-``s = sqrt(t - t_e)`` after the last event t_e; a step in which a contact opens or closes is ended right there,
-and one that ends in an opening runs in ``s = sqrt(t_e - t)``.
-
-The force of a contact that loses energy rises like ``(t - t_e)^(1/4)`` when it closes, and is cut off before it opens.
-No stretched time makes both smooth, and none is needed: in plain time steps shrink at such an event to some 1e-11 of a
-contact's time and grow again, up to sixfold each, which takes tens of steps an event. Every sample ends a step.
+The state is overlaps and velocities, so that nothing cancels; it and the clock carry what rounding leaves out of them.
+Steps are those of ``dop853``: in ``s = (t - t_e)^(1/power)`` after the last event t_e, with a power of 2 of elastic
+chains and of 4 of those that lose energy. A step in which a contact closes, opens or, losing energy, lets go before
+it opens is ended right there; one that ends in an elastic opening runs in ``s = (t_e - t)^(1/2)``.
 """
 
 from math import sqrt
@@ -14,17 +11,7 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-from validation.reference.dop853 import (
-    ROWS,
-    STAGES,
-    Bodies,
-    error,
-    evaluate_dense,
-    prepare_dense,
-    slope,
-    step,
-    step_factor,
-)
+from validation.reference.dop853 import ROWS, Bodies, error, evaluate_dense, prepare_dense, slope, step, step_factor
 from validation.reference.hertz_chain import (
     ENERGY_SHARE,
     EXPONENT,
@@ -35,23 +22,21 @@ from validation.reference.hertz_chain import (
     displacements,
 )
 
-LEAST_TOLERANCE = 1e-12  # what double precision gives with a margin: measured errors end near 5e-14
-LOCAL_SHARE = 0.04  # local tolerance over the one asked for: measured global errors are 0.6 to 9 times the local one
-LEAST_DAMPED_TOLERANCE = 1e-11  # of contacts that lose energy: measured 7.6e-12 on eight damped scenes
-LOCAL_SHARE_DAMPED = 5e-4  # likewise: measured global errors are 20 to 1000 times the local one
-DENSE_LIMIT = 1e-9  # local tolerance below which samples are integrated to, the interpolant being of lower order
+LEAST_TOLERANCE = 1e-12  # what double precision gives with a margin: measured errors end near 1e-14
+LOCAL_SHARE = 0.002  # local tolerance over the one asked for: light and loose beads multiply errors some thousandfold
+DENSE_LIMIT = 1e-9  # local tolerance below which samples of damped contacts are stepped to: their forces rise steeply
 EVENT_OVERLAP = 1e-13  # of the overlap scale: contacts that are open or closed by less are at no event
 MAX_TRIES = 12  # of Newton's method for the time of an event
 FIRST_STEP = 1e-3  # of the time scale
-MAX_REJECTED, MAX_REJECTED_DAMPED = 200, 400  # in a row
+MAX_REJECTED = 200  # in a row
 
 
 def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAST_TOLERANCE) -> Motion:
     """Integrates from time 0 with samples at ``time_s``, increasing from 0.
 
     The largest force error over all contacts and samples stays below ``tolerance`` times the largest force, as
-    long as the motion itself does not multiply small errors (a chain that bounces on for long is chaotic). Contacts
-    that lose energy are followed to ``LEAST_DAMPED_TOLERANCE`` at best, whatever is asked for.
+    long as the motion itself does not multiply small errors more than thousandfold (a chain that bounces on for long
+    is chaotic; ``own_error_N`` of ``validation.accuracy.schemes`` measures what is left).
 
     Raises:
         ValueError: sample times that do not begin at 0 or do not increase, a tolerance below what double
@@ -71,11 +56,7 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAS
     damping = np.zeros(0) if chain.elastic else chain.damping
     bodies = (1.0 / chain.mass_kg, chain.stiffness, damping, chain.load_N / chain.mass_kg)
     first = FIRST_STEP * overlap_scale / speed_scale
-    if chain.elastic:
-        states, done = _integrate(start, time_s, bodies, LOCAL_SHARE * tolerance, scale, first)
-    else:
-        local = LOCAL_SHARE_DAMPED * max(tolerance, LEAST_DAMPED_TOLERANCE)
-        states, done = _integrate_damped(start, time_s, bodies, local, scale, first)
+    states, done = _integrate(start, time_s, bodies, LOCAL_SHARE * tolerance, scale, first)
     if not done or not np.isfinite(states).all():
         raise ArithmeticError("the adaptive reference cannot follow this motion: its steps shrink to nothing")
     overlap, velocity = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
@@ -99,147 +80,159 @@ def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:
     return ((1 + EXPONENT) * energy / stiffest) ** ENERGY_SHARE, sqrt(2.0 * energy / float(chain.mass_kg.max()))
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _raised(s: float, power: float) -> float:
+    return s * s * s * s if power == 4.0 else s * s
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _root(elapsed: float, power: float) -> float:
+    root = sqrt(max(elapsed, 0.0))
+    return sqrt(root) if power == 4.0 else root
+
+
 @njit(cache=True, error_model="numpy")
 def _integrate(
     start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float
 ) -> tuple[Array, bool]:
-    """States of an elastic chain at all times, shape (samples, 2 bodies), and whether it got there.
+    """States of a chain at all times, shape (samples, 2 bodies), and whether it got there.
 
     Local errors of each step stay below ``tolerance`` times ``scale``, shape (2 bodies,).
     """
     size = start.size
-    state, end, work = start.copy(), np.empty(size), np.empty(size)
+    power = 4.0 if bodies[2].size else 2.0
+    dense_enough = power == 2.0 or tolerance >= DENSE_LIMIT
+    state, end, work = np.zeros((3, size)), np.zeros((3, size)), np.zeros((3, size))
     slopes, spare, dense = np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
     samples = np.empty((times.size, size))
-    samples[0] = state
-    tiny, final = EVENT_OVERLAP * scale[0], times[-1]
-    time, event_time = 0.0, 0.0
-    s, h, sample, rejected = 0.0, sqrt(first_step), 1, 0
+    samples[0] = start
+    state[0] = start
+    slope(start, 1.0, state[2], bodies)
+    event, rest = 0.0, 0.0  # the sum is the time of the last event; all else counts from it
+    s, h, sample, rejected, last = 0.0, _root(first_step, power), 1, 0, -1
 
     while sample < times.size:
         if rejected > MAX_REJECTED:
             return samples, False
-        s = sqrt(time - event_time)
-        reaches_end = s + h >= sqrt(final - event_time)
-        if reaches_end:
-            h = sqrt(final - event_time) - s
-        step(state, s, h, 1.0, slopes, end, bodies)
-        contact, share = _first_event(state, end, bodies[1], tiny)
-        begin, length, sign, target = s, h, 1.0, final if reaches_end else event_time + (s + h) ** 2
+        elapsed, final = _raised(s, power), (times[-1] - event) - rest
+        s_end = min(s + h, _root(final, power))
+        target = final if s_end < s + h else _raised(s_end, power)
+        begin, length, stretch = s, s_end - s, power
+        step(state, s, length, power, slopes, end, bodies)
+        contact, share = _first_event(state[0], end[0], bodies, scale, last)
         if contact >= 0:
-            guess = event_time + (s + share * h) ** 2
-            begin, length, sign, target = _step_to_event(state, time, event_time, guess, contact, slopes, end, bodies)
-            if length == 0.0 or target > final or _first_event(state, end, bodies[1], tiny, contact)[0] >= 0:
+            guess = _raised(s + share * length, power)
+            begin, length, stretch, target = _step_to_event(state, s, power, guess, contact, slopes, end, bodies)
+            if length == 0.0 or target > final or _first_event(state[0], end[0], bodies, scale, last, contact)[0] >= 0:
                 rejected += 1
                 h *= 0.5 if length == 0.0 or target <= final else 0.98
                 continue
-        e = error(end, begin + length, length, sign, slopes, scale, bodies) / tolerance
+        e = error(end, begin + length, length, stretch, slopes, scale, work, bodies) / tolerance
         if not e <= 1.0:
             rejected += 1
             h *= step_factor(e)
             continue
 
-        rejected = 0 if target > time else rejected + 1
-        if sample < times.size and times[sample] <= target and tolerance >= DENSE_LIMIT:
-            prepare_dense(state, end, begin, length, sign, slopes, dense, work, bodies)
-        while sample < times.size and times[sample] <= target:
-            if times[sample] == target:
-                samples[sample] = end
+        rejected = 0 if target > elapsed else rejected + 1
+        if (times[sample] - event) - rest <= target and dense_enough:
+            prepare_dense(state[0], end[0], begin, length, stretch, slopes, dense, work[0], bodies)
+        while sample < times.size and (times[sample] - event) - rest <= target:
+            until = (times[sample] - event) - rest
+            part = (_root(until, power) if stretch > 0.0 else sqrt(max(target - until, 0.0))) - begin
+            if until == target:
+                samples[sample] = end[0]
+            elif dense_enough:
+                evaluate_dense(state[0], dense, part / length, samples[sample])
             else:
-                origin = event_time if sign > 0.0 else target
-                part = sqrt(max(sign * (times[sample] - origin), 0.0)) - begin
-                if tolerance >= DENSE_LIMIT:
-                    evaluate_dense(state, dense, part / length, samples[sample])
-                else:
-                    step(state, begin, part, sign, spare, work, bodies)
-                    samples[sample] = work
+                step(state, begin, part, stretch, spare, work, bodies)
+                samples[sample] = work[0]
             sample += 1
         if contact >= 0:
-            end[contact] = 0.0
-            h = sqrt(target - time)
-            event_time = target
+            if end[0, contact] <= scale[0] * EVENT_OVERLAP:  # it is 0 but for rounding, which is kept
+                end[1, contact] += end[0, contact]
+                end[0, contact] = 0.0
+            slope(end[0], 1.0, end[2], bodies)
+            since = target + rest
+            later = event + since
+            kept = later - event
+            rest = (event - (later - kept)) + (since - kept)
+            event = later
+            s, h = 0.0, _root(target - elapsed, power)
         else:
-            h *= step_factor(e)
-        time = target
+            s, h = s_end, length * step_factor(e)
+        last = contact
         state[:] = end
     return samples, True
 
 
 @njit(cache=True, error_model="numpy")
-def _integrate_damped(
-    start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float
-) -> tuple[Array, bool]:
-    """As ``_integrate``, of contacts that lose energy, in plain time."""
-    state, end = start.copy(), np.empty(start.size)
-    slopes = np.zeros((STAGES + 1, start.size))
-    samples = np.empty((times.size, start.size))
-    samples[0] = state
-    time, h = 0.0, first_step
-    slope(state, 1.0, slopes[0], bodies)
-    for sample in range(1, times.size):
-        rejected = 0
-        while time < times[sample]:
-            left = times[sample] - time
-            last = h >= left * (1.0 - 1e-9)
-            taken = left if last else h
-            step(state, 0.0, taken, 0.0, slopes, end, bodies)
-            e = error(end, 0.0, taken, 0.0, slopes, scale, bodies) / tolerance
-            if not e <= 1.0:
-                rejected += 1
-                if rejected > MAX_REJECTED_DAMPED or time + taken == time:
-                    return samples, False
-                h = taken * step_factor(e)
-                continue
-            rejected = 0
-            grown = taken * step_factor(e)
-            h = max(h, grown) if last else grown
-            time = times[sample] if last else time + taken
-            state[:] = end
-            slopes[0] = slopes[STAGES]
-        samples[sample] = state
-    return samples, True
-
-
-@njit(cache=True, error_model="numpy")
-def _first_event(start: Array, end: Array, stiffness: Array, tiny: float, known: int = -1) -> tuple[int, float]:
-    """The contact that opens or closes first in a step, by linear interpolation, and where; -1 where none does."""
+def _first_event(
+    start: Array, end: Array, bodies: Bodies, scale: Array, last: int, known: int = -1
+) -> tuple[int, float]:
+    """The contact that opens, closes or lets go first in a step, by linear interpolation, and where; -1: none does."""
+    _, stiffness, damping, _ = bodies
+    n = stiffness.size
     first, where = -1, 2.0
-    for j in range(stiffness.size):
-        if j == known or stiffness[j] == 0.0 or start[j] * end[j] >= 0.0:
+    for j in range(n):
+        if j == known or stiffness[j] == 0.0:
             continue
-        if abs(start[j]) > tiny or abs(end[j]) > tiny:
-            share = start[j] / (start[j] - end[j])
+        before, after, tiny = start[j], end[j], EVENT_OVERLAP * scale[0]
+        if before >= 0.0 and damping.size and damping[j] > 0.0:
+            if j == last:
+                continue
+            before, after = _grip(start, j, stiffness[j], damping[j]), _grip(end, j, stiffness[j], damping[j])
+            tiny = EVENT_OVERLAP * damping[j] * scale[n]
+        if before * after < 0.0 and (abs(before) > tiny or abs(after) > tiny):
+            share = before / (before - after)
             if share < where:
                 first, where = j, share
     return first, where
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _closing(state: Array, contact: int) -> float:
+    velocity = state[state.size // 2 :]
+    return float((velocity[contact - 1] if contact > 0 else 0.0) - velocity[contact])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float:
+    """``k d^(5/4) + C d'``: below 0 a closed contact that loses energy has let go."""
+    overlap = max(state[contact], 0.0)
+    return float(stiffness * overlap * sqrt(sqrt(overlap)) + damping * _closing(state, contact))
+
+
 @njit(cache=True, error_model="numpy")
 def _step_to_event(
-    state: Array, time: float, event_time: float, guess: float, contact: int, slopes: Array, end: Array, bodies: Bodies
-) -> tuple[float, float, float, float]:  # fmt: skip
-    """The step that ends where a contact's overlap is zero, found by Newton's method on its end time.
+    state: Array, s: float, power: float, guess: float, contact: int, slopes: Array, end: Array, bodies: Bodies
+) -> tuple[float, float, float, float]:
+    """The step that ends where a contact's overlap or force is zero, found by Newton's method on its end time.
 
-    An opening is approached in ``s = sqrt(t_e - t)``, where the motion is smooth; before a closing there is no force.
+    An elastic opening is approached in ``s = sqrt(t_e - t)``, where the motion is smooth; before a closing there is no
+    force.
 
     Returns:
-        Begin and length of the step in s, sign of the map, time of the event; a length of 0 where none was found.
+        Begin and length of the step in s, its power, time of the event; a length of 0 where none was found.
     """
-    n = bodies[0].size
-    opening = state[contact] > 0.0
+    damped = bodies[2].size > 0 and bodies[2][contact] > 0.0
+    closed, elapsed = state[0, contact] > 0.0, _raised(s, power)
     for _ in range(MAX_TRIES):
-        if opening:
-            begin, sign = sqrt(guess - time), -1.0
+        begin, length, stretch = s, _root(guess, power) - s, power
+        if closed and not damped:
+            begin, stretch = sqrt(guess - elapsed), -2.0
             length = -begin
-        else:
-            begin, sign = sqrt(time - event_time), 1.0
-            length = sqrt(guess - event_time) - begin
-        step(state, begin, length, sign, slopes, end, bodies)
-        rate = (end[n + contact - 1] if contact > 0 else 0.0) - end[n + contact]
+        step(state, begin, length, stretch, slopes, end, bodies)
+        value, rate = end[0, contact], _closing(end[0], contact)
+        if closed and damped:
+            stiffness, damping = bodies[1][contact], bodies[2][contact]
+            slope(end[0], 1.0, end[2], bodies)
+            value = _grip(end[0], contact, stiffness, damping)
+            rate *= 1.25 * stiffness * max(end[0, contact], 0.0) ** 0.25
+            rate += damping * _closing(end[2], contact)
         if rate == 0.0:
             break
-        change = -end[contact] / rate
-        if abs(change) <= 4e-16 * guess + 1e-14 * (guess - time):
-            return begin, length, sign, guess
-        guess = guess + change if guess + change > time else 0.5 * (guess + time)
-    return 0.0, 0.0, 1.0, guess
+        change = -value / rate
+        if abs(change) <= 4e-16 * guess + 1e-14 * (guess - elapsed):
+            return begin, length, stretch, guess
+        guess = guess + change if guess + change > elapsed else 0.5 * (guess + elapsed)
+    return 0.0, 0.0, power, guess

@@ -1,10 +1,13 @@
-"""One step of DOP853 (Dormand and Prince, order 8) for a Hertz chain, in plain or in stretched time.
+"""One step of DOP853 (Dormand and Prince, order 8) for a Hertz chain, in stretched time.
 
-Forces go with overlap^(3/2), so where a contact opens or closes at time t_e the motion is smooth in
-``s = sqrt|t - t_e|`` but not in t. Steps of elastic chains therefore run in s: with ``t = t_e + sign s^2`` the
-equations are ``dy/ds = 2 sign s f(y)``, and the method keeps its order through the event. A sign of 0 is plain time.
+An elastic force goes with overlap^(3/2), so where a contact opens or closes at time t_e the motion is smooth in
+``s = |t - t_e|^(1/2)`` but not in t; where one closes that loses energy, its force begins with (t - t_e)^(1/4), and all
+is smooth in ``s = (t - t_e)^(1/4)``. Steps therefore run in s: with ``t = t_e + s^power`` the equations are
+``dy/ds = power s^(power - 1) f(y)``, and the method keeps its order through the event. A power of -2 is
+``t = t_e - s^2``.
 
-A state y holds the overlaps, then the velocities. Coefficients are scipy's.
+Rows of a state: overlaps, then velocities; what rounding has left out of them (Kahan); their slopes dy/dt.
+Coefficients are scipy's.
 """
 
 from math import sqrt
@@ -53,48 +56,55 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _stretch(s: float, sign: float) -> float:
-    """``dt/ds``; 1 in plain time."""
-    return 2.0 * sign * s if sign != 0.0 else 1.0
+def _stretch(s: float, power: float) -> float:
+    """``dt/ds``."""
+    return 4.0 * s * s * s if power == 4.0 else power * s
 
 
 @njit(cache=True, error_model="numpy")
-def combine(state: Array, h: float, weights: Array, rows: int, slopes: Array, result: Array) -> None:
-    """Writes ``state + h * weights @ slopes`` to ``result``."""
+def weigh(h: float, weights: Array, slopes: Array, result: Array) -> None:
+    """Writes ``h * weights @ slopes`` to ``result``."""
     result[:] = 0.0
-    for row in range(rows):
+    for row in range(weights.size):
         weight = h * weights[row]
         if weight != 0.0:
-            for i in range(state.size):
+            for i in range(result.size):
                 result[i] += weight * slopes[row, i]
-    for i in range(state.size):
-        result[i] += state[i]
 
 
 @njit(cache=True, error_model="numpy")
-def step(state: Array, s: float, h: float, sign: float, slopes: Array, result: Array, bodies: Bodies) -> None:
-    """One step from s to s + h; writes the new state to ``result`` and fills the stages of ``slopes``.
-
-    In plain time the first slope is given: that at the end of the step before.
-    """
-    if sign != 0.0:
-        slope(state, _stretch(s, sign), slopes[0], bodies)
+def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Array, bodies: Bodies) -> None:
+    """One step from s to s + h; writes values and what rounding left out of them, and fills the stages."""
+    start, result = state[0], end[0]
+    stretch = _stretch(s, power)
+    for i in range(start.size):
+        slopes[0, i] = stretch * state[2, i]
     for stage in range(1, STAGES):
-        combine(state, h, A[stage], stage, slopes, result)
-        slope(result, _stretch(s + C[stage] * h, sign), slopes[stage], bodies)
-    combine(state, h, B, STAGES, slopes, result)
+        weigh(h, A[stage, :stage], slopes, result)
+        for i in range(start.size):
+            result[i] += start[i]
+        slope(result, _stretch(s + C[stage] * h, power), slopes[stage], bodies)
+    weigh(h, B, slopes, end[1])
+    for i in range(start.size):
+        change = end[1, i] + state[1, i]
+        result[i] = start[i] + change
+        kept = result[i] - start[i]
+        end[1, i] = (start[i] - (result[i] - kept)) + (change - kept)
 
 
 @njit(cache=True, error_model="numpy")
-def error(end: Array, s_end: float, h: float, sign: float, slopes: Array, scale: Array, bodies: Bodies) -> float:
+def error(
+    end: Array, s_end: float, h: float, power: float, slopes: Array, scale: Array, work: Array, bodies: Bodies
+) -> float:
     """Largest local error over its scale, by the two embedded formulas; fills the slope at the end."""
-    slope(end, _stretch(s_end, sign), slopes[STAGES], bodies)
-    largest = 0.0
-    for i in range(end.size):
-        fifth, third = 0.0, 0.0
-        for row in range(STAGES + 1):
-            fifth += E5[row] * slopes[row, i]
-            third += E3[row] * slopes[row, i]
+    slope(end[0], 1.0, end[2], bodies)
+    stretch, largest = _stretch(s_end, power), 0.0
+    for i in range(scale.size):
+        slopes[STAGES, i] = stretch * end[2, i]
+    weigh(1.0, E5, slopes, work[0])
+    weigh(1.0, E3, slopes, work[1])
+    for i in range(scale.size):
+        fifth, third = work[0, i], work[1, i]
         if fifth != 0.0:
             ratio = third / fifth  # squares of what a wave has barely reached underflow
             estimate = abs(h * fifth) / sqrt(1.0 + 0.01 * ratio * ratio) / scale[i]
@@ -115,22 +125,21 @@ def step_factor(error: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def prepare_dense(
-    start: Array, end: Array, s: float, h: float, sign: float, slopes: Array, dense: Array, work: Array, bodies: Bodies
+    start: Array, end: Array, s: float, h: float, power: float, slopes: Array, dense: Array, work: Array, bodies: Bodies
 ) -> None:
     """Fills the seven rows of ``dense`` for a step whose stages and end slope stand in ``slopes``."""
     for row in range(STAGES + 1, ROWS):
-        combine(start, h, A[row], row, slopes, work)
-        slope(work, _stretch(s + C[row] * h, sign), slopes[row], bodies)
+        weigh(h, A[row, :row], slopes, work)
+        for i in range(start.size):
+            work[i] += start[i]
+        slope(work, _stretch(s + C[row] * h, power), slopes[row], bodies)
     for i in range(start.size):
         change = end[i] - start[i]
         dense[0, i] = change
         dense[1, i] = h * slopes[0, i] - change
         dense[2, i] = 2.0 * change - h * (slopes[STAGES, i] + slopes[0, i])
-        for row in range(4):
-            total = 0.0
-            for column in range(ROWS):
-                total += D[row, column] * slopes[column, i]
-            dense[3 + row, i] = h * total
+    for row in range(4):
+        weigh(h, D[row], slopes, dense[3 + row])
 
 
 @njit(cache=True, error_model="numpy")

@@ -24,7 +24,7 @@ from postproc.read.observables import observe, of_kind
 from validation.accuracy.schemes import truth_of, verlet_of
 from validation.compare.comparison import compare_case
 from validation.compare.verdict import PASS
-from validation.reference.adaptive import LEAST_DAMPED_TOLERANCE, integrate_adaptive
+from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, record_contacts
 from validation.stability.measured_limits import WITHIN, Subject, measure_limits
@@ -126,9 +126,9 @@ def test_the_reference_reaches_its_tolerance(scene: str, given: float) -> None:
     chain, times = arrays_of(case.chain), case.sample_times_s
     other = np.sort(np.append(times, times[:-1] + 0.37 * times[1]))  # other steps on the way
     best = integrate_adaptive(chain, other).force_N[::2]
-    for asked in (1e-4, 1e-6, 1e-8, 1e-10, LEAST_DAMPED_TOLERANCE):
+    for asked in (1e-4, 1e-6, 1e-8, 1e-10, LEAST_TOLERANCE):
         error = np.abs(integrate_adaptive(chain, times, asked).force_N - best).max() / best.max()
-        assert error < asked + LEAST_DAMPED_TOLERANCE
+        assert error < asked + LEAST_TOLERANCE
 
 
 def test_long_damped_chains_go_in_tiles_and_on_two_threads() -> None:

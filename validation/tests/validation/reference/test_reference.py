@@ -6,7 +6,7 @@ import pytest
 from drivers.chain.chain import arrays_of
 from postproc.read.signals import peaks
 from validation.reference import travelling_wave
-from validation.reference.adaptive import integrate_adaptive
+from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.travelling_wave import solve_travelling_wave
@@ -108,6 +108,21 @@ def test_the_true_error_is_the_tolerance_asked_for(exact_case: tuple[HertzChain,
         tolerance = 10.0**-exponent
         error = np.abs(integrate_adaptive(chain, times, tolerance).force_N - exact).max() / exact.max()
         assert 1e-3 * tolerance < error <= tolerance
+
+
+KINDS = {"light": 6, "flat": 6, "gaps": 3}  # of random chains, and their bodies
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [pytest.param(kind, seed, marks=[pytest.mark.long] * (seed > 1)) for kind in KINDS for seed in range(12)],
+)
+def test_random_chains_with_light_beads_flat_strikers_and_damped_gaps_come_out_as_asked(kind: str, seed: int) -> None:
+    chain, times = high_precision.random_chain(kind, seed, KINDS[kind])
+    exact = np.array(list(high_precision.forces_at(chain, times)))
+    for tolerance in (1e-6, 1e-9, LEAST_TOLERANCE):
+        error = np.abs(integrate_adaptive(chain, times, tolerance).force_N - exact).max() / exact.max()
+        assert error <= tolerance
 
 
 def test_energy_and_momentum_of_fig4_before_the_wall() -> None:
