@@ -14,6 +14,7 @@ from validation.accuracy.baseline import baseline_of
 from validation.accuracy.budget import parts_of
 from validation.accuracy.plan import cheapest
 from validation.accuracy.schemes import errors_of, truth_of, verlet_of
+from validation.tests.helpers import high_precision
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import assessed, finished
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
@@ -51,6 +52,21 @@ def test_a_chaotic_motion_is_planned_as_far_as_it_is_known() -> None:
     assert found <= 1e-3
     with pytest.raises(InputError, match=r"at least 0.*what the exact motion itself is known to"):
         case_of("fig4", FREE, "run.accuracy=1e-6", "run.duration=20 ms")
+
+
+def test_the_exact_motion_measures_its_own_error() -> None:
+    """With light and loose beads; what the docstring of ``own_error_N`` says, on one more chain."""
+    gaps = "[{from_wall=3, gap_below='20 um'}, {from_wall=5, gap_below='5 um', mass='2 mg'}]"
+    settings = ("gravity=", "chain.sensors=[]", "chain.count=5", f"chain.bead={gaps}", "run.sample_interval=10 us")
+    case = case_of("fig4", *settings, "run.duration=0.25 ms")
+    exact = np.array(list(high_precision.forces_at(case.chain, case.sample_times_s)))
+    for tolerance in (1e-5, 1e-7, 1e-9):
+        truth = truth_of(case, tolerance, finer=False)
+        errors = np.maximum.accumulate(np.abs(truth.trace.force_N - exact).max(axis=1))
+        moving = errors > 1e-14 * exact.max()
+        assert moving.sum() > 10
+        assert (truth.known_N[moving] > errors[moving] / 12).all()
+        assert (truth.known_N[moving] < 30 * errors[moving]).all()
 
 
 def test_heights_far_away_are_refused_to_codes_with_a_limit_that_holds() -> None:
