@@ -83,8 +83,8 @@ def _quantity(what: str, unit: str, example: str, least: float, most: float, *, 
 
 # bounds are generous: from colloids to boulders, and what doubles and a search for neighbours hold
 Length = Annotated[float, _quantity("a length above zero", "m", "4.76 mm", 1e-9, 1e3)]
-Gap = Annotated[float, _quantity("a length of zero or more", "m", "10 um", 1e-30, 1e6, zero=True)]
-Height = Annotated[float, _quantity("a height", "m", "0.1 m", -1e6, 1e6)]
+Gap = Annotated[float, _quantity("a length of zero or more", "m", "10 um", 1e-30, 1e12, zero=True)]
+Height = Annotated[float, _quantity("a height", "m", "0.1 m", -1e12, 1e12)]
 Mass = Annotated[float, _quantity("a mass above zero", "kg", "0.1226 g", 1e-24, 1e12)]
 MassSpread = Annotated[float, _quantity("a mass of zero or more", "kg", "0.0008 g", 1e-30, 1e12, zero=True)]
 Duration = Annotated[float, _quantity("a time above zero", "s", "0.8 ms", 1e-21, 1e9)]
