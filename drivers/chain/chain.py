@@ -96,6 +96,18 @@ class Chain:
             height = height + 4 * touching * np.spacing(np.abs(height).max())
         return height
 
+    @property
+    def place_m(self) -> Array:
+        """Centres at time 0 (of a flat striker: its face), across the axis and along it. Shape (bodies, 3)."""
+        offset = np.zeros((self.bodies, 2)) if self.lateral is None else self.lateral.offset_m
+        return np.column_stack([offset, self.height_m])
+
+    @property
+    def velocity_xyz_m_s(self) -> Array:
+        """At time 0, across the axis and along it. Shape (bodies, 3)."""
+        across = np.zeros((self.bodies, 2)) if self.lateral is None else self.lateral.velocity_m_s
+        return np.column_stack([across, self.velocity_m_s])
+
     @cached_property
     def axial_share(self) -> Array:
         """Cosine between the axis and each contact's line of centres: 1 in a straight chain. Shape (bodies,)."""
@@ -220,8 +232,8 @@ def tube_arrays_of(chain: Chain) -> TubeChain:
         load_N=chain.load_N,
         bore_stiffness=bore.stiffness if bore else nowhere,
         bore_shear=bore.shear_stiffness if bore else nowhere,
-        place_m=np.column_stack([lateral.offset_m, chain.height_m]),
-        velocity_m_s=np.column_stack([lateral.velocity_m_s, chain.velocity_m_s]),
+        place_m=chain.place_m,
+        velocity_m_s=chain.velocity_xyz_m_s,
         wall_m=chain.wall_height_m,
         friction=lateral.friction,
         bore_m=bore.radius_m if bore else 0.0,

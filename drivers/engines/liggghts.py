@@ -34,17 +34,6 @@ WALL_FORCE, BORE_FORCE = "f_force_wall[3]", tuple(f"f_force_tube[{axis}]" for ax
 
 
 @dataclass(frozen=True)
-class Atom:
-    """A line of the data file; lengths in m, velocities in m/s, the density in kg/m^3."""
-
-    type: int
-    diameter: float
-    density: float
-    place: tuple[float, float, float]
-    velocity: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
 class Box:
     """The space that LIGGGHTS searches for neighbours; lengths in m."""
 
@@ -147,26 +136,18 @@ def render(case: Case) -> Deck:
         face = types.index(labels[-1])
         materials[face] = replace(materials[face], youngs_modulus=sphere_for_face(scene, chain)[1])
     moduli = [material.youngs_modulus for material in materials]
-    density, height = chain.mass_kg / (4 / 3 * math.pi * radius**3), chain.height_m + _above_face(case)
-    offset, across = (lateral.offset_m, lateral.velocity_m_s) if lateral else (np.zeros((chain.bodies, 2)),) * 2
-    atoms = [
-        Atom(
-            type=types.index(labels[i]) + 1,
-            diameter=2 * radius[i],
-            density=density[i],
-            place=(*offset[i], height[i]),
-            velocity=(*across[i], chain.velocity_m_s[i]),
-        )
-        for i in range(chain.bodies)
-    ]
+    density, place = chain.mass_kg / (4 / 3 * math.pi * radius**3), chain.place_m
+    place[:, 2] += _above_face(case)
+    type_of = [types.index(label) + 1 for label in labels]
     values = {
         "case": case,
         "scene": scene,
         "chain": chain,
         "lateral": lateral,
         "bore": bore,
-        "box": _box(case, radius, height),
-        "atoms": atoms,
+        "box": _box(case, radius, place[:, 2]),
+        "atoms": list(zip(type_of, 2 * radius, density, place.tolist(), strict=True)),
+        "velocities": chain.velocity_xyz_m_s.tolist(),
         "types": materials,
         "wall_type": types.index(chain.wall) + 1 if chain.wall else 0,
         "contact_kn": table_of_pairs(types, _contact_kn(chain, radius, labels), 1.0) if springs else [],

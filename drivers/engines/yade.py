@@ -1,6 +1,6 @@
 """YADE: renders its deck, reads its arrays."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import atan
 from pathlib import Path
 
@@ -23,17 +23,6 @@ DEFAULTS = Defaults(youngs_modulus_Pa=1e9, poisson_ratio=0.25, local_damping=0.2
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
 
 
-@dataclass(frozen=True)
-class Body:
-    """A bead, a striker, or its face; place in m, velocity in m/s."""
-
-    place: tuple[float, float, float]
-    radius: float
-    mass: float
-    velocity: tuple[float, float, float]
-    material: str
-
-
 def refusal(case: Case) -> InputProblem | None:
     """Damped contacts that are pressed and moving at time 0: its velocities begin half a step before."""
     chain = case.chain
@@ -48,18 +37,9 @@ def refusal(case: Case) -> InputProblem | None:
 def render(case: Case) -> Deck:
     """``chain.py``; velocities are those of half a step before time 0, where YADE's leapfrog keeps them."""
     scene, chain, lateral = case.scene, case.chain, case.chain.lateral
-    early = chain.velocity_m_s - 0.5 * scene.time_step_s * chain.acceleration_m_s2
-    offset, across = (lateral.offset_m, lateral.velocity_m_s) if lateral else (np.zeros((chain.bodies, 2)),) * 2
-    bodies = [
-        Body(
-            place=(*offset[i], chain.height_m[i]),
-            radius=chain.radius_m[i],
-            mass=chain.mass_kg[i],
-            velocity=(*across[i], early[i]),
-            material=chain.materials[i],
-        )
-        for i in range(chain.bodies)
-    ]
+    early = chain.velocity_xyz_m_s
+    early[:, 2] -= 0.5 * scene.time_step_s * chain.acceleration_m_s2
+    bodies = list(zip(chain.place_m, chain.radius_m, chain.mass_kg, early, chain.materials, strict=True))
     labels = dict.fromkeys([*chain.materials, *([chain.wall] if chain.wall else [])])
     text = render_template(
         "yade/chain.py.j2",
