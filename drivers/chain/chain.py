@@ -6,7 +6,8 @@ all arrays have one entry a body. A contact that does not exist (under bead 1 of
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from itertools import pairwise
 from math import inf, pi, sqrt
 
 import numpy as np
@@ -165,17 +166,14 @@ def build_chain(scene: Scene) -> Chain:
     """
     table = scene.chain
     count, striker = table.count, scene.striker
-    special = {bead.from_wall: bead for bead in table.bead}
     materials = [table.material] * count
     diameters = np.full(count, table.diameter)
     velocity = np.zeros(scene.bodies)
-    gaps: dict[int, float] = {}
-    for place, bead in special.items():
-        materials[place - 1] = bead.material or table.material
-        diameters[place - 1] = bead.diameter or table.diameter
-        velocity[place - 1] = bead.velocity or 0.0
-        if bead.gap_below is not None:
-            gaps[place] = bead.gap_below
+    for bead in table.bead:
+        materials[bead.from_wall - 1] = bead.material or table.material
+        diameters[bead.from_wall - 1] = bead.diameter or table.diameter
+        velocity[bead.from_wall - 1] = bead.velocity or 0.0
+    gaps = {bead.from_wall: bead.gap_below for bead in table.bead if bead.gap_below is not None}
     radii = [*(diameters / 2)]
     masses = [*_bead_masses(scene, materials, diameters)]
     if striker is not None:
@@ -320,24 +318,20 @@ def _settling(chain: Chain) -> float:
 
 
 def _bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:
-    """Masses of the beads: given one by one, or the chain's with its scatter, or the material's."""
+    """Masses of the beads: given one by one, or with the scatter those of an ordinary bead or by a bead's material."""
     table = scene.chain
-    own = {bead.from_wall: bead for bead in table.bead}
-    scatter = np.zeros(table.count)
-    if table.mass_scatter:  # drawn for every place, so that one bead's own mass does not change its neighbours'
-        scatter = np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
     given = {sensor.from_wall: sensor.mass for sensor in table.sensors if sensor.mass is not None}
-    given |= {place: bead.mass for place, bead in own.items() if bead.mass is not None}
-    masses = np.empty(table.count)
-    for place in range(1, table.count + 1):
-        bead = own.get(place)
-        unlike = bead is not None and (bead.material is not None or bead.diameter is not None)
-        if place in given:
-            masses[place - 1] = given[place]
-            continue
-        by_volume = table.mass is None or unlike
-        mass = _sphere_mass(scene, materials[place - 1], diameters[place - 1]) if by_volume else table.mass
-        masses[place - 1] = mass + scatter[place - 1]
+    given |= {bead.from_wall: bead.mass for bead in table.bead if bead.mass is not None}
+    masses = np.full(table.count, bead_mass(scene) if table.count else 0.0)
+    for bead in table.bead:
+        unlike = bead.material is not None or bead.diameter is not None
+        if unlike and bead.from_wall not in given:
+            place = bead.from_wall - 1
+            masses[place] = _sphere_mass(scene, materials[place], diameters[place])
+    if table.mass_scatter:  # drawn for every place, so that one bead's own mass does not change its neighbours'
+        masses += np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
+    for place, mass in given.items():
+        masses[place - 1] = mass
     return masses
 
 
@@ -354,19 +348,15 @@ def _sphere_mass(scene: Scene, material: str, diameter_m: float) -> float:
 
 def stiffness_by(law: ContactStiffness, scene: Scene, materials: Sequence[str], radius_m: Array) -> Array:
     """Stiffness of the contact under each body, by a law of two materials and radii; 0 where there is none."""
-    known: dict[tuple[str, float, str, float], float] = {}
-    stiffness = np.zeros(len(materials))
-    for j, (material, radius) in enumerate(zip(materials, radius_m.tolist(), strict=True)):
-        if j:
-            pair = (materials[j - 1], float(radius_m[j - 1]), material, radius)
-        elif scene.wall is not None:
-            pair = (scene.wall.material, inf, material, radius)
-        else:
-            continue
-        if pair not in known:  # a rigid wall has no material
-            known[pair] = law(scene.materials.get(pair[0]), pair[1], scene.materials[material], radius)
-        stiffness[j] = known[pair]
-    return stiffness
+
+    @cache
+    def between(below: str, radius_below_m: float, above: str, radius_above_m: float) -> float:
+        # a rigid wall has no material
+        return law(scene.materials.get(below), radius_below_m, scene.materials[above], radius_above_m)
+
+    bodies = list(zip(materials, radius_m.tolist(), strict=True))
+    lowest = between(scene.wall.material, inf, *bodies[0]) if scene.wall is not None else 0.0
+    return np.array([lowest, *(between(*below, *above) for below, above in pairwise(bodies))])
 
 
 def _overlaps(stiffness: Array, bead_load_N: Array, gaps: dict[int, float], *, resting: bool) -> Array:

@@ -1,6 +1,7 @@
 """LIGGGHTS: renders its deck, reads its dump."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -108,10 +109,10 @@ def _box(case: Case, radius: Array, height: Array) -> Box:
             abs(float(chain.mass_kg @ chain.velocity_m_s / chain.mass_kg.sum())) + abs(free_fall(chain)) * duration
         )
     reach = 1.1 * fastest * duration + 4 * radius.max()  # nothing gets further: what leaves the box has blown up
-    if chain.lateral is not None and chain.lateral.bore is not None:
-        reach = max(reach, chain.lateral.bore.high_m - float(height.min()))  # a mesh has to be inside
+    if chain.bore is not None:
+        reach = max(reach, chain.bore.high_m - float(height.min()))  # a mesh has to be inside
     width = float(f"{4 * radius.max():.1g}")
-    if chain.lateral is not None and (chain.lateral.bore is None or len(chain.lateral.bore.guided) < chain.bodies):
+    if chain.lateral is not None and (chain.bore is None or len(chain.bore.guided) < chain.bodies):
         width = max(width, float(f"{reach:.2g}"))  # nothing holds it on the axis
     digits = 2 - math.floor(math.log10(reach))
     low, high = round(float(height.min() - reach), digits), round(float(height.max() + reach), digits)
@@ -120,8 +121,7 @@ def _box(case: Case, radius: Array, height: Array) -> Box:
 
 def render(case: Case) -> Deck:
     """``chain.in`` and ``chain.data``; atoms are numbered as the bodies, from the wall up."""
-    scene, chain, lateral, radius = case.scene, case.chain, case.chain.lateral, _radii(case)
-    bore = chain.bore
+    scene, chain, bore, radius = case.scene, case.chain, case.chain.bore, _radii(case)
     flat, springs = bool(np.isinf(chain.radius_m[-1])), _by_springs(case)
     labels = _labels(case)
     material_of = dict(zip(labels, chain.materials, strict=True))
@@ -141,10 +141,6 @@ def render(case: Case) -> Deck:
     type_of = [types.index(label) + 1 for label in labels]
     values = {
         "case": case,
-        "scene": scene,
-        "chain": chain,
-        "lateral": lateral,
-        "bore": bore,
         "box": _box(case, radius, place[:, 2]),
         "atoms": list(zip(type_of, 2 * radius, density, place.tolist(), strict=True)),
         "velocities": chain.velocity_xyz_m_s.tolist(),
@@ -156,7 +152,7 @@ def render(case: Case) -> Deck:
         "friction": _friction(chain, types),
         "coefficient": restitution_with_attraction(chain.damping_ratio),
         "face_radius": radius[-1] if flat and not springs else None,
-        "guided_face": flat and lateral,
+        "guided_face": flat and chain.lateral,
         "hard": not springs and max(moduli) > HARD_PA,
         "soft": not springs and min(moduli) < SOFT_PA,
         "binned": _binned(chain),
@@ -173,13 +169,12 @@ def _labels(case: Case) -> list[str]:
     """Names of the types of the bodies: a material, and a size where the bore tells one from another."""
     chain = case.chain
     labels = list(chain.materials)
-    if chain.lateral is not None and chain.lateral.bore is not None:
-        sizes: dict[str, set[float]] = {}
-        for label, radius in zip(labels, chain.radius_m, strict=True):
-            sizes.setdefault(label, set()).add(float(radius))
+    if chain.bore is not None:
+        sized = list(zip(labels, chain.radius_m.tolist(), strict=True))
+        sizes = Counter(label for label, _ in set(sized))
         labels = [
-            f"{label} {2e3 * radius:g} mm" if len(sizes[label]) > 1 and np.isfinite(radius) else label
-            for label, radius in zip(labels, chain.radius_m, strict=True)
+            f"{label} {2e3 * radius:g} mm" if sizes[label] > 1 and np.isfinite(radius) else label
+            for label, radius in sized
         ]
     if np.isinf(chain.radius_m[-1]):
         labels[-1] = FLAT + labels[-1]
@@ -209,10 +204,8 @@ def _friction(chain: Chain, types: list[str]) -> list[float]:
     """Coefficients of friction of each pair of types, row by row; nothing where none slips."""
     if chain.lateral is None or not chain.lateral.slips:
         return []
-    bore = chain.lateral.bore
-    return table_of_pairs(
-        types, [(each, TUBE, bore.friction) for each in types] if bore else [], chain.lateral.friction
-    )
+    in_bore = [(each, TUBE, chain.bore.friction) for each in types] if chain.bore else []
+    return table_of_pairs(types, in_bore, chain.lateral.friction)
 
 
 def _columns(case: Case) -> tuple[str, ...]:
@@ -252,12 +245,12 @@ def _trace(case: Case, found: dict[str, Array]) -> Trace:
     lowest = found[WALL_FORCE][:, 0] if chain.wall else np.zeros(len(height))
     if chain.lateral is None:
         return make_trace(chain, times, contact_forces(lowest, on_bodies), height, found["vz"])
-    place, velocity, spin, bore = (
-        np.stack([found[name] for name in names], axis=2) if names[0] in found else None
-        for names in (PLACE, VELOCITY, SPIN, BORE_FORCE)
-    )
-    assert place is not None
-    assert velocity is not None
+
+    def vectors(names: tuple[str, ...]) -> Array:
+        return np.stack([found[name] for name in names], axis=2)
+
+    place, velocity = vectors(PLACE), vectors(VELOCITY)
+    spin, bore = (vectors(names) if names[0] in found else None for names in (SPIN, BORE_FORCE))
     place[:, :, 2] = height
     force = contact_forces(lowest, on_bodies if bore is None else on_bodies - bore[:, :, 2])
     return make_trace(chain, times, force, place, velocity, spin, bore)

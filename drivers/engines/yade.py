@@ -36,22 +36,17 @@ def refusal(case: Case) -> InputProblem | None:
 
 def render(case: Case) -> Deck:
     """``chain.py``; velocities are those of half a step before time 0, where YADE's leapfrog keeps them."""
-    scene, chain, lateral = case.scene, case.chain, case.chain.lateral
-    early = chain.velocity_xyz_m_s
-    early[:, 2] -= 0.5 * scene.time_step_s * chain.acceleration_m_s2
+    chain, early = case.chain, case.chain.velocity_xyz_m_s
+    early[:, 2] -= 0.5 * case.scene.time_step_s * chain.acceleration_m_s2
     bodies = list(zip(chain.place_m, chain.radius_m, chain.mass_kg, early, chain.materials, strict=True))
     labels = dict.fromkeys([*chain.materials, *([chain.wall] if chain.wall else [])])
     text = render_template(
         "yade/chain.py.j2",
         case=case,
-        scene=scene,
-        chain=chain,
-        lateral=lateral,
-        bore=chain.bore,
         face=bodies.pop() if np.isinf(chain.radius_m[-1]) else None,
         spheres=bodies,
-        materials=[named_material(scene, name) for name in labels],
-        friction_angle=atan(lateral.friction) if lateral else 0.0,
+        materials=[named_material(case.scene, name) for name in labels],
+        friction_angle=atan(chain.lateral.friction) if chain.lateral else 0.0,
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
 
