@@ -24,7 +24,7 @@ from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, ROUNDING_REAS
 from validation.accuracy.budget import PARTS, for_terminal
 from validation.accuracy.plan import planned_case
 from validation.accuracy.schemes import energy_change_J
-from validation.compare.departure import Departure, Deviation, departure, departure_rows, deviation, motion_deviation
+from validation.compare.departure import Departure, departure, departure_rows, deviation, motion_deviation
 from validation.compare.verdict import FAIL, NOT_RUN, Verdict, judged
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
@@ -53,27 +53,28 @@ def _force_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, Ende
         baseline, own = baseline_of(case), baseline_of(case, engine)
         another_law = own.law != baseline.law and not own.unknown  # of friction: the same scheme with the engine's
         verlet, limit, samples = own.plain if another_law else runs[VERLET].trace, baseline.allowed, baseline.samples
-        found = deviation(run.trace, verlet, samples)
-        remark = ""
-        if samples < case.scene.samples:
-            remark = f"; judged until {run.trace.time_s[samples] * 1e6:g} µs, where rounding alone passes {HORIZON:g}"
-        verdicts.append(_judge(case, engine, "force against verlet", found, limit, remark))
+        why = f"where rounding alone passes {HORIZON:g}"
+        verdicts.append(_force_verdict(case, (engine, VERLET), run.trace, verlet, limit, samples, why))
         verdicts.append(_motion_verdict(baseline, engine, run.trace, verlet))
     if REFERENCE in runs and engine != REFERENCE:
-        known = _known_samples(case)
-        found = deviation(run.trace, runs[REFERENCE].trace, known)
-        limit = tolerance("truncation", "force", shipped_name(case))
-        remark = ""
-        if known < case.scene.samples:
-            remark = (
-                f"; judged until {run.trace.time_s[known] * 1e6:g} µs, from when on the reference is off by {HORIZON:g}"
-            )
-        verdicts.append(_judge(case, engine, "force against reference", found, limit, remark))
+        exact, limit = runs[REFERENCE].trace, tolerance("truncation", "force", shipped_name(case))
+        why = f"from when on the reference is off by {HORIZON:g}"
+        verdicts.append(_force_verdict(case, (engine, REFERENCE), run.trace, exact, limit, _known_samples(case), why))
     others = [name for name in runs if name != engine]
     if others and not {VERLET, REFERENCE} & set(runs):  # a bore of flat sides: only the codes have it
-        found = deviation(run.trace, runs[others[0]].trace)
-        verdicts.append(_judge(case, engine, f"force against {others[0]}", found, tolerance("model", "sides")))
+        other, limit = runs[others[0]].trace, tolerance("model", "sides")
+        verdicts.append(_force_verdict(case, (engine, others[0]), run.trace, other, limit, case.scene.samples))
     return verdicts
+
+
+def _force_verdict(
+    case: Case, engines: tuple[str, str], trace: Trace, right: Trace, limit: Tolerance, samples: int, why: str = ""
+) -> Verdict:
+    """The verdict on the forces of an engine against another's, over the first samples; why no more of them."""
+    found = deviation(trace, right, samples)
+    until = f"; judged until {trace.time_s[samples] * 1e6:g} µs, {why}" if samples < case.scene.samples else ""
+    engine, other = engines
+    return judged(case.scene.name, engine, f"force against {other}", found.share, limit, found.place + until)
 
 
 def _known_samples(case: Case) -> int:
@@ -133,10 +134,6 @@ def _balance_verdicts(case: Case, engine: str, run: EndedRun) -> list[Verdict]:
         judged(case.scene.name, engine, "energy drift", energy, drift, "share of the largest kinetic energy"),
         judged(case.scene.name, engine, "impulse balance", impulse, limit, "share of momentum"),
     ]
-
-
-def _judge(case: Case, engine: str, quantity: str, found: Deviation, limit: Tolerance, remark: str = "") -> Verdict:
-    return judged(case.scene.name, engine, quantity, found.share, limit, f"{found.place}{remark}")
 
 
 @dataclass(frozen=True)
