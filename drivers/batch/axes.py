@@ -3,6 +3,7 @@
 import csv
 import math
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -190,10 +191,7 @@ def _cell(text: str, unit: str, where: str, place: str) -> Any:
         if not text:
             raise InputError(where, place, "nothing", "a value")
         return read_value(text)
-    try:
-        finite = math.isfinite(float(text))
-    except ValueError:
-        finite = False
-    if not finite:
-        raise InputError(where, place, shorten(text), f"a plain number, since the heading has its unit ({unit})")
-    return f"{text} {unit}"
+    with suppress(ValueError):
+        if math.isfinite(float(text)):
+            return f"{text} {unit}"
+    raise InputError(where, place, shorten(text), f"a plain number, since the heading has its unit ({unit})")

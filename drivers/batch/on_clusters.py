@@ -109,7 +109,7 @@ def submit(request: Request, study: Study, selection: Selection, todo: list[int]
     """
     command = [sys.executable, "-m", "drivers", "batch", str(study.path), "--runs", str(store.runs.resolve())]
     command += [word for name in selection.engines for word in ("--engine", name)]
-    command += [word for pattern in selection.patterns for word in ("--only", pattern)]
+    command += [word for pattern in request.patterns for word in ("--only", pattern)]
     command += ["--retry"] if request.retry_before else []
     folder = (store.folder / FOLDER).resolve()
     folder.mkdir(parents=True, exist_ok=True)
@@ -145,14 +145,9 @@ def waiting_for(job: str) -> Iterator[None]:
     failures = 0
     while failures < MAX_FAILURES:
         done = subprocess.run(words, capture_output=True, text=True, check=False)
-        if done.returncode == 0:
-            failures = 0
-            if not done.stdout.strip():
-                return
-        elif "Invalid job id" in done.stderr:
-            return  # ended so long ago that Slurm forgot it
-        else:
-            failures += 1
+        if (done.returncode == 0 and not done.stdout.strip()) or "Invalid job id" in done.stderr:
+            return  # through, or so long ago that Slurm forgot it
+        failures = failures + 1 if done.returncode else 0
         time.sleep(POLL_S)
         yield
     raise RunError(f"job {job}: squeue does not answer: {done.stderr.strip()}")

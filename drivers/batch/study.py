@@ -191,15 +191,10 @@ def seen_from(file: Path, source: str) -> str | Path:
 
 @dataclass(frozen=True)
 class Selection:
-    """Engines in the order of the study, and numbers of cases.
-
-    Attributes:
-        patterns: by which the cases were chosen.
-    """
+    """Engines in the order of the study, and numbers of cases."""
 
     engines: tuple[str, ...]
     numbers: Sequence[int]
-    patterns: tuple[str, ...]
 
     def slice_of(self, part: int, parts: int) -> Sequence[int]:
         """The cases of a part, counted from 1: every so many-th, so that parts cost about the same."""
@@ -239,7 +234,7 @@ def select(study: Study, engines: Sequence[str], patterns: Sequence[str]) -> Sel
         labels = "; ".join(study.label(number) for number in range(1, min(study.count, 3) + 1))
         raise InputError(f"--only {' --only '.join(patterns)}", "", "no case", f"patterns of labels such as {labels}")
     chosen = tuple(name for name in study.engines if name in engines or not engines)
-    return Selection(chosen, numbers, tuple(patterns))
+    return Selection(chosen, numbers)
 
 
 def column_name(name: str, key: str) -> str:

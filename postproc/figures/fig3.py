@@ -41,10 +41,9 @@ class Curve(NamedTuple):
         return (modulus,) if self.gravity else (modulus, "gravity=")
 
     @property
-    def number(self) -> int | None:
-        """That of its theory in the paper's figure; that of its simulations is the next."""
-        first = PRINTED.get(self.modulus_MPa)
-        return None if first is None else first + 2 * self.gravity
+    def number(self) -> float:
+        """That of its theory in the paper's figure, NaN if it is not there; that of its simulations is the next."""
+        return PRINTED.get(self.modulus_MPa, np.nan) + 2 * self.gravity
 
 
 def make(runs: Path) -> Product:
@@ -100,7 +99,7 @@ def _points(exact: dict[Curve, list[Simulation]], runs: Path) -> pd.DataFrame:
     found += [(curve, one) for curve, some in exact.items() for one in some]
     return pd.DataFrame([
         {
-            "source": "simulated", "engine": one.engine, "curve": None if curve.number is None else curve.number + 1,
+            "source": "simulated", "engine": one.engine, "curve": curve.number + 1,
             "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "striker_m_s": strikes.striker_speed(one),
             "force_N": strikes.contact_peak(one), "static_N": strikes.static_force(one.case),
             "sensor_amplitude_N": strikes.sensor_amplitude(one), "speed_m_s": strikes.speed_between_sensors(one),

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.chain.case import Case, build_case
@@ -60,7 +59,7 @@ def exact(case: Case, tolerance: float = TOLERANCE) -> Simulation:
     return Simulation(case, REFERENCE, trace)
 
 
-def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
+def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path) -> dict[str, list[Simulation]]:
     """Cases by code, run side by side, each code's in their order; what gauges show is written into each run folder.
 
     A case that cannot end well on its code is an InputError, one that failed a RunError once the others are done.
@@ -75,16 +74,16 @@ def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path = paths.RUNS) -> d
     return found
 
 
-def run_codes_on(cases: Sequence[Case], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
+def run_codes_on(cases: Sequence[Case], runs: Path) -> dict[str, list[Simulation]]:
     """The same cases on every installed code."""
     return run_codes(dict.fromkeys(installed_codes(), cases), runs)
 
 
-def simulate_one(case: Case, runs: Path = paths.RUNS) -> dict[str, Simulation]:
+def simulate_one(case: Case, runs: Path) -> dict[str, Simulation]:
     """A case by every installed code and the reference."""
     return {engine: one for engine, (one,) in simulate([case], runs).items()}
 
 
-def simulate(cases: Sequence[Case], runs: Path = paths.RUNS) -> dict[str, list[Simulation]]:
+def simulate(cases: Sequence[Case], runs: Path) -> dict[str, list[Simulation]]:
     """The cases on every installed code and on the reference."""
     return run_codes_on(cases, runs) | {REFERENCE: [exact(case) for case in cases]}

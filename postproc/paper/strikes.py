@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from math import exp, log
+from operator import is_not
 from pathlib import Path
 
 import numpy as np
@@ -153,21 +154,13 @@ def solve_table1(runs: Path) -> pd.DataFrame:
     exact_ones = [strike_for(force, sensor_amplitude) for force in forces]
     solved = run_codes_on([simulation.case for simulation in exact_ones], runs)
     for _ in range(MAX_CORRECTIONS):
-        again: dict[str, dict[int, Case]] = {code: {} for code in solved}
-        for code, own in solved.items():
-            for i, (one, force_N) in enumerate(zip(own, forces, strict=True)):
-                ratio, striker = sensor_amplitude(one) / force_N, one.case.scene.striker
-                if not abs(ratio - 1) <= CODE_AMPLITUDE and striker is not None:  # F ~ v^(6/5)
-                    striker = striker.model_copy(update={"speed": striker.speed * ratio ** (-5 / 6)})
-                    again[code][i] = build_case(one.case.scene.model_copy(update={"striker": striker}))
-        if not any(again.values()):
+        cases = {code: [*map(_corrected, own, forces)] for code, own in solved.items()}
+        unsettled = [code for code, own in solved.items() if any(map(is_not, cases[code], (one.case for one in own)))]
+        if not unsettled:
             break
-        for code, found in run_codes({code: list(cases.values()) for code, cases in again.items()}, runs).items():
-            for i, one in zip(again[code], found, strict=True):
-                solved[code][i] = one
+        solved = run_codes(cases, runs)  # settled ones are found again by content
     else:
-        unsettled = ", ".join(code for code, cases in again.items() if cases)
-        raise RunError(f"{SCENE}: the striker speed of {unsettled} does not settle on the amplitude wanted")
+        raise RunError(f"{SCENE}: the striker speed of {', '.join(unsettled)} does not settle on the amplitude wanted")
     for engine, simulations in ({REFERENCE: exact_ones} | solved).items():
         lower = f"bead_{sensor_pair(simulations[0].case)[1]}"
         paper[engine + STRIKER] = [striker_speed(simulation) for simulation in simulations]
@@ -175,6 +168,15 @@ def solve_table1(runs: Path) -> pd.DataFrame:
         for name in COLUMNS[1:]:
             paper[f"{engine}_{name}"] = [simulation.values[f"{lower}_{name}"] for simulation in simulations]
     return paper
+
+
+def _corrected(one: Simulation, force_N: float) -> Case:
+    """The case at a speed corrected by its amplitude, which goes with v^(6/5); itself where that is the one wanted."""
+    ratio, striker = sensor_amplitude(one) / force_N, one.case.scene.striker
+    if abs(ratio - 1) <= CODE_AMPLITUDE or striker is None:
+        return one.case
+    striker = striker.model_copy(update={"speed": striker.speed * ratio ** (-5 / 6)})
+    return build_case(one.case.scene.model_copy(update={"striker": striker}))
 
 
 def engines_of(table: pd.DataFrame) -> list[str]:

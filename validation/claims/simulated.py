@@ -25,6 +25,7 @@ from postproc.paper.strikes import (
     speed_between_sensors,
     static_force,
     strike_for,
+    striker_speed,
 )
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_average
@@ -70,9 +71,7 @@ def _struck(run: Run, force_N: float, *settings: str) -> Simulation:
 @cache
 def _striker_speed(force_N: float) -> float:
     """The striker speed that gives an amplitude of Table 1, m/s."""
-    striker = strike_for(force_N, sensor_amplitude).case.scene.striker
-    assert striker is not None
-    return striker.speed
+    return striker_speed(strike_for(force_N, sensor_amplitude))
 
 
 def exponent(run: Run) -> float:

@@ -91,7 +91,6 @@ def read_figures(results: Path) -> dict[str, Any]:
         if f"{name}.csv" == TABLE:
             continue
         if image := read_image(results / f"{name}.svg"):
-            title = BLANKS.sub(" ", title).strip(". ")
             made.append({"title": title, "image": image, "beside": read_beside(results, name)})
         else:
             missing.append(name)

@@ -22,7 +22,7 @@ from postproc.draw.style import svg_of
 from postproc.read.observables import observe
 from validation.accuracy.budget import PARTS
 from validation.compare.comparison import ComparedScene
-from validation.compare.departure import Departure, departure_rows
+from validation.compare.departure import departure_rows
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
 from validation.report.charts import Chart, chart_of, failed_label
 from validation.report.page_figures import Image, image_of
@@ -181,7 +181,7 @@ class SceneSection:
     judged: list[tuple[str, list[Any]]]
     chart: Chart | None
     chain: Image | None
-    departures: list[tuple[str, Departure]]
+    departures: list[tuple[str, str]]
     budget: list[tuple[str, str, list[str]]]
     observables: list[tuple[str, list[str]]]
     decks: list[tuple[str, str, str]]
@@ -247,11 +247,10 @@ def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> T
     return replace(failed, time_s=case.sample_times_s, force_N=force_N)
 
 
-def _departures(scene: ComparedScene) -> list[tuple[str, Departure]]:
-    """Of engines that part from the exact motion alike, one line."""
+def _departures(scene: ComparedScene) -> list[tuple[str, str]]:
+    """Engines that part from the exact motion alike, and how."""
     labels = {name: failed_label(name) if name in scene.refused else name for name in in_order(scene.departures)}
-    rows = departure_rows({label: scene.departures[name] for name, label in labels.items()})
-    alike: dict[str, list[tuple[str, Departure]]] = {}
-    for label, each in rows:
-        alike.setdefault(each.words, []).append((label, each))
-    return [(", ".join(label for label, _ in same), same[0][1]) for same in alike.values()]
+    alike: dict[str, list[str]] = {}
+    for label, each in departure_rows({label: scene.departures[name] for name, label in labels.items()}):
+        alike.setdefault(each.words, []).append(label)
+    return [(", ".join(same), words) for words, same in alike.items()]

@@ -171,8 +171,8 @@ def test_what_there_is_of_a_failed_run_is_shown(compared: ComparedScene, tmp_pat
             differences = values_of(section.chart.panels[-1], f"{engine} (failed) − {yardstick}")
             assert np.isfinite(differences[:last]).all()
             assert np.isnan(differences[last:]).all()
-    words = {engine: each.kind for engine, each in section.departures}
-    assert words == {"yade (failed)": departures["yade"].kind, "liggghts (failed)": departures["liggghts"].kind}
+    words = dict(section.departures)
+    assert words == {f"{name} (failed)": departures[name].words for name in ("yade", "liggghts")}
     assert {engine for engine, _, _ in section.decks} == {"yade", "liggghts"}
     assert list(section.runs) == ["reference", "verlet"]  # observables are of finished runs alone
     counts = write_report([sick], tmp_path / "report.html")
