@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 from math import prod
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from pydantic import BaseModel, Field
 
@@ -259,8 +259,7 @@ def unit_of(key: str) -> str:
 
 def _parts_of(annotation: Any) -> list[Any]:
     """An annotation with its metadata, and those of all that it is made of."""
-    inner = [part for each in getattr(annotation, "__args__", ()) for part in _parts_of(each)]
-    return [annotation, *getattr(annotation, "__metadata__", ()), *inner]
+    return [annotation, *(part for each in get_args(annotation) for part in _parts_of(each))]
 
 
 def value_at(scene: Scene, key: str) -> Any:

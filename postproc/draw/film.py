@@ -143,9 +143,7 @@ def write_animation(film: Film, title: str, path: Path) -> Path:
 
 def _axis(figure: Any, box_in: tuple[float, float, float, float], *, framed: bool = False) -> Any:
     """Axes at a place in inches: left, bottom, width, height."""
-    width, height = figure.get_size_inches()
-    left, bottom, wide, tall = box_in
-    axis = figure.add_axes((left / width, bottom / height, wide / width, tall / height))
+    axis = figure.add_axes(np.divide(box_in, np.tile(figure.get_size_inches(), 2)))
     axis.axis("on" if framed else "off")
     return axis
 

@@ -127,8 +127,8 @@ def _test(suite: ElementTree.Element, name: str, row: Row, cell: Cell, verdict: 
 
 
 def _numbers(found: Counter[str]) -> dict[str, str]:
-    numbers = {"tests": found.total(), "failures": found[FAIL], "errors": 0, "skipped": found[NOT_RUN]}
-    return {key: str(number) for key, number in numbers.items()} | {"time": "0"}
+    numbers = {"tests": found.total(), "failures": found[FAIL], "errors": 0, "skipped": found[NOT_RUN], "time": 0}
+    return {key: str(number) for key, number in numbers.items()}
 
 
 def _counts(found: Counter[str]) -> dict[str, int]:
