@@ -135,14 +135,8 @@ def _root(excess: Callable[[float], float], start: float) -> float | None:
         found = root_scalar(excess, method="secant", x0=start, x1=start - first / 1.2, xtol=FOUND, maxiter=8)
     if found.converged and abs(found.root - start) < SEARCHED and abs(excess(float(found.root))) < 1e3 * FOUND:
         return float(found.root)
-    low, high = start - 0.5, start + 0.5
-    while excess(low) > 0 and low > start - SEARCHED:
-        low -= 1.0
-    while excess(high) < 0 and high < start + SEARCHED:
-        high += 0.5
-    if not excess(low) < 0 < excess(high):
-        return None
-    return float(brentq(excess, low, high, xtol=FOUND))
+    ends = start - SEARCHED, start + SEARCHED
+    return float(brentq(excess, *ends, xtol=FOUND)) if excess(ends[0]) < 0 < excess(ends[1]) else None
 
 
 def solve_table1(runs: Path) -> pd.DataFrame:
