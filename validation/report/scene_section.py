@@ -65,11 +65,6 @@ class Row:
     again: str
     cells: dict[str, Cell]
 
-    @property
-    def fails(self) -> bool:
-        """Whether any engine failed."""
-        return any(cell.verdict == FAIL for cell in self.cells.values())
-
 
 def scene_row(scene: ComparedScene, runs: Path | None = None) -> Row:
     """The row of a compared scene, whose run folders are in ``runs`` where that is not the usual place."""
