@@ -1,7 +1,6 @@
-"""Values of decks that several codes need: elastic constants by name, tables of pairs of types, requests."""
+"""Values of decks that several codes need: elastic constants, tables of pairs of types, requests."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,21 +9,11 @@ from drivers.scene.model import RIGID, Scene
 RIGID_PA = 1e40  # a wall that does not yield: its share of 1/E* is below rounding
 
 
-@dataclass(frozen=True)
-class NamedMaterial:
-    """A material under the name that a deck gives it."""
-
-    label: str
-    youngs_modulus: float
-    poisson_ratio: float
-
-
-def named_material(scene: Scene, name: str, label: str = "") -> NamedMaterial:
-    """A material of the scene, or the rigid wall's; ``label`` left out: its own name."""
+def elastic_constants(scene: Scene, name: str) -> tuple[float, float]:
+    """Young's modulus in Pa and Poisson's ratio of a material of the scene, or of the rigid wall."""
     if name == RIGID:
-        return NamedMaterial(name, RIGID_PA, 0.0)
-    material = scene.materials[name]
-    return NamedMaterial(label or name, material.youngs_modulus, material.poisson_ratio)
+        return RIGID_PA, 0.0
+    return scene.materials[name].youngs_modulus, scene.materials[name].poisson_ratio
 
 
 def table_of_pairs(types: Sequence[str], pairs: Iterable[tuple[str, str, float]], otherwise: float) -> list[float]:

@@ -18,7 +18,7 @@ from drivers.chain.contact_law import damping_ratio_with_attraction, restitution
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import IN_HEIGHTS, TOTAL, Engine, Style, last_line
-from drivers.engines._deck_values import named_material, request_by_include, table_of_pairs
+from drivers.engines._deck_values import elastic_constants, request_by_include, table_of_pairs
 from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
 
 COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
@@ -131,11 +131,10 @@ def render(case: Case) -> Deck:
         assert scene.tube is not None
         material_of[TUBE] = scene.tube.material
     types = list(material_of)
-    materials = [named_material(scene, material, label.strip()) for label, material in material_of.items()]
+    constants = [elastic_constants(scene, name) for name in material_of.values()]
+    moduli, ratios = [young for young, _ in constants], [poisson for _, poisson in constants]
     if flat and not springs:
-        face = types.index(labels[-1])
-        materials[face] = replace(materials[face], youngs_modulus=sphere_for_face(scene, chain)[1])
-    moduli = [material.youngs_modulus for material in materials]
+        moduli[types.index(labels[-1])] = sphere_for_face(scene, chain)[1]
     density, place = chain.mass_kg / (4 / 3 * math.pi * radius**3), chain.place_m
     place[:, 2] += _above_face(case)
     type_of = [types.index(label) + 1 for label in labels]
@@ -144,7 +143,9 @@ def render(case: Case) -> Deck:
         "box": _box(case, radius, place[:, 2]),
         "atoms": list(zip(type_of, 2 * radius, density, place.tolist(), strict=True)),
         "velocities": chain.velocity_xyz_m_s.tolist(),
-        "types": materials,
+        "types": [label.strip() for label in types],
+        "moduli": moduli,
+        "ratios": ratios,
         "wall_type": types.index(chain.wall) + 1 if chain.wall else 0,
         "contact_kn": table_of_pairs(types, _contact_kn(chain, radius, labels), 1.0) if springs else [],
         "bore_kn": table_of_pairs(types, _bore_kn(chain, labels), 0.0),

@@ -14,7 +14,7 @@ from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import IN_HEIGHTS, INCREMENTAL, Defaults, Engine, Style, last_line
-from drivers.engines._deck_values import named_material
+from drivers.engines._deck_values import elastic_constants
 from drivers.engines._raw_output import contact_forces, read_arrays
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
@@ -45,7 +45,7 @@ def render(case: Case) -> Deck:
         case=case,
         face=bodies.pop() if np.isinf(chain.radius_m[-1]) else None,
         spheres=bodies,
-        materials=[named_material(case.scene, name) for name in labels],
+        materials=[(name, *elastic_constants(case.scene, name)) for name in labels],
         friction_angle=atan(chain.lateral.friction) if chain.lateral else 0.0,
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))

@@ -142,7 +142,6 @@ def _between(
     # of the upper body's surface to the lower's: v + n x (arm spin), as both arms end in the contact
     wx, wy, wz = over * spin[j, 0], over * spin[j, 1], over * spin[j, 2]
     ux, uy, uz = velocity[j, 0], velocity[j, 1], velocity[j, 2]
-    turning = nx * spin[j, 0] + ny * spin[j, 1] + nz * spin[j, 2]
     if not wall:
         ux, uy, uz = ux - velocity[j - 1, 0], uy - velocity[j - 1, 1], uz - velocity[j - 1, 2]
         wx, wy, wz = wx + under * spin[j - 1, 0], wy + under * spin[j - 1, 1], wz + under * spin[j - 1, 2]
