@@ -172,7 +172,7 @@ def own_error_N(case: Case, exact: Trace, tolerance: float = LEAST_TOLERANCE) ->
 
     Measured: the difference from a motion with ``ROUGH_FACTOR`` times the tolerance, over that factor, as long as
     differences are small enough to grow linearly; beyond, where the motion is chaotic, the difference itself from a
-    motion with ``NEAR_FACTOR`` times the tolerance. On 28 random scenes with light beads, flat strikers and gaps, and
+    motion with ``NEAR_FACTOR`` times the tolerance. On 27 random scenes with light beads and flat strikers, and
     on a chaotic one of 121 bodies, it is from 1/12 to 30 times the true error; mostly half of it to three times.
 
     Raises:
