@@ -107,14 +107,29 @@ def _start(chain: HertzChain, time_step_s: float) -> Arrays:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _sweep(
+    below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array, dt: float
+) -> None:
+    """One step of neighbouring bodies; ``below`` is the new velocity under them, ``force`` reaches one further."""
+    under = force[0]
+    for j in range(overlap.size):
+        above = force[j + 1]
+        here = velocity[j] + (kick[j] * (under - above) + drop[j])
+        velocity[j] = here
+        under = above
+        now = overlap[j] + dt * (below - here)
+        below = here
+        overlap[j] = now
+        closed = max(now, 0.0)
+        force[j] = stiffness[j] * overlap_power(closed)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _sweep_damped(
     below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
     damping: Array, dt: float,
 ) -> None:  # fmt: skip
-    """One step of neighbouring bodies; ``below`` is the new velocity under them, ``force`` reaches one further.
-
-    Contacts that lose energy do so by velocities of half a step before, as in the codes.
-    """
-    damped, under = damping.size > 0, force[0]
+    """As ``_sweep``, of contacts that lose energy: by velocities of half a step before, as in the codes."""
+    under = force[0]
     for j in range(overlap.size):
         above = force[j + 1]
         here = velocity[j] + (kick[j] * (under - above) + drop[j])
@@ -124,9 +139,8 @@ def _sweep(
         now = overlap[j] + dt * closing
         below = here
         overlap[j] = now
-        closed = max(now, 0.0)
-        elastic = stiffness[j] * overlap_power(closed)
-        force[j] = max(elastic + damping[j] * sqrt(sqrt(closed)) * closing, 0.0) if damped else elastic
+        root = sqrt(max(now, 0.0))
+        force[j] = max(stiffness[j] * (now * root) + damping[j] * sqrt(root) * closing, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -136,10 +150,16 @@ def _step_range(
 ) -> None:  # fmt: skip
     """One step of the bodies from ``low`` to below ``high``, and what is to be recorded of it."""
     velocity, overlap, force, stiffness, kick, drop, damping = arrays
-    _sweep(
-        below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
-        stiffness[low:high], kick[low:high], drop[low:high], damping[low:high], dt,
-    )  # fmt: skip
+    if damping.size:
+        _sweep_damped(
+            below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
+            stiffness[low:high], kick[low:high], drop[low:high], damping[low:high], dt,
+        )  # fmt: skip
+    else:
+        _sweep(
+            below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
+            stiffness[low:high], kick[low:high], drop[low:high], dt,
+        )  # fmt: skip
     _record(force, low, high, step, every, places, recorded)
 
 
@@ -168,7 +188,10 @@ def _advance(
     velocity, overlap, force, stiffness, kick, drop, damping = arrays
     if first == 0 and overlap.size == last <= TILE:  # one tile: no need to cut it out at every step
         for step in range(steps):
-            _sweep(0.0, velocity[1:], overlap, force, stiffness, kick, drop, damping, dt)
+            if damping.size:
+                _sweep_damped(0.0, velocity[1:], overlap, force, stiffness, kick, drop, damping, dt)
+            else:
+                _sweep(0.0, velocity[1:], overlap, force, stiffness, kick, drop, dt)
             _record(force, first, last, done + step, every, places, recorded)
         return
     start = first
