@@ -330,9 +330,7 @@ def _bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:
             masses[place] = _sphere_mass(scene, materials[place], diameters[place])
     if table.mass_scatter:  # drawn for every place, so that one bead's own mass does not change its neighbours'
         masses += np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
-    for place, mass in given.items():
-        masses[place - 1] = mass
-    return masses
+    return np.array([given.get(place, mass) for place, mass in enumerate(masses.tolist(), start=1)])
 
 
 def bead_mass(scene: Scene) -> float:
