@@ -1,6 +1,7 @@
 """``python -m drivers``: renders decks and runs them."""
 
 import argparse
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -34,13 +35,9 @@ def _count(text: str) -> int:
 
 
 def _slice(text: str) -> tuple[int, int]:
-    part, _, parts = text.partition("/")
-    try:
-        found = _count(part), _count(parts)
-        if found[0] <= found[1]:
-            return found
-    except argparse.ArgumentTypeError:
-        pass
+    found = re.fullmatch(r"([0-9]{1,8})/([0-9]{1,8})", text)
+    if found and 1 <= int(found[1]) <= int(found[2]):
+        return int(found[1]), int(found[2])
     raise argparse.ArgumentTypeError(f"found {text}; allowed: I/N with I from 1 to N")
 
 
@@ -214,24 +211,17 @@ OPTIONS = {
 }
 SCENE = ("scene SCENE", "--set KEY=VALUE")
 STUDY = ("study STUDY", "--runs DIR", "--engine E")
-CLUSTER = ("--slice I/N", "--dask ADDRESS", "--slurm", "--slices N", "--wait")
-HERE = ("--workers N", "--dry-run", "--retry", "--yes")
+SOME = (*STUDY, "--only PATTERN")
+HERE = ("--results DIR", "--workers N", "--dry-run", "--retry", "--yes")
+BATCH = (*SOME, *HERE, "--slice I/N", "--dask ADDRESS", "--slurm", "--slices N", "--wait")
 RUN = ("--engine E", "--runs DIR", "--rerun", "--time-limit S", "--unsafe")
 # by name: what it does, how, and its options
 COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, tuple[str, ...]]] = {
     "render": (_render, "write an engine's deck for a scene", (*SCENE, "--engine NAME", "--out FOLDER", "--unsafe")),
     "run": (_run, "run a scene and print the run folders", (*SCENE, *RUN)),
     "plan": (_plan, "time step, engine, errors and cost to expect of a scene", SCENE),
-    "batch": (
-        _batch,
-        "run what is not done of a study and write its table",
-        (*STUDY, "--only PATTERN", "--results DIR", *HERE, *CLUSTER),
-    ),
-    "status": (
-        _status,
-        "what is done, failed, stale, running and to do of a study",
-        (*STUDY, "--only PATTERN", "--list"),
-    ),
+    "batch": (_batch, "run what is not done of a study and write its table", BATCH),
+    "status": (_status, "what is done, failed, stale, running and to do of a study", (*SOME, "--list")),
     "show": (_show, "lay a case of a study out as run folders with their decks", (*STUDY, "case CASE")),
 }
 

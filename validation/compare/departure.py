@@ -1,8 +1,8 @@
 """When a run first leaves the exact motion, and why: a fault shows at once, truncation with the wave, chaos after it.
 
 A run is held against the exact motion and against its own scheme at the same step. If it deviates from the latter by
-more than rounding, something is wrong: ``set-up`` where it does so before a wave comes, ``another step`` where the
-scheme at another step explains it, else ``model``. Where it leaves the exact motion together with its scheme, that is
+more than rounding, something is wrong: ``set-up`` where it does so before a wave comes, else ``model``: ``diagnosis``
+says which step, law or mass explains it. Where it leaves the exact motion together with its scheme, that is
 ``truncation``; or ``chaos``, once the chain has multiplied whatever there was, as it has multiplied rounding alone.
 """
 
@@ -23,13 +23,10 @@ from validation.accuracy.budget import known_to
 LEVELS = (HORIZON, 1e-4, 1e-2)
 NONE, UNKNOWN = "none", "not known"
 TRUNCATION, ROUNDING, CHAOS = "truncation", "rounding", "chaos"
-SET_UP, MODEL, ANOTHER_STEP = FAULTS = ("set-up", "model", "another step")
+SET_UP, MODEL = FAULTS = ("set-up", "model")
 START_SHARE = 1e-9  # of the largest energy and momentum: what runs may differ by at time 0; measured up to 3e-16
 STILL_SHARE = 1e-3  # of what is allowed: a contact whose force has changed by less has not felt the wave yet
-FITTED_SHARE = 0.05  # of its difference from the scheme: what may be left of it at the step that is said to explain it
 ENERGY_FACTOR = 10.0  # times what forces may differ by: the energy goes with the velocity squared, 2.3 times measured
-TRIALS = 5  # of other steps
-TRIAL_WORK = 2e7  # bodies times steps of a scheme tried at another step
 
 
 @dataclass(frozen=True)
@@ -137,8 +134,7 @@ class Departure:
         time_s: of that sample; NaN where there is none.
         contact: which is furthest off then; 0 where it is not a contact's force, or there is none.
         share: by how much, of the largest change (of energy or momentum: of its largest).
-        kind: ``none``, ``not known``, ``set-up``, ``model``, ``another step``, ``truncation``, ``rounding``, ``chaos``.
-        level: what was passed, or of a run at fault what was allowed, likewise a share; NaN where there is none.
+        kind: ``none``, ``not known``, ``set-up``, ``model``, ``truncation``, ``rounding``, ``chaos``.
         words: all this in a sentence.
         later: when larger levels are passed, and why; empty of a run at fault.
     """
@@ -147,7 +143,6 @@ class Departure:
     contact: int
     share: float
     kind: str
-    level: float
     words: str
     later: tuple["Departure", ...] = ()
 
@@ -176,9 +171,9 @@ class HeldRun:
         """When and where that is, in words."""
         return f"at {self.run.time_s[sample] * 1e6:.6g} µs in contact {column + 1}"
 
-    def departure(self, place: tuple[int, int], share: Array, kind: str, level: float, words: str) -> Departure:
+    def departure(self, place: tuple[int, int], share: Array, kind: str, words: str) -> Departure:
         """A departure at a sample and in a contact's column. Shares of shape (samples, contacts)."""
-        return Departure(float(self.run.time_s[place[0]]), place[1] + 1, float(share[place]), kind, level, words)
+        return Departure(float(self.run.time_s[place[0]]), place[1] + 1, float(share[place]), kind, words)
 
     def off(self, should_N: Array) -> Array:
         """Differences of the run's forces from others, of the largest change. Shape (samples, contacts)."""
@@ -226,7 +221,7 @@ def departure_rows(departures: Mapping[str, Departure]) -> list[tuple[str, Depar
 
 
 def _nowhere(kind: str, words: str) -> Departure:
-    return Departure(float("nan"), 0, float("nan"), kind, float("nan"), words)
+    return Departure(float("nan"), 0, float("nan"), kind, words)
 
 
 def _from_exact(held: HeldRun) -> Iterator[Departure]:
@@ -243,7 +238,7 @@ def _from_exact(held: HeldRun) -> Iterator[Departure]:
         elif own[place[0]] <= baseline.explained[place[0]]:
             kind, why = ROUNDING, "of heights so far from 0"
         words = f"leaves the exact motion by {level:g} of the largest change {held.place(*place)}: {kind}, {why}"
-        yield held.departure(place, share, kind, level, words)
+        yield held.departure(place, share, kind, words)
 
 
 def _from_scheme(held: HeldRun) -> Iterator[Departure]:
@@ -259,14 +254,14 @@ def _from_scheme(held: HeldRun) -> Iterator[Departure]:
             f"leaves velocity Verlet at the same step by {HORIZON:g} of the largest change {held.place(*beyond)}:"
             f" {CHAOS}, as a Verlet does that only rounds otherwise"
         )
-        yield held.departure(beyond, share, CHAOS, HORIZON, words)
+        yield held.departure(beyond, share, CHAOS, words)
     elif samples == len(plain_N) < len(times_s):  # nothing beyond is known
         time_s = float(times_s[samples])
         kind = CHAOS if baseline.chaotic(samples - 1) else ROUNDING
         words = (
             f"cannot be followed from {time_s * 1e6:.6g} µs on: {kind}, rounding alone parts two runs by {HORIZON:g}"
         )
-        yield Departure(time_s, 0, HORIZON, kind, HORIZON, words)
+        yield Departure(time_s, 0, HORIZON, kind, words)
 
 
 def first_fault(held: HeldRun) -> Departure | None:
@@ -297,7 +292,7 @@ def first_fault(held: HeldRun) -> Departure | None:
             f" {shares[sample, column]:.1e} of the largest change {held.place(sample, column)}{why};"
             f" it is off by up to {shares[: held.samples].max():.1e}"
         )
-    return held.departure((sample, column), shares, kind, allowed, words)
+    return held.departure((sample, column), shares, kind, words)
 
 
 def _wrong_start(held: HeldRun) -> Departure | None:
@@ -311,7 +306,7 @@ def _wrong_start(held: HeldRun) -> Departure | None:
             is_, is_to_be = (0.0 if abs(value) < START_SHARE * scale else value for value in (has, should))
             starts = f"at time 0 its {name} is {is_:.7g} {unit}, where the scene has {is_to_be:.7g} {unit}"
             words = f"starts wrong: {starts}: set-up, masses or speeds, or speeds of another time"
-            return Departure(float(run.time_s[0]), 0, share, SET_UP, START_SHARE, words)
+            return Departure(float(run.time_s[0]), 0, share, SET_UP, words)
     return None
 
 
@@ -329,14 +324,11 @@ def _wrong_speeds(held: HeldRun) -> Departure | None:
     time_s = float(held.run.time_s[sample])
     words = f"its kinetic energy is off by {share[sample]:.1e} of its largest at {time_s * 1e6:.6g} µs"
     words = f"{words}, while its forces are right: model, velocities of another time; up to {share.max():.1e}"
-    return Departure(time_s, 0, float(share[sample]), MODEL, allowed, words)
+    return Departure(time_s, 0, float(share[sample]), MODEL, words)
 
 
 def _kind_and_why(held: HeldRun, sample: int, column: int) -> tuple[str, str]:
     """The kind of a fault that does not show at time 0, and the end of its sentence."""
-    other = _other_step(held)
-    if other:
-        return ANOTHER_STEP, f": another step, {other}"
     stated, explained = held.baseline.stated.limit, float(held.baseline.explained[sample])
     still = max(STILL_SHARE * stated, explained)  # what changes by less has felt nothing but rounding
     force_N = held.scheme.force_N
@@ -347,39 +339,4 @@ def _kind_and_why(held: HeldRun, sample: int, column: int) -> tuple[str, str]:
         why = "what strikes there, the law of that contact, or samples of another time"
         return SET_UP, f", with the first force that changes: set-up, {why}"
     most = max(explained, stated)
-    return MODEL, f" while a wave passes: model, another law or mass; rounding explains up to {most:.0e}"
-
-
-def _other_step(held: HeldRun) -> str:
-    """Which other step explains a run, in words; empty where none does.
-
-    Until the wave comes to the wall, errors go with the step's power p: if the run's are c times those of a step h, its
-    own is ``c^(1/p) h``. What is so found is tried, and found anew from there.
-    """
-    baseline, case = held.baseline, held.baseline.case
-    if load_engine(held.engine).scheme == EXACT:
-        return ""
-    n, end = case.scene.steps_per_sample, min(baseline.arrival + 1, held.samples)
-    run_N, exact_N, own_N = (each[:end] for each in (held.run.force_N, held.exact_N, held.scheme.force_N))
-    off_N = float(np.abs(run_N - own_N).max())
-    if off_N <= baseline.allowed.limit * baseline.scale_N:
-        return ""  # a step shows from the start
-    left_N, steps = {n: off_N}, n
-    error, own = run_N - exact_N, own_N - exact_N
-    for _ in range(TRIALS):
-        factor = float((error * own).sum() / (own * own).sum()) if own.any() else 0.0
-        if not (np.isfinite(factor) and factor > 0):
-            break
-        steps = max(1, round(min(steps / factor ** (1 / baseline.order), TRIAL_WORK)))
-        if steps in left_N or steps * case.scene.samples * case.chain.bodies > TRIAL_WORK:
-            break
-        own_N = Baseline(case.at(steps), baseline.law).stepped_by(held.engine).force_N[:end]
-        own = own_N - exact_N
-        left_N[steps] = float(np.abs(run_N - own_N).max())
-    best = min(left_N, key=lambda each: left_N[each])
-    if left_N[best] <= FITTED_SHARE * off_N:
-        same = f"to {left_N[best] / baseline.scale_N:.0e}" if left_N[best] else "bit for bit"
-        return f"velocity Verlet at {case.scene.run.sample_interval / best * 1e6:.4g} µs does the same {same}"
-    furthest_N = float(np.abs(error).max())
-    exact = f"a far smaller one: it follows the exact motion to {furthest_N / baseline.scale_N:.0e}"
-    return exact if furthest_N <= FITTED_SHARE * off_N else ""
+    return MODEL, f" while a wave passes: model, another step, law or mass; rounding explains up to {most:.0e}"

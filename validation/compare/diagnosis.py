@@ -13,17 +13,8 @@ from drivers.chain.trace import Trace
 from drivers.engines import EXACT, load_engine
 from postproc.read.residual import largest_change_N
 from validation.accuracy.baseline import ROUNDING_MARGIN, baseline_of, comparable
+from validation.compare import variants
 from validation.compare.departure import motion_scales
-from validation.compare.variants import (
-    Model,
-    Variant,
-    families,
-    misread_forces,
-    misread_velocities,
-    model_of,
-    plain_variants,
-    single_families,
-)
 from validation.compare.verdict import FAIL, Verdict
 from validation.reference.hertz_chain import Motion
 
@@ -105,7 +96,7 @@ class Target:
         """How many samples a match takes, where there are as many."""
         return min(self.first + 1 + WINDOW, len(self.off))
 
-    def missed(self, model: Model, samples: int | None = None) -> Array:
+    def missed(self, model: variants.Model, samples: int | None = None) -> Array:
         """Deviation of a model from the first samples, read as it comes nearer. Shape (samples, bodies)."""
         force = self.force_N[:samples]
         with np.errstate(all="ignore"):
@@ -138,7 +129,7 @@ def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
     if affordable < min(WINDOW, case.scene.samples):
         return _untried(f"{case.chain.bodies} bodies over {case.scene.steps} steps are too much to try variants of")
     part = f" in the first {affordable} samples" if affordable < case.scene.samples else ""
-    model = model_of(case)
+    model = variants.model_of(case)
     own = model.motion(affordable)
     own_N = own.force_N
     scale = largest_change_N(own_N)
@@ -165,12 +156,12 @@ def diagnose(case: Case, engine: str, trace: Trace) -> Diagnosis | None:
     return _said(_tried(target, model, engine), float(target.off.max()), f"of the largest change{part}")
 
 
-def _of_velocities(model: Model, own: Motion, trace: Trace, samples: int, allowed: float) -> Diagnosis | None:
+def _of_velocities(model: variants.Model, own: Motion, trace: Trace, samples: int, allowed: float) -> Diagnosis | None:
     """Misreading that recorded velocities match by kinetic energy and momentum, where the forces are right."""
     mass, scales = model.chain.mass_kg, motion_scales(model.chain, trace)
     found = np.column_stack([trace.kinetic_energy_J, trace.momentum_N_s])[:samples] / scales
     misses = []
-    for words, velocity in (("", own.velocity_m_s), *misread_velocities(model, own)):
+    for words, velocity in (("", own.velocity_m_s), *variants.misread_velocities(model, own)):
         sums = np.column_stack([0.5 * (velocity**2 @ mass), velocity @ mass])[:samples] / scales
         misses.append((words, float(np.abs(sums - found).max())))
     (_, off), *rest = misses
@@ -198,29 +189,29 @@ def _said(found: Iterable[Found], deviation: float, what: str) -> Diagnosis:
     return Diagnosis(best.kind, sentence + nearest, False, best.left, deviation)
 
 
-def _tried(target: Target, model: Model, engine: str) -> Iterator[Found]:
+def _tried(target: Target, model: variants.Model, engine: str) -> Iterator[Found]:
     """All that forces may match, the plainest first."""
-    for variant in plain_variants(model, engine):
+    for variant in variants.plain_variants(model, engine):
         yield from _followed(target, variant, 0.0)
     scale, right = target.scale_N, model.motion(len(target.off)).force_N
-    for kind, words, values, chosen in misread_forces(model, target.force_N):
+    for kind, words, values, chosen in variants.misread_forces(model, target.force_N):
         left, deviation = (float(np.abs(N - target.force_N)[chosen].max()) / scale for N in (values, right))
         yield Found(kind, words, left, target.allowed, deviation)
     place = int(np.argmax(target.off[target.first] > 0.5 * target.off[target.first].max()))
     near = sorted(range(model.chain.bodies), key=lambda j: abs(j - place))[:NEAREST]
-    for variants in (families(model, engine), single_families(model, near)):
-        for variant, value in _nearest(target, list(variants)):
+    for some in (variants.families(model, engine), variants.single_families(model, near)):
+        for variant, value in _nearest(target, list(some)):
             yield from _followed(target, variant, value)
 
 
-def _nearest(target: Target, variants: Sequence[Variant]) -> list[tuple[Variant, float]]:
+def _nearest(target: Target, tried: Sequence[variants.Variant]) -> list[tuple[variants.Variant, float]]:
     """Variants with a parameter that come nearest in early windows, with the value at which they do.
 
     Each starts from the two lowest minima among its first values, and from the middle one.
     """
     windows = target.least, max(target.least, len(target.off) // 8)
     candidates = []
-    for variant in variants:
+    for variant in tried:
         misses = np.array([_root_mean_square(target.missed(variant.at(t), target.least)) for t in variant.values])
         padded = np.pad(misses, 1, constant_values=np.inf)
         minima = np.flatnonzero((misses <= padded[:-2]) & (misses <= padded[2:]))
@@ -234,7 +225,7 @@ def _nearest(target: Target, variants: Sequence[Variant]) -> list[tuple[Variant,
 
 
 def _refined(
-    target: Target, variant: Variant, value: float, samples: int, precision: float = 1e-15
+    target: Target, variant: variants.Variant, value: float, samples: int, precision: float = 1e-15
 ) -> tuple[float, float]:
     """The value next to another at which a variant comes nearest, and the root mean square that it leaves."""
 
@@ -249,7 +240,7 @@ def _refined(
     return value * float(np.exp(fit.x[0] - 1)), _root_mean_square(np.asarray(fit.fun))
 
 
-def _followed(target: Target, variant: Variant, value: float) -> Iterator[Found]:
+def _followed(target: Target, variant: variants.Variant, value: float) -> Iterator[Found]:
     """A variant fitted to the whole run, in each convention of start velocities in which it is another.
 
     Where rounding parts it from itself, it is compared until then.
@@ -271,7 +262,7 @@ def _followed(target: Target, variant: Variant, value: float) -> Iterator[Found]
         yield Found(variant.kind, variant.words(fitted) + until, left, allowed, float(target.off[:samples].max()))
 
 
-def _horizon(target: Target, model: Model) -> tuple[float, int]:
+def _horizon(target: Target, model: variants.Model) -> tuple[float, int]:
     """What rounding does to a variant, of the largest change, and for how many samples that is small."""
     samples = len(target.off)
     forces = [model.motion(samples, lift).force_N for lift in (0.0, furthest_m(model.chain) / 3)]

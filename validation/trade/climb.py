@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import chain, product
 from math import ceil, inf, nan, sqrt
 from pathlib import Path
 from statistics import median
@@ -30,17 +30,8 @@ from drivers.run.run import default_limit_s, run_case
 from postproc.paper.simulate import case_of, exact
 from postproc.read.observables import of_kind
 from postproc.read.residual import residual
+from validation.accuracy import schemes
 from validation.accuracy.plan import cost_on
-from validation.accuracy.schemes import (
-    ENERGY,
-    Truth,
-    errors_of,
-    momentum_error,
-    quantities,
-    trace_of,
-    truth_of,
-    verlet_of,
-)
 from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
@@ -155,7 +146,7 @@ def climb(budget_s: float, scenes: tuple[str, ...] = SCENES) -> list[Row]:
     rows: list[Row] = []
     for scene in scenes:
         own = [rung for rung in kept if rung.scene == scene]
-        truths: dict[tuple[float, int], Truth] = {}
+        truths: dict[tuple[float, int], schemes.Truth] = {}
         began = time.perf_counter()
         for method in dict.fromkeys(rung.method for rung in own):
             rows += _by_method(method, [rung for rung in own if rung.method == method], truths)
@@ -163,7 +154,7 @@ def climb(budget_s: float, scenes: tuple[str, ...] = SCENES) -> list[Row]:
     return rows + [_row(rung, status=NOT_RUN, reason=f"its loop would take {rung.expected_s:.0f} s") for rung in left]
 
 
-def _by_method(method: str, rungs: list[Rung], truths: dict[tuple[float, int], Truth]) -> Iterator[Row]:
+def _by_method(method: str, rungs: list[Rung], truths: dict[tuple[float, int], schemes.Truth]) -> Iterator[Row]:
     """Rows of one scene by one method, all by one process; rungs that share their samples share their exact motion."""
     with ExitStack() as stack:
         if method in PROCESS:
@@ -178,7 +169,7 @@ def _by_method(method: str, rungs: list[Rung], truths: dict[tuple[float, int], T
                 runs = [run(rung) for _ in range(REPEATS if rung.expected_s < SHORT_S else 1)]
                 key = (rung.case.scene.run.sample_interval, rung.case.scene.samples)
                 if key not in truths:
-                    truths[key] = truth_of(rung.case)
+                    truths[key] = schemes.truth_of(rung.case)
                 loop_s, case_s = min(each.loop_s for each in runs), min(each.case_s for each in runs)
                 times = {"loop_s": loop_s, "wall_s": start_s + case_s, "in_session_s": case_s}
                 yield _row(rung, **times, **errors_by_group(rung.case, runs[-1].trace, truths[key]))
@@ -197,7 +188,7 @@ def _in_repo(rung: Rung) -> Served:
     loop_s = time.perf_counter() - began
     if not np.isfinite(motion.force_N).all():
         raise RunError("not finite: the step is too large")
-    return Served(trace_of(case, case.sample_times_s, motion), loop_s, loop_s)
+    return Served(schemes.trace_of(case, case.sample_times_s, motion), loop_s, loop_s)
 
 
 def _row(rung: Rung, **measured: Any) -> Row:
@@ -206,7 +197,7 @@ def _row(rung: Rung, **measured: Any) -> Row:
     return Row(rung.scene, rung.method, step_s, rung.share, steps, rung.case.chain.bodies, **measured)
 
 
-def errors_by_group(case: Case, trace: Trace, truth: Truth) -> dict[str, float]:
+def errors_by_group(case: Case, trace: Trace, truth: schemes.Truth) -> dict[str, float]:
     """The errors of a row; of several gauges the largest."""
     groups = {
         "sensor_peak": [name for name in of_kind(truth.true, "peak") if name != "wall_peak"],
@@ -215,11 +206,10 @@ def errors_by_group(case: Case, trace: Trace, truth: Truth) -> dict[str, float]:
         "speed": of_kind(truth.true, "speed"),
         "width": [name for name in of_kind(truth.true, "width") if name.endswith("_4pct")],
     }
-    found = quantities(case, trace)
-    errors = errors_of(case, trace, truth, (FORCE, ENERGY)) | {"momentum": momentum_error(case, trace, truth)}
-    for group, names in groups.items():
-        errors[group] = max((abs(found.get(name, inf) / truth.true[name] - 1) for name in names), default=nan)
-    return errors
+    found = schemes.errors_of(case, trace, truth, (FORCE, schemes.ENERGY, *chain.from_iterable(groups.values())))
+    errors = {name: found[name] for name in (FORCE, schemes.ENERGY)}
+    errors["momentum"] = schemes.momentum_error(case, trace, truth)
+    return errors | {group: max((found[name] for name in names), default=nan) for group, names in groups.items()}
 
 
 def start_up(name: str, case: Case) -> float:
@@ -256,10 +246,10 @@ def pull_all() -> Iterator[Lever]:
 
 def sampling() -> Iterator[Lever]:
     """Peaks and arrivals read from samples so far apart, of the exact motion."""
-    fine = truth_of(case_of("fig4"))
+    fine = schemes.truth_of(case_of("fig4"))
     for interval in ("0.5 us", "1 us", "2 us", "5 us", "10 us"):
         case = case_of("fig4", f"run.sample_interval={interval}", "run.time_step=0.1 us")
-        seen = quantities(case, exact(case, 1e-12).trace)
+        seen = schemes.quantities(case, exact(case, 1e-12).trace)
         for name in ("bead_5_peak", "wall_peak", "wall_arrival", "speed_9_to_5"):
             error = abs(seen[name] / fine.true[name] - 1)
             yield Lever("sampling interval", "fig4", "any", interval, name, error)
@@ -269,13 +259,13 @@ def extrapolation() -> Iterator[Lever]:
     """Richardson's ``(4 F(dt/2) - F(dt)) / 3`` from two runs: the error, and the steps it saves."""
     for scene in ("fig4", "fig5", "steel-chain"):
         case = case_of(scene)
-        truth = truth_of(case)
+        truth = schemes.truth_of(case)
         for step_us in PAIR_STEPS_US:
             every = round(case.scene.run.sample_interval / step_us * 1e6)
-            coarse, fine = verlet_of(case.at(every)), verlet_of(case.at(2 * every))
+            coarse, fine = schemes.verlet_of(case.at(every)), schemes.verlet_of(case.at(2 * every))
             both = replace(fine, force_N=(4 * fine.force_N - coarse.force_N) / 3)
-            error = errors_of(case, both, truth, ("force",))["force"]
-            alone = errors_of(case, fine, truth, ("force",))["force"]
+            error = schemes.errors_of(case, both, truth, ("force",))["force"]
+            alone = schemes.errors_of(case, fine, truth, ("force",))["force"]
             steps_alone = 2 * every * sqrt(alone / error)  # of second order, for the same error
             setting = f"{step_us:g} us and half of it"
             yield Lever("Richardson extrapolation", scene, "verlet", setting, "force", error, steps_alone / (3 * every))
@@ -288,9 +278,9 @@ def rayleigh() -> Iterator[Lever]:
         for fraction in FRACTIONS:
             step = fraction * rayleigh_time(base)
             case = base.sampled_at_every(step)
-            truth = truth_of(case)
+            truth = schemes.truth_of(case)
             names = ["force", *(name for name in of_kind(truth.true, "peak", "speed") if not name.startswith("bead"))]
-            for name, error in errors_of(case, verlet_of(case), truth, names).items():
+            for name, error in schemes.errors_of(case, schemes.verlet_of(case), truth, names).items():
                 yield Lever("Rayleigh fraction", scene, "any", f"{fraction:g} of it", name, error)
 
 
@@ -302,7 +292,7 @@ def softened() -> Iterator[Lever]:
     """
     for gravity in ("", "9.81 m/s^2"):
         base = ("wall.material=rigid", f"gravity={gravity}")
-        hard = quantities(case := case_of("fig4", *base), exact(case, 1e-11).trace)
+        hard = schemes.quantities(case := case_of("fig4", *base), exact(case, 1e-11).trace)
         for softer in SOFTER:
             longer = softer**0.4
             case = case_of(
@@ -310,7 +300,7 @@ def softened() -> Iterator[Lever]:
                 f"run.duration={0.8 * longer} ms", f"run.sample_interval={longer} us",
                 f"run.time_step={longer / 10} us",
             )  # fmt: skip
-            soft = quantities(case, exact(case, 1e-11).trace)
+            soft = schemes.quantities(case, exact(case, 1e-11).trace)
             where = "with gravity" if gravity else "without gravity"
             for name in ("speed_9_to_5", "bead_5_amplitude", "wall_amplitude"):
                 error = abs(soft[name] * longer / hard[name] - 1)
@@ -348,7 +338,7 @@ def precision() -> Iterator[Lever]:
             with left_out_if_failed(f"{build or name}, {wall}"), serving(name, build) as session:
                 run = serve(session, case)
                 double_s = double_s if build else run.loop_s
-                error = float(residual(run.trace, verlet_of(case)).max())
+                error = float(residual(run.trace, schemes.verlet_of(case)).max())
                 yield Lever("extended precision", "fig4", build or name, wall, "rounding", error, double_s / run.loop_s)
 
 

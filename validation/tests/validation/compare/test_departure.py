@@ -17,7 +17,6 @@ from validation.accuracy.baseline import baseline_of
 from validation.accuracy.schemes import verlet_in_heights, verlet_of
 from validation.compare.comparison import run_and_compare
 from validation.compare.departure import (
-    ANOTHER_STEP,
     CHAOS,
     LEVELS,
     MODEL,
@@ -74,7 +73,7 @@ def test_a_good_run_leaves_by_truncation(step: str, first_us: float) -> None:
     found = departure(case, "yade", as_code(case))
     assert (found.kind, found.contact) == (TRUNCATION, 22)
     assert found.time_s == pytest.approx(first_us * 1e-6)
-    assert found.level == LEVELS[0] < found.share
+    assert LEVELS[0] < found.share
     assert "velocity Verlet at this step does the same" in found.words
     assert [each.kind for each in found.later] == [TRUNCATION] * (step == "1 us")
 
@@ -106,7 +105,8 @@ def test_truncation_stays_truncation_after_a_reflection() -> None:
     case = case_of("fig6b")
     found = departure(case, "verlet", verlet_of(case))
     (later,) = found.later
-    assert (found.kind, later.kind, later.level) == (TRUNCATION, TRUNCATION, 1e-4)
+    assert (found.kind, later.kind) == (TRUNCATION, TRUNCATION)
+    assert "by 0.0001 of" in later.words
     assert later.time_s == pytest.approx(507e-6)
 
 
@@ -186,22 +186,6 @@ def test_velocities_of_another_time_change_no_force() -> None:
     found = departure(case, "yade", replace(good, kinetic_energy_J=energy))
     assert (found.kind, found.contact) == (MODEL, 0)
     assert "its forces are right" in found.words
-
-
-@pytest.mark.parametrize(("steps", "words"), [(1, "at 1 µs"), (9, "at 0.1111 µs"), (100, "at 0.01 µs")])
-@pytest.mark.parametrize("restitution", ["", "0.9"])
-def test_another_step_is_named(steps: int, words: str, restitution: str) -> None:
-    case = case_of("fig4", f"contact.restitution={restitution}")
-    found = departure(case, "yade", as_code(case.at(steps)))
-    assert found.kind == ANOTHER_STEP
-    assert words in found.words
-
-
-def test_the_exact_motion_is_of_a_far_smaller_step() -> None:
-    case = case_of("fig4")
-    found = departure(case, "yade", baseline_of(case).exact)
-    assert found.kind == ANOTHER_STEP
-    assert "a far smaller one" in found.words
 
 
 @pytest.mark.parametrize("samples", [None, 300, 2])

@@ -12,7 +12,7 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.chain.trace import FORCES, read_forces, write_forces
 from validation.__main__ import main
-from validation.compare.departure import ANOTHER_STEP, FAULTS, MODEL, SET_UP, TRUNCATION
+from validation.compare.departure import FAULTS, MODEL, SET_UP, TRUNCATION
 from validation.compare.pair import Pair, compare_pair, compare_runs, different_keys, open_pair
 from validation.compare.verdict import FAIL, PASS
 from validation.tests.helpers.commands import command_line
@@ -80,12 +80,11 @@ def test_against_the_reference_it_is_judged_by_truncation(run_of: FolderOf) -> N
     assert pair.parted[1e-3] is None
 
 
-def test_another_step_is_allowed_and_named(run_of: FolderOf) -> None:
+def test_another_step_is_allowed(run_of: FolderOf) -> None:
     pair = pair_of(run_of("verlet", "fig4"), run_of("verlet", "fig4", "run.time_step=1 us"))
     assert keys_of(pair) == ["run.time_step: 1e-07 s against 1e-06 s"]
     assert not pair.missed
-    assert pair.taken_for.kind == ANOTHER_STEP
-    assert "at 1 µs" in pair.taken_for.words
+    assert pair.taken_for.kind in FAULTS  # by itself it would not be a run of the first's scene
 
 
 def test_another_wall_is_red_and_shows_when_the_wave_comes(run_of: FolderOf) -> None:
