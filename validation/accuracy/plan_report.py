@@ -115,7 +115,7 @@ def _rows(case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[st
 
 def _chosen(label: str, chooser: Chooser, asked: dict[str, float], factor: float) -> Row:
     try:
-        chosen, plan = chooser.choose({name: min(factor * share, 0.99) for name, share in asked.items()})
+        chosen, plan = chooser.choose({name: min(factor * share, 0.99) for name, share in asked.items()}, MAX_WORK)
     except InputError as error:
         return label, None, {}, str(error).partition("allowed: ")[2] or str(error)
     return label, chosen, plan.predicted, ""

@@ -174,7 +174,7 @@ class Chooser:
             return self._excess(steps, wanted)
         return max(shares.values())
 
-    def choose(self, wanted: dict[str, float]) -> tuple[Case, Plan]:
+    def choose(self, wanted: dict[str, float], most_work: float = MAX_WORK) -> tuple[Case, Plan]:
         """The case at the fewest steps a sample with which all errors stay below what is wanted.
 
         Raises:
@@ -186,7 +186,7 @@ class Chooser:
         steps = max(1, ceil(min(scene.run.sample_interval / self.stable_s, 1e15)))  # the largest step that is stable
         refused, taken, tries = steps - 1, 0, 0
         while not (taken and (taken <= refused + 1 or taken <= STEP_RATIO * refused)):
-            if steps * work > MAX_WORK or steps * (scene.samples - 1) > MAX_STEPS or tries > MAX_TRIES:
+            if steps * work > most_work or steps * (scene.samples - 1) > MAX_STEPS or tries > MAX_TRIES:
                 if taken:
                     break
                 errors = self._errors.get(refused, {})

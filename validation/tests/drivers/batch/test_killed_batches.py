@@ -63,7 +63,7 @@ def _processes_of(leader: int, folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("request_to_end", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("early", [True, False])
+@pytest.mark.parametrize("early", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_helpers_do_not_outlive_a_killed_batch(
     request_to_end: signal.Signals, early: bool, study_file: StudyWriter, tmp_path: Path
 ) -> None:

@@ -248,7 +248,9 @@ def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_pat
     assert inability(case_of(path), "liggghts") is None
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long if "thousand times smaller" in name else ()) for name in QUICK]
+)
 def test_at_the_edge(name: str, shared_runs: Path) -> None:
     for engine in codes():
         need(engine)
