@@ -38,7 +38,7 @@ POLL_S = 0.2
 RETRY_S = 2.0  # between looks at what another batch is at work on
 EXIT_LIMIT_S = 10.0  # for workers that are asked to end
 QUIET = "ignore:resource_tracker"  # after a kill the system has semaphores to clear up, and would say so
-MAX_DEATHS = 3  # of workers in a row, without a row done
+MAX_DEATHS = 5  # of workers in a row, without a row done
 PLAN_CHUNK = 250
 MANY_TO_PLAN = 500  # cases; from here on, workers share the planning
 
@@ -305,6 +305,7 @@ def run_locally(
             deaths = 0 if len(store.rows) > known else deaths + 1
             if deaths == MAX_DEATHS:
                 raise
+            time.sleep(POLL_S)  # what was killed needs a moment to be gone: until then it looks alive, but refuses work
 
 
 def waiting_for_all(futures: list[Future[Any]]) -> Iterator[None]:
