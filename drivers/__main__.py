@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivers.base import paths
-from drivers.base.command_line import Parser, must_be_folder, run_main, seconds
+from drivers.base.command_line import Parser, engines_file, must_be_folder, run_main, seconds
 from drivers.base.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -176,6 +176,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "KEY=VALUE": SEVERAL | {"dest": "settings"},
     "NAME": {"required": True},
     "DIR": {"type": Path},
+    "FILE": {"type": engines_file},
     "FOLDER": {"type": Path, "required": True},
     "CASE": {"type": _count},
     "N": {"type": _count},
@@ -191,6 +192,7 @@ OPTIONS = {
     "--set KEY=VALUE": "a value over the scene's, as chain.count=60 or run.time_step='10 ns'; empty: leave the key out",
     "--engine NAME": "its name, such as verlet",
     "--engine E": "repeatable; left out: all that are installed, or the study's; for run also auto: the cheapest",
+    "--engines FILE": "entries of own builds and adapters, over those of the engines.toml that there are",
     "--only PATTERN": "cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label like GLOB; repeatable",
     "--out FOLDER": "folder to write the deck to",
     "--runs DIR": "where runs are kept (default: runs/ of the checkout)",
@@ -210,16 +212,20 @@ OPTIONS = {
     "--list": "case by case",
 }
 SCENE = ("scene SCENE", "--set KEY=VALUE")
-STUDY = ("study STUDY", "--runs DIR", "--engine E")
+STUDY = ("study STUDY", "--runs DIR", "--engine E", "--engines FILE")
 SOME = (*STUDY, "--only PATTERN")
 HERE = ("--results DIR", "--workers N", "--dry-run", "--retry", "--yes")
 BATCH = (*SOME, *HERE, "--slice I/N", "--dask ADDRESS", "--slurm", "--slices N", "--wait")
-RUN = ("--engine E", "--runs DIR", "--rerun", "--time-limit S", "--unsafe")
+RUN = ("--engine E", "--engines FILE", "--runs DIR", "--rerun", "--time-limit S", "--unsafe")
 # by name: what it does, how, and its options
 COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, tuple[str, ...]]] = {
-    "render": (_render, "write an engine's deck for a scene", (*SCENE, "--engine NAME", "--out FOLDER", "--unsafe")),
+    "render": (
+        _render,
+        "write an engine's deck for a scene",
+        (*SCENE, "--engine NAME", "--engines FILE", "--out FOLDER", "--unsafe"),
+    ),
     "run": (_run, "run a scene and print the run folders", (*SCENE, *RUN)),
-    "plan": (_plan, "time step, engine, errors and cost to expect of a scene", SCENE),
+    "plan": (_plan, "time step, engine, errors and cost to expect of a scene", (*SCENE, "--engines FILE")),
     "batch": (_batch, "run what is not done of a study and write its table", BATCH),
     "status": (_status, "what is done, failed, stale, running and to do of a study", (*SOME, "--list")),
     "show": (_show, "lay a case of a study out as run folders with their decks", (*STUDY, "case CASE")),

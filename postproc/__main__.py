@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivers.base import paths
-from drivers.base.command_line import Parser, must_be_folder, run_main
+from drivers.base.command_line import Parser, engines_file, must_be_folder, run_main
 from drivers.base.errors import InputError, RunError
 from postproc.figures import figures, make_figure
 
@@ -153,7 +153,10 @@ def _number(kind: Callable[[str], float], allowed: Callable[[float], bool], word
 
 FOLDER = {"type": Path, "metavar": "DIR"}
 OUT: Options = {"--out": {**FOLDER, "help": "folder to write to (default: results/)"}}
-RUNS: Options = {"--runs": {**FOLDER, "help": "where run folders are (default: runs/)"}, **OUT}
+ENGINES: Options = {
+    "--engines": {"type": engines_file, "metavar": "FILE", "help": "entries of own builds and adapters"}
+}
+RUNS: Options = {**ENGINES, "--runs": {**FOLDER, "help": "where run folders are (default: runs/)"}, **OUT}
 RUN: Options = {"run": {"type": Path, "metavar": "RUN", "help": "a run folder"}}
 SCENE: Options = {
     "scene": {"metavar": "SCENE", "help": "a scene file, or the name of one in inputs/scenes"},

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
-from drivers.base.command_line import Parser, must_be_file, must_be_folder, run_main, seconds
+from drivers.base.command_line import Parser, engines_file, must_be_file, must_be_folder, run_main, seconds
 from drivers.base.errors import InputError
 
 OPTIONS: dict[str, dict[str, Any]] = {
@@ -17,6 +17,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--unsafe": {"action": "store_true", "help": "run what a guard refuses"},
     "--budget": {"type": seconds, "metavar": "S", "dest": "budget_s", "help": "engine time in all (default: 300 s)"},
     "--quick": {"action": "store_true", "help": "the short study: fewer scenes and seeds, no long runs"},
+    "--engines": {"type": engines_file, "metavar": "FILE", "help": "entries of own builds and adapters (engines.toml)"},
     "--file": {"type": Path, "metavar": "FILE", "help": "cases (default: inputs/independent.toml)"},
     "--out": {"type": Path, "metavar": "FILE", "help": "default: results/report.html"},
     "--results": {"type": Path, "metavar": "DIR", "help": "default: results/"},
@@ -88,7 +89,7 @@ def _parser() -> Parser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
     for name, (action, summary, options) in COMMANDS.items():
         command = commands.add_parser(name, help=summary)
-        for option in options.split():
+        for option in (*options.split(), *["--engines"] * bool(options)):
             command.add_argument(option, **OPTIONS[option])
         command.set_defaults(action=action)
     return parser

@@ -28,9 +28,9 @@ class Served:
 def builds_of(name: str) -> list[str]:
     """Builds of an installed engine: its own, which has no name, and those of higher precision that are there."""
     engine = load_engine(name)
-    executable = engine.find()
-    assert executable is not None
-    return ["", *(build for build in engine.precise_builds if executable.with_name(build).exists())]
+    command = engine.find()
+    assert command is not None
+    return ["", *(build for build in engine.precise_builds if Path(command[-1]).with_name(build).exists())]
 
 
 @contextmanager
@@ -51,7 +51,7 @@ def serving(name: str, build: str = "") -> Iterator[Session]:
 
 def serve(session: Session, case: Case) -> Served:
     """Runs a case in a session; RunError where it failed."""
-    outcome = session.run(session.engine.render(case), default_limit_s(case))
+    outcome = session.run(session.engine.render(case), default_limit_s(case, session.engine))
     trace = checked_trace(case, session.engine, outcome, session.case)
     loop_s = session.engine.loop_seconds((session.case / "stdout.txt").read_text(errors="replace"))
     return Served(trace, loop_s or 0.0, outcome.wall_s)

@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NoReturn
 
+from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
 
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
@@ -32,6 +33,13 @@ def seconds(text: str) -> float:
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"found {text}; allowed: seconds above zero")
     return value
+
+
+def engines_file(text: str) -> Path:
+    """Reads ``--engines``: from here on, its entries are engines of this process and of those it starts."""
+    path = Path(text).absolute()
+    os.environ[paths.ENGINES_VARIABLE] = str(path)
+    return path
 
 
 def must_be_folder(option: str, path: Path | None) -> None:

@@ -1,7 +1,6 @@
 """Decks: the input files of an engine, rendered from templates that read like decks written by hand."""
 
 import hashlib
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -40,21 +39,18 @@ class Deck:
             (folder / name).write_text(text)
         return [folder / name for name in self.files]
 
-    def command_with(self, executable: Path) -> tuple[str, ...]:
-        """The command with the program that was found, so that what runs is what its version was asked of."""
-        names = (executable.name, "python") if executable == Path(sys.executable) else (executable.name,)
-        return tuple(str(executable.absolute()) if word in names else word for word in self.command)
 
-
-def render(template: str, **values: object) -> str:
-    """A template of ``templates/`` with its values; a missing one is an error."""
-    return _environment().get_template(template).render(values)
+def render(template: str | Path, **values: object) -> str:
+    """A template of ``templates/``, or of a path, with its values; a missing one is an error."""
+    path = paths.TEMPLATES / template
+    folder = path.parent if isinstance(template, Path) else paths.TEMPLATES
+    return _environment(folder).get_template(str(path.relative_to(folder))).render(values)
 
 
 @cache
-def _environment() -> jinja2.Environment:
+def _environment(folder: Path) -> jinja2.Environment:
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(paths.TEMPLATES),
+        loader=jinja2.FileSystemLoader(folder),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

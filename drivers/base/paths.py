@@ -7,6 +7,7 @@ INPUTS = ROOT / "inputs"
 SCENES = INPUTS / "scenes"
 STUDIES = INPUTS / "studies"
 MATERIALS = INPUTS / "materials.toml"
+ENGINES = INPUTS / "engines.toml"
 COSTS = INPUTS / "costs.toml"
 TOLERANCES = INPUTS / "tolerances.toml"
 EXTREMES = INPUTS / "extremes.toml"
@@ -18,6 +19,7 @@ TEMPLATES = ROOT / "templates"
 RUNS = ROOT / "runs"
 RESULTS = ROOT / "results"
 LOCK = ROOT / "requirements.lock"
+ENGINES_VARIABLE = "BEAD_CHAINS_ENGINES"  # names the file of --engines, for processes started from here too
 
 
 def shown(path: Path) -> str:

@@ -6,6 +6,7 @@ import resource
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -27,6 +28,23 @@ _running: set[int] = set()  # leaders of the process groups under way
 _stops = 0  # how many ask that nothing runs
 
 
+# runs a command and writes the most memory that it held into a pipe: the system counts that of a process from before
+# it began its program, and so as what this one holds, which is large
+LAUNCHER = """
+import os, sys
+try:
+    child = os.posix_spawnp(sys.argv[2], sys.argv[2:], os.environ)
+except OSError as error:
+    sys.exit(f"cannot start: {error}")
+_, status, usage = os.wait4(child, 0)
+os.write(int(sys.argv[1]), str(usage.ru_maxrss * 1024).encode())
+code = os.waitstatus_to_exitcode(status)
+if code < 0:
+    os.kill(os.getpid(), -code)
+os._exit(code)
+"""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How a process ended.
@@ -35,7 +53,7 @@ class Outcome:
         code: exit code; negative for a signal.
         timed_out: it was killed at the time limit, ``limit_s``.
         wall_s, cpu_s: of the whole process with its children.
-        memory_bytes: the most it held.
+        memory_bytes: the most it held; 0 where it was killed from here.
     """
 
     code: int
@@ -58,10 +76,12 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
     ``variables`` are added to the environment. The process leads a group of its own, which is killed at the time
     limit; where the system can, it is also killed when this one dies.
     """
-    began = time.perf_counter()
-    with open(folder / "stdout.txt", "wb") as out, open(folder / "stderr.txt", "wb") as err:
+    began, (told, telling) = time.perf_counter(), os.pipe()
+    launch = (sys.executable, "-I", "-S", "-c", LAUNCHER, str(telling), *_dies_with_parent())
+    with open(folder / "stdout.txt", "wb") as out, open(folder / "stderr.txt", "wb") as err, open(told, "rb") as memory:
         try:
-            process = start(command, folder, subprocess.DEVNULL, out, err, **variables)
+            with open(telling, "wb"):
+                process = start((*launch, *command), folder, subprocess.DEVNULL, out, err, variables, (telling,))
         except OSError as error:
             err.write(f"cannot start: {error}\n".encode())
             return Outcome(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
@@ -78,32 +98,44 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
         finally:
             timer.cancel()
             usage = reap(process)  # or stop it, if this was interrupted
+        memory_bytes = int(memory.read() or 0)
     return Outcome(
         code=process.returncode,
         timed_out=expired.is_set(),
         limit_s=limit_s,
         wall_s=time.perf_counter() - began,
         cpu_s=usage.ru_utime + usage.ru_stime,
-        memory_bytes=usage.ru_maxrss * 1024,
+        memory_bytes=memory_bytes,
     )
 
 
+def _dies_with_parent() -> tuple[str, ...]:
+    """Words before a command that make the system kill it when its parent dies, where it can."""
+    return ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
+
+
 def start(
-    command: tuple[str, ...], folder: Path, stdin: Stream, stdout: Stream, stderr: Stream, **variables: str
+    command: tuple[str, ...],
+    folder: Path,
+    stdin: Stream,
+    stdout: Stream,
+    stderr: Stream,
+    variables: dict[str, str],
+    kept_open: tuple[int, ...] = (),
 ) -> subprocess.Popen[bytes]:
     """Starts a process that leads a group of its own and, where the system can, dies with this one.
 
     Raises:
         OSError: it cannot be started.
     """
-    guard = ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
     process = subprocess.Popen(
-        (*guard, *command),
+        (*_dies_with_parent(), *command),
         cwd=folder,
         env=scrubbed_environment() | variables,
         stdin=stdin,
         stdout=stdout,
         stderr=stderr,
+        pass_fds=kept_open,
         start_new_session=True,
     )
     with _lock:
@@ -151,19 +183,26 @@ def all_stopped() -> Iterator[None]:
             _stops -= 1
 
 
-def find_program(name: str) -> Path | None:
-    """Path of a program on PATH; None where it is not there."""
-    path = shutil.which(name)
-    return Path(path) if path else None
+def find_command(words: tuple[str, ...]) -> tuple[str, ...] | None:
+    """A command with the path of its first program, on PATH or beside the interpreter; None where it is not there.
+
+    The last word stays a name where it is found on PATH, or nowhere: in a container it may be.
+    """
+    beside = str(Path(sys.executable).parent)
+    first, last = shutil.which(words[0]) or shutil.which(words[0], path=beside), words[-1]
+    if first is None or ("/" in last and not Path(last).exists()):
+        return None
+    if not shutil.which(last):
+        last = shutil.which(last, path=beside) or last
+    return (str(Path(first).absolute()), *words[1:-1], last)[: len(words)]
 
 
-def version_in_words(executable: Path, option: str, pattern: str) -> str:
-    """Version of a program: the first group of ``pattern`` in the first line that it prints with ``option``."""
+def line_of(command: tuple[str, ...], option: str, pattern: str) -> str:
+    """The first line that a program prints with ``option`` in which ``pattern`` is found."""
     with tempfile.TemporaryDirectory() as folder:  # LIGGGHTS leaves a log wherever it is asked
-        run_command((str(executable), option), Path(folder), PROBE_LIMIT_S)
-        lines = (Path(folder) / "stdout.txt").read_text(errors="replace").strip().splitlines()
-    match = re.search(pattern, lines[0]) if lines else None
-    return match.group(1) if match else UNKNOWN_VERSION
+        run_command((*command, option), Path(folder), PROBE_LIMIT_S)
+        lines = (Path(folder) / "stdout.txt").read_text(errors="replace").splitlines()
+    return next((line.strip() for line in lines if re.search(pattern, line)), UNKNOWN_VERSION)
 
 
 def kill_group(leader: int) -> None:

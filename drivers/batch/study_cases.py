@@ -24,7 +24,8 @@ from drivers.batch.study import Study, column_name, value_at
 from drivers.chain.case import Case
 from drivers.engines import REFERENCE, installed, load_engine
 from drivers.limits.refusal import inability, refuse
-from drivers.run.run import known_version, run_identity
+from drivers.run.build import Build, build_of
+from drivers.run.run import run_identity
 
 KEPT_DECKS_BODIES = 1000  # decks of longer chains are rendered again, since many cases are planned at a time
 PLANS = ".plans"
@@ -82,13 +83,13 @@ class Setup:
     """A study with all else that identifies its rows.
 
     Attributes:
-        versions: of the installed engines, and of the reference, by which errors are counted.
+        builds: of the installed engines, and of the reference, by which errors are counted.
         readers: by engine, digest of the sources and tolerances that make a row of its raw output.
     """
 
     study: Study
     steps: Steps
-    versions: dict[str, str]
+    builds: dict[str, Build]
     readers: dict[str, str]
 
     def case(self, number: int) -> "StudyCase":
@@ -97,16 +98,16 @@ class Setup:
         Raises:
             InputError: it makes no scene, or none that can end well on an engine (``drivers.limits.refusal``).
         """
-        study, versions = self.study, self.versions
+        study, builds = self.study, self.builds
         case: Case = resolve_name(self.steps.plan)(study.case(number))
         # exact forces, by which errors are counted, are known of straight chains only
-        names = [name for name in versions if name in study.engines or inability(case, name) is None]
+        names = [name for name in builds if name in study.engines or inability(case, name) is None]
         if not study.file.unsafe:
             for name in names:
                 refuse(case, name, override="unsafe = true in the study")
         decks = {name: load_engine(name).render(case) for name in names}
-        runs = {name: run_identity(name, versions[name], deck) for name, deck in decks.items()}
-        gauges = f"{case.layout}\0{versions[REFERENCE]}"
+        runs = {name: run_identity(name, builds[name], deck) for name, deck in decks.items()}
+        gauges = f"{case.layout}\0{builds[REFERENCE].version}"
         identities = {name: _digest(f"{run}\0{gauges}\0{self.readers[name]}")[:20] for name, run in runs.items()}
         kept = decks if case.chain.bodies < KEPT_DECKS_BODIES else {}
         return StudyCase(number, study.label(number), case, kept, runs, identities)
@@ -114,16 +115,14 @@ class Setup:
 
 def set_up(study: Study, engines: Iterable[str], runs: Path, steps: Steps) -> Setup:
     """A study on those of the engines that are installed."""
-    versions, readers = {}, {}
+    builds, readers = {}, {}
     guards = [tolerance("guard", each).limit for each in ("energy", "impacts", "rounding", "friction", "least")]
     for name in dict.fromkeys((*installed(engines), REFERENCE)):
         engine = load_engine(name)
-        executable = engine.find()
-        assert executable is not None
-        versions[name] = known_version(engine, executable, runs / name)
-        sources = _content_of(sources_of((*steps.observing, _module_of(name))))
+        builds[name] = build_of(engine, runs / name)
+        sources = _content_of(sources_of((*steps.observing, _source_of(name))))
         readers[name] = _digest(f"{sources}\0{engine.server.sha256}\0{guards}")
-    return Setup(study, steps, versions, readers)
+    return Setup(study, steps, builds, readers)
 
 
 @dataclass(frozen=True)
@@ -176,7 +175,7 @@ class StudyPlan:
 def facts_of(setup: Setup, number: int) -> tuple[list[str], int, list[Any]]:
     """Identities by engine, work and swept values of a case, as a plan has them (errors as of ``Setup.case``)."""
     case = setup.case(number)
-    identities = [case.identities.get(name, "") for name in setup.versions]  # none of what does not model the case
+    identities = [case.identities.get(name, "") for name in setup.builds]  # none of what does not model the case
     return identities, case.work, [value_at(case.case.scene, key) for key in setup.study.columns.values()]
 
 
@@ -185,7 +184,7 @@ def plan_of(setup: Setup, facts: Iterable[tuple[list[str], int, list[Any]]]) -> 
     identities, work, values = zip(*facts, strict=True)
     columns = itertools.starmap(column_name, setup.study.columns.items())
     return StudyPlan(
-        {name: list(each) for name, each in zip(setup.versions, zip(*identities, strict=True), strict=True)},
+        {name: list(each) for name, each in zip(setup.builds, zip(*identities, strict=True), strict=True)},
         list(work),
         {name: list(each) for name, each in zip(columns, zip(*values, strict=True), strict=True)},
     )
@@ -212,24 +211,28 @@ def keep_plan(plan: StudyPlan, setup: Setup, store: Store) -> None:
 
 
 def _plan_file(setup: Setup, store: Store) -> Path:
-    """Named by all that a plan depends on: the study with its scene, versions, sources, templates and tolerances."""
-    sources = sources_of((__name__, setup.steps.plan.partition(":")[0], *map(_module_of, setup.versions)))
-    templates = sorted((paths.ROOT / "templates").rglob("*.j2"))
+    """Named by all that a plan depends on: the study with its scene, builds, sources, templates and tolerances."""
+    sources = sources_of((__name__, setup.steps.plan.partition(":")[0], *map(_source_of, setup.builds)))
+    elsewhere = (Path(source).parent for source in map(_source_of, setup.builds) if "/" in source)
+    templates = sorted({file for place in (paths.TEMPLATES, *elsewhere) for file in place.rglob("*.j2")})
     content = _content_of((*sources, *templates, paths.TOLERANCES))
-    key = f"{setup.study!r}\0{sorted(setup.versions.items())}\0{sorted(setup.readers.items())}\0{content}"
+    key = f"{setup.study!r}\0{sorted(setup.builds.items())}\0{sorted(setup.readers.items())}\0{content}"
     return store.folder / PLANS / f"{setup.study.name}-{_digest(key)[:16]}.json"
 
 
-def _module_of(engine: str) -> str:
-    return f"{load_engine.__module__}.{engine}"
+def _source_of(engine: str) -> str:
+    """Module of an engine's adapter, or its file, where it lies elsewhere."""
+    adapter = load_engine(engine).entry.adapter
+    return adapter if adapter.endswith(".py") else f"{load_engine.__module__}.{adapter}"
 
 
 def sources_of(modules: Iterable[str]) -> tuple[Path, ...]:
-    """Source files of modules of this project and of all that these import, in order."""
+    """Source files of modules of this project, or of files, and of all that these import, in order."""
     found: set[Path] = set()
     waiting = [*modules]
     while waiting:
-        path = paths.ROOT / waiting.pop().replace(".", "/")
+        name = waiting.pop()
+        path = paths.ROOT / (name.removesuffix(".py") if "/" in name else name.replace(".", "/"))
         file = next((file for file in (path / "__init__.py", path.with_suffix(".py")) if file.is_file()), None)
         if file is not None and file not in found:
             found.add(file)

@@ -73,7 +73,7 @@ def run_cases(
     Raises:
         OSError: the disk is full, or something else is wrong with the runs folder.
     """
-    names = [name for name in engines if name in setup.versions]
+    names = [name for name in engines if name in setup.builds]
     left: list[int] = []
     with (
         workplace(store.folder / WORK) as place,
@@ -196,7 +196,7 @@ class _Runner:
         began, starting = time.perf_counter(), session.start_s
         engine, result = load_engine(name), _Result()
         deck = case.kept_decks.get(name) or engine.render(case.case)
-        outcome = session.run(deck, self._setup.study.file.limit or default_limit_s(case.case))
+        outcome = session.run(deck, self._setup.study.file.limit or default_limit_s(case.case, engine))
         loop_s = engine.loop_seconds((session.case / "stdout.txt").read_text(errors="replace"))
         try:
             result.trace = checked_trace(case.case, engine, outcome, session.case)

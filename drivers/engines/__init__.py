@@ -1,21 +1,28 @@
-"""Engines: one module each, found by its file's name, so that a further engine touches nothing else.
+"""Engines: an adapter for each code, found by its file's name, so that a further engine touches nothing else.
 
-The module of an engine defines ``ENGINE = Engine(...)``; names that begin with ``_`` are none of an engine.
+The module of an adapter defines ``ENGINE = Engine(...)``; names that begin with ``_`` are none of an adapter. An engine
+is an adapter with the command that starts a build of its code; ``engines.toml`` adds engines, and adapters elsewhere.
 """
 
+import os
 import pkgutil
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
-from importlib import import_module
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from functools import cache
+from importlib import import_module, util
 from pathlib import Path
 from typing import Any
 
 from drivers.base.decks import Deck
-from drivers.base.errors import InputProblem
+from drivers.base.errors import InputError, InputProblem
+from drivers.base.processes import find_command
 from drivers.chain.case import Case
 from drivers.chain.elements import STRAIGHT
 from drivers.chain.trace import Trace
+from drivers.engines._entries import Entry, entries
 
 REFERENCE, VERLET = "reference", "verlet"  # this repository's: exact forces, and the codes' scheme
 IN_HEIGHTS = "velocity Verlet in absolute heights"
@@ -70,8 +77,9 @@ class Engine:
 
     Attributes:
         how_to_get: what to install where it is missing.
-        find: path of its executable, or None where it is not installed.
-        version: version of an executable, part of a run's identity.
+        program: the word of its commands that stands for its program; the command of the build takes its place.
+        version: line with the version, date and commit of a build, asked of the command that starts it.
+        libraries: files that a program loads and its own file does not name, such as those of a script that starts it.
         render: deck of a case, complete with the command that runs it inside its folder.
         read: raw output of a finished run in its folder, as a trace; a RunError says what is wrong with it.
         loop_pattern: regular expression of the line that gives the seconds in its own time loop, its first group.
@@ -82,7 +90,7 @@ class Engine:
         scheme: integration scheme, one of those named above, which its runs are measured against.
         shear: what its friction keeps in three dimensions, ``TOTAL`` or ``INCREMENTAL``.
         models: modelling elements (``drivers.chain.elements``) that it can take.
-        variables: environment variables that it needs.
+        variables: environment variables that it needs, with their values.
         refusal: key, what was found and what is allowed, where it cannot take a case; else None.
         partial_trace: samples of a run that ended badly; None where there are none.
         failure_reason: the engine's own words for a bad end, from its standard output and error.
@@ -93,11 +101,12 @@ class Engine:
             to which a few steps take seconds.
         defaults: what it takes where a deck says nothing.
         style: its look in figures; None gives it one that no other engine has.
+        name, adapter, entry: of the engine; ``load_engine`` fills them in.
     """
 
     how_to_get: str
-    find: Callable[[], Path | None]
-    version: Callable[[Path], str]
+    program: str
+    version: Callable[[tuple[str, ...]], str]
     render: Callable[[Case], Deck]
     read: Callable[[Case, Path], Trace]
     loop_pattern: str
@@ -116,6 +125,29 @@ class Engine:
     precise_builds: Mapping[str, int] = field(default_factory=dict)
     defaults: Defaults = Defaults()
     style: Style | None = None
+    libraries: Callable[[Path], Iterable[Path]] = lambda program: ()
+    name: str = ""
+    entry: Entry = field(default_factory=lambda: Entry("", ()))
+
+    def find(self) -> tuple[str, ...] | None:
+        """Words of the command that starts it, programs with their paths; None where it is not installed."""
+        if self.in_repository:
+            return (sys.executable,)
+        return next((found for words in self.entry.commands if (found := find_command(words))), None)
+
+    def started(self, deck: Deck, build: tuple[str, ...]) -> tuple[str, ...]:
+        """The command of a deck, with the command of the build in place of the program's name."""
+        return tuple(word for each in deck.command for word in (build if each == self.program else (each,)))
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Environment variables that it needs or its entry passes through, with their values."""
+        passed = {
+            name: value
+            for name, value in os.environ.items()
+            if any(fnmatchcase(name, pattern) for pattern in self.entry.variables)
+        }
+        return passed | dict(self.variables)
 
     def loop_seconds(self, stdout: str) -> float | None:
         """Seconds in its own time loop, by its standard output; None where it did not get to the end."""
@@ -123,16 +155,48 @@ class Engine:
         return float(match.group(1)) if match else None
 
 
+@cache
+def _adapters() -> tuple[str, ...]:
+    return tuple(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
+
+
 def load_engine(name: str) -> Engine:
     """The engine of a name."""
-    engine = import_module(f"{__name__}.{name}").ENGINE
+    entry = entries(_adapters())[name]
+    if entry.adapter in _adapters():
+        engine = import_module(f"{__name__}.{entry.adapter}").ENGINE
+    else:
+        engine = _adapter_elsewhere(Path(entry.adapter), f"{entry.where}: {name}")
     assert isinstance(engine, Engine)
+    return replace(engine, name=name, entry=entry, how_to_get=entry.how_to_get or engine.how_to_get)
+
+
+@cache
+def _adapter_elsewhere(path: Path, where: str) -> Engine:
+    """The engine of an adapter outside the package.
+
+    Raises:
+        InputError: it cannot be loaded, or defines none.
+    """
+    spec = util.spec_from_file_location(f"{__name__}.{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[spec.name] = util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        engine = module.ENGINE
+        if not isinstance(engine, Engine):
+            raise TypeError(f"ENGINE is {type(engine).__name__}")
+    except Exception as error:  # whatever is wrong with it
+        raise InputError(
+            where, "adapter", f"{path}: {type(error).__name__}: {error}", "ENGINE = Engine(...)"
+        ) from error
     return engine
 
 
 def engine_names() -> list[str]:
-    """All engines this version knows, installed or not."""
-    return sorted(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
+    """All engines there are, installed or not."""
+    return sorted(entries(_adapters()))
 
 
 def in_order(names: Iterable[str]) -> list[str]:

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import sys
 from importlib.metadata import version as package_version
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ COMMAND = ("python", "-m", "validation.reference", "chain.json")
 COLUMNS = 13  # of a three-dimensional chain: force along the axis; the bore's, place, velocity, spin: three each
 
 
-def version(executable: Path) -> str:
+def version(command: tuple[str, ...]) -> str:
     """Digest of the integrators' source, with the versions of what they compute with."""
     digest = hashlib.sha256()
     for source in sorted((paths.ROOT / "validation" / "reference").glob("*.py")):
@@ -85,7 +84,7 @@ def in_repository_engine(**own: Any) -> Engine:
     """An in-repo engine, from what is its own."""
     return Engine(
         how_to_get="nothing: it is part of this repository",
-        find=lambda: Path(sys.executable),
+        program="python",
         version=version,
         in_repository=True,
         variables={"PYTHONPATH": str(paths.ROOT)},

@@ -11,7 +11,7 @@ import numpy as np
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
 from drivers.base.errors import InputProblem
-from drivers.base.processes import find_program, version_in_words
+from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in, free_fall, sphere_for_face
 from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, restitution_with_attraction
@@ -272,8 +272,8 @@ def on_two_cores(deck: Deck) -> Deck:
 
 ENGINE = Engine(
     how_to_get="Debian's package liggghts",
-    find=lambda: find_program("liggghts"),
-    version=lambda executable: version_in_words(executable, "-help", r"LIGGGHTS \(Version ([^,)]+)"),
+    program="liggghts",
+    version=lambda command: line_of(command, "-help", r"LIGGGHTS \(Version"),
     scheme=IN_HEIGHTS,
     shear=TOTAL,
     models=STRAIGHT | SIDEWAYS,

@@ -1,5 +1,8 @@
 """YADE: renders its deck, reads its arrays."""
 
+import os
+import re
+from collections.abc import Iterator
 from dataclasses import replace
 from math import atan
 from pathlib import Path
@@ -9,7 +12,7 @@ import numpy as np
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
 from drivers.base.errors import InputProblem, RunError
-from drivers.base.processes import find_program, version_in_words
+from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
@@ -111,10 +114,21 @@ def _read_sideways(case: Case, folder: Path) -> Trace:
     return make_trace(chain, case.sample_times_s, force, place, velocity, spin, by_bore)
 
 
+def libraries(program: Path) -> Iterator[Path]:
+    """Shared objects of the build that a ``yade`` script loads: the script names their folder in three parts."""
+    parts = re.search(
+        r"prefix,suffix='([^']*)'.*,'([^']*)'[\s\S]*libPATH='([^']*)'", program.read_text(errors="replace")
+    )
+    if parts:
+        prefix, suffix, folder = parts.groups()
+        yield from sorted(Path(os.environ.get("YADE_PREFIX", prefix), folder, f"yade{suffix}").rglob("*.so"))
+
+
 ENGINE = Engine(
     how_to_get="Debian's packages yade and python3-yade",
-    find=lambda: find_program("yade"),
-    version=lambda executable: version_in_words(executable, "--version", r"Yade version: ([^\s,]+)"),
+    program="yade",
+    version=lambda command: line_of(command, "--version", r"Yade version"),
+    libraries=libraries,
     scheme=IN_HEIGHTS,
     shear=INCREMENTAL,
     models=STRAIGHT | SIDEWAYS,

@@ -30,6 +30,9 @@ class RunRecord:
     ``error_note``, ``exact_to``, ``exact_until_s``, ``warnings``, ``step_limit_s``, ``accuracy``.
 
     Attributes:
+        engine_version: line with which its build introduces itself.
+        executable: command that started it, with the paths of its programs.
+        build_sha256: digest of its programs and libraries (``drivers.run.build``); empty of this repository's engines.
         status: ``done``, ``failed`` or ``timeout``; ``reason`` says why in the latter cases.
         scene: resolved, in SI units.
         layout: what post-processing needs to know of the chain (``drivers.chain.case.Layout``).
@@ -48,6 +51,8 @@ class RunRecord:
 
     engine: str
     engine_version: str
+    executable: str
+    build_sha256: str
     scene_name: str
     status: str
     reason: str

@@ -3,8 +3,6 @@
 import hashlib
 import json
 import shutil
-import sys
-import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -15,24 +13,24 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
-from drivers.base.files import sha256_of, whole_file
-from drivers.base.processes import UNKNOWN_VERSION, Outcome, all_stopped, cores, run_command
+from drivers.base.files import sha256_of
+from drivers.base.processes import Outcome, all_stopped, cores, run_command
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCES, SENSORS, STATE, write_forces, write_state
 from drivers.engines import Engine, load_engine
 from drivers.limits.refusal import refuse
+from drivers.run.build import Build, build_of
 from drivers.run.finished import UNASSESSED, EndedRun, RunRecord, find_run, provenance, read_record
 from drivers.run.guard import checked_trace
 from drivers.run.workplaces import workplace
 
 MIN_LIMIT_S = 60.0
-_asking_version = threading.Lock()
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: beyond it, a run hangs
 
 
-def default_limit_s(case: Case) -> float:
-    """Time limit of a run."""
-    return MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.chain.bodies * case.scene.steps
+def default_limit_s(case: Case, engine: Engine) -> float:
+    """Time limit of a run: the engine's own, or by the case's size."""
+    return engine.entry.time_limit_s or MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.chain.bodies * case.scene.steps
 
 
 def run_case(
@@ -46,14 +44,10 @@ def run_case(
     Raises:
         RunError: the engine is not installed.
     """
-    engine = load_engine(engine_name)
-    executable = engine.find()
-    if executable is None:
-        raise RunError(f"not installed; it comes with {engine.how_to_get}")
+    engine, home = load_engine(engine_name), runs / engine_name
+    build = build_of(engine, home)
     deck = engine.render(case)
-    home = runs / engine_name
-    version = known_version(engine, executable, home)
-    identity = run_identity(engine_name, version, deck)
+    identity = run_identity(engine_name, build, deck)
     layout = _description(case)["layout"]
     target = home / f"{case.scene.name}-{hashlib.sha256(repr(layout).encode()).hexdigest()[:6]}-{identity}"
     found = find_run(home, identity, layout)
@@ -63,9 +57,9 @@ def run_case(
         folder = place / "run"
         folder.mkdir()
         deck.write(folder)
-        command = deck.command_with(executable)
-        outcome = run_command(command, folder, limit_s or default_limit_s(case), **engine.variables)
-        record = _record(case, engine_name, engine, version, deck, outcome, folder)
+        command = engine.started(deck, build.command)
+        outcome = run_command(command, folder, limit_s or default_limit_s(case, engine), **engine.environment)
+        record = _record(case, engine, build, deck, outcome, folder)
         partial_trace = None
         try:
             trace = checked_trace(case, engine, outcome, folder)
@@ -151,9 +145,9 @@ def workers(count: int) -> Iterator[ThreadPoolExecutor]:
             raise
 
 
-def run_identity(engine_name: str, version: str, deck: Deck) -> str:
+def run_identity(engine_name: str, build: Build, deck: Deck) -> str:
     """Digest of all that determines the numbers of a run."""
-    return hashlib.sha256(f"{engine_name}\0{version}\0{deck.sha256}".encode()).hexdigest()[:12]
+    return hashlib.sha256(f"{engine_name}\0{build.identity}\0{deck.sha256}".encode()).hexdigest()[:12]
 
 
 def refresh_record(found: EndedRun, case: Case, target: Path) -> EndedRun:
@@ -195,12 +189,12 @@ def _is_whole(found: EndedRun, case: Case) -> bool:
     return there and sha256_of(found.folder / FORCES) == found.record.forces_sha256
 
 
-def _record(
-    case: Case, name: str, engine: Engine, version: str, deck: Deck, outcome: Outcome, folder: Path
-) -> RunRecord:
+def _record(case: Case, engine: Engine, build: Build, deck: Deck, outcome: Outcome, folder: Path) -> RunRecord:
     return RunRecord(
-        engine=name,
-        engine_version=version,
+        engine=engine.name,
+        engine_version=build.version,
+        executable=" ".join(build.command),
+        build_sha256=build.sha256,
         status="done",
         reason="",
         deck_sha256=deck.sha256,
@@ -215,27 +209,6 @@ def _record(
         **_description(case),
         **provenance(),
     )
-
-
-def known_version(engine: Engine, executable: Path, home: Path) -> str:
-    """The engine's version, asked once per executable and noted in its ``home``: asking costs a start-up."""
-    if not executable.exists() or str(executable) == sys.executable:
-        return engine.version(executable)
-    status, note = executable.stat(), home / ".version.json"
-    key = f"{executable.resolve()} {status.st_size} {status.st_mtime_ns}"
-    with _asking_version:
-        try:
-            known = json.loads(note.read_text())
-            if known["executable"] == key:
-                return str(known["version"])
-        except (OSError, ValueError, KeyError, TypeError):
-            pass
-        version = engine.version(executable)
-        if version != UNKNOWN_VERSION:  # else ask again next time: it may have been mended
-            home.mkdir(parents=True, exist_ok=True)
-            with whole_file(note) as draft:
-                draft.write_text(json.dumps({"executable": key, "version": version}))
-    return version
 
 
 def _move_into_place(folder: Path, target: Path, former: Path | None) -> None:

@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import time
 from contextlib import closing, suppress
-from dataclasses import replace
 from pathlib import Path
 
 from drivers.base.decks import Deck
@@ -30,9 +29,9 @@ class Session:
         served: cases that its process, or its last one, was asked for.
     """
 
-    def __init__(self, engine: Engine, executable: Path, folder: Path) -> None:
+    def __init__(self, engine: Engine, build: tuple[str, ...], folder: Path) -> None:
         self.engine = engine
-        self.executable = executable
+        self.build = build
         self.folder = folder
         self.case = folder / "case"
         self.start_s = 0.0
@@ -72,9 +71,9 @@ class Session:
             return
         self.engine.server.write(self.folder)
         self.served = 0
-        command, pipe = self.engine.server.command_with(self.executable), subprocess.PIPE
+        command, pipe = self.engine.started(self.engine.server, self.build), subprocess.PIPE
         with open(self.folder / STDERR, "wb") as stderr:
-            self._process = start(command, self.folder, pipe, pipe, stderr, **self.engine.variables)
+            self._process = start(command, self.folder, pipe, pipe, stderr, self.engine.environment)
 
     @property
     def ended(self) -> bool:
@@ -113,16 +112,14 @@ class Session:
         return Outcome(self.close(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
 
 
-def served_by(name: str, folder: Path, build: str = "") -> closing[Session]:
-    """Session of an installed engine, or of another build beside its executable, that ends with its block."""
+def served_by(name: str, folder: Path, precise: str = "") -> closing[Session]:
+    """Session of an installed engine, or of a more precise build beside its program, that ends with its block."""
     engine = load_engine(name)
-    executable = engine.find()
-    assert executable is not None
-    if build:
-        command = tuple(build if word == executable.name else word for word in engine.server.command)
-        engine = replace(engine, server=replace(engine.server, command=command))
-        executable = executable.with_name(build)
-    return closing(Session(engine, executable, folder))
+    build = engine.find()
+    assert build is not None
+    if precise:
+        build = (*build[:-1], str(Path(build[-1]).with_name(precise)))
+    return closing(Session(engine, build, folder))
 
 
 def _await_end(process: subprocess.Popen[bytes]) -> None:

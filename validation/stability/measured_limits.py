@@ -211,7 +211,7 @@ def _scan_code(name: str, subjects: Sequence[Subject], predicted_s: Sequence[flo
 
 def _gain_in(session: Session, case: Case) -> float:
     """The gain on a code; inf where it lost a body before it could be seen."""
-    outcome = session.run(session.engine.render(case), default_limit_s(case))
+    outcome = session.run(session.engine.render(case), default_limit_s(case, session.engine))
     try:
         return gain(case, session.engine.read(case, session.case)) if outcome.code == 0 else inf
     except RunError:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from validation.tests.helpers.scenes import BASE, STRIKER, WALL, SceneWriter, StandIn, StudyWriter
+from drivers.base import paths
+from validation.tests.helpers.scenes import BASE, STRIKER, WALL, EnginesWriter, SceneWriter, StandIn, StudyWriter
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -45,6 +46,19 @@ def study_file(scene_file: SceneWriter, tmp_path: Path) -> StudyWriter:
         path = tmp_path / "study.toml"
         names = ", ".join(f'"{name}"' for name in engines)
         path.write_text(f'scene = "scene.toml"\nengines = [{names}]\n{top}\n{axes}')
+        return path
+
+    return write
+
+
+@pytest.fixture
+def engines_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> EnginesWriter:
+    """Writes entries of engines, which hold for the test as if given by ``--engines``."""
+
+    def write(text: str) -> Path:
+        path = tmp_path / "own-engines.toml"
+        path.write_text(text)
+        monkeypatch.setenv(paths.ENGINES_VARIABLE, str(path))
         return path
 
     return write

@@ -320,11 +320,11 @@ def two_cores() -> Iterator[Lever]:
 
 def _loop_s(case: Case, engine: Engine, deck: Deck) -> float | None:
     """Seconds in the loop of a process by itself; None where it failed."""
-    executable = engine.find()
-    assert executable is not None
+    command = engine.find()
+    assert command is not None
     with tempfile.TemporaryDirectory() as folder:
         deck.write(Path(folder))
-        run_command(deck.command_with(executable), Path(folder), default_limit_s(case), **engine.variables)
+        run_command(engine.started(deck, command), Path(folder), default_limit_s(case, engine), **engine.environment)
         return engine.loop_seconds(Path(folder, "stdout.txt").read_text(errors="replace"))
 
 

@@ -53,17 +53,17 @@ def bench_batch() -> None:
 def _rate_alone(name: str) -> float:
     """Cases per second with a bare engine process for each: nothing rendered, read or kept."""
     engine = load_engine(name)
-    executable = engine.find()
-    assert executable is not None
+    build = engine.find()
+    assert build is not None
     deck = engine.render(build_case(read_scene("fig4", ("run.time_step=0.1 us",))))
     with tempfile.TemporaryDirectory() as home, ThreadPoolExecutor(WORKERS) as pool:
         folders = [Path(home, str(number)) for number in range(SINGLE_CASES)]
         for folder in folders:
             folder.mkdir()
             deck.write(folder)
-        command = deck.command_with(executable)
+        command = engine.started(deck, build)
         began = time.perf_counter()
-        list(pool.map(lambda folder: run_command(command, folder, 60.0, **engine.variables), folders))
+        list(pool.map(lambda folder: run_command(command, folder, 60.0, **engine.environment), folders))
         return SINGLE_CASES / (time.perf_counter() - began)
 
 

@@ -25,6 +25,7 @@ WALL = '[wall]\nmaterial = "brass"\n'
 
 SPEEDS = '[[axis]]\nkey = "striker.speed"\nfrom = "0.5 m/s"\nto = "2 m/s"\ncount = {}\n'
 
+EnginesWriter = Callable[[str], Path]
 SceneWriter = Callable[..., Path]
 StudyWriter = Callable[..., Path]
 StandIn = Callable[[str, str], None]

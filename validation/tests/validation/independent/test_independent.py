@@ -12,7 +12,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
-from drivers.engines import codes, load_engine
+from drivers.engines import codes
 from postproc.paper.simulate import exact
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.independent.independent_study import HERE, RUN, Line, judge_all, verdict_of
@@ -21,7 +21,7 @@ from validation.report.write_report import write_report
 from validation.studies import read_section, read_table, rows_in, write_table
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
-from validation.tests.helpers.scenes import StandIn
+from validation.tests.helpers.scenes import EnginesWriter, StandIn
 
 CASE = """
 [[case]]
@@ -208,10 +208,10 @@ def test_an_engine_that_breaks_fails_with_its_words(tmp_path: Path, cheap: Path,
 
 
 def test_an_engine_that_is_not_there_or_refuses_is_not_run(
-    tmp_path: Path, cheap: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, cheap: Path, engines_file: EnginesWriter
 ) -> None:
     need("liggghts")
-    monkeypatch.setattr("drivers.engines.yade.ENGINE", replace(load_engine("yade"), find=lambda: None))
+    engines_file('[yade]\ncommand = "no-such-program"')
     text = shipped("aluminium-on-plane").replace("measure =", 'set = ["contact.restitution=0.1"]\nmeasure =')
     cheap.write_text(text[: text.index("[[case.check]]")] + CHECK.format("restitution").replace("1e-6", "1e-3"))
     lines = {line.engine: line for line in judge_all(cheap, tmp_path / "runs")}

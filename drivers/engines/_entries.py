@@ -1,0 +1,115 @@
+"""Entries of ``engines.toml``: the command, and so the build, by which an engine of a name is started."""
+
+import os
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BeforeValidator, TypeAdapter, ValidationError
+
+from drivers.base import paths, units
+from drivers.base.errors import InputError
+from drivers.base.messages import validate
+from drivers.scene.model import Name, Part
+from drivers.scene.read_scene import read_toml
+
+
+def _alternatives(value: object) -> object:
+    lines = [value] if isinstance(value, str) else value
+    try:
+        if isinstance(lines, list) and all(isinstance(each, str) and shlex.split(each) for each in lines) and lines:
+            return tuple(tuple(shlex.split(each)) for each in lines)
+    except ValueError:  # an open quote
+        pass
+    raise units.NotAllowedError('a command such as "mpirun -np 1 lmp", or a list of them')
+
+
+class _Entry(Part):
+    adapter: str | None = None
+    command: Annotated[tuple[tuple[str, ...], ...] | None, BeforeValidator(_alternatives)] = None
+    variables: Annotated[tuple[str, ...], BeforeValidator(lambda value: tuple(value))] = ()
+    time_limit: units.Duration | None = None
+    how_to_get: str | None = None
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An engine by name.
+
+    Attributes:
+        adapter: module of this package, or path of a file, that defines ``ENGINE``.
+        commands: alternatives to start it, of which the first that is found is taken.
+        variables: names of environment variables that are passed through, ``*`` standing for any characters.
+        time_limit_s: of a run; None: by the case's size.
+        how_to_get: what to install where it is missing; None: the adapter says it.
+        where: file that it stands in, as messages name it; empty for an adapter without an entry.
+    """
+
+    adapter: str
+    commands: tuple[tuple[str, ...], ...]
+    variables: tuple[str, ...] = ()
+    time_limit_s: float | None = None
+    how_to_get: str | None = None
+    where: str = ""
+
+
+def files() -> tuple[Path, ...]:
+    """Files of entries, later ones over earlier ones: shipped, the user's, the present folder's, ``--engines``."""
+    settings = Path(os.environ.get("XDG_CONFIG_HOME") or "~/.config").expanduser() / "bead-chains"
+    places = (paths.ENGINES, settings / paths.ENGINES.name, Path.cwd() / paths.ENGINES.name)
+    found = [path for path in places if path.is_file()]
+    asked = os.environ.get(paths.ENGINES_VARIABLE)
+    return tuple(dict.fromkeys([*found, *([Path(asked)] if asked else [])]))
+
+
+def entries(adapters: tuple[str, ...]) -> dict[str, Entry]:
+    """Entries by name: of the package's ``adapters``, each started by its own name unless a file says otherwise.
+
+    Raises:
+        InputError: a file is missing or wrong.
+    """
+    return _entries(adapters, files())
+
+
+@cache
+def _entries(adapters: tuple[str, ...], files: tuple[Path, ...]) -> dict[str, Entry]:
+    found = {name: Entry(name, ((name,),)) for name in adapters}
+    for path in files:
+        for name, entry in _read(path):
+            where, before = paths.shown(path), found.get(name)
+            adapter = entry.adapter or (before.adapter if before else name)
+            if adapter.endswith(".py"):
+                adapter = str(path.parent / Path(adapter).expanduser())
+            if adapter not in adapters and not Path(adapter).is_file():
+                allowed = f"{', '.join(adapters)}, or the path of a .py file"
+                raise InputError(where, f"{name}.adapter", f'"{adapter}"', allowed)
+            commands = entry.command or (before.commands if before else ((name,),))
+            found[name] = Entry(
+                adapter,
+                tuple(tuple(_beside(path, word) for word in words) for words in commands),
+                entry.variables,
+                entry.time_limit,
+                entry.how_to_get,
+                where,
+            )
+    return found
+
+
+def _read(path: Path) -> Iterator[tuple[str, _Entry]]:
+    where, names = paths.shown(path), TypeAdapter(Name)
+    for name, table in read_toml(path).items():
+        try:
+            names.validate_python(name)
+        except ValidationError:
+            allowed = "letters, digits, '-' and '_', beginning with a letter"
+            raise InputError(where, name, "a name of other characters", allowed) from None
+        yield name, validate(_Entry, table, where, f"{name}.")
+
+
+def _beside(path: Path, word: str) -> str:
+    """A word of a command; a relative path in it counts from the file that it stands in."""
+    there = path.parent / Path(word).expanduser()
+    return str(there) if "/" in word and "=" not in word and there.exists() else word
