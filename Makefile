@@ -88,6 +88,8 @@ $(MEASURED:%=results/.%): results/.%: $(MADE_FROM) $$(if $$(wildcard results/$$*
 	$(PY) -m validation $* $(if $(filter trade,$*),--budget $(BUDGET))
 	@touch $@
 
+# what make installs has to run; where it cannot install, what is there, and one code at least
+REQUIRED = $(if $(APT),$(ENGINES),$(shell cat .venv/.engines))
 # the stamp stands only if every verdict is good; finished runs are not run again
 # the page is written even if a claim or an independent case is at fault, but then the target fails
 # what other targets have made since is put in as well
@@ -96,7 +98,8 @@ results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),
 	@test -f results/trade.csv || $(PY) -m validation trade --budget $(SHORT_BUDGET)
 	@test -f results/stability.csv || $(PY) -m validation stability --quick
 	@test -f results/elements.csv || $(PY) -m validation elements --quick
-	@$(MAKE) --no-print-directory -k claims independent; made=$$?; $(PY) -m validation report && test $$made = 0
+	@$(MAKE) --no-print-directory -k claims independent; made=$$?; \
+	  $(PY) -m validation report $(REQUIRED:%=--require %) && test $$made = 0
 	@touch $@
 
 .venv/.ready: requirements.lock

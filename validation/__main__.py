@@ -4,16 +4,20 @@ import argparse
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drivers.base import paths
 from drivers.base.command_line import Parser, engines_file, must_be_file, must_be_folder, run_main, seconds
 from drivers.base.errors import InputError
 
+if TYPE_CHECKING:
+    from validation.compare.comparison import Asked
+
+SEVERAL: dict[str, Any] = {"action": "append", "default": []}
 OPTIONS: dict[str, dict[str, Any]] = {
     "what": {"nargs": "+", "metavar": "SCENE|RUN RUN", "help": "scene files or names; or two run folders"},
     "scenes": {"nargs": "*", "metavar": "SCENE", "help": "default: the paper's four, fig4 to fig6d"},
-    "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "dest": "settings"},
+    "--set": SEVERAL | {"metavar": "KEY=VALUE", "dest": "settings"},
     "--unsafe": {"action": "store_true", "help": "run what a guard refuses"},
     "--budget": {"type": seconds, "metavar": "S", "dest": "budget_s", "help": "engine time in all (default: 300 s)"},
     "--quick": {"action": "store_true", "help": "the short study: fewer scenes and seeds, no long runs"},
@@ -22,6 +26,9 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--out": {"type": Path, "metavar": "FILE", "help": "default: results/report.html"},
     "--results": {"type": Path, "metavar": "DIR", "help": "default: results/"},
     "--runs": {"type": Path, "metavar": "DIR", "help": "where run folders are (default: runs/)"},
+    "--engine": SEVERAL | {"metavar": "E", "help": "compare these beside the yardsticks; repeatable"},
+    "--require": SEVERAL | {"metavar": "E", "help": "an engine that has to run, or it is a failure; repeatable"},
+    "--allow-missing": {"action": "store_true", "help": "no failure where --engine or every code is missing"},
 }
 CHECKS = {"results": must_be_folder, "runs": must_be_folder, "out": must_be_file}
 
@@ -34,26 +41,41 @@ def main() -> int:
     return int(arguments.action(arguments))
 
 
+def _asked(arguments: argparse.Namespace) -> "Asked":
+    """Engines that are asked for; InputError where there is no such engine."""
+    from drivers.engines import engine_names
+    from validation.compare.comparison import Asked
+
+    for option in ("engine", "require"):
+        for name in getattr(arguments, option):
+            if name not in engine_names():
+                raise InputError(f"--{option}", "", f'"{name}"', ", ".join(engine_names()))
+    return Asked(tuple(arguments.engine), tuple(arguments.require), arguments.allow_missing)
+
+
 def _compare(arguments: argparse.Namespace) -> int:
+    asked = _asked(arguments)
     folders = [Path(what) for what in arguments.what if Path(what).is_dir()]
     if folders:
         if len(folders) != 2 or len(arguments.what) != 2:
             raise InputError("compare", "", " ".join(arguments.what), "scenes, or exactly two run folders")
-        if arguments.settings:
-            raise InputError("--set", "", "a setting for runs that are done", "settings of scenes")
+        for option in ("settings", "engine", "require"):
+            if getattr(arguments, option):
+                words = option.replace("settings", "set")
+                raise InputError(f"--{words}", "", "two runs that are done", "an option for scenes")
         from validation.compare.pair import compare_runs
 
         return compare_runs(*folders)
     from validation.compare.comparison import compare_scenes
 
     runs = arguments.runs or paths.RUNS
-    return compare_scenes(arguments.what, tuple(arguments.settings), runs, unsafe=arguments.unsafe)
+    return compare_scenes(arguments.what, tuple(arguments.settings), runs, asked, unsafe=arguments.unsafe)
 
 
 def _report(arguments: argparse.Namespace) -> int:
     from validation.report.write_report import report
 
-    return report(arguments.scenes, arguments.out, arguments.runs)
+    return report(arguments.scenes, arguments.out, arguments.runs, _asked(arguments))
 
 
 def _study(arguments: argparse.Namespace) -> int:
@@ -71,10 +93,15 @@ def _wave(_: argparse.Namespace) -> int:
     return 0
 
 
+WHICH = "--runs --engine --require --allow-missing"
 # by name: what it does, how, and its options
 COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, str]] = {
-    "compare": (_compare, "verdicts on scenes, run where needed, or on two run folders", "what --set --runs --unsafe"),
-    "report": (_report, "write the report page, and its verdicts for programs", "scenes --out --runs"),
+    "compare": (
+        _compare,
+        "verdicts on scenes, run where needed, or on two run folders",
+        f"what --set {WHICH} --unsafe",
+    ),
+    "report": (_report, "write the report page, and its verdicts for programs", f"scenes --out {WHICH}"),
     "claims": (_study, "compute and judge every quantitative statement of the paper", "--results --runs"),
     "trade": (_study, "errors against cost, for all engines and steps, and what to use", "--budget --results"),
     "stability": (_study, "limits of the time step, extremes, long runs, rounding", "--quick --results --runs"),

@@ -4,17 +4,19 @@ Against ``verlet`` at the same step a run shows its modelling error, which shoul
 ``reference`` it shows what the user pays for the time step.
 """
 
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from drivers.base import paths
+from drivers.base.errors import one_line
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace, until
-from drivers.engines import REFERENCE, VERLET, engine_names, in_order, load_engine
+from drivers.engines import REFERENCE, VERLET, codes, engine_names, in_order, load_engine, missing_codes
 from drivers.limits.refusal import inability, refuse
 from drivers.run.finished import EndedRun
 from drivers.run.run import run_case
@@ -28,6 +30,50 @@ from validation.compare.departure import Departure, departure, departure_rows, d
 from validation.compare.verdict import FAIL, NOT_RUN, Verdict, judged
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Engines that a comparison is asked for.
+
+    Attributes:
+        engines: those to compare, beside the two yardsticks; empty for all.
+        require: engines that have to run, as those of ``engines`` have to.
+        allow_missing: whether only those of ``require`` have to run, and no established code.
+    """
+
+    engines: tuple[str, ...] = ()
+    require: tuple[str, ...] = ()
+    allow_missing: bool = False
+
+    @property
+    def names(self) -> list[str]:
+        """All engines to compare."""
+        some = {*self.engines, *self.require, VERLET, REFERENCE}
+        return [name for name in engine_names() if not self.engines or name in some]
+
+    def unmet(self, ran: Iterable[str]) -> dict[str, str]:
+        """Requirements that are not met, in words by engine, where some engines ran, well or badly."""
+        there = set(ran)
+        needed = dict.fromkeys([*self.require, *(() if self.allow_missing else self.engines)])
+        words = {name: f"{name} is required and did not run: {_why_not(name)}" for name in needed if name not in there}
+        if not (words or self.allow_missing or there & set(codes())):
+            missing = ", ".join(f"{name} ({load_engine(name).how_to_get})" for name in missing_codes())
+            why = f"install one of {missing}" if missing else "none of those installed takes what is compared"
+            words["codes"] = f"no established code ran: {why}, or say --allow-missing"
+        return words
+
+
+def _why_not(engine: str) -> str:
+    found = load_engine(engine)
+    return "no scene for it" if found.find() else f"{NOT_INSTALLED}; it comes with {found.how_to_get}"
+
+
+def told(unmet: dict[str, str]) -> bool:
+    """Prints the requirements that are not met, if any, in one line; whether there are any."""
+    if unmet:
+        print(one_line("; ".join(unmet.values())), file=sys.stderr)
+    return bool(unmet)
 
 
 def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) -> list[Verdict]:
@@ -146,6 +192,7 @@ class ComparedScene:
         departures: when each run first leaves the exact motion, and why; also those that failed.
         diagnoses: by engine, what a run with a failed verdict matches, in a sentence.
         refused: by engine, what there is of the trace of a run that failed; no verdict and no observable is of it.
+        wall_s: seconds of each run, well or badly ended, by engine.
     """
 
     case: Case
@@ -155,12 +202,18 @@ class ComparedScene:
     departures: dict[str, Departure] = field(default_factory=dict)
     diagnoses: dict[str, str] = field(default_factory=dict)
     refused: dict[str, Trace] = field(default_factory=dict)
+    wall_s: dict[str, float] = field(default_factory=dict)
 
 
 def run_and_compare(
-    source: str | Path, settings: tuple[str, ...] = (), runs: Path = paths.RUNS, *, unsafe: bool = False
+    source: str | Path,
+    settings: tuple[str, ...] = (),
+    runs: Path = paths.RUNS,
+    asked: Asked = Asked(),
+    *,
+    unsafe: bool = False,
 ) -> ComparedScene:
-    """Runs a scene on every installed engine, unless it is done, and compares the runs.
+    """Runs a scene on every installed engine that is asked for, unless it is done, and compares the runs.
 
     Raises:
         InputError: the scene is wrong, or cannot end well and is not to be run all the same.
@@ -169,7 +222,8 @@ def run_and_compare(
     finished: dict[str, EndedRun] = {}
     absent: dict[str, str] = {}
     refused: dict[str, Trace] = {}
-    for engine in engine_names():
+    wall_s: dict[str, float] = {}
+    for engine in asked.names:
         if load_engine(engine).find() is None:
             absent[engine] = NOT_INSTALLED
         elif (cannot := inability(case, engine)) is not None:
@@ -178,6 +232,7 @@ def run_and_compare(
             if not unsafe:
                 refuse(case, engine)
             result = assess(run_case(case, engine, runs), case)
+            wall_s[engine] = result.record.wall_s
             if result.done:
                 finished[engine] = result
                 continue
@@ -192,21 +247,24 @@ def run_and_compare(
         from validation.compare.diagnosis import diagnoses_of
 
         diagnoses = diagnoses_of(case, verdicts, traces)
-    return ComparedScene(case, finished, absent, verdicts, departures, diagnoses, refused)
+    return ComparedScene(case, finished, absent, verdicts, departures, diagnoses, refused, wall_s)
 
 
-def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path, *, unsafe: bool) -> int:
-    """Prints verdicts, departures, diagnoses and error budgets of scenes; 1 if a verdict is a failure.
+def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path, asked: Asked, *, unsafe: bool) -> int:
+    """Prints verdicts, departures, diagnoses and error budgets of scenes.
+
+    The exit code is 1 if a verdict is a failure or an engine that has to run did not.
 
     Raises:
         InputError: a scene is wrong, or cannot end well and is not to be run all the same.
     """
-    failed = False
+    failed, ran = False, set[str]()
     for source in sources:
-        compared = run_and_compare(source, settings, runs, unsafe=unsafe)
+        compared = run_and_compare(source, settings, runs, asked, unsafe=unsafe)
         print(*_lines(compared), sep="\n")
         failed |= any(verdict.verdict == FAIL for verdict in compared.verdicts)
-    return 1 if failed else 0
+        ran |= set(compared.wall_s)
+    return 1 if told(asked.unmet(ran)) or failed else 0
 
 
 def _lines(compared: ComparedScene) -> Iterator[str]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from math import isfinite, nan
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from drivers.base import paths
@@ -37,6 +38,7 @@ class Line:
         quantity: ``run`` where there are no numbers; then ``why`` says why.
         against: ``quoted`` or ``theory``; ``source`` says whose.
         error: relative, unless ``error_is`` says absolute; ``within``: what is allowed of it, and ``reason`` why.
+        wall_s: of the run.
     """
 
     id: str
@@ -55,6 +57,7 @@ class Line:
     why: str
     reason: str
     source: str
+    wall_s: float = 0.0
 
 
 def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[Line]:
@@ -84,7 +87,10 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
         if key in absent:
             lines.append(_without(one, engine, NOT_RUN, absent[key]))
         else:
-            lines += _judged(one, engine, ended.get(key))
+            run, started = ended.get(key), perf_counter()
+            judged = _judged(one, engine, run)
+            wall_s = run.record.wall_s if run else perf_counter() - started
+            lines += [replace(line, wall_s=round(wall_s, 4)) for line in judged]
     return lines
 
 
@@ -245,8 +251,12 @@ def section(tables: Tables) -> dict[str, Any]:
             "rows": [(words.get(one.quantity, one.quantity), one, row) for one, row in zip(first, rows, strict=True)],
             "counts": Counter(line.verdict for line in own),
         })  # fmt: skip
+    wall_s = Counter[tuple[str, str]]()
+    for (case, engine, _), seconds in {(line.id, line.engine, line.label): line.wall_s for line in lines}.items():
+        wall_s[case, engine] += seconds  # type: ignore[assignment]  # seconds are counted as well as anything
     return {
         "cases": cases,
+        "wall_s": wall_s,
         "engines": in_order({line.engine for line in lines} & set(engine_names())),
         "counts": Counter(line.verdict for line in lines),
         "verdicts": [verdict_of(line) for line in lines],

@@ -8,6 +8,7 @@ import platform
 import re
 import time
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -75,11 +76,14 @@ SCENES, CASES = "scenes", "independent"  # what the suites' names begin with
 UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # what XML 1.0 cannot hold
 
 
-def as_json(made: dict[str, Any], scenes: list[ComparedScene], rows: list[Row], cases: list[Row]) -> str:
+def as_json(
+    made: dict[str, Any], scenes: list[ComparedScene], rows: list[Row], cases: list[Row], unmet: Mapping[str, str]
+) -> str:
     """The report as JSON; what is no number is null."""
     data = {
         "schema_version": SCHEMA,
         "made_with": made,
+        "unmet": unmet,
         "counts": {
             SCENES: _counts(counted(rows)),
             CASES: _counts(counted(cases)),
@@ -91,20 +95,31 @@ def as_json(made: dict[str, Any], scenes: list[ComparedScene], rows: list[Row], 
     return json.dumps(_plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def as_junit(made: dict[str, Any], rows: list[Row], cases: list[Row]) -> str:
-    """The report as JUnit XML: a suite for each scene and independent case, a test for each engine and quantity."""
+def as_junit(made: dict[str, Any], rows: list[Row], cases: list[Row], unmet: Mapping[str, str]) -> str:
+    """The report as JUnit XML: a suite for each scene and independent case, a test for each engine and quantity.
+
+    Requirements that are not met are failures of a suite of their own. The time of a test is that of the run it judges,
+    in wall seconds; a suite's is that of its runs, each once.
+    """
     root = ElementTree.Element("testsuites", name="cross-code validation")
-    totals: Counter[str] = Counter()
+    totals, total_s = Counter({FAIL: len(unmet)}), 0.0
     for kind, row in [*((SCENES, row) for row in rows), *((CASES, row) for row in cases)]:
         name = f"{kind}.{row.name}"
         found = Counter(verdict.verdict for verdict in _verdicts(row))
-        suite = ElementTree.SubElement(root, "testsuite", _numbers(found), name=name)
+        wall_s = sum(cell.wall_s for cell in row.cells.values())
+        suite = ElementTree.SubElement(root, "testsuite", _numbers(found, wall_s), name=name)
         suite.set("hostname", made["machine"]["host"])
         for cell in row.cells.values():
             for verdict in cell.verdicts:
                 _test(suite, name, row, cell, verdict)
         totals += found
-    for key, value in _numbers(totals).items():
+        total_s += wall_s
+    if unmet:
+        suite = ElementTree.SubElement(root, "testsuite", _numbers(Counter({FAIL: len(unmet)}), 0.0), name="required")
+    for engine, words in unmet.items():
+        case = ElementTree.SubElement(suite, "testcase", classname=f"required.{engine}", name="run", time="0.000")
+        ElementTree.SubElement(case, "failure", message=words, type="required")
+    for key, value in _numbers(totals, total_s).items():
         root.set(key, value)
     ElementTree.indent(root)
     text = UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", ElementTree.tostring(root, encoding="unicode"))
@@ -112,7 +127,8 @@ def as_junit(made: dict[str, Any], rows: list[Row], cases: list[Row]) -> str:
 
 
 def _test(suite: ElementTree.Element, name: str, row: Row, cell: Cell, verdict: Verdict) -> None:
-    case = ElementTree.SubElement(suite, "testcase", classname=f"{name}.{cell.engine}", name=verdict.quantity, time="0")
+    own = {"classname": f"{name}.{cell.engine}", "name": verdict.quantity, "time": f"{cell.wall_s:.3f}"}
+    case = ElementTree.SubElement(suite, "testcase", own)
     measured = not math.isnan(verdict.limit)
     words = f"{verdict.value:.3e} of {verdict.limit:.3e}: {verdict.where}" if measured else verdict.where
     if verdict.verdict == FAIL:
@@ -126,9 +142,9 @@ def _test(suite: ElementTree.Element, name: str, row: Row, cell: Cell, verdict: 
         ElementTree.SubElement(case, "system-out").text = words
 
 
-def _numbers(found: Counter[str]) -> dict[str, str]:
-    numbers = {"tests": found.total(), "failures": found[FAIL], "errors": 0, "skipped": found[NOT_RUN], "time": 0}
-    return {key: str(number) for key, number in numbers.items()}
+def _numbers(found: Counter[str], wall_s: float) -> dict[str, str]:
+    numbers = {"tests": found.total(), "failures": found[FAIL], "errors": 0, "skipped": found[NOT_RUN]}
+    return {key: str(number) for key, number in numbers.items()} | {"time": f"{wall_s:.3f}"}
 
 
 def _counts(found: Counter[str]) -> dict[str, int]:

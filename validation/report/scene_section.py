@@ -49,6 +49,7 @@ class Cell:
     verdicts: list[Verdict]
     cost: str = ""
     diagnosis: str = ""  # what a run that is off matches
+    wall_s: float = 0.0  # of its runs
 
     @property
     def misses(self) -> list[Verdict]:
@@ -76,7 +77,8 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> Row:
             record = scene.runs[engine].record
             loop = f", loop {1e3 * record.loop_s:.0f} ms" if record.loop_s is not None else ""
             cost = f"process {record.wall_s:.2f} s{loop}"
-        cells[engine] = _cell(engine, own, scene.absent.get(engine, ""), cost, scene.diagnoses.get(engine, ""))
+        note, diagnosis = scene.absent.get(engine, ""), scene.diagnoses.get(engine, "")
+        cells[engine] = _cell(engine, own, note, scene.wall_s.get(engine, 0.0), cost, diagnosis)
     told = scene.case.scene
     again = f"python -m validation compare {source_of(told)}"
     again += f" --runs {shlex.quote(str(runs))}" if runs else ""
@@ -92,7 +94,7 @@ def case_rows(independent: Mapping[str, Any]) -> list[Row]:
         for engine in in_order({verdict.engine for verdict in of_case}):
             own = [verdict for verdict in of_case if verdict.engine == engine]
             note = next((verdict.where for verdict in own if math.isnan(verdict.limit)), "")
-            cells[engine] = _cell(engine, own, note)
+            cells[engine] = _cell(engine, own, note, independent["wall_s"][entry.id, engine])
         rows.append(Row(entry.id, entry.title, "python -m validation independent", cells))
     return rows
 
@@ -146,10 +148,10 @@ def short(value: float) -> str:
     return f"{digits}e{int(power)}" if int(power) else digits
 
 
-def _cell(engine: str, own: list[Verdict], note: str, cost: str = "", diagnosis: str = "") -> Cell:
+def _cell(engine: str, own: list[Verdict], note: str, wall_s: float, cost: str = "", diagnosis: str = "") -> Cell:
     found = {verdict.verdict for verdict in own}
     verdict = FAIL if FAIL in found else NOT_RUN if NOT_RUN in found else PASS
-    return Cell(engine, verdict, worst_of(own), note, own, cost, diagnosis)
+    return Cell(engine, verdict, worst_of(own), note, own, cost, diagnosis, wall_s)
 
 
 FORCE_RANGE = 2.0  # times the largest force of the runs that finished: what is larger would flatten their curves

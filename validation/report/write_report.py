@@ -3,6 +3,7 @@
 import shlex
 import sys
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.engines import in_order
 from drivers.scene.read_scene import read_scene
-from validation.compare.comparison import ComparedScene, run_and_compare
+from validation.compare.comparison import Asked, ComparedScene, run_and_compare, told
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.report.charts import PLACES
 from validation.report.machine_readable import as_json, as_junit, made_with, when_made
@@ -37,8 +38,10 @@ SECTIONS = {
 READERS = {"table1": read_table1, "figures": read_figures}  # of sections that are no study's
 
 
-def report(sources: list[str], out: Path | None, runs: Path | None) -> int:
-    """Runs and compares scenes and writes the report; the exit code is 1 where a verdict is a failure.
+def report(sources: list[str], out: Path | None, runs: Path | None, asked: Asked) -> int:
+    """Runs and compares scenes and writes the report.
+
+    The exit code is 1 where a verdict is a failure or an engine that has to run did not.
 
     Raises:
         InputError: a scene is wrong, a scene is named twice, or the page would take its own files' names.
@@ -51,28 +54,35 @@ def report(sources: list[str], out: Path | None, runs: Path | None) -> int:
         raise InputError("report", "", f"two scenes named {name}", "scenes of different names")
     compared = []
     for source in sources or PAPER:
-        compared.append(run_and_compare(source, runs=runs or paths.RUNS))
+        compared.append(run_and_compare(source, runs=runs or paths.RUNS, asked=asked))
         print(f"{source}: compared", file=sys.stderr, flush=True)
-    counts = write_report(compared, page, _command(sources, out, runs), runs)
+    unmet = asked.unmet(engine for scene in compared for engine in scene.wall_s)
+    counts = write_report(compared, page, _command(sources, out, runs, asked), runs, unmet)
     print(f"{paths.shown(page)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run")
-    return 1 if counts[FAIL] else 0
+    return 1 if told(unmet) or counts[FAIL] else 0
 
 
-def _command(sources: list[str], out: Path | None, runs: Path | None) -> str:
-    """The command that makes the same page again."""
-    if not sources and out is None and runs is None:
+def _command(sources: list[str], out: Path | None, runs: Path | None, asked: Asked) -> str:
+    """The command that makes the same page again; ``make report`` requires engines, too."""
+    options = [("--out", out), ("--runs", runs), *(("--engine", name) for name in asked.engines)]
+    if not sources and not asked.allow_missing and all(value is None for _, value in options):
         return AGAIN
-    options = [("--out", out), ("--runs", runs)]
+    options += [("--require", name) for name in asked.require]
     words = [*sources, *(word for name, value in options if value is not None for word in (name, str(value)))]
-    return shlex.join(["python", "-m", "validation", "report", *words])
+    return shlex.join(["python", "-m", "validation", "report", *words, *["--allow-missing"] * asked.allow_missing])
 
 
 def write_report(
-    scenes: list[ComparedScene], path: Path, command: str = AGAIN, runs: Path | None = None
+    scenes: list[ComparedScene],
+    path: Path,
+    command: str = AGAIN,
+    runs: Path | None = None,
+    unmet: Mapping[str, str] | None = None,
 ) -> Counter[str]:
     """Writes the page, and JSON and JUnit XML of its name beside it; none is replaced before all are written.
 
-    Each scene gets a section; studies are read from the tables in the page's folder. ``command`` makes the page again.
+    Each scene gets a section; studies are read from the tables in the page's folder. ``command`` makes the page again;
+    ``unmet`` are words on engines that had to run.
     What comes back is how many pairs of a scene or independent case and an engine passed, failed and were not run.
 
     Raises:
@@ -86,6 +96,7 @@ def write_report(
     page = deck.render(
         "report/report.html.j2",
         made=made,
+        unmet=unmet or {},
         rows=rows,
         cases=cases,
         engines=in_order(engine for row in (*rows, *cases) for engine in row.cells),
@@ -102,8 +113,8 @@ def write_report(
     )
     texts = {
         path: page,
-        path.with_suffix(".json"): as_json(made, scenes, rows, cases),
-        path.with_suffix(".xml"): as_junit(made, rows, cases),
+        path.with_suffix(".json"): as_json(made, scenes, rows, cases, unmet or {}),
+        path.with_suffix(".xml"): as_junit(made, rows, cases, unmet or {}),
     }
     results.mkdir(parents=True, exist_ok=True)
     with ExitStack() as drafts:

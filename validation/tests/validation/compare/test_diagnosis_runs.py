@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.compare.comparison import REFUSED, ComparedScene, run_and_compare
+from validation.compare.comparison import REFUSED, Asked, ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
@@ -115,14 +115,13 @@ QUICK = [
     ("engine", "name"), [pytest.param(*key, marks=() if key in QUICK else pytest.mark.long) for key in SABOTAGE]
 )
 def test_a_sabotaged_deck_is_red_and_named(
-    engine: str, name: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path, shared_runs: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    engine: str, name: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path, shared_runs: Path
+) -> None:
     scene = scene_file(top=GRAVITY, chain=SENSOR)
     for yardstick in IN_REPOSITORY:  # the same for every deck
         run = finished(case_of(scene), yardstick, shared_runs).folder
         shutil.copytree(run, tmp_path / "runs" / yardstick / run.name)
-    compared = sabotaged(engine, name, stand_in, scene, tmp_path, monkeypatch)
+    compared = sabotaged(engine, name, stand_in, scene, tmp_path)
     assert FAIL in {verdict.verdict for verdict in compared.verdicts if verdict.engine == engine}
     assert set(compared.diagnoses) == {engine}
     assert re.match(SABOTAGE[engine, name][3], compared.diagnoses[engine]), compared.diagnoses[engine]
@@ -142,14 +141,11 @@ def test_the_comparison_prints_the_diagnosis(stand_in: StandIn, scene_file: Scen
     assert kept == {"chain.py", "run.json", "stdout.txt", "stderr.txt"}  # and nothing of the trace that was refused
 
 
-def sabotaged(
-    engine: str, name: str, stand_in: StandIn, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> ComparedScene:
+def sabotaged(engine: str, name: str, stand_in: StandIn, scene: Path, tmp_path: Path) -> ComparedScene:
     """The small scene with gravity and a sensor, on one engine with its deck changed and on those in the repository."""
     file, good, bad, _ = SABOTAGE[engine, name]
     swap(engine, file, good, bad, stand_in, tmp_path)
-    monkeypatch.setattr("validation.compare.comparison.engine_names", lambda: [engine, *IN_REPOSITORY])
-    compared = run_and_compare(scene, runs=tmp_path / "runs")
+    compared = run_and_compare(scene, runs=tmp_path / "runs", asked=Asked((engine,)))
     assert not any(why.startswith(REFUSED) for why in compared.absent.values())
     return compared
 

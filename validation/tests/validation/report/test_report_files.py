@@ -118,6 +118,9 @@ def test_the_same_verdicts_in_all_three(written: tuple[str, dict[str, Any], Elem
     assert len(set(names)) == len(names)
     for suite in root.findall("testsuite"):
         assert int(suite.attrib["tests"]) == len(suite.findall("testcase"))
+        if suite.attrib["name"].startswith("independent."):
+            assert {test.attrib["time"] for test in suite} == {"0.250"}
+            assert suite.attrib["time"] == "0.500"  # two engines
 
 
 def test_hostile_words_stay_words(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
@@ -210,7 +213,8 @@ def test_a_hostile_figure_is_bytes_in_the_page(tmp_path: Path) -> None:
 
 def test_the_command_writes_all_three_and_says_how_it_was_called(scene_file: SceneWriter, tmp_path: Path) -> None:
     scene, page = scene_file(), tmp_path / "out" / "page.html"
-    done = command_line("validation", "report", scene, "--out", page, "--runs", tmp_path / "runs")
+    words = ("--out", page, "--runs", tmp_path / "runs", "--allow-missing")
+    done = command_line("validation", "report", scene, *words)
     assert done.returncode == 0, done.stderr
     data = json.loads(page.with_suffix(".json").read_text())
     assert data["made_with"]["command"].startswith("python -m validation report ")
@@ -238,7 +242,7 @@ def verdict(value: float, limit: float) -> Verdict:
 def line_of(case: str, title: str, engine: str, word: str) -> Line:
     """A line of the table of independent cases."""
     return Line(case, title, "", engine, "peak_force_N", "N", "theory", 1.0, 1.0, 0.0, "relative", 0.1, word, "",
-                "a reason of some length", "a source")  # fmt: skip
+                "a reason of some length", "a source", 0.25)  # fmt: skip
 
 
 def no(constant: str) -> None:

@@ -1,0 +1,121 @@
+"""Engines that a comparison or a report has to have run: named, counted as failures, and timed in the JUnit file."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.engines import REFERENCE, VERLET, codes, installed_codes
+from drivers.run.finished import FILE
+from validation.__main__ import main
+from validation.compare.comparison import Asked, run_and_compare
+from validation.compare.verdict import NOT_RUN
+from validation.tests.helpers.scenes import SceneWriter
+
+Command = Callable[..., int]
+COMMANDS = ("compare", "report")
+
+
+@pytest.fixture
+def command(scene_file: SceneWriter, tmp_path: Path, shared_runs: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
+    """A comparison or a report of the small scene."""
+
+    def run(name: str, *options: str) -> int:
+        place = ["--out", str(tmp_path / "out" / "page.html")] if name == "report" else []
+        words = [name, str(scene_file()), "--runs", str(shared_runs), *place, *options]
+        monkeypatch.setattr("sys.argv", ["validation", *words])
+        return main()
+
+    return run
+
+
+@pytest.fixture
+def without_codes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No code on PATH."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert not installed_codes()
+
+
+@pytest.mark.usefixtures("without_codes")
+@pytest.mark.parametrize("name", COMMANDS)
+def test_without_a_code_nothing_passes(name: str, command: Command, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command(name) == 1
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if not line.endswith(": compared")]
+    assert line.startswith("no established code ran: install one of ")
+    assert all(code in line for code in codes())
+    assert command(name, "--allow-missing") == 0
+    assert "no established code" not in capsys.readouterr().err
+    assert command(name, "--engine", VERLET) == 1  # a yardstick is no code
+
+
+@pytest.mark.usefixtures("without_codes")
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("code", codes())
+def test_an_engine_that_is_required_and_missing_is_a_failure(
+    code: str, name: str, command: Command, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for options in (("--require", code), ("--require", code, "--allow-missing"), ("--engine", code)):
+        assert command(name, *options) == 1
+        (line,) = [line for line in capsys.readouterr().err.splitlines() if not line.endswith(": compared")]
+        assert line.startswith(f"{code} is required and did not run: not installed; it comes with ")
+    assert command(name, "--engine", code, "--allow-missing") == 0
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("option", ["--engine", "--require"])
+def test_an_engine_that_nobody_knows_is_wrong_input(option: str, name: str, command: Command) -> None:
+    with pytest.raises(InputError, match=f'{option}: found "abacus"; allowed: .*{VERLET}'):
+        command(name, option, "abacus")
+
+
+def test_only_the_engines_named_run_beside_the_yardsticks(scene_file: SceneWriter, tmp_path: Path) -> None:
+    for code in codes():
+        compared = run_and_compare(scene_file(), runs=tmp_path / "runs", asked=Asked((code,)))
+        assert {*compared.runs, *compared.absent} == {code, VERLET, REFERENCE}
+        assert (code in compared.runs) is (code in installed_codes())
+
+
+def test_a_code_that_ran_is_enough(command: Command, shared_runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for code in installed_codes():
+        assert command("compare", "--engine", code) == 0
+        assert command("compare", "--require", code) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("without_codes")
+def test_the_files_for_programs_have_failures_and_times(command: Command, shared_runs: Path, tmp_path: Path) -> None:
+    required = codes()[0]
+    assert command("report", "--require", required) == 1
+    root = ElementTree.parse(tmp_path / "out" / "page.xml").getroot()
+    (failure,) = root.findall(".//failure")
+    assert failure.attrib["message"].startswith(f"{required} is required and did not run")
+    assert root.find(f"testsuite/testcase[@classname='required.{required}']/failure") is failure
+    assert (root.attrib["failures"], root.attrib["tests"]) == ("1", str(len(root.findall(".//testcase"))))
+    assert json.loads((tmp_path / "out" / "page.json").read_text())["unmet"].keys() == {required}
+    assert failure.attrib["message"] in (tmp_path / "out" / "page.html").read_text().replace("&#39;", "'")
+
+    (suite,) = [each for each in root.findall("testsuite") if each.attrib["name"] == "scenes.scene"]
+    wall_s = {}
+    for engine in (VERLET, REFERENCE):
+        (record,) = (shared_runs / engine).glob(f"scene-*/{FILE}")
+        wall_s[engine] = json.loads(record.read_text())["wall_s"]
+        times = {test.attrib["time"] for test in suite if test.attrib["classname"].endswith(f".{engine}")}
+        assert times == {f"{wall_s[engine]:.3f}"}
+    assert float(suite.attrib["time"]) == pytest.approx(sum(wall_s.values()), abs=1e-3)
+    assert float(suite.attrib["time"]) > 0.01
+    assert root.attrib["time"] == suite.attrib["time"]
+    assert {test.attrib["time"] for test in suite if test.find("skipped") is not None} == {"0.000"}
+    assert int(suite.attrib["skipped"]) == len(codes())
+
+
+def test_a_run_that_failed_has_its_time(scene_file: SceneWriter, tmp_path: Path) -> None:
+    """Steps above the limit of stability, which only a run in spite of the guard takes."""
+    scene = scene_file(step="50 us").read_text().replace('"1 us"', '"50 us"')
+    (tmp_path / "coarse.toml").write_text(scene)
+    compared = run_and_compare(tmp_path / "coarse.toml", runs=tmp_path / "runs", asked=Asked((VERLET,)), unsafe=True)
+    assert compared.absent[VERLET].startswith("failed")
+    assert compared.wall_s[VERLET] > 0
+    assert not [verdict for verdict in compared.verdicts if verdict.verdict == NOT_RUN]
