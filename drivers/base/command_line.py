@@ -42,6 +42,12 @@ def engines_file(text: str) -> Path:
     return path
 
 
+def engines_again() -> list[str]:
+    """``--engines`` as it was given, for a command that does the same again."""
+    given = os.environ.get(paths.ENGINES_VARIABLE)
+    return ["--engines", given] if given else []
+
+
 def must_be_folder(option: str, path: Path | None) -> None:
     """Refuses a folder that cannot be made or written to; tried beside or in what there is, and nothing stays.
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from drivers.base import paths
+from drivers.base.command_line import engines_again
 from drivers.chain.case import Case
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
@@ -80,8 +81,8 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> Row:
         note, diagnosis = scene.absent.get(engine, ""), scene.diagnoses.get(engine, "")
         cells[engine] = _cell(engine, own, note, scene.wall_s.get(engine, 0.0), cost, diagnosis)
     told = scene.case.scene
-    again = f"python -m validation compare {source_of(told)}"
-    again += f" --runs {shlex.quote(str(runs))}" if runs else ""
+    options = [*(["--runs", str(runs)] if runs else []), *engines_again()]
+    again = " ".join(["python -m validation compare", source_of(told), *map(shlex.quote, options)])
     return Row(told.name, told.title or told.name, again, cells)
 
 

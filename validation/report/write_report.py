@@ -9,6 +9,7 @@ from pathlib import Path
 
 from drivers.base import decks as deck
 from drivers.base import paths
+from drivers.base.command_line import engines_again
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.engines import in_order
@@ -64,12 +65,13 @@ def report(sources: list[str], out: Path | None, runs: Path | None, asked: Asked
 
 def _command(sources: list[str], out: Path | None, runs: Path | None, asked: Asked) -> str:
     """The command that makes the same page again; ``make report`` requires engines, too."""
-    options = [("--out", out), ("--runs", runs), *(("--engine", name) for name in asked.engines)]
-    if not sources and not asked.allow_missing and all(value is None for _, value in options):
+    given = [("--out", out), ("--runs", runs), *(("--engine", name) for name in asked.engines)]
+    options = [str(word) for option in given if option[1] is not None for word in option] + engines_again()
+    options += ["--allow-missing"] * asked.allow_missing
+    if not sources and not options:
         return AGAIN
-    options += [("--require", name) for name in asked.require]
-    words = [*sources, *(word for name, value in options if value is not None for word in (name, str(value)))]
-    return shlex.join(["python", "-m", "validation", "report", *words, *["--allow-missing"] * asked.allow_missing])
+    options += [word for name in asked.require for word in ("--require", name)]
+    return shlex.join(["python", "-m", "validation", "report", *sources, *options])
 
 
 def write_report(

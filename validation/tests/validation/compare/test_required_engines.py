@@ -13,7 +13,7 @@ from drivers.run.finished import FILE
 from validation.__main__ import main
 from validation.compare.comparison import Asked, run_and_compare
 from validation.compare.verdict import NOT_RUN
-from validation.tests.helpers.scenes import SceneWriter
+from validation.tests.helpers.scenes import EnginesWriter, SceneWriter
 
 Command = Callable[..., int]
 COMMANDS = ("compare", "report")
@@ -33,9 +33,9 @@ def command(scene_file: SceneWriter, tmp_path: Path, shared_runs: Path, monkeypa
 
 
 @pytest.fixture
-def without_codes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No code on PATH."""
-    monkeypatch.setenv("PATH", str(tmp_path))
+def without_codes(engines_file: EnginesWriter) -> None:
+    """Commands of codes that are nowhere to be found."""
+    engines_file("".join(f'[{code}]\ncommand = "{code}-is-nowhere"\n' for code in codes()))
     assert not installed_codes()
 
 
@@ -94,7 +94,10 @@ def test_the_files_for_programs_have_failures_and_times(command: Command, shared
     assert failure.attrib["message"].startswith(f"{required} is required and did not run")
     assert root.find(f"testsuite/testcase[@classname='required.{required}']/failure") is failure
     assert (root.attrib["failures"], root.attrib["tests"]) == ("1", str(len(root.findall(".//testcase"))))
-    assert json.loads((tmp_path / "out" / "page.json").read_text())["unmet"].keys() == {required}
+    data = json.loads((tmp_path / "out" / "page.json").read_text())
+    assert data["unmet"].keys() == {required}
+    assert data["made_with"]["command"].endswith(f" --engines {tmp_path}/own-engines.toml --require {required}")
+    assert data["scenes"][0]["command"].endswith(f" --engines {tmp_path}/own-engines.toml")
     assert failure.attrib["message"] in (tmp_path / "out" / "page.html").read_text().replace("&#39;", "'")
 
     (suite,) = [each for each in root.findall("testsuite") if each.attrib["name"] == "scenes.scene"]
