@@ -39,9 +39,9 @@ def validate(model: type[Model], data: object, where: str, prefix: str = "") -> 
         path = list(first["loc"])
         if path[:2] == ["run", "accuracy"]:
             path = path[:2]  # what follows names a branch of its type
-        elif path[-1] == "[key]":
+        elif path and path[-1] == "[key]":
             path.pop()
-        key = prefix + ".".join(str(part) for part in path)
+        key = (prefix + ".".join(str(part) for part in path)).rstrip(".")
         found, allowed = _told(first, model, path)
         raise InputError(where, key, found, allowed + (f" (and {more} more to mend)" if more else "")) from None
 

@@ -161,13 +161,19 @@ def _adapters() -> tuple[str, ...]:
 
 
 def load_engine(name: str) -> Engine:
-    """The engine of a name."""
+    """The engine of a name.
+
+    Raises:
+        InputError: its adapter cannot be loaded, or its entry is one of this repository's engines.
+    """
     entry = entries(_adapters())[name]
     if entry.adapter in _adapters():
         engine = import_module(f"{__name__}.{entry.adapter}").ENGINE
     else:
         engine = _adapter_elsewhere(Path(entry.adapter), f"{entry.where}: {name}")
     assert isinstance(engine, Engine)
+    if engine.in_repository and entry.where:
+        raise InputError(entry.where, name, f'adapter "{entry.adapter}"', "a code: this one is part of the repository")
     return replace(engine, name=name, entry=entry, how_to_get=entry.how_to_get or engine.how_to_get)
 
 

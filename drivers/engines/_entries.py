@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BeforeValidator, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError
@@ -30,7 +30,7 @@ def _alternatives(value: object) -> object:
 class _Entry(Part):
     adapter: str | None = None
     command: Annotated[tuple[tuple[str, ...], ...] | None, BeforeValidator(_alternatives)] = None
-    variables: Annotated[tuple[str, ...], BeforeValidator(lambda value: tuple(value))] = ()
+    variables: tuple[str, ...] = Field(default=(), strict=False)
     time_limit: units.Duration | None = None
     how_to_get: str | None = None
 

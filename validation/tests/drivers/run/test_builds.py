@@ -1,0 +1,170 @@
+"""Builds: which program ran is part of a run, and own builds and adapters are engines beside the shipped ones."""
+
+import json
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.base.processes import run_command
+from drivers.engines import codes, engine_names, installed, installed_codes, load_engine
+from drivers.run.build import build_of
+from drivers.run.run import run_case
+from validation.compare.departure import deviation
+from validation.tests.drivers.batch.test_batch import batch, stored
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.runs import finished, need
+from validation.tests.helpers.scenes import SPEEDS, EnginesWriter, SceneWriter, StandIn, StudyWriter, case_of
+
+OWN_ADAPTER = """
+from dataclasses import replace
+
+from drivers.engines import load_engine
+
+ENGINE = replace(load_engine("verlet"), in_repository=False, version=lambda command: "mine 1.0", style=None)
+"""
+
+
+@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+def test_a_wrong_build_that_calls_itself_the_same_is_run_and_told_apart(
+    engine: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    """A stand-in makes the beads softer, and hands all else over, its version too."""
+    need(engine)
+    case, runs = case_of(scene_file(duration="0.1 ms")), tmp_path / "runs"
+    right, verlet = finished(case, engine, runs), finished(case, "verlet", runs)
+    softer = "for deck in chain.*; do [ -e $deck ] && sed -i s/1460000000/1459900000/ $deck; done"
+    stand_in(engine, f'{softer}\nexec {shutil.which(engine)} "$@"\n')
+    wrong = run_case(case, engine, runs)
+    assert wrong.folder != right.folder
+    assert wrong.record.engine_version == right.record.engine_version
+    assert wrong.record.build_sha256 != right.record.build_sha256
+    assert wrong.record.executable == str(tmp_path / "bin" / engine)
+    assert deviation(right.trace, verlet.trace).share < 1e-9
+    assert deviation(wrong.trace, verlet.trace).share > 1e-6
+    done = command_line("validation", "compare", tmp_path / "scene.toml", "--runs", runs)
+    assert done.returncode == 1
+    assert re.search(rf"{engine} .*fail", done.stdout), done.stdout
+
+
+def test_a_script_is_told_from_another_by_what_it_starts(
+    engines_file: EnginesWriter, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    """Named by its path, as lying beside the script, or after exec; however the scripts are called."""
+    need("liggghts")
+    for name, text in {"outer": 'exec "$(dirname "$0")/inner" "$@"', "inner": 'exec liggghts "$@"'}.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
+        (tmp_path / name).chmod(0o755)
+    engines_file('[mine]\nadapter = "liggghts"\ncommand = "./outer"\n')
+    (tmp_path / "aside").symlink_to(tmp_path)
+    before = build_of(load_engine("mine"), tmp_path)
+    assert before.version == build_of(load_engine("liggghts"), tmp_path / "runs").version
+    assert build_of(load_engine("mine"), tmp_path) == before
+    (tmp_path / "inner").write_text('#!/bin/sh\n# another\nexec liggghts "$@"\n')
+    assert build_of(load_engine("mine"), tmp_path).sha256 != before.sha256
+    assert finished(case_of(scene_file(duration="0.05 ms")), "mine", tmp_path / "runs").done
+
+
+def test_builds_stand_side_by_side(engines_file: EnginesWriter, study_file: StudyWriter, tmp_path: Path) -> None:
+    """A run each, a row each in a batch, the same numbers; and another name is no installed engine."""
+    need("liggghts")
+    path = engines_file(
+        '[liggghts-again]\nadapter = "liggghts"\ncommand = ["no-such-program", "env A=1 liggghts"]\n'
+        'time_limit = "1 min"\n[liggghts-gone]\nadapter = "liggghts"\ncommand = "./liggghts"\n'
+    )
+    assert {"liggghts-again", "liggghts-gone"} <= set(codes())
+    assert installed(["liggghts-again", "liggghts-gone"]) == ("liggghts-again",)
+    words = ("run", tmp_path / "scene.toml", "--engines", path, "--runs", tmp_path / "runs")
+    study = study_file(SPEEDS.format(2), "liggghts", "liggghts-again")
+    done = command_line("drivers", *words, "--engine", "liggghts", "--engine", "liggghts-again")
+    assert (done.returncode, done.stderr) == (0, "")
+    one, other = (Path(line) for line in done.stdout.splitlines())
+    assert (one.parent.name, other.parent.name) == ("liggghts", "liggghts-again")
+    assert (one / "chain.in").read_bytes() == (other / "chain.in").read_bytes()
+    assert (one / "forces.parquet").read_bytes() == (other / "forces.parquet").read_bytes()
+    assert json.loads((other / "run.json").read_text())["executable"] == f"{shutil.which('env')} A=1 liggghts"
+    assert batch(study, tmp_path / "runs").returncode == 0
+    assert set(stored(tmp_path / "runs").values()) == {1}
+    assert len(stored(tmp_path / "runs")) == 4
+    done = command_line("drivers", *words, "--engine", "liggghts-gone")
+    assert done.returncode == 1
+    assert "not installed" in done.stderr
+
+
+def test_variables_are_passed_on_by_name(engines_file: EnginesWriter, stand_in: StandIn, tmp_path: Path,
+                                         monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
+    stand_in("teller", 'echo "$MODULE_ONE $OTHER"')
+    monkeypatch.setenv("MODULE_ONE", "one")
+    monkeypatch.setenv("OTHER", "two")
+    engines_file('[mine]\nadapter = "liggghts"\ncommand = "teller"\nvariables = ["MODULE_*"]\n')
+    engine = load_engine("mine")
+    command = engine.find()
+    assert command is not None
+    run_command(command, tmp_path, 10.0, **engine.environment)
+    assert (tmp_path / "stdout.txt").read_text() == "one \n"
+
+
+def test_a_programs_memory_is_its_own(tmp_path: Path) -> None:
+    """Not that of this process, as large as it may be."""
+    large = np.ones(50_000_000)
+    small = run_command(("true",), tmp_path, 10.0).memory_bytes
+    more = run_command((sys.executable, "-c", "bytearray(100_000_000)"), tmp_path, 10.0).memory_bytes
+    assert small < 30e6 < 100e6 < more < 150e6 < large.nbytes
+
+
+def test_an_adapter_from_elsewhere_is_an_engine_everywhere(
+    engines_file: EnginesWriter, study_file: StudyWriter, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(OWN_ADAPTER)
+    path = engines_file(f'[mine]\nadapter = "mine.py"\ncommand = "{sys.executable}"\n')
+    assert "mine" in installed_codes()
+    done = command_line(
+        "validation", "compare", tmp_path / "scene.toml", "--engines", path, "--runs", tmp_path / "runs"
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"^scene +mine .*pass", done.stdout, re.MULTILINE)
+    study, runs = study_file(SPEEDS.format(3), "mine"), tmp_path / "runs"
+    assert batch(study, runs).returncode == 0
+    before = set(stored(runs))
+    (tmp_path / "mine.py").write_text(OWN_ADAPTER.replace("mine 1.0", "mine 1.1"))
+    assert batch(study, runs).returncode == 0
+    assert set(stored(runs)) > before
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('[liggghts]\ncomand = "lmp"', r"liggghts.comand: found an unknown key; allowed: did you mean command\?"),
+        ("[liggghts]\ncommand = 3", 'liggghts.command: found 3; allowed: a command such as "mpirun -np 1 lmp"'),
+        ("[liggghts]\ncommand = []", "liggghts.command: .*a list of them"),
+        ("[liggghts]\ncommand = 'lmp \"'", "liggghts.command: .*a command"),
+        ('[mine]\nadapter = "lamps"', 'mine.adapter: found "lamps"; allowed: .*yade, or the path of a .py file'),
+        ('[mine]\nadapter = "gone.py"', "mine.adapter: .*path of a .py file"),
+        ('[liggghts]\ntime_limit = "10"', "liggghts.time_limit: .*a time above zero with its unit"),
+        ("[liggghts]\nvariables = [1]", "liggghts.variables"),
+        ('[liggghts]\nvariables = "LMP"', "liggghts.variables"),
+        ('["../x"]\nadapter = "yade"', "letters, digits"),
+        ("liggghts = 1", "liggghts: found 1; allowed: a table"),
+        ("[", "TOML"),
+    ],
+)
+def test_wrong_entries_are_told_in_one_line(text: str, words: str, engines_file: EnginesWriter) -> None:
+    path = engines_file(text)
+    with pytest.raises(InputError, match=words) as raised:
+        engine_names()
+    assert path.name in str(raised.value)
+
+
+def test_a_wrong_adapter_or_file_ends_a_command_with_code_two(engines_file: EnginesWriter, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("import nothing_of_that_name\n")
+    (tmp_path / "verlet.toml").write_text('[mine]\nadapter = "verlet"\n')
+    path, words = engines_file('[mine]\nadapter = "mine.py"\n'), "nothing_of_that_name"
+    others = {tmp_path / "gone.toml": "No such file", tmp_path / "verlet.toml": "mine: found .*part of the repository"}
+    for file, words in {path: "nothing_of_that_name", **others}.items():
+        done = command_line("drivers", "run", "fig4", "--engines", file, "--engine", "mine")
+        assert done.returncode == 2
+        assert re.fullmatch(rf".*{words}.*\n", done.stderr)
