@@ -1,4 +1,4 @@
-"""Values of decks that several codes need: elastic constants, tables of pairs of types, requests."""
+"""Values of decks that several codes need: elastic constants, tables of pairs of types."""
 
 from collections.abc import Iterable, Sequence
 
@@ -23,9 +23,3 @@ def table_of_pairs(types: Sequence[str], pairs: Iterable[tuple[str, str, float]]
         i, j = types.index(one), types.index(other)
         table[i, j] = table[j, i] = value
     return [float(value) for value in table.ravel()]
-
-
-def request_by_include(folder: str, word: str) -> str:
-    """Commands of LAMMPS and its descendants that run ``chain.in`` of a folder, forget it, and print the word."""
-    deck = f"shell cd {folder}\ninclude chain.in\nclear\nshell cd ..\n" if folder else ""
-    return f'{deck}print "{word}"\n'

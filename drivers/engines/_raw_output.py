@@ -1,6 +1,9 @@
 """Readers of raw output, for any adapter: arrays, binary dumps, and contact forces from the forces on bodies."""
 
+import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +14,27 @@ from drivers.base.errors import RunError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 
-# a frame of LIGGGHTS' binary dump up to its values, on one process; those of LAMMPS have some fields more
-FRAME_HEAD: tuple[tuple[Any, ...], ...] = (
+# fields of a frame of a binary dump up to its chunks, one of each process: a count and as many values
+_FRAME: tuple[tuple[Any, ...], ...] = (
     ("step", "i8"),
     ("atoms", "i8"),
     ("triclinic", "i4"),
     ("boundary", "i4", 6),
     ("box", "f8", 6),
     ("columns", "i4"),
-    ("processes", "i4"),
-    ("count", "i4"),
 )
+_MAGIC = (-10).to_bytes(8, sys.byteorder, signed=True) + b"DUMPCUSTOM"  # LAMMPS since 2020 begins frames with it
+
+
+@dataclass(frozen=True)
+class _Dump:
+    """A binary dump, and its frames, if all have chunks of the sizes that the first one has, in values."""
+
+    raw: bytes
+    head: np.dtype[np.void]
+    sizes: tuple[int, ...]
+    frames: NDArray[np.void]
+    whole: NDArray[np.bool_]
 
 
 def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
@@ -45,69 +58,89 @@ def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, 
     return arrays
 
 
-def read_dump(
-    case: Case, path: Path, columns: tuple[str, ...], head: tuple[tuple[Any, ...], ...] = FRAME_HEAD
-) -> dict[str, Array]:
-    """Columns of a binary dump by name, each of shape (samples, bodies).
+def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Array]:
+    """Columns of a binary dump of LAMMPS or a descendant by name, each of shape (samples, bodies).
 
     Args:
         case: the case; its bodies are atoms 1, 2, ... from the lowest up.
-        path: the dump, whose frames are sorted by atom.
+        path: the dump, of any number of processes, whose frames are sorted by atom.
         columns: their names; the first is the atom's number.
-        head: fields of a frame before its values, among them ``step``, ``atoms`` and ``count``.
 
     Raises:
         RunError: frames or bodies are missing, or the file is torn.
     """
     bodies, samples = case.chain.bodies, case.scene.samples
-    frames = _frames(case, path, columns, head)
-    good = _whole(case, frames, columns)
-    if not good.all():
-        first = int(np.argmin(good))
-        atoms, count = frames["atoms"][first], frames["count"][first]
-        if 0 <= atoms < bodies and count == atoms * len(columns):
+    dump = _open_dump(path, columns, bodies)
+    frames = dump.frames
+    if not dump.whole.all():
+        first = int(np.argmin(dump.whole))
+        atoms, values = frames["atoms"][first], sum(_chunks(dump.raw, dump.head, first * frames.itemsize))
+        if 0 <= atoms < bodies and values == atoms * len(columns):
             at = case.sample_times_s[min(first, samples - 1)]
             raise RunError(f"unstable at t = {at:g} s: {atoms} bodies instead of {bodies}, one was lost")
+        if atoms == bodies and values == bodies * len(columns):
+            raise RunError(f"output of {len(dump.sizes)} processes is in another order from sample {first + 1} on")
         raise RunError(f"output is torn in sample {first + 1}")
     if len(frames) != samples:
         raise RunError(f"output ends in sample {min(len(frames) + 1, samples)} of {samples}")
     if not np.array_equal(frames["step"], case.sample_steps):
         raise RunError("output has other time steps than the samples")
-    if (frames["values"][:, :, 0] != np.arange(1, bodies + 1)).any():
+    found = _columns(dump, columns, samples)
+    if (found[columns[0]] != np.arange(1, bodies + 1)).any():
         raise RunError("output has its beads in another order")
-    return _columns(frames, columns)
+    return found
 
 
-def read_partial_dump(
-    case: Case, path: Path, columns: tuple[str, ...], head: tuple[tuple[Any, ...], ...] = FRAME_HEAD
-) -> dict[str, Array] | None:
+def read_partial_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Array] | None:
     """As ``read_dump``, of the samples before a body was lost or the run ended; None where there are none."""
     try:
-        frames = _frames(case, path, columns, head)
+        dump = _open_dump(path, columns, case.chain.bodies)
     except RunError:
         return None
-    whole = np.logical_and.accumulate(_whole(case, frames, columns))[: case.scene.samples]
-    return _columns(frames[: whole.sum()], columns) if whole.any() else None
+    whole = int(np.logical_and.accumulate(dump.whole)[: case.scene.samples].sum())
+    return _columns(dump, columns, whole) if whole else None
 
 
-def _frames(case: Case, path: Path, columns: tuple[str, ...], head: tuple[tuple[Any, ...], ...]) -> NDArray[np.void]:
+def _open_dump(path: Path, columns: tuple[str, ...], bodies: int) -> _Dump:
     """Complete frames, whatever is in them."""
-    frame = np.dtype([*head, ("values", "f8", (case.chain.bodies, len(columns)))])
     try:
         raw = path.read_bytes()
     except OSError as error:
         raise RunError(f"no output: {error.strerror}") from error
-    return np.frombuffer(raw, frame, count=len(raw) // frame.itemsize)
+    fields = list(_FRAME)
+    if raw.startswith(_MAGIC):
+        names = ("names", f"S{len(' '.join(columns))}")
+        fields = [("magic", "V26"), *fields, ("units", "i4"), ("timed", "i1"), ("letters", "i4"), names]
+    head = np.dtype([*fields, ("processes", "i4")])
+    sizes = _chunks(raw, head, 0)
+    if sum(sizes) != bodies * len(columns):
+        sizes = (bodies * len(columns),)  # the first frame is torn or has lost a body
+    chunks = [((f"count{i}", "i4"), (f"values{i}", "f8", size)) for i, size in enumerate(sizes)]
+    frame = np.dtype([*fields, ("processes", "i4"), *chain.from_iterable(chunks)])
+    frames = np.frombuffer(raw, frame, count=len(raw) // frame.itemsize)
+    whole = (frames["atoms"] == bodies) & (frames["processes"] == len(sizes))
+    for i, size in enumerate(sizes):
+        whole &= frames[f"count{i}"] == size
+    return _Dump(raw, head, sizes, frames, np.asarray(whole))
 
 
-def _whole(case: Case, frames: NDArray[np.void], columns: tuple[str, ...]) -> NDArray[np.bool_]:
-    """Which frames hold all bodies."""
-    bodies = case.chain.bodies
-    return np.asarray((frames["atoms"] == bodies) & (frames["count"] == bodies * len(columns)))
+def _chunks(raw: bytes, head: np.dtype[np.void], start: int) -> tuple[int, ...]:
+    """How many values the processes have in the frame that begins at ``start``, as far as the file goes."""
+    if start + head.itemsize > len(raw):
+        return ()
+    (begun,), at = np.frombuffer(raw, head, 1, start), start + head.itemsize
+    sizes: list[int] = []
+    while len(sizes) < begun["processes"] and at + 4 <= len(raw):
+        sizes.append(int(np.frombuffer(raw, "i4", 1, at)[0]))
+        at += 4 + 8 * max(sizes[-1], 0)
+    return tuple(sizes)
 
 
-def _columns(frames: NDArray[np.void], columns: tuple[str, ...]) -> dict[str, Array]:
-    return {name: frames["values"][:, :, place] for place, name in enumerate(columns)}
+def _columns(dump: _Dump, columns: tuple[str, ...], samples: int) -> dict[str, Array]:
+    chunks = [dump.frames[f"values{i}"][:samples] for i in range(len(dump.sizes))]
+    values = chunks[0] if len(chunks) == 1 else np.concatenate(chunks, axis=1)
+    values = values.reshape(samples, -1, len(columns))
+    return {name: values[:, :, place] for place, name in enumerate(columns)}
 
 
 def contact_forces(lowest_N: Array, contacts_N: Array) -> Array:

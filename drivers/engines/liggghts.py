@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,18 +17,29 @@ from drivers.chain.chain import Array, Chain, energy_put_in, free_fall, sphere_f
 from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, restitution_with_attraction
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import IN_HEIGHTS, TOTAL, Engine, Style, last_line
-from drivers.engines._deck_values import elastic_constants, request_by_include, table_of_pairs
-from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
+from drivers.engines import IN_HEIGHTS, TOTAL, Engine, Style
+from drivers.engines._deck_values import elastic_constants, table_of_pairs
+from drivers.engines._lammps_family import (
+    DUMP,
+    FLAT,
+    LOOP_PATTERN,
+    LOSS_MESSAGE,
+    MAX_BODIES_IN_PAIRS,
+    axial_forces,
+    command_of,
+    contact_kn,
+    failure_reason,
+    on_two_cores,
+    request_by_include,
+    server_of,
+)
+from drivers.engines._raw_output import read_dump, read_partial_dump
 
-COMMAND = ("stdbuf", "-oL", "liggghts", "-in", "chain.in", "-log", "none")
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
-MAX_BODIES_IN_PAIRS = 200  # up to which all pairs are searched for neighbours: bins of the whole space take longer
-MESH, DUMP = "tube.stl", "chain.bin"
+MESH = "tube.stl"
 MAX_TRIANGLES = 100_000  # of a mesh: some 20 MB of text
 MAX_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
 MIN_COEFFICIENT = 0.05  # of restitution, which it takes only from above here
-FLAT = "flat "  # before the material's name: the type of a striker's flat face
 TUBE = " tube"  # the type of the bore: no material's name begins with a space
 PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
 WALL_FORCE, BORE_FORCE = "f_force_wall[3]", tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
@@ -138,7 +149,11 @@ def render(case: Case) -> Deck:
     density, place = chain.mass_kg / (4 / 3 * math.pi * radius**3), chain.place_m
     place[:, 2] += _above_face(case)
     type_of = [types.index(label) + 1 for label in labels]
+    below = [chain.wall, *labels[:-1]]  # what each contact joins to the body above
+    contacts = zip(below, labels, contact_kn(chain, radius).tolist(), strict=True)
+    kn_of_contacts = [(one, other, kn) for one, other, kn in contacts if one]
     values = {
+        "code": "LIGGGHTS",
         "case": case,
         "box": _box(case, radius, place[:, 2]),
         "atoms": list(zip(type_of, 2 * radius, density, place.tolist(), strict=True)),
@@ -147,7 +162,7 @@ def render(case: Case) -> Deck:
         "moduli": moduli,
         "ratios": ratios,
         "wall_type": types.index(chain.wall) + 1 if chain.wall else 0,
-        "contact_kn": table_of_pairs(types, _contact_kn(chain, radius, labels), 1.0) if springs else [],
+        "contact_kn": table_of_pairs(types, kn_of_contacts, 1.0) if springs else [],
         "bore_kn": table_of_pairs(types, _bore_kn(chain, labels), 0.0),
         "bore_kt": table_of_pairs(types, _bore_kn(chain, labels, shear=True), 0.0),
         "friction": _friction(chain, types),
@@ -160,10 +175,11 @@ def render(case: Case) -> Deck:
         "mesh": MESH,
         "columns": _columns(case),
     }
-    files = {name: render_template(f"liggghts/{name}.j2", **values) for name in ("chain.in", "chain.data")}
+    templates = ("liggghts/chain.in.j2", "lammps/chain.data.j2")  # its data files are those of its ancestor
+    files = {Path(name).stem: render_template(name, **values) for name in templates}
     if bore and bore.sides:
         files[MESH] = bore.mesh
-    return Deck(files, COMMAND, raw=(DUMP,))
+    return Deck(files, command_of("liggghts"), raw=(DUMP,))
 
 
 def _labels(case: Case) -> list[str]:
@@ -180,15 +196,6 @@ def _labels(case: Case) -> list[str]:
     if np.isinf(chain.radius_m[-1]):
         labels[-1] = FLAT + labels[-1]
     return labels
-
-
-def _contact_kn(chain: Chain, radius: Array, labels: list[str]) -> Iterator[tuple[str, str, float]]:
-    """Kn of pairs of types in ``F = kn sqrt(R*) overlap^(3/2)``, for contacts between bodies and with the wall."""
-    if chain.wall:
-        yield chain.wall, labels[0], chain.stiffness[0] / math.sqrt(radius[0])
-    for j in range(1, chain.bodies):
-        reduced = 1 / (1 / radius[j - 1] + 1 / radius[j])
-        yield labels[j - 1], labels[j], chain.stiffness[j] / math.sqrt(reduced)
 
 
 def _bore_kn(chain: Chain, labels: list[str], *, shear: bool = False) -> Iterator[tuple[str, str, float]]:
@@ -234,18 +241,13 @@ def partial_trace(case: Case, folder: Path) -> Trace | None:
 
 
 def _trace(case: Case, found: dict[str, Array]) -> Trace:
-    """The trace of a dump's columns.
-
-    ``fz`` is the total force on a bead, so with the wall's force F_1 known, contact forces follow upwards, without the
-    bore's share: ``F_{j+1} = F_j - fz_j + load_j + bore_j``.
-    """
-    chain, height, on_bodies = case.chain, found["z"], found["fz"] - case.chain.load_N
+    """The trace of a dump's columns."""
+    chain, height = case.chain, found["z"]
     times = case.sample_times_s[: len(height)]
     if np.isinf(chain.radius_m[-1]):
         height = height - _above_face(case)
-    lowest = found[WALL_FORCE][:, 0] if chain.wall else np.zeros(len(height))
     if chain.lateral is None:
-        return make_trace(chain, times, contact_forces(lowest, on_bodies), height, found["vz"])
+        return make_trace(chain, times, axial_forces(chain, found, WALL_FORCE), height, found["vz"])
 
     def vectors(names: tuple[str, ...]) -> Array:
         return np.stack([found[name] for name in names], axis=2)
@@ -253,21 +255,8 @@ def _trace(case: Case, found: dict[str, Array]) -> Trace:
     place, velocity = vectors(PLACE), vectors(VELOCITY)
     spin, bore = (vectors(names) if names[0] in found else None for names in (SPIN, BORE_FORCE))
     place[:, :, 2] = height
-    force = contact_forces(lowest, on_bodies if bore is None else on_bodies - bore[:, :, 2])
+    force = axial_forces(chain, found, WALL_FORCE, None if bore is None else bore[:, :, 2])
     return make_trace(chain, times, force, place, velocity, spin, bore)
-
-
-def failure_reason(stdout: str, stderr: str) -> str:
-    """The line that begins with ERROR; else the last one that is not of the library which looks for processors."""
-    errors = [line.strip() for line in f"{stderr}\n{stdout}".splitlines() if line.startswith("ERROR")]
-    return errors[-1] if errors else last_line(stderr, stdout, ("[hwloc/",))
-
-
-def on_two_cores(deck: Deck) -> Deck:
-    """The deck with the two halves of the chain, one above the other, on a core each."""
-    files = {name: text.replace("boundary ", "processors      1 1 2\nboundary ") for name, text in deck.files.items()}
-    command = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-np", "2", *deck.command)
-    return replace(deck, files=files, command=command)
 
 
 ENGINE = Engine(
@@ -279,13 +268,13 @@ ENGINE = Engine(
     models=STRAIGHT | SIDEWAYS,
     refusal=refusal,
     render=render,
-    server=Deck({}, ("stdbuf", "-oL", "liggghts", "-log", "none"), raw=()),  # takes its commands from stdin
+    server=server_of("liggghts"),
     request=request_by_include,
     read=read,
     partial_trace=partial_trace,
     failure_reason=failure_reason,
-    loss_message="Lost atoms",
-    loop_pattern=r"^Loop time of ([0-9.e+-]*[0-9]) on",
+    loss_message=LOSS_MESSAGE,
+    loop_pattern=LOOP_PATTERN,
     on_two_cores=on_two_cores,
     style=Style("#0072b2", marker="s", size=4.5),
 )

@@ -14,7 +14,7 @@ FAINT = "#555555"
 OPEN = "#e4e7ea"  # where there is no contact
 # engines without a style of their own get these, in the order of their names
 SPARE = (
-    Style("#cc79a7", dashes=(0, (6, 2, 1, 2))),
+    Style("#332288", dashes=(0, (4, 1, 1, 1))),
     Style("#e69f00", dashes=(0, (3, 1)), marker="v"),
     Style("#56b4e9", dashes=(0, (8, 3)), marker="D", size=4.0),
     Style("#882255", dashes=(0, (5, 1, 1, 1, 1, 1)), marker="+", size=6.0),

@@ -1,0 +1,61 @@
+"""What LAMMPS and its descendants share: commands, their own words, stiffness by pairs of types, axial forces."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.base.decks import Deck
+from drivers.chain.chain import Array, Chain
+from drivers.engines import last_line
+from drivers.engines._raw_output import contact_forces
+
+DUMP = "chain.bin"
+FLAT = "flat "  # before the material's name: the type of a striker's flat face
+LOOP_PATTERN = r"^Loop time of ([0-9.e+-]*[0-9]) on"
+LOSS_MESSAGE = "Lost atoms"
+MAX_BODIES_IN_PAIRS = 200  # up to which all pairs are searched for neighbours: bins of the whole space take longer
+
+
+def server_of(program: str) -> Deck:
+    """A process that takes its commands from stdin."""
+    return Deck({}, ("stdbuf", "-oL", program, "-log", "none"), raw=())
+
+
+def command_of(program: str) -> tuple[str, ...]:
+    """The command of a deck; ``-oL`` saves the last words of a process that aborts."""
+    return ("stdbuf", "-oL", program, "-in", "chain.in", "-log", "none")
+
+
+def request_by_include(folder: str, word: str) -> str:
+    """Commands that run ``chain.in`` of a folder, forget it, and print the word."""
+    deck = f"shell cd {folder}\ninclude chain.in\nclear\nshell cd ..\n" if folder else ""
+    return f'{deck}print "{word}"\n'
+
+
+def failure_reason(stdout: str, stderr: str) -> str:
+    """The line that begins with ERROR; else the last one that is not of the library which looks for processors."""
+    errors = [line.strip() for line in f"{stderr}\n{stdout}".splitlines() if line.startswith("ERROR")]
+    return errors[-1] if errors else last_line(stderr, stdout, ("[hwloc/",))
+
+
+def on_two_cores(deck: Deck) -> Deck:
+    """The deck with the two halves of the chain, one above the other, on a core each."""
+    files = {name: text.replace("boundary ", "processors      1 1 2\nboundary ") for name, text in deck.files.items()}
+    command = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-np", "2", *deck.command)
+    return replace(deck, files=files, command=command)
+
+
+def contact_kn(chain: Chain, radius_m: Array) -> Array:
+    """Kn of each contact in ``F = kn sqrt(R*) overlap^(3/2)``, by the radii of the atoms. Shape (bodies,)."""
+    reduced = np.append(radius_m[0], 1 / (1 / radius_m[1:] + 1 / radius_m[:-1]))
+    return np.asarray(chain.stiffness / np.sqrt(reduced))
+
+
+def axial_forces(chain: Chain, found: dict[str, Array], wall_force: str, bore_N: Array | None = None) -> Array:
+    """Contact forces by the columns ``fz``, the total force on a bead, and ``wall_force`` of a dump.
+
+    With the wall's force F_1 they follow upwards, without the bore's share: ``F_{j+1} = F_j - fz_j + load_j + bore_j``.
+    """
+    on_bodies = found["fz"] - chain.load_N
+    lowest = found[wall_force][:, 0] if chain.wall else np.zeros(len(on_bodies))
+    return contact_forces(lowest, on_bodies if bore_N is None else on_bodies - bore_N)

