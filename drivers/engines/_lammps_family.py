@@ -13,6 +13,12 @@ DUMP = "chain.bin"
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
 LOOP_PATTERN = r"^Loop time of ([0-9.e+-]*[0-9]) on"
 LOSS_MESSAGE = "Lost atoms"
+# which other libraries do not need: to run as root, and on fewer cores than processes
+OPEN_MPI = (
+    "OMPI_ALLOW_RUN_AS_ROOT=1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1",
+    "OMPI_MCA_rmaps_base_oversubscribe=1",
+)
 MAX_BODIES_IN_PAIRS = 200  # up to which all pairs are searched for neighbours: bins of the whole space take longer
 
 
@@ -41,7 +47,7 @@ def failure_reason(stdout: str, stderr: str) -> str:
 def on_two_cores(deck: Deck) -> Deck:
     """The deck with the two halves of the chain, one above the other, on a core each."""
     files = {name: text.replace("boundary ", "processors      1 1 2\nboundary ") for name, text in deck.files.items()}
-    command = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-np", "2", *deck.command)
+    command = ("env", *OPEN_MPI, "mpirun", "-np", "2", *deck.command)
     return replace(deck, files=files, command=command)
 
 

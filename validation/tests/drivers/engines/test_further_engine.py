@@ -1,6 +1,7 @@
 """What a further engine finds ready: a look of its own, readers of raw output, tables of pairs."""
 
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -8,17 +9,20 @@ import numpy as np
 import pytest
 
 from drivers.base.errors import RunError
-from drivers.engines import Engine, load_engine
+from drivers.base.processes import run_command
+from drivers.chain.case import Case
+from drivers.engines import Engine, engine_names, installed_codes, load_engine
 from drivers.engines._deck_values import table_of_pairs
-from drivers.engines._raw_output import FRAME_HEAD, contact_forces, read_dump, read_partial_dump
+from drivers.engines._lammps_family import DUMP
+from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
+from drivers.run.guard import checked_trace
 from postproc.draw import style
+from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
-
-LONGER_HEAD: tuple[tuple[Any, ...], ...] = (("magic", "S10"), *FRAME_HEAD, ("names", "S5"))
 
 
 def test_engines_without_a_style_look_different(monkeypatch: pytest.MonkeyPatch) -> None:
-    shipped = ["liggghts", "reference", "verlet", "yade"]
+    shipped = engine_names()
     plain = {f"mine{place}": replace(load_engine("verlet"), style=None) for place in range(len(style.SPARE))}
 
     def load(name: str) -> Engine:
@@ -31,22 +35,82 @@ def test_engines_without_a_style_look_different(monkeypatch: pytest.MonkeyPatch)
     assert all(look == load_engine(name).style for name, look in zip(shipped, looks, strict=False))
 
 
-@pytest.mark.parametrize("head", [FRAME_HEAD, LONGER_HEAD])
-def test_a_dump_is_read_whatever_stands_in_its_head(head: tuple[tuple[Any, ...], ...], tmp_path: Path) -> None:
+HEAD: tuple[tuple[Any, ...], ...] = (
+    ("step", "i8"), ("atoms", "i8"), ("triclinic", "i4"), ("boundary", "i4", 6), ("box", "f8", 6), ("columns", "i4"),
+)  # fmt: skip
+MAGIC = (-10).to_bytes(8, "little", signed=True) + b"DUMPCUSTOM" + (1).to_bytes(4, "little") + (2).to_bytes(4, "little")
+
+
+def dump_of(case: Case, shares: tuple[int, ...], *, since_2020: bool) -> np.ndarray[Any, np.dtype[np.void]]:
+    """Frames of a binary dump of ``id`` and ``z``, which is the atom's number too, in a chunk for each process."""
+    before = [("magic", "V26")] if since_2020 else []
+    behind = [("units", "i4"), ("timed", "i1"), ("letters", "i4"), ("names", "S4")] if since_2020 else []
+    chunks = [((f"count{i}", "i4"), (f"values{i}", "f8", (share, 2))) for i, share in enumerate(shares)]
+    fields: list[Any] = [*before, *HEAD, *behind, ("processes", "i4"), *chain.from_iterable(chunks)]
+    frames = np.zeros(case.scene.samples, fields)
+    if since_2020:
+        frames["magic"] = np.void(MAGIC)
+    frames["step"], frames["atoms"], frames["processes"] = case.sample_steps, sum(shares), len(shares)
+    ids = np.repeat(np.arange(1, sum(shares) + 1)[:, np.newaxis], 2, axis=1)
+    for i, part in enumerate(np.split(ids, np.cumsum(shares)[:-1])):
+        frames[f"count{i}"], frames[f"values{i}"] = part.size, part
+    return frames
+
+
+@pytest.mark.parametrize("since_2020", [False, True])
+@pytest.mark.parametrize("shares", [(22,), (11, 11), (7, 0, 15), (1,) * 22])
+def test_a_dump_of_any_number_of_processes_is_read(shares: tuple[int, ...], since_2020: bool, tmp_path: Path) -> None:
     case, columns, path = case_of("fig4", "run.duration=3 us"), ("id", "z"), tmp_path / "dump.bin"
-    bodies, samples = case.chain.bodies, case.scene.samples
-    frames = np.zeros(samples, [*head, ("values", "f8", (bodies, 2))])
-    frames["step"], frames["atoms"], frames["count"] = case.sample_steps, bodies, 2 * bodies
-    frames["values"] = np.stack([np.broadcast_to(np.arange(1, bodies + 1), (samples, bodies))] * 2, axis=2)
+    frames = dump_of(case, shares, since_2020=since_2020)
     path.write_bytes(frames.tobytes())
-    np.testing.assert_array_equal(read_dump(case, path, columns, head)["z"], frames["values"][:, :, 1])
-    frames["atoms"][-1] -= 1
-    path.write_bytes(frames.tobytes())
-    with pytest.raises(RunError, match="torn in sample 4"):
-        read_dump(case, path, columns, head)
-    left = read_partial_dump(case, path, columns, head)
+    found = read_dump(case, path, columns)["z"]
+    np.testing.assert_array_equal(found, np.broadcast_to(np.arange(1.0, 23), (4, 22)))
+    fewer = dump_of(case, (shares[0] - 1, *shares[1:]), since_2020=since_2020)
+    path.write_bytes(frames[:2].tobytes() + fewer[2:].tobytes())
+    with pytest.raises(RunError, match="unstable at t = 2e-06 s: 21 bodies instead of 22, one was lost"):
+        read_dump(case, path, columns)
+    left = read_partial_dump(case, path, columns)
     assert left is not None
-    assert left["z"].shape == (samples - 1, bodies)
+    assert left["z"].shape == (2, 22)
+    for place, field, wrong in ((3, "atoms", 21), (2, "count0", 1), (0, "processes", 0)):
+        frames[field][place] = wrong
+        path.write_bytes(frames.tobytes())
+        with pytest.raises(RunError, match=f"torn in sample {place + 1}"):
+            read_dump(case, path, columns)
+    assert read_partial_dump(case, path, columns) is None
+
+
+@pytest.mark.parametrize("since_2020", [False, True])
+def test_processes_that_exchange_beads_are_refused_by_words(since_2020: bool, tmp_path: Path) -> None:
+    case, path = case_of("fig4", "run.duration=3 us"), tmp_path / "dump.bin"
+    one, other = (dump_of(case, shares, since_2020=since_2020) for shares in ((11, 11), (10, 12)))
+    path.write_bytes(one[:2].tobytes() + other[2:].tobytes())
+    with pytest.raises(RunError, match="output of 2 processes is in another order from sample 3 on"):
+        read_dump(case, path, ("id", "z"))
+    left = read_partial_dump(case, path, ("id", "z"))
+    assert left is not None
+    assert len(left["z"]) == 2
+
+
+SEVERAL = [name for name in installed_codes() if DUMP in load_engine(name).render(case_of("fig4")).raw]
+
+
+@pytest.mark.parametrize("processes", [2, 3])
+@pytest.mark.parametrize("engine", SEVERAL)
+def test_several_processes_give_the_same_bits(engine: str, processes: int, tmp_path: Path, shared_runs: Path) -> None:
+    code, case = load_engine(engine), case_of("fig5", "contact.restitution=0.9", "run.duration=0.2 ms")
+    build = code.find()
+    assert build is not None
+    assert code.on_two_cores is not None
+    deck = code.on_two_cores(code.render(case))
+    files = {
+        name: text.replace("processors      1 1 2", f"processors 1 1 {processes}") for name, text in deck.files.items()
+    }
+    deck = replace(deck, files=files, command=tuple(str(processes) if word == "2" else word for word in deck.command))
+    deck.write(tmp_path)
+    outcome = run_command(code.started(deck, build), tmp_path, 60, **code.environment)
+    alone = finished(case, engine, shared_runs).trace
+    np.testing.assert_array_equal(checked_trace(case, code, outcome, tmp_path).force_N, alone.force_N)
 
 
 def test_tables_of_pairs_are_symmetric() -> None:
