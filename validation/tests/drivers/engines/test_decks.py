@@ -10,7 +10,7 @@ import pytest
 
 from drivers.base.processes import scrubbed_environment
 from drivers.chain.trace import read_forces
-from drivers.engines import load_engine
+from drivers.engines import codes, engine_names, load_engine
 from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
@@ -18,7 +18,7 @@ SNAPSHOTS = Path(__file__).parent / "decks"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 
 
-@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@pytest.mark.parametrize("engine", codes())
 @pytest.mark.parametrize("scene", PAPER)
 def test_decks_of_the_paper_stay_as_they_are(scene: str, engine: str, request: pytest.FixtureRequest) -> None:
     for name, text in load_engine(engine).render(case_of(scene)).files.items():
@@ -30,15 +30,15 @@ def test_decks_of_the_paper_stay_as_they_are(scene: str, engine: str, request: p
 
 # a setting that takes the element out of (or into) fig4, and the word each deck has if and only if it is modelled
 NEEDED_BY = {
-    "precompression": ("chain.precompression=2 N", {"liggghts": "addforce", "yade": "setPermF"}),
-    "gravity": ("gravity=", {"liggghts": "gravity", "yade": "gravity"}),
-    "damping": ("contact.restitution=0.9", {"liggghts": "limitForce", "yade": "betan"}),
-    "wall": ("wall=", {"liggghts": "wall/gran", "yade": "utils.wall"}),
+    "precompression": ("chain.precompression=2 N", {"lammps": "addforce", "liggghts": "addforce", "yade": "setPermF"}),
+    "gravity": ("gravity=", dict.fromkeys(("lammps", "liggghts", "yade"), "gravity")),
+    "damping": ("contact.restitution=0.9", {"lammps": "tsuji", "liggghts": "limitForce", "yade": "betan"}),
+    "wall": ("wall=", {"lammps": "wall/gran", "liggghts": "wall/gran", "yade": "utils.wall"}),
 }
 
 
 @pytest.mark.parametrize("element", NEEDED_BY)
-@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@pytest.mark.parametrize("engine", codes())
 def test_no_line_for_an_element_that_is_out(element: str, engine: str) -> None:
     setting, words = NEEDED_BY[element]
 
@@ -51,7 +51,7 @@ def test_no_line_for_an_element_that_is_out(element: str, engine: str) -> None:
     assert case_of("fig4").models(element) != case_of("fig4", setting).models(element)
 
 
-@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@pytest.mark.parametrize("engine", codes())
 def test_straight_decks_have_no_tube_friction_or_rotation(engine: str) -> None:
     text = "".join(load_engine(engine).render(case_of("fig4", "contact.friction=0.3")).files.values()).lower()
     for word in ("cylinder", "facet", "coefficientfriction", "nve/sphere", "tangential history", "inertia ="):
@@ -123,7 +123,7 @@ def test_a_bore_is_a_cylinder_or_a_mesh(engine: str) -> None:
         assert absent not in text
 
 
-@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@pytest.mark.parametrize("engine", codes())
 @pytest.mark.parametrize("scene", ["fig4", "fig6b", "fig6d"])
 def test_a_tube_around_a_straight_chain_is_out(scene: str, engine: str) -> None:
     inside = load_engine(engine).render(case_of(f"{scene}-tube", "chain.lateral_offset="))
@@ -131,13 +131,13 @@ def test_a_tube_around_a_straight_chain_is_out(scene: str, engine: str) -> None:
 
 
 def test_equal_physics_is_an_equal_deck(scene_file: SceneWriter) -> None:
-    for engine in ("liggghts", "yade", "verlet", "reference"):
+    for engine in engine_names():
         one = load_engine(engine).render(case_of(scene_file("one", top='title = "one"')))
         other = load_engine(engine).render(case_of(scene_file("other", top='title = "other"')))
         assert one.sha256 == other.sha256
 
 
-@pytest.mark.parametrize("engine", ["liggghts", "yade", "verlet"])
+@pytest.mark.parametrize("engine", [*codes(), "verlet"])
 def test_a_deck_run_by_hand_gives_the_same_output(engine: str, shared_runs: Path, tmp_path: Path) -> None:
     need(engine)
     case = case_of("fig4")

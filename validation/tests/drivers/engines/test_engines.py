@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.engines import codes
 from postproc.read.observables import observe
 from validation.accuracy.baseline import baseline_of
 from validation.compare.departure import deviation
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import WALL, SceneWriter, case_of
 
-ENGINES = ("liggghts", "yade")
+ENGINES = codes()
 GRAVITY = 'gravity = "9.81 m/s^2"'
 
 

@@ -3,12 +3,14 @@
 import json
 import re
 from copy import deepcopy
+from itertools import pairwise
 from math import ceil, inf, pi, sqrt
 from typing import Any
 
 import numpy as np
 from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from drivers.base import paths
 from drivers.base.decks import Deck
@@ -250,28 +252,53 @@ def said_by_json(deck: Deck) -> Tables:
     return said | {"radius_m": np.array(radius_m), "stiffness": np.array(values["stiffness_N_m-3/2"])}
 
 
-def said_by_liggghts(deck: Deck) -> Tables:
+def said_by_data(deck: Deck) -> tuple[NDArray[np.int64], Tables]:
+    """Types of the atoms, from 1 up, and what the data and the loads of LAMMPS and its descendants say."""
     main, data = deck.files["chain.in"], deck.files["chain.data"]
     atoms, velocities = (np.loadtxt(part.splitlines(), ndmin=2) for part in re.split("Atoms|Velocities", data)[1:])
-    kinds, radius_m, height_m = atoms[:, 1].astype(int) - 1, atoms[:, 2] / 2, atoms[:, 6]
+    radius_m, height_m = atoms[:, 2] / 2, atoms[:, 6]
     mass_kg = atoms[:, 3] * 4 / 3 * pi * radius_m**3
-    wall = int(number_after("primitive type", main)) - 1  # -1 where there is none
-    constants = {name: words.split() for name, words in re.findall(r"^fix (\w+) all \S+ \w+ \w+ (.*)$", main, re.M)}
-    # kn is of pairs of types, after their number; the atom of a flat face touches with its lowest point
-    if "kn" in constants:
-        table = np.array(constants["kn"][1:], dtype=float).reshape(2 * [int(constants["kn"][0])])
-        reduced_m = 1 / (1 / radius_m + np.append(0, 1 / radius_m[:-1]))
-        stiffness = table[np.append(wall, kinds[:-1]), kinds] * np.sqrt(reduced_m)
-        stiffness[0] *= wall >= 0
-        height_m[-1] -= radius_m[-1]
-        radius_m[-1] = inf
-    else:
-        types = [elastic(*pair) for pair in zip(constants["young"], constants["poisson"], strict=True)]
-        stiffness = stiffnesses(types[wall] if wall >= 0 else None, [types[kind] for kind in kinds], radius_m)
     load_N = -number_after("gravity", main) * mass_kg
     load_N[int(number_after("group top id", main)) - 1] += number_after("addforce 0 0", main)
     said = {"height_m": height_m, "radius_m": radius_m, "mass_kg": mass_kg, "velocity_m_s": velocities[:, 3]}
-    return said | {"stiffness": stiffness, "load_N": load_N}
+    return atoms[:, 1].astype(int), said | {"load_N": load_N}
+
+
+def flattened(said: Tables) -> None:
+    """The uppermost atom is that of a flat face, which touches with its lowest point."""
+    said["height_m"][-1] -= said["radius_m"][-1]
+    said["radius_m"][-1] = inf
+
+
+def root_of_reduced(radius_m: Array) -> Array:
+    return np.asarray(1 / np.sqrt(1 / radius_m + np.append(0, 1 / radius_m[:-1])))
+
+
+def said_by_liggghts(deck: Deck) -> Tables:
+    main, (kinds, said) = deck.files["chain.in"], said_by_data(deck)
+    wall = int(number_after("primitive type", main)) - 1  # -1 where there is none
+    constants = {name: words.split() for name, words in re.findall(r"^fix (\w+) all \S+ \w+ \w+ (.*)$", main, re.M)}
+    if "kn" in constants:  # of pairs of types, after their number
+        table = np.array(constants["kn"][1:], dtype=float).reshape(2 * [int(constants["kn"][0])])
+        stiffness = table[np.append(wall, kinds[:-1] - 1), kinds - 1] * root_of_reduced(said["radius_m"])
+        stiffness[0] *= wall >= 0
+        flattened(said)
+    else:
+        types = [elastic(*pair) for pair in zip(constants["young"], constants["poisson"], strict=True)]
+        below = types[wall] if wall >= 0 else None
+        stiffness = stiffnesses(below, [types[kind - 1] for kind in kinds], said["radius_m"])
+    return said | {"stiffness": stiffness}
+
+
+def said_by_lammps(deck: Deck) -> Tables:
+    main, (kinds, said) = deck.files["chain.in"], said_by_data(deck)
+    pairs = re.findall(r"^pair_coeff +(\d+) (\d+) hertz (\S+)", main, re.M)
+    by_pair = {frozenset((int(one), int(other))): float(kn) for one, other, kn in pairs}
+    kn = [number_after("wall/gran granular hertz", main), *(by_pair[frozenset(pair)] for pair in pairwise(kinds))]
+    said["stiffness"] = np.array(kn) * root_of_reduced(said["radius_m"])
+    if re.search(r"^# types: .*\d flat ", main, re.M):
+        flattened(said)
+    return said
 
 
 def said_by_yade(deck: Deck) -> Tables:
@@ -289,7 +316,7 @@ def said_by_yade(deck: Deck) -> Tables:
     return said | {"stiffness": stiffnesses(wall, [kinds[row[4]] for row in rows], radius_m), "load_N": load_N}
 
 
-SAID = {"liggghts": said_by_liggghts, "yade": said_by_yade, "reference": said_by_json, "verlet": said_by_json}
+SAID = {"lammps": said_by_lammps, "liggghts": said_by_liggghts, "yade": said_by_yade}  # others are of this repository
 
 
 @given(scenes())
@@ -299,7 +326,7 @@ def test_decks_say_what_the_chain_says(data: Tables) -> None:
     chain = case.chain
     early = chain.velocity_m_s - 0.5 * case.scene.time_step_s * chain.acceleration_m_s2  # of YADE's leapfrog
     for engine in engine_names():
-        said = SAID[engine](load_engine(engine).render(case))
+        said = SAID.get(engine, said_by_json)(load_engine(engine).render(case))
         allowed = np.spacing(np.abs(chain.height_m).max())  # of a radius added to a face's height and taken off
         np.testing.assert_allclose(said["height_m"], chain.height_m, rtol=0, atol=allowed)
         np.testing.assert_array_equal(said["radius_m"], chain.radius_m)
