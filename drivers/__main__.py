@@ -124,6 +124,7 @@ def request_of(
 ) -> "Request":
     """A study that is asked for, with the functions of higher rooms that a batch needs."""
     from drivers.batch.study_cases import Request, Steps
+    from drivers.engines._entries import entry_files
 
     steps = Steps(
         plan="validation.accuracy.plan:plan_case",
@@ -131,16 +132,16 @@ def request_of(
         residual="postproc.read.residual:residual",
         assess="validation.accuracy.assess:assess",
     )
-    return Request(study, runs, steps, tuple(engines), tuple(patterns), time.time() if retry else 0.0)
+    return Request(study, runs, steps, tuple(engines), tuple(patterns), time.time() if retry else 0.0, entry_files())
 
 
 def _batch(arguments: argparse.Namespace) -> int:
     from drivers.base.processes import cores
     from drivers.batch.study_commands import Where, batch, run_part
 
-    for option in ("wait", "slices"):
+    for option in ("wait", "slices", "slurm_line"):
         if getattr(arguments, option) and not arguments.slurm:
-            raise InputError(f"--{option}", "", "no --slurm", "it goes with --slurm")
+            raise InputError(f"--{option.replace('_', '-')}", "", "no --slurm", "it goes with --slurm")
     for option in ("dry_run", "workers"):
         if arguments.slice and getattr(arguments, option):
             words = f"--{option.replace('_', '-')}"
@@ -148,7 +149,14 @@ def _batch(arguments: argparse.Namespace) -> int:
     request = request_of(arguments.study, arguments.runs, arguments.engine, arguments.only, retry=arguments.retry)
     if arguments.slice:
         return run_part(request, *arguments.slice)
-    where = Where(arguments.workers or cores(), arguments.dask, arguments.slurm, arguments.wait, arguments.slices)
+    where = Where(
+        arguments.workers or cores(),
+        arguments.dask,
+        arguments.slurm,
+        arguments.wait,
+        arguments.slices,
+        tuple(arguments.slurm_line),
+    )
     return batch(request, arguments.results, where, dry_run=arguments.dry_run, yes=arguments.yes)
 
 
@@ -173,6 +181,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "STUDY": {},
     "E": SEVERAL,
     "PATTERN": SEVERAL,
+    "LINE": SEVERAL,
     "KEY=VALUE": SEVERAL | {"dest": "settings"},
     "NAME": {"required": True},
     "DIR": {"type": Path},
@@ -208,6 +217,7 @@ OPTIONS = {
     "--dask ADDRESS": "run on a Dask cluster; without an address on one of its own",
     "--slurm": "run as a Slurm job array",
     "--slices N": "tasks of the job array (default: by the time to expect)",
+    "--slurm-line LINE": "line of the job's script, such as 'module load lammps' or '#SBATCH --mem=2G'; repeatable",
     "--wait": "wait for the job array, then write the table",
     "--list": "case by case",
 }
@@ -215,7 +225,7 @@ SCENE = ("scene SCENE", "--set KEY=VALUE")
 STUDY = ("study STUDY", "--runs DIR", "--engine E", "--engines FILE")
 SOME = (*STUDY, "--only PATTERN")
 HERE = ("--results DIR", "--workers N", "--dry-run", "--retry", "--yes")
-BATCH = (*SOME, *HERE, "--slice I/N", "--dask ADDRESS", "--slurm", "--slices N", "--wait")
+BATCH = (*SOME, *HERE, "--slice I/N", "--dask ADDRESS", "--slurm", "--slices N", "--slurm-line LINE", "--wait")
 RUN = ("--engine E", "--engines FILE", "--runs DIR", "--rerun", "--time-limit S", "--unsafe")
 # by name: what it does, how, and its options
 COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, tuple[str, ...]]] = {

@@ -19,7 +19,7 @@ TEMPLATES = ROOT / "templates"
 RUNS = ROOT / "runs"
 RESULTS = ROOT / "results"
 LOCK = ROOT / "requirements.lock"
-ENGINES_VARIABLE = "BEAD_CHAINS_ENGINES"  # names the file of --engines, for processes started from here too
+ENGINES_VARIABLE = "BEAD_CHAINS_ENGINES"  # names files as --engines does, for processes started from here too
 
 
 def shown(path: Path) -> str:

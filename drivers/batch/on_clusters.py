@@ -1,12 +1,13 @@
 """Slices of a study on a Dask cluster, through the executor of ``distributed``, or as a Slurm job array."""
 
 import math
+import os
 import shlex
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack
 from itertools import groupby
@@ -35,6 +36,7 @@ SCRIPT = """\
 #SBATCH --job-name={name}
 #SBATCH --array={array}
 #SBATCH --output={output}
+{lines}
 cd {root} || exit 1
 exec {command} --slice "$SLURM_ARRAY_TASK_ID/{parts}"
 """
@@ -101,8 +103,18 @@ def parts_for(cases: int, expected_s: float | None) -> int:
     return max(1, min(wanted, cases, MAX_TASKS))
 
 
-def submit(request: Request, study: Study, selection: Selection, todo: list[int], store: Store, parts: int) -> str:
+def submit(
+    request: Request,
+    study: Study,
+    selection: Selection,
+    todo: list[int],
+    store: Store,
+    parts: int,
+    lines: Sequence[str],
+) -> str:
     """Submits a job array, its script below the runs folder, of the tasks with something to do; the job's number.
+
+    ``lines`` come before the script's command, those for Slurm first.
 
     Raises:
         RunError: Slurm refuses it.
@@ -111,6 +123,11 @@ def submit(request: Request, study: Study, selection: Selection, todo: list[int]
     command += [word for name in selection.engines for word in ("--engine", name)]
     command += [word for pattern in request.patterns for word in ("--only", pattern)]
     command += ["--retry"] if request.retry_before else []
+    entries = shlex.quote(os.pathsep.join(map(str, request.entries)))
+    lines = [
+        *sorted(lines, key=lambda line: not line.startswith("#SBATCH")),
+        f"export {paths.ENGINES_VARIABLE}={entries}",
+    ]
     folder = (store.folder / FOLDER).resolve()
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{study.name}.sh"
@@ -122,6 +139,7 @@ def submit(request: Request, study: Study, selection: Selection, todo: list[int]
             name=shlex.quote(f"beads-{study.name}"),
             array=_ranges(selection.slices_with_work(todo, parts)),
             output=shlex.quote(str(folder / f"{study.name}-%A_%a.txt")),
+            lines="\n".join(lines),
             root=shlex.quote(str(paths.ROOT)),
             command=shlex.join(command),
             parts=parts,

@@ -68,6 +68,7 @@ class Request:
         engines: of the study; all where there are none.
         patterns: that select cases; all where there are none.
         retry_before: failures that ended before this time are run again.
+        entries: files of engines, for workers elsewhere.
     """
 
     source: str | Path
@@ -76,6 +77,7 @@ class Request:
     engines: Sequence[str] = ()
     patterns: Sequence[str] = ()
     retry_before: float = 0.0
+    entries: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ class Where:
         workers: processes on this machine.
         dask: address of a scheduler, or ``local``.
         slurm: as a job array; ``wait``: until it is through; ``parts``: its tasks, None: by the time to expect.
+        lines: of the job's script, before its command.
     """
 
     workers: int
@@ -39,6 +40,7 @@ class Where:
     slurm: bool = False
     wait: bool = False
     parts: int | None = None
+    lines: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -203,7 +205,7 @@ def _run(found: _Batch, todo: dict[str, list[int]], numbers: list[int], where: W
         from drivers.batch.on_clusters import parts_for, submit, waiting_for
 
         parts = where.parts or parts_for(len(selection.numbers), expected_s(found.plan, store, todo))
-        job = submit(found.request, setup.study, selection, numbers, store, parts)
+        job = submit(found.request, setup.study, selection, numbers, store, parts, where.lines)
         if where.wait:
             yield from waiting_for(job)
     else:

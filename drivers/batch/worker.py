@@ -27,6 +27,7 @@ from drivers.batch.study import read_study, select
 from drivers.batch.study_cases import Request, Setup, Steps, StudyCase, StudyPlan, facts_of, plan_of, set_up
 from drivers.chain.trace import Trace, digest_of
 from drivers.engines import REFERENCE, load_engine
+from drivers.engines._entries import use_entries
 from drivers.run.guard import checked_trace
 from drivers.run.run import default_limit_s
 from drivers.run.session import Session, served_by
@@ -121,6 +122,8 @@ def run_slice(request: Request, part: int, parts: int) -> list[Row]:
         InputError: the study or a case of the slice is wrong.
         OSError: the disk is full, or something else is wrong with the runs folder.
     """
+    if request.entries:
+        use_entries(request.entries)
     study, store = read_study(request.source), Store(request.runs)
     selection = select(study, request.engines, request.patterns)
     setup = set_up(study, selection.engines, request.runs, request.steps)

@@ -2,7 +2,7 @@
 
 import os
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -56,13 +56,18 @@ class Entry:
     where: str = ""
 
 
-def files() -> tuple[Path, ...]:
+def entry_files() -> tuple[Path, ...]:
     """Files of entries, later ones over earlier ones: shipped, the user's, the present folder's, ``--engines``."""
     settings = Path(os.environ.get("XDG_CONFIG_HOME") or "~/.config").expanduser() / "bead-chains"
     places = (paths.ENGINES, settings / paths.ENGINES.name, Path.cwd() / paths.ENGINES.name)
     found = [path for path in places if path.is_file()]
-    asked = os.environ.get(paths.ENGINES_VARIABLE)
-    return tuple(dict.fromkeys([*found, *([Path(asked)] if asked else [])]))
+    asked = os.environ.get(paths.ENGINES_VARIABLE, "")
+    return tuple(dict.fromkeys([*found, *map(Path, filter(None, asked.split(os.pathsep)))]))
+
+
+def use_entries(files: Iterable[Path]) -> None:
+    """Makes entries of files those of this process and of all that it starts, wherever these work."""
+    os.environ[paths.ENGINES_VARIABLE] = os.pathsep.join(map(str, files))
 
 
 def entries(adapters: tuple[str, ...]) -> dict[str, Entry]:
@@ -71,7 +76,7 @@ def entries(adapters: tuple[str, ...]) -> dict[str, Entry]:
     Raises:
         InputError: a file is missing or wrong.
     """
-    return _entries(adapters, files())
+    return _entries(adapters, entry_files())
 
 
 @cache

@@ -105,9 +105,12 @@ def table(runs: Path) -> bytes:
 def test_a_job_array_makes_the_same_table(slurm: str, study: Path, tmp_path: Path) -> None:
     here, there = tmp_path / "here", tmp_path / "there"
     assert batch(study, here).returncode == 0
-    done = batch(study, there, "--slurm", "--wait", "--slices", "4")
+    lines = ("--slurm-line", "export MODULE=loaded", "--slurm-line", "#SBATCH --comment=beads")
+    done = batch(study, there, "--slurm", "--wait", "--slices", "4", *lines)
     assert done.returncode == 0, done.stderr
-    assert "#SBATCH --array=1-4\n" in (there / "batch" / ".slurm" / "study.sh").read_text()
+    script = (there / "batch" / ".slurm" / "study.sh").read_text()
+    assert "#SBATCH --array=1-4\n" in script
+    assert script.index("#SBATCH --comment=beads\n") < script.index("export MODULE=loaded\n") < script.index("exec ")
     assert table(there) == table(here)
 
 
