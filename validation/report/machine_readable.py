@@ -30,7 +30,11 @@ CPUS = Path("/proc/cpuinfo")
 def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
     """All of it, for the page and for ``report.json``."""
     made = provenance()
-    engines = {name: run.record.engine_version for scene in scenes for name, run in scene.runs.items()}
+    records = {name: run.record for scene in scenes for name, run in scene.runs.items()}
+    engines = {
+        name: {"version": own.engine_version, "command": own.executable, "sha256": own.build_sha256}
+        for name, own in records.items()
+    }
     return {
         "date": _utc(time.time()),
         "command": command,
@@ -69,7 +73,8 @@ def cpu_name(file: Path = CPUS) -> str:
 
 
 SCHEMA = 1
-RECORDED = ("status", "engine_version", "deck_sha256", "commit", "dirty", "host", "time_step_s", "steps", "bodies",
+RECORDED = ("status", "engine_version", "executable", "build_sha256", "deck_sha256",
+         "commit", "dirty", "host", "time_step_s", "steps", "bodies",
          "wall_s", "cpu_s", "loop_s", "memory_bytes", "step_limit_s", "warnings", "error_budget",
          "error_note", "exact_to", "exact_until_s")  # fmt: skip
 SCENES, CASES = "scenes", "independent"  # what the suites' names begin with

@@ -154,6 +154,7 @@ def test_the_json_tells_what_it_was_made_with(written: tuple[str, dict[str, Any]
     assert data["schema_version"] == 1
     assert {"date", "commit", "command", "engines", "machine", "libraries"} <= data["made_with"].keys()
     assert data["made_with"]["machine"]["cores"] >= 1
+    assert all({"version", "command", "sha256"} == own.keys() for own in data["made_with"]["engines"].values())
     own = data["scenes"][0]["engines"]["verlet"]
     assert own["run"]["status"] == "done"
     assert own["run"]["error_budget"]
