@@ -257,8 +257,9 @@ def of_panels(runs: dict[str, EndedRun]) -> list[dict[str, np.ndarray]]:
     beads = [{engine: (contact(run, j) + contact(run, j + 1)) / 2 for engine, run in runs.items()} for j in (9, 5)]
     wall = {engine: contact(run, 1) for engine, run in runs.items()}
     forces = {engine: np.column_stack([contact(run, j + 1) for j in range(22)]) for engine, run in runs.items()}
+    changes = {engine: np.abs(force - force[0]).max() for engine, force in forces.items()}
     differences = {
-        f"{engine} − {yardstick}": np.abs(forces[engine] - forces[yardstick]).max(axis=1) / forces[yardstick].max()
+        f"{engine} − {yardstick}": np.abs(forces[engine] - forces[yardstick]).max(axis=1) / changes[yardstick]
         for yardstick in ("reference", "verlet")
         for engine in runs
         if engine not in (yardstick, "reference")
