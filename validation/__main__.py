@@ -11,11 +11,11 @@ from drivers.base.command_line import Parser, engines_file, must_be_file, must_b
 from drivers.base.errors import InputError
 
 if TYPE_CHECKING:
-    from validation.compare.comparison import Asked
+    from validation.compare.asked import Asked
 
 SEVERAL: dict[str, Any] = {"action": "append", "default": []}
 OPTIONS: dict[str, dict[str, Any]] = {
-    "what": {"nargs": "+", "metavar": "SCENE|RUN RUN", "help": "scene files or names; or two run folders"},
+    "what": {"nargs": "*", "metavar": "SCENE|RUN RUN", "help": "scene files or names; or two run folders"},
     "scenes": {"nargs": "*", "metavar": "SCENE", "help": "default: the paper's four, fig4 to fig6d"},
     "--set": SEVERAL | {"metavar": "KEY=VALUE", "dest": "settings"},
     "--unsafe": {"action": "store_true", "help": "run what a guard refuses"},
@@ -26,6 +26,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--out": {"type": Path, "metavar": "FILE", "help": "default: results/report.html"},
     "--results": {"type": Path, "metavar": "DIR", "help": "default: results/"},
     "--runs": {"type": Path, "metavar": "DIR", "help": "where run folders are (default: runs/)"},
+    "--against": {"type": Path, "metavar": "NEW", "help": "compare the runs of --runs with those of this folder"},
     "--engine": SEVERAL | {"metavar": "E", "help": "compare these beside the yardsticks; repeatable"},
     "--require": SEVERAL | {"metavar": "E", "help": "an engine that has to run, or it is a failure; repeatable"},
     "--allow-missing": {"action": "store_true", "help": "no failure where --engine or every code is missing"},
@@ -44,7 +45,7 @@ def main() -> int:
 def _asked(arguments: argparse.Namespace) -> "Asked":
     """Engines that are asked for; InputError where there is no such engine."""
     from drivers.engines import engine_names
-    from validation.compare.comparison import Asked
+    from validation.compare.asked import Asked
 
     for option in ("engine", "require"):
         for name in getattr(arguments, option):
@@ -59,17 +60,27 @@ def _compare(arguments: argparse.Namespace) -> int:
     if folders:
         if len(folders) != 2 or len(arguments.what) != 2:
             raise InputError("compare", "", " ".join(arguments.what), "scenes, or exactly two run folders")
-        for option in ("settings", "engine", "require"):
+        for option in ("settings", "engine", "require", "against"):
             if getattr(arguments, option):
                 words = option.replace("settings", "set")
                 raise InputError(f"--{words}", "", "two runs that are done", "an option for scenes")
         from validation.compare.pair import compare_runs
 
         return compare_runs(*folders)
+    runs = arguments.runs or paths.RUNS
+    if arguments.against:
+        if arguments.settings:
+            raise InputError("--set", "", "runs that are done", "an option for scenes to be run")
+        from validation.compare.moved import compare_folders
+
+        return compare_folders(runs, arguments.against, arguments.what, asked)
+    if not arguments.what and not asked.builds:
+        allowed = "scenes, two run folders, --against NEW, or --engine twice with builds of one code"
+        raise InputError("compare", "", "no scene", allowed)
     from validation.compare.comparison import compare_scenes
 
-    runs = arguments.runs or paths.RUNS
-    return compare_scenes(arguments.what, tuple(arguments.settings), runs, asked, unsafe=arguments.unsafe)
+    scenes = arguments.what or sorted(path.stem for path in paths.SCENES.glob("*.toml"))
+    return compare_scenes(scenes, tuple(arguments.settings), runs, asked, unsafe=arguments.unsafe)
 
 
 def _report(arguments: argparse.Namespace) -> int:
@@ -98,8 +109,8 @@ WHICH = "--runs --engine --require --allow-missing"
 COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, str]] = {
     "compare": (
         _compare,
-        "verdicts on scenes, run where needed, or on two run folders",
-        f"what --set {WHICH} --unsafe",
+        "verdicts on scenes, run where needed; or how two runs, or those of two folders, differ",
+        f"what --set {WHICH} --against --unsafe",
     ),
     "report": (_report, "write the report page, and its verdicts for programs", f"scenes --out {WHICH}"),
     "claims": (_study, "compute and judge every quantitative statement of the paper", "--results --runs"),

@@ -4,19 +4,17 @@ Against ``verlet`` at the same step a run shows its modelling error, which shoul
 ``reference`` it shows what the user pays for the time step.
 """
 
-import sys
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from drivers.base import paths
-from drivers.base.errors import one_line
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace, until
-from drivers.engines import REFERENCE, VERLET, codes, engine_names, in_order, load_engine, missing_codes
+from drivers.engines import REFERENCE, VERLET, in_order, load_engine
 from drivers.limits.refusal import inability, refuse
 from drivers.run.finished import EndedRun
 from drivers.run.run import run_case
@@ -26,54 +24,12 @@ from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, ROUNDING_REAS
 from validation.accuracy.budget import PARTS, for_terminal
 from validation.accuracy.plan import planned_case
 from validation.accuracy.schemes import energy_change_J
+from validation.compare.asked import EVERYTHING, Asked, print_unmet
 from validation.compare.departure import Departure, departure, departure_rows, deviation, motion_deviation
-from validation.compare.verdict import FAIL, NOT_RUN, Verdict, judged
+from validation.compare.moved import moved
+from validation.compare.verdict import FAIL, HEADING, NOT_RUN, RUN, Verdict, judged, line_of, without_run
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
-
-
-@dataclass(frozen=True)
-class Asked:
-    """Engines that a comparison is asked for.
-
-    Attributes:
-        engines: those to compare, beside the two yardsticks; empty for all.
-        require: engines that have to run, as those of ``engines`` have to.
-        allow_missing: whether only those of ``require`` have to run, and no established code.
-    """
-
-    engines: tuple[str, ...] = ()
-    require: tuple[str, ...] = ()
-    allow_missing: bool = False
-
-    @property
-    def names(self) -> list[str]:
-        """All engines to compare."""
-        some = {*self.engines, *self.require, VERLET, REFERENCE}
-        return [name for name in engine_names() if not self.engines or name in some]
-
-    def unmet(self, ran: Iterable[str]) -> dict[str, str]:
-        """Requirements that are not met, in words by engine, where some engines ran, well or badly."""
-        there = set(ran)
-        needed = dict.fromkeys([*self.require, *(() if self.allow_missing else self.engines)])
-        words = {name: f"{name} is required and did not run: {_why_not(name)}" for name in needed if name not in there}
-        if not (words or self.allow_missing or there & set(codes())):
-            missing = ", ".join(f"{name} ({load_engine(name).how_to_get})" for name in missing_codes())
-            why = f"install one of {missing}" if missing else "none of those installed takes what is compared"
-            words["codes"] = f"no established code ran: {why}, or say --allow-missing"
-        return words
-
-
-def _why_not(engine: str) -> str:
-    found = load_engine(engine)
-    return "no scene for it" if found.find() else f"{NOT_INSTALLED}; it comes with {found.how_to_get}"
-
-
-def told(unmet: dict[str, str]) -> bool:
-    """Prints the requirements that are not met, if any, in one line; whether there are any."""
-    if unmet:
-        print(one_line("; ".join(unmet.values())), file=sys.stderr)
-    return bool(unmet)
 
 
 def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) -> list[Verdict]:
@@ -84,8 +40,7 @@ def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) 
     verdicts = []
     for engine, why in absent.items():
         verdict = NOT_RUN if why.startswith((NOT_INSTALLED, REFUSED)) else FAIL
-        nan = float("nan")
-        verdicts.append(Verdict(case.scene.name, engine, "run", nan, nan, "a run has to be done", why, verdict))
+        verdicts.append(without_run(case.scene.name, engine, why, verdict))
     for engine, run in runs.items():
         verdicts += _force_verdicts(case, engine, run, runs)
         verdicts += _observable_verdicts(case, engine, run, runs)
@@ -209,7 +164,7 @@ def run_and_compare(
     source: str | Path,
     settings: tuple[str, ...] = (),
     runs: Path = paths.RUNS,
-    asked: Asked = Asked(),
+    asked: Asked = EVERYTHING,
     *,
     unsafe: bool = False,
 ) -> ComparedScene:
@@ -253,26 +208,42 @@ def run_and_compare(
 def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path, asked: Asked, *, unsafe: bool) -> int:
     """Prints verdicts, departures, diagnoses and error budgets of scenes.
 
-    The exit code is 1 if a verdict is a failure or an engine that has to run did not.
+    Two builds of one code that are asked for are compared with each other as well. The exit code is 1 if a verdict is a
+    failure or an engine that has to run did not.
 
     Raises:
         InputError: a scene is wrong, or cannot end well and is not to be run all the same.
     """
-    failed, ran = False, set[str]()
+    verdicts: list[Verdict] = []
+    between: list[Verdict] = []
+    ran = set[str]()
     for source in sources:
         compared = run_and_compare(source, settings, runs, asked, unsafe=unsafe)
-        print(*_lines(compared), sep="\n")
-        failed |= any(verdict.verdict == FAIL for verdict in compared.verdicts)
+        print(*_lines(compared), sep="\n", flush=True)
+        verdicts += compared.verdicts
+        between += [verdict for pair in asked.builds for verdict in _between(compared, *pair)]
         ran |= set(compared.wall_s)
-    return 1 if told(asked.unmet(ran)) or failed else 0
+    if between:
+        print("", HEADING, *map(line_of, between), sep="\n")
+    failed = any(verdict.verdict == FAIL for verdict in verdicts + between)
+    return 1 if print_unmet(asked.unmet(ran)) or failed else 0
+
+
+def _between(compared: ComparedScene, one: str, other: str) -> list[Verdict]:
+    """Verdicts on the quantities in which two builds of a code differ."""
+    names = (compared.case.scene.name, f"{other} against {one}")
+    why = [f"{engine}: {compared.absent[engine]}" for engine in (one, other) if engine in compared.absent]
+    if why:
+        failed = any(v.verdict == FAIL for v in compared.verdicts if v.engine in (one, other) and v.quantity == RUN)
+        return [without_run(*names, "; ".join(why), FAIL if failed else NOT_RUN)]
+    rows = moved(compared.runs[one].folder, compared.runs[other].folder)
+    return [replace(verdict, scene=names[0], engine=names[1]) for verdict in rows]
 
 
 def _lines(compared: ComparedScene) -> Iterator[str]:
     """Verdicts; when each run first leaves the exact motion and why, and what a failed one matches; error budgets."""
-    yield f"{'scene':<12} {'engine':<10} {'quantity':<24} {'error':>9} {'allowed':>9}  verdict"
-    for v in compared.verdicts:
-        numbers = f"{v.value:9.2e} {v.limit:9.2e}" if v.quantity != "run" else " " * 19
-        yield f"{v.scene:<12} {v.engine:<10} {v.quantity:<24} {numbers}  {v.verdict}: {v.where}"
+    yield HEADING
+    yield from map(line_of, compared.verdicts)
     yield ""
     name = compared.case.scene.name
     for engine, each in departure_rows(compared.departures):

@@ -1,10 +1,12 @@
 """What is said of a number: pass, fail or not run, with the tolerance and its reason."""
 
 from dataclasses import dataclass
+from math import nan
 
 from drivers.base.tolerances import Tolerance
 
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
+RUN = "run"  # the quantity where there is nothing to measure
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,21 @@ class Verdict:
 def judged(scene: str, engine: str, quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
     """The verdict on an error by its tolerance."""
     return Verdict(scene, engine, quantity, value, limit.limit, limit.reason, where, pass_or_fail(value, limit.limit))
+
+
+def without_run(scene: str, engine: str, why: str, verdict: str) -> Verdict:
+    """The verdict where there is nothing to measure, and why."""
+    return Verdict(scene, engine, RUN, nan, nan, "a run has to be done", why, verdict)
+
+
+HEADING = f"{'scene':<12} {'engine':<10} {'quantity':<24} {'error':>9} {'allowed':>9}  verdict"
+
+
+def line_of(verdict: Verdict) -> str:
+    """A line of the verdict table for a terminal."""
+    numbers = f"{verdict.value:9.2e} {verdict.limit:9.2e}" if verdict.quantity != RUN else " " * 19
+    names = f"{verdict.scene:<12} {verdict.engine:<10} {verdict.quantity:<24}"
+    return f"{names} {numbers}  {verdict.verdict}: {verdict.where}"
 
 
 def pass_or_fail(error: float, limit: float) -> str:

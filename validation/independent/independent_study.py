@@ -21,11 +21,10 @@ from postproc.paper.simulate import exact
 from postproc.read.motion import read_motion
 from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict, pass_or_fail
+from validation.compare.verdict import FAIL, NOT_RUN, PASS, RUN, Verdict, pass_or_fail
 from validation.independent.posed_cases import MEASURES, Check, Posed, pose, read_independent, unit_of
 from validation.studies import Options, Study, Tables, rows_in
 
-RUN = "run"  # the quantity that a case without numbers fails, or is not run, in
 HERE: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, "verlet": verlet_of}
 
 

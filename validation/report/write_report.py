@@ -14,7 +14,8 @@ from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.engines import in_order
 from drivers.scene.read_scene import read_scene
-from validation.compare.comparison import Asked, ComparedScene, run_and_compare, told
+from validation.compare.asked import Asked, print_unmet
+from validation.compare.comparison import ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.report.charts import PLACES
 from validation.report.machine_readable import as_json, as_junit, made_with, when_made
@@ -60,7 +61,7 @@ def report(sources: list[str], out: Path | None, runs: Path | None, asked: Asked
     unmet = asked.unmet(engine for scene in compared for engine in scene.wall_s)
     counts = write_report(compared, page, _command(sources, out, runs, asked), runs, unmet)
     print(f"{paths.shown(page)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run")
-    return 1 if told(unmet) or counts[FAIL] else 0
+    return 1 if print_unmet(unmet) or counts[FAIL] else 0
 
 
 def _command(sources: list[str], out: Path | None, runs: Path | None, asked: Asked) -> str:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from validation.compare.comparison import REFUSED, Asked, ComparedScene, run_and_compare
+from validation.compare.asked import Asked
+from validation.compare.comparison import REFUSED, ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need

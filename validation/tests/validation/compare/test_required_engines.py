@@ -11,7 +11,8 @@ from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, VERLET, codes, installed_codes
 from drivers.run.finished import FILE
 from validation.__main__ import main
-from validation.compare.comparison import Asked, run_and_compare
+from validation.compare.asked import Asked
+from validation.compare.comparison import run_and_compare
 from validation.compare.verdict import NOT_RUN
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter
 

@@ -14,8 +14,8 @@ from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import codes
 from postproc.paper.simulate import exact
-from validation.compare.verdict import FAIL, NOT_RUN, PASS
-from validation.independent.independent_study import HERE, RUN, Line, judge_all, verdict_of
+from validation.compare.verdict import FAIL, NOT_RUN, PASS, RUN
+from validation.independent.independent_study import HERE, Line, judge_all, verdict_of
 from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
 from validation.report.write_report import write_report
 from validation.studies import read_section, read_table, rows_in, write_table

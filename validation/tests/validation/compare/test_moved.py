@@ -1,0 +1,270 @@
+"""Runs of two folders, and of two builds of a code: what moved, by how much, since when; what has no counterpart."""
+
+import json
+import os
+import re
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.chain.trace import FORCES, read_forces, write_forces
+from drivers.engines import VERLET, codes, installed_codes
+from drivers.run.finished import FILE
+from validation.__main__ import main
+from validation.compare.asked import Asked
+from validation.tests.helpers.runs import finished
+from validation.tests.helpers.scenes import EnginesWriter, SceneWriter, case_of
+
+Compare = Callable[..., tuple[int, list[str]]]
+SCENES = {"scene": (), "other": ("striker.speed=2 m/s",)}
+
+
+@pytest.fixture
+def folders(scene_file: SceneWriter, shared_runs: Path, tmp_path: Path) -> tuple[Path, Path]:
+    """Two folders of the same runs."""
+    old, new = tmp_path / "old", tmp_path / "new"
+    for name, settings in SCENES.items():
+        folder = finished(case_of(scene_file(name), *settings), VERLET, shared_runs).folder
+        for side in (old, new):
+            shutil.copytree(folder, side / VERLET / folder.name)
+    return old, new
+
+
+@pytest.fixture
+def compare(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Compare:
+    """Exit code and lines of a comparison, in which no code has to run."""
+
+    def run(*words: str | Path) -> tuple[int, list[str]]:
+        capsys.readouterr()
+        monkeypatch.setattr("sys.argv", ["validation", "compare", *map(str, words), "--allow-missing"])
+        code = main()
+        return code, capsys.readouterr().out.splitlines()
+
+    return run
+
+
+def run_of(side: Path, scene: str) -> Path:
+    """Folder of a run."""
+    (folder,) = (side / VERLET).glob(f"{scene}-*")
+    return folder
+
+
+def rewrite(folder: Path, **changes: object) -> None:
+    """Changes a record."""
+    record = json.loads((folder / FILE).read_text())
+    (folder / FILE).write_text(json.dumps(record | changes))
+
+
+def tamper(folder: Path, sample: int, contact: int, force_N: float) -> None:
+    """Adds to a single force."""
+    trace = read_forces(folder / FORCES)
+    force = trace.force_N.copy()
+    force[sample, contact - 1] += force_N
+    write_forces(replace(trace, force_N=force), folder / FORCES)
+
+
+def test_the_same_runs(folders: tuple[Path, Path], compare: Compare) -> None:
+    old, new = folders
+    code, lines = compare("--runs", old, "--against", new)
+    assert code == 0
+    rows = [line for line in lines if line.startswith(tuple(SCENES))][1:]  # below the heading
+    assert [row.split()[:3] for row in rows] == [["other", VERLET, "all"], ["scene", VERLET, "all"]]
+    assert all(row.endswith("pass: the same, bit for bit") for row in rows)
+    assert lines[-1] == "2 runs: 2 compared, 0 failed, missing or moved beyond what is allowed"
+
+
+def test_what_moved_by_how_much_and_since_when(folders: tuple[Path, Path], compare: Compare) -> None:
+    old, new = folders
+    change = read_forces(run_of(new, "scene") / FORCES).force_N.max()
+    tamper(run_of(new, "scene"), 37, 3, 1e-3 * change)
+    code, lines = compare("--runs", old, "--against", new)
+    assert code == 1
+    rows = [line for line in lines if line.startswith("scene")][1:]  # below the heading
+    assert re.match(rf"scene +{VERLET} +force +1\.\d\de-03 +1\.00e-09  fail: contact 3 at 37 µs; "
+                    r"they part at 37 µs in contact 3$", rows[0])  # fmt: skip
+    assert [row for row in lines if row.startswith("other")] == [row for row in lines if "bit for bit" in row]
+    closer = f"look closer: python -m validation compare {run_of(old, 'scene')} {run_of(new, 'scene')}"
+    assert lines[-1] == closer
+    tamper(run_of(new, "scene"), 37, 3, -1e-3 * change)
+    tamper(run_of(new, "scene"), 37, 3, 1e-12 * change)
+    code, lines = compare("--runs", old, "--against", new)
+    assert code == 0
+    assert [line for line in lines if line.startswith("scene")][1].endswith("the same to rounding, most of all force")
+
+
+def test_another_time_step_is_another_run(
+    folders: tuple[Path, Path], compare: Compare, scene_file: SceneWriter, shared_runs: Path
+) -> None:
+    old, new = folders
+    shutil.rmtree(run_of(new, "scene"))
+    finer = finished(case_of(scene_file(), "run.time_step=0.05 us"), VERLET, shared_runs).folder
+    shutil.copytree(finer, new / VERLET / finer.name)
+    words = ("--runs", old, "--against", new)
+    code, lines = compare(*words)
+    assert code == 0  # told that runs may be missing
+    rows = [line for line in lines if "no such run in" in line]
+    assert len(rows) == 2
+    assert rows[0].endswith("; the closest differs: run.time_step: 1e-07 s against 5e-08 s")
+    assert rows[1].endswith("; the closest differs: run.time_step: 5e-08 s against 1e-07 s")
+    assert all(f"{VERLET}     run" in row and "not run: " in row for row in rows)
+
+
+def test_a_missing_run_is_a_failure_unless_told_otherwise(
+    folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old, new = folders
+    shutil.rmtree(run_of(new, "scene"))
+    monkeypatch.setattr("sys.argv", ["validation", "compare", "--runs", str(old), "--against", str(new)])
+    assert main() == 1
+    told = capsys.readouterr()
+    assert f"fail: no such run in {new}" in told.out
+    assert told.err.startswith("no established code ran")  # the other scene's pair is no code's
+    assert len(told.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_runs_that_failed_or_cannot_be_read_are_rows(place: int, folders: tuple[Path, Path], compare: Compare) -> None:
+    rewrite(run_of(folders[place], "scene"), status="failed", reason="unstable")
+    other = run_of(folders[place], "other")
+    rewrite(other, engine="abacus")
+    (other / FILE).write_text((other / FILE).read_text()[:100])
+    code, lines = compare("--runs", folders[0], "--against", folders[1])
+    assert code == 1
+    (row,) = [line for line in lines if "failed: unstable" in line]
+    assert row.endswith(f"fail: failed: unstable (in {folders[place]})")
+    (row,) = [line for line in lines if "a record that is damaged" in line]
+    assert f"(in {folders[place]})" in row
+    code, lines = compare("scene", "--runs", folders[0], "--against", folders[1])
+    assert code == 1
+    assert not any("a record that is damaged" in line for line in lines)
+
+
+def test_what_cannot_be_compared_is_a_row(folders: tuple[Path, Path], compare: Compare) -> None:
+    old, new = folders
+    for side in folders:
+        rewrite(run_of(side, "scene"), engine="abacus")
+    (run_of(new, "other") / FORCES).unlink()
+    code, lines = compare("--runs", old, "--against", new)
+    assert code == 1
+    assert any(re.match(r"scene +abacus +run .* fail: .*found abacus; allowed: ", line) for line in lines)
+    assert any(re.match(r"other .* fail: .*forces\.parquet: found no such file", line) for line in lines)
+
+
+def test_the_last_of_several_builds_counts(folders: tuple[Path, Path], compare: Compare) -> None:
+    old, new = folders
+    first = run_of(new, "scene")
+    last = shutil.copytree(first, first.with_name(f"{first.name[:-12]}{'0' * 12}"))
+    rewrite(last, engine_version="another version")
+    tamper(last, 37, 3, 1.0)
+    for folder, time_s in ((first, 1e9), (last, 2e9)):
+        os.utime(folder / FILE, (time_s, time_s))
+    code, lines = compare("scene", "--runs", old, "--against", new)
+    assert code == 1
+    assert lines[0].endswith(" against another version")
+    os.utime(first / FILE, (3e9, 3e9))
+    assert compare("scene", "--runs", old, "--against", new)[0] == 0
+
+
+def test_a_list_of_scenes_and_engines(folders: tuple[Path, Path], compare: Compare) -> None:
+    old, new = folders
+    words = ("--runs", old, "--against", new)
+    code, lines = compare("other.toml", *words, "--engine", VERLET)
+    assert code == 0
+    assert lines[-1].startswith("1 runs: 1 compared, 0 failed")
+    shutil.rmtree(run_of(new, "other"))
+    assert f"no such run in {new}" in "".join(compare("other", *words)[1])
+    assert compare(*words, "--require", "reference")[0] == 1
+    for wrong, found in (
+        (("third", *words), 'no run of "third" in either folder; allowed: other, scene'),
+        (("--runs", old, "--against", old.parent / "none"), "--against .*none: found no run"),
+        (("--runs", old.parent / "none", "--against", new), "--runs .*none: found no run"),
+        ((*words, "--set", "seed=1"), "--set: found runs that are done"),
+        ((run_of(old, "scene"), run_of(new, "scene"), "--against", new), "--against: found two runs that are done"),
+        ((), "compare: found no scene"),
+    ):
+        with pytest.raises(InputError, match=found):
+            compare(*wrong)
+
+
+ADAPTER = """from dataclasses import replace
+from drivers.engines.verlet import ENGINE as VERLET
+ENGINE = replace(VERLET, in_repository=False, version=lambda command: "twin 1.0")
+"""
+SOFTER = """#!{python}
+import json, os, sys
+from pathlib import Path
+deck = Path("chain.json")
+if deck.exists():
+    values = json.loads(deck.read_text())
+    values["stiffness_N_m-3/2"] = [(1 - 1e-6) * each for each in values["stiffness_N_m-3/2"]]
+    deck.write_text(json.dumps(values))
+os.execv({python!r}, [{python!r}, *sys.argv[1:]])
+"""
+
+
+@pytest.fixture
+def builds(engines_file: EnginesWriter, tmp_path: Path) -> tuple[str, str, str]:
+    """Three builds of a code, of the same version and from the same adapter: two are the same, one is too soft."""
+    (tmp_path / "twin.py").write_text(ADAPTER)
+    (tmp_path / "softer").write_text(SOFTER.format(python=sys.executable))
+    (tmp_path / "softer").chmod(0o755)
+    commands = {"twin": sys.executable, "twin-again": f"env {sys.executable}", "twin-softer": "./softer"}
+    engines_file("".join(f'[{name}]\nadapter = "twin.py"\ncommand = "{commands[name]}"\n' for name in commands))
+    return "twin", "twin-again", "twin-softer"
+
+
+def test_two_builds_of_a_code_side_by_side(
+    builds: tuple[str, str, str], scene_file: SceneWriter, compare: Compare, tmp_path: Path
+) -> None:
+    first, same, softer = builds
+    words = (scene_file(), "--runs", tmp_path / "runs", "--engine", first, "--engine")
+    code, lines = compare(*words, same)
+    assert code == 0
+    assert re.match(rf"scene +{same} against {first} all .*pass: the same, bit for bit$", lines[-1])
+    code, lines = compare(*words, softer)
+    assert code == 1
+    between = [line for line in lines if f"{softer} against {first}" in line]
+    assert re.search(r" force +\d\.\d\de-0[5-8] .* fail: .*; they part at \d+ µs in contact \d$", between[0])
+    assert not any(f"{same} against" in line for line in lines)  # not asked for
+    judged = [line.split() for line in lines if "force against verlet" in line]
+    assert {line[1]: line[line.index("verlet") + 3] for line in judged} == {first: "pass:", softer: "fail:"}
+
+
+def test_a_build_without_a_run_is_a_row(
+    builds: tuple[str, str, str], scene_file: SceneWriter, compare: Compare, tmp_path: Path
+) -> None:
+    (tmp_path / "softer").write_text("#!/bin/sh\necho a bad day >&2\nexit 3\n")
+    words = ("--runs", tmp_path / "runs", "--engine", builds[0], "--engine", builds[2])
+    code, lines = compare(scene_file(), *words)
+    assert code == 1
+    assert re.search(rf"{builds[2]} against {builds[0]} run .* fail: {builds[2]}: failed: .*a bad day", lines[-1])
+    (tmp_path / "softer").unlink()
+    code, lines = compare(scene_file(), *words)
+    assert code == 0  # told that it may be missing
+    assert re.search(rf"{builds[2]} against {builds[0]} run .* not run: {builds[2]}: not installed$", lines[-1])
+
+
+def test_builds_are_pairs_of_one_adapter(builds: tuple[str, str, str]) -> None:
+    first, same, softer = builds
+    assert Asked((VERLET, first, "reference", same, softer)).builds == [(first, same), (first, softer)]
+    assert Asked((VERLET, first, first)).builds == []
+
+
+def test_codes_are_the_same_in_two_folders(
+    scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Run twice, a code says the same: nothing has to be excused."""
+    for code in installed_codes() or codes():
+        for side in ("old", "new"):
+            finished(case_of(scene_file()), code, tmp_path / side)
+    words = ["--runs", str(tmp_path / "old"), "--against", str(tmp_path / "new")]
+    monkeypatch.setattr("sys.argv", ["validation", "compare", *words])
+    assert main() == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    assert all(re.search(rf"scene +{code} +all .* pass: the same", told.out) for code in installed_codes())
