@@ -79,8 +79,7 @@ def _compare(arguments: argparse.Namespace) -> int:
         raise InputError("compare", "", "no scene", allowed)
     from validation.compare.comparison import compare_scenes
 
-    scenes = arguments.what or sorted(path.stem for path in paths.SCENES.glob("*.toml"))
-    return compare_scenes(scenes, tuple(arguments.settings), runs, asked, unsafe=arguments.unsafe)
+    return compare_scenes(arguments.what, tuple(arguments.settings), runs, asked, unsafe=arguments.unsafe)
 
 
 def _report(arguments: argparse.Namespace) -> int:

@@ -4,6 +4,7 @@ Against ``verlet`` at the same step a run shows its modelling error, which shoul
 ``reference`` it shows what the user pays for the time step.
 """
 
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -208,8 +209,8 @@ def run_and_compare(
 def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path, asked: Asked, *, unsafe: bool) -> int:
     """Prints verdicts, departures, diagnoses and error budgets of scenes.
 
-    Two builds of one code that are asked for are compared with each other as well. The exit code is 1 if a verdict is a
-    failure or an engine that has to run did not.
+    Builds of one code that are asked for are compared with each other as well; without ``sources`` that alone is done,
+    on all shipped scenes. The exit code is 1 if a verdict is a failure or an engine that has to run did not.
 
     Raises:
         InputError: a scene is wrong, or cannot end well and is not to be run all the same.
@@ -217,14 +218,17 @@ def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path
     verdicts: list[Verdict] = []
     between: list[Verdict] = []
     ran = set[str]()
-    for source in sources:
+    for source in sources or sorted(path.stem for path in paths.SCENES.glob("*.toml")):
         compared = run_and_compare(source, settings, runs, asked, unsafe=unsafe)
-        print(*_lines(compared), sep="\n", flush=True)
-        verdicts += compared.verdicts
         between += [verdict for pair in asked.builds for verdict in _between(compared, *pair)]
         ran |= set(compared.wall_s)
+        if sources:
+            print(*_lines(compared), "", sep="\n", flush=True)
+            verdicts += compared.verdicts
+        else:
+            print(f"{source}: compared", file=sys.stderr, flush=True)
     if between:
-        print("", HEADING, *map(line_of, between), sep="\n")
+        print(HEADING, *map(line_of, between), sep="\n")
     failed = any(verdict.verdict == FAIL for verdict in verdicts + between)
     return 1 if print_unmet(asked.unmet(ran)) or failed else 0
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.trace import FORCES, read_forces, write_forces
 from drivers.engines import VERLET, codes, installed_codes
@@ -233,6 +234,23 @@ def test_two_builds_of_a_code_side_by_side(
     assert not any(f"{same} against" in line for line in lines)  # not asked for
     judged = [line.split() for line in lines if "force against verlet" in line]
     assert {line[1]: line[line.index("verlet") + 3] for line in judged} == {first: "pass:", softer: "fail:"}
+
+
+def test_builds_alone_are_compared_on_all_shipped_scenes(
+    builds: tuple[str, str, str], scene_file: SceneWriter, compare: Compare, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    for place, speed in enumerate(("1 m/s", "2 m/s")):
+        scene = scene_file(f"shipped-{place}")
+        (tmp_path / "scenes").mkdir(exist_ok=True)
+        (tmp_path / "scenes" / scene.name).write_text(scene.read_text().replace("1 m/s", speed))
+    monkeypatch.setattr(paths, "SCENES", tmp_path / "scenes")
+    for other, code in ((builds[1], 0), (builds[2], 1)):
+        words = ("--runs", tmp_path / "runs", "--engine", builds[0], "--engine", other)
+        found, lines = compare(*words)
+        assert found == code
+        assert {line.split()[0] for line in lines[1:]} == {"shipped-0", "shipped-1"}
+        assert all(f"{other} against {builds[0]}" in line for line in lines[1:])
 
 
 def test_a_build_without_a_run_is_a_row(

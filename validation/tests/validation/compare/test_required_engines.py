@@ -9,12 +9,12 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, VERLET, codes, installed_codes
-from drivers.run.finished import FILE
 from validation.__main__ import main
 from validation.compare.asked import Asked
 from validation.compare.comparison import run_and_compare
 from validation.compare.verdict import NOT_RUN
-from validation.tests.helpers.scenes import EnginesWriter, SceneWriter
+from validation.tests.helpers.runs import finished
+from validation.tests.helpers.scenes import EnginesWriter, SceneWriter, case_of
 
 Command = Callable[..., int]
 COMMANDS = ("compare", "report")
@@ -87,7 +87,9 @@ def test_a_code_that_ran_is_enough(command: Command, shared_runs: Path, capsys: 
 
 
 @pytest.mark.usefixtures("without_codes")
-def test_the_files_for_programs_have_failures_and_times(command: Command, shared_runs: Path, tmp_path: Path) -> None:
+def test_the_files_for_programs_have_failures_and_times(
+    command: Command, scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
+) -> None:
     required = codes()[0]
     assert command("report", "--require", required) == 1
     root = ElementTree.parse(tmp_path / "out" / "page.xml").getroot()
@@ -104,8 +106,7 @@ def test_the_files_for_programs_have_failures_and_times(command: Command, shared
     (suite,) = [each for each in root.findall("testsuite") if each.attrib["name"] == "scenes.scene"]
     wall_s = {}
     for engine in (VERLET, REFERENCE):
-        (record,) = (shared_runs / engine).glob(f"scene-*/{FILE}")
-        wall_s[engine] = json.loads(record.read_text())["wall_s"]
+        wall_s[engine] = finished(case_of(scene_file()), engine, shared_runs).record.wall_s
         times = {test.attrib["time"] for test in suite if test.attrib["classname"].endswith(f".{engine}")}
         assert times == {f"{wall_s[engine]:.3f}"}
     assert float(suite.attrib["time"]) == pytest.approx(sum(wall_s.values()), abs=1e-3)
