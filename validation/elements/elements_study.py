@@ -11,6 +11,7 @@ import pandas as pd
 
 from drivers.base.tolerances import tolerance
 from drivers.engines import VERLET, installed_codes
+from drivers.limits.refusal import inability
 from postproc.draw.style import FAINT, line_of, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
@@ -69,15 +70,16 @@ def measure(options: Options) -> dict[str, Any]:
     codes = installed_codes()
     engines = codes or [VERLET]
     tube = case_of(f"{scenes[0].name}-tube")
-    fastest = min(engines, key=lambda name: cost_on(name).run_s(tube))
+    in_tubes = [name for name in codes if inability(tube, name) is None]
+    fastest = min(in_tubes or [VERLET], key=lambda name: cost_on(name).run_s(tube))
     pairs = switches.pairs_of(asked.model_copy(update={"scene": scenes}), seeds)
     steps = {scene.name: list(switches.add_steps(scene, seeds, fastest, runs)) for scene in scenes}
     varied = [each for scene in scenes[:2] for each in switches.vary(scene, seeds, fastest, runs)]
     return {
         "elements": switches.measure_effects(pairs, engines, 1 if options.quick else REPEATS, runs),
-        "elements-nothing": switches.nothing_changes(scenes, engines, runs),
+        "elements-nothing": switches.nothing_changes(scenes, in_tubes or [VERLET], runs),
         "elements-accuracies": switches.accuracies_kept(scenes[0].name, engines, runs),
-        "elements-between": switches.compare_codes(scenes, seeds, codes, runs),
+        "elements-between": switches.compare_codes(scenes, seeds, in_tubes, runs),
         "oscilloscope": [number for own in steps.values() for each in own for number in each.numbers],
         "oscilloscope-ranges": [number for each in varied for number in each.numbers],
         **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in steps.items()},

@@ -317,7 +317,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Between:
-    """Two codes on a scene in its tube; a single row without seeds, which says why, where there are no two.
+    """Two codes on a scene in its tube; a single row without seeds, which says why, where no two model tubes.
 
     Attributes:
         before_wall: largest force difference until the wave reaches the wall, over the largest change; the worst seed.
@@ -333,7 +333,7 @@ class Between:
     before_wall: float = nan
     earliest_parted_s: float = nan
     median_parted_s: float = nan
-    observable: str = "not compared: fewer than two codes are installed"
+    observable: str = "not compared: fewer than two installed codes model tubes"
     first_mean: float = nan
     first_spread: float = nan
     second_mean: float = nan
@@ -366,7 +366,7 @@ def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[
 
 
 def compare_codes(subjects: Iterable[Subject], seeds: int, codes: Sequence[str], runs: Path) -> Iterator[Between]:
-    """Every two codes on all scenes in their tubes."""
+    """Every two of the codes, which model tubes, on all scenes in theirs."""
     if len(codes) < 2:
         yield Between("any", "any", " ".join(codes), 0)
         return

@@ -138,7 +138,7 @@ def test_elements_takes_any_number_of_codes(
     section = read_section("elements", results)
     assert section["short"]
     said = " ".join(section["sentences"])
-    assert ("not compared: fewer than two codes are installed" in said) == (count < 2)
+    assert ("not compared: fewer than two installed codes model tubes" in said) == (count < 2)
     assert all(f"fig4 without friction, {pair}, 2 seeds" in said for pair in pairs)
     assert [title for title, _ in section["figures"]][1].startswith("fig4: what the gauges show")
     assert all(f">{name}<" in (results / "elements.svg").read_text() for name in names)
