@@ -10,6 +10,7 @@ from drivers.base.errors import InputError
 from drivers.batch.study import column_name, read_study, select, value_at
 from drivers.batch.study_cases import sources_of
 from drivers.batch.study_commands import Where, batch
+from drivers.engines import engine_names
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
@@ -157,7 +158,7 @@ BAD = {
     "an empty table": ('[[axis]]\ntable = "empty.csv"', "at least one line of values"),
     "a scene that cannot be": ('[[axis]]\nkey = "chain.count"\nvalues = [3, -1]',
         "case 2 (chain.count=-1): chain.count: found -1"),
-    "an unknown engine": ('engines = ["abaqus"]', '"abaqus"; allowed: liggghts, reference, verlet, yade'),
+    "an unknown engine": ('engines = ["abaqus"]', f'"abaqus"; allowed: {", ".join(engine_names())}'),
     "no base scene": ('scene = "nowhere"', 'scene: found "nowhere"'),
     "an unknown word": ("axes = 3", "axes: found an unknown key; allowed: did you mean axis?"),
     "keys one below the other": (
