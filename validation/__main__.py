@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 SEVERAL: dict[str, Any] = {"action": "append", "default": []}
 OPTIONS: dict[str, dict[str, Any]] = {
-    "what": {"nargs": "*", "metavar": "SCENE|RUN RUN", "help": "scene files or names; or two run folders"},
+    "what": {
+        "nargs": "*",
+        "metavar": "SCENE|RUN RUN",
+        "help": "scene files or names; or two run folders; none: all there are",
+    },
     "scenes": {"nargs": "*", "metavar": "SCENE", "help": "default: the paper's four, fig4 to fig6d"},
     "--set": SEVERAL | {"metavar": "KEY=VALUE", "dest": "settings"},
     "--unsafe": {"action": "store_true", "help": "run what a guard refuses"},
@@ -26,10 +30,13 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--out": {"type": Path, "metavar": "FILE", "help": "default: results/report.html"},
     "--results": {"type": Path, "metavar": "DIR", "help": "default: results/"},
     "--runs": {"type": Path, "metavar": "DIR", "help": "where run folders are (default: runs/)"},
-    "--against": {"type": Path, "metavar": "NEW", "help": "compare the runs of --runs with those of this folder"},
+    "--against": {"type": Path, "metavar": "NEW", "help": "a folder of runs, to be compared with those of --runs"},
     "--engine": SEVERAL | {"metavar": "E", "help": "compare these beside the yardsticks; repeatable"},
     "--require": SEVERAL | {"metavar": "E", "help": "an engine that has to run, or it is a failure; repeatable"},
-    "--allow-missing": {"action": "store_true", "help": "no failure where --engine or every code is missing"},
+    "--allow-missing": {
+        "action": "store_true",
+        "help": "engines of --engine, codes and runs of --against may be missing",
+    },
 }
 CHECKS = {"results": must_be_folder, "runs": must_be_folder, "out": must_be_file}
 
@@ -38,7 +45,8 @@ def main() -> int:
     """Reads the command line and does what it says."""
     arguments = _parser().parse_args()
     for option, check in CHECKS.items():
-        check(f"--{option}", getattr(arguments, option, None))
+        if not (option == "runs" and getattr(arguments, "against", None)):  # of which nothing is written
+            check(f"--{option}", getattr(arguments, option, None))
     return int(arguments.action(arguments))
 
 
