@@ -20,6 +20,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "metavar": "SCENE|RUN RUN",
         "help": "scene files or names; or two run folders; none: all there are",
     },
+    "name": {"metavar": "NAME", "help": "an engine, such as verlet, or an entry of an engines.toml"},
     "scenes": {"nargs": "*", "metavar": "SCENE", "help": "default: the paper's four, fig4 to fig6d"},
     "--set": SEVERAL | {"metavar": "KEY=VALUE", "dest": "settings"},
     "--unsafe": {"action": "store_true", "help": "run what a guard refuses"},
@@ -104,6 +105,12 @@ def _study(arguments: argparse.Namespace) -> int:
     return run_study(load_study(arguments.command), options)
 
 
+def _engine(arguments: argparse.Namespace) -> int:
+    from validation.kit.judge import judge_engine
+
+    return judge_engine(arguments.name, arguments.runs or paths.RUNS, arguments.results)
+
+
 def _wave(_: argparse.Namespace) -> int:
     from validation.reference.travelling_wave import constants, solve_travelling_wave
 
@@ -125,6 +132,7 @@ COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, str]] = {
     "stability": (_study, "limits of the time step, extremes, long runs, rounding", "--quick --results --runs"),
     "elements": (_study, "what each modelling element adds and costs, step by step", "--quick --results --runs"),
     "independent": (_study, "beyond the paper, against published numbers and theory", "--file --results --runs"),
+    "engine": (_engine, "judge an adapter or a build: interface, decks, output, physics", "name --results --runs"),
     "wave": (_wave, "constants of the exact solitary wave of the discrete chain", ""),
 }
 

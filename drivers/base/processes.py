@@ -32,6 +32,7 @@ _stops = 0  # how many ask that nothing runs
 # it began its program, and so as what this one holds, which is large
 LAUNCHER = """
 import os, sys
+os.set_inheritable(int(sys.argv[1]), False)  # what outlives the command does not hold the pipe open
 try:
     child = os.posix_spawnp(sys.argv[2], sys.argv[2:], os.environ)
 except OSError as error:

@@ -67,7 +67,7 @@ def build_of(engine: Engine, home: Path) -> Build:
                 return Build(command, str(known["version"]), str(known["sha256"]))
         except (OSError, ValueError, KeyError, TypeError):
             pass
-        files = sorted(dict.fromkeys(_files(engine, command)))
+        files = sorted(dict.fromkeys(files_of(engine, command)))
         digests = "".join(sorted(sha256_of(file) for file in files))
         build = Build(command, engine.version(command), hashlib.sha256(digests.encode()).hexdigest())
         if build.version != UNKNOWN_VERSION:  # else ask again next time: it may have been mended
@@ -85,7 +85,7 @@ def _key(command: tuple[str, ...], files: Any) -> dict[str, Any]:
     return {"command": [*command], "libraries": os.environ.get("LD_LIBRARY_PATH", ""), "files": changed}
 
 
-def _files(engine: Engine, command: tuple[str, ...]) -> Iterator[Path]:
+def files_of(engine: Engine, command: tuple[str, ...]) -> Iterator[Path]:
     """Programs of a command, what scripts among them start, and the libraries that all of these load."""
     waiting, known = (
         [Path(found) for word in command if (found := which(word) or word) and Path(found).is_file()],

@@ -1,41 +1,15 @@
 """Planning of a case: the largest time step that keeps the accuracy its scene asks for, and the cheapest engine."""
 
 import time
-import tomllib
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import replace
 from pathlib import Path
 
-from drivers.base import paths
 from drivers.base.errors import RunError
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed, load_engine
 from drivers.limits.refusal import FORCE, beyond_rounding
 from drivers.scene.read_scene import read_scene
-
-
-@dataclass(frozen=True)
-class Cost:
-    """Cost of a run on one engine: seconds of start-up, nanoseconds per body and time step, and body and sample."""
-
-    start_s: float
-    step_ns: float
-    sample_ns: float
-
-    def loop_s(self, case: Case) -> float:
-        """Seconds in the time loop."""
-        return case.chain.bodies * (self.step_ns * case.scene.steps + self.sample_ns * case.scene.samples) * 1e-9
-
-    def run_s(self, case: Case) -> float:
-        """Seconds of a whole process."""
-        return self.start_s + self.loop_s(case)
-
-
-@cache
-def cost_on(engine: str) -> Cost:
-    """What an engine costs; one that nobody has measured costs infinitely much."""
-    measured = tomllib.loads(paths.COSTS.read_text()).get(engine)
-    return Cost(**measured) if measured else Cost(float("inf"), 0.0, 0.0)
+from validation.accuracy.costs import cost_on
 
 
 def able(case: Case) -> list[str]:

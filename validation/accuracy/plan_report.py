@@ -17,7 +17,8 @@ from drivers.limits.trial import failure, first_failure_s
 from postproc.read.residual import still
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of
 from validation.accuracy.budget import NOTHING_MOVES, predicted_error
-from validation.accuracy.plan import able, asked_of, cheapest, cost_on, planned_case
+from validation.accuracy.costs import cost_on
+from validation.accuracy.plan import able, asked_of, cheapest, planned_case
 from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 
 TENFOLD = 10.0

@@ -57,7 +57,7 @@ def _force_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, Ende
         verlet, limit, samples = own.plain if another_law else runs[VERLET].trace, baseline.allowed, baseline.samples
         why = f"where rounding alone passes {HORIZON:g}"
         verdicts.append(_force_verdict(case, (engine, VERLET), run.trace, verlet, limit, samples, why))
-        verdicts.append(_motion_verdict(baseline, engine, run.trace, verlet))
+        verdicts.append(motion_verdict(baseline, engine, run.trace, verlet))
     if REFERENCE in runs and engine != REFERENCE:
         exact, limit = runs[REFERENCE].trace, tolerance("truncation", "force", shipped_name(case))
         why = f"from when on the reference is off by {HORIZON:g}"
@@ -88,7 +88,7 @@ def _known_samples(case: Case) -> int:
         return case.scene.samples
 
 
-def _motion_verdict(baseline: Baseline, engine: str, trace: Trace, verlet: Trace) -> Verdict:
+def motion_verdict(baseline: Baseline, engine: str, trace: Trace, verlet: Trace) -> Verdict:
     """Kinetic energy and momentum: recorded velocities that are off change no force.
 
     Where the forces are allowed more, by rounding or by a sphere for a face, so are they.

@@ -15,7 +15,7 @@ from drivers.limits.refusal import inability
 from postproc.draw.style import FAINT, line_of, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
-from validation.accuracy.plan import cost_on
+from validation.accuracy.costs import cost_on
 from validation.elements import switches
 from validation.elements.switches import STEPS, Shown, read_elements
 from validation.studies import Options, Picture, Study, Tables

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain, product
-from math import ceil, inf, nan, sqrt
+from math import ceil, nan, sqrt
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -22,7 +22,7 @@ from drivers.base.processes import run_command
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of
 from drivers.chain.trace import Trace
-from drivers.engines import REFERENCE, VERLET, Engine, codes, installed_codes, load_engine
+from drivers.engines import REFERENCE, VERLET, Engine, installed_codes, load_engine
 from drivers.limits.criteria import rayleigh_time
 from drivers.limits.refusal import FORCE
 from drivers.limits.stable_step import predicted_limit
@@ -31,7 +31,7 @@ from postproc.paper.simulate import case_of, exact
 from postproc.read.observables import of_kind
 from postproc.read.residual import residual
 from validation.accuracy import schemes
-from validation.accuracy.plan import cost_on
+from validation.accuracy.costs import cost_on
 from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
@@ -117,11 +117,8 @@ def rungs_of(scene: str) -> Iterator[Rung]:
 
 
 def expected_loop_s(method: str, case: Case) -> float:
-    """Expected seconds of a fixed-step loop; a code that nobody has measured is taken for the slowest one."""
-    if method == ORDER_4:
-        return FORCES_OF_ORDER_4 * expected_loop_s(VERLET, case)
-    costs = {name: cost_on(name).loop_s(case) for name in (method, VERLET, *codes())}
-    return costs[method] if costs[method] < inf else max(cost for cost in costs.values() if cost < inf)
+    """Expected seconds of a fixed-step loop."""
+    return FORCES_OF_ORDER_4 * cost_on(VERLET).loop_s(case) if method == ORDER_4 else cost_on(method).loop_s(case)
 
 
 def at_step(case: Case, share: float, stable_s: float) -> Case:

@@ -1,0 +1,193 @@
+"""Checks of what an engine leaves behind and of how it ends: damaged output, failures, time limits, its server."""
+
+import shutil
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import closing, suppress
+from pathlib import Path
+
+from drivers.base.decks import Deck
+from drivers.base.errors import RunError
+from drivers.chain.trace import digest_of
+from drivers.run.guard import START_TOLERANCE, checked_trace
+from drivers.run.session import MAX_START_S, Session
+from validation.accuracy.costs import entry_of, measure
+from validation.compare.departure import deviation
+from validation.kit.candidate import Candidate, Measured, case_with, within
+from validation.served_runs import serve
+
+FLIPS = 16  # bytes that are flipped one at a time, at the head of each file and throughout
+KEPT = (0.0, 0.3, 0.999)  # shares of a file that a torn one keeps
+FOREIGN = {"text": b"no output of anything\n", "JSON": b"{}\n", "zip": b"PK\x03\x04 torn", "zeros": bytes(4096)}
+OTHERS = {
+    "another number of beads": ("chain.count=4",),
+    "another number of samples": ("run.duration=0.2 ms",),
+    "another striker speed": ("striker.speed=1.1 m/s",),
+    "another gravity": ("gravity=",),
+}
+ENDLESS = ("run.duration=200 s", "run.sample_interval=2 ms", "run.time_step=0.1 us")  # 2e9 steps
+LIMIT_S = 1.0
+Output = Mapping[str, bytes]  # files by name
+NO_DECK = "this is no deck (\n"
+
+
+def start(candidate: Candidate) -> Iterator[Measured]:
+    """The trace begins with the state that the scene has at time 0, not a step or half a step beside it."""
+    moving = "chain.bead=[{from_wall=3, gap_below='20 um', velocity='0.1 m/s'}, {from_wall=1, velocity='-0.2 m/s'}]"
+    case = case_with("chain.precompression=2 N", "chain.origin=0.1 m", moving)
+    trace, chain = candidate.run(case), case.chain
+    if trace.height_m is None or trace.velocity_m_s is None:
+        raise RunError("the trace has no heights and velocities")
+    for name, found, right in (
+        ("force", trace.force_N, chain.force_N),
+        ("velocity", trace.velocity_m_s, chain.velocity_m_s),
+    ):
+        share = float(abs(found[0] - right).max() / abs(found).max())
+        yield Measured(share, START_TOLERANCE, f"{name} at time 0, off by this share of the largest")
+    moved = abs(trace.height_m - chain.height_m)
+    yield within("height", float(moved[0].max() / moved.max()), "height at time 0, off by this share of the motion")
+
+
+def damaged_output(candidate: Candidate) -> Iterator[Measured]:
+    """Output that is missing, torn or another case's is a RunError, or changes nothing; flipped bytes raise no other.
+
+    Not every format can tell a byte that is flipped within a number: there it may change forces.
+    """
+    folder, trace = candidate.alone
+    place, problems, counts = candidate.folder / "damaged", list[str](), Counter[str]()
+    for words, contents, may_differ in _damages(candidate, _output(candidate.deck, folder)):
+        shutil.copytree(folder, place)
+        for name, content in contents.items():
+            if content is None:
+                (place / name).unlink()
+            else:
+                (place / name).parent.mkdir(exist_ok=True)
+                (place / name).write_bytes(content)
+        try:
+            same = digest_of(candidate.read(candidate.base, place)) == digest_of(trace)
+        except RunError:
+            counts["a RunError"] += 1
+        except Exception as error:  # whatever an adapter raises
+            problems.append(f"{words}: {type(error).__name__}: {error}")
+        else:
+            counts["no difference" if same else "another trace"] += 1
+            if not (same and any(contents.values())) and not may_differ:
+                problems.append(f"{words}: read without an error")
+        shutil.rmtree(place)
+    told = ", ".join(f"{words} {count}" for words, count in counts.items())
+    yield Measured(len(problems), 0, "; ".join(problems[:3]) or f"of {counts.total()} damages: {told}")
+
+
+def _damages(candidate: Candidate, output: Output) -> Iterator[tuple[str, Mapping[str, bytes | None], bool]]:
+    """Damages: words, contents of files by name (None: missing), and whether forces may differ."""
+    yield "no raw output", dict.fromkeys(output), False
+    for name, whole in output.items():
+        for share in KEPT:
+            yield f"{name} torn at {share:g}", {name: whole[: int(share * len(whole))]}, False
+        for words, content in FOREIGN.items():
+            yield f"{words} in place of {name}", {name: content}, False
+        spread = (number * (len(whole) - 1) // FLIPS for number in range(FLIPS))
+        for at in {*range(min(FLIPS, len(whole))), *spread}:
+            flipped = whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :]
+            yield f"byte {at} of {name} flipped", {name: flipped}, True
+    for words, settings in OTHERS.items():
+        other = case_with(*settings)
+        deck = candidate.engine.render(other)
+        folder, outcome = candidate.execute(other, deck)
+        if outcome.code:
+            raise RunError(f"{words}: exit code {outcome.code}")
+        said = {"stdout.txt": (folder / "stdout.txt").read_bytes()}
+        yield f"output of {words}", {**dict.fromkeys(output), **_output(deck, folder), **said}, False
+
+
+def _output(deck: Deck, folder: Path) -> Output:
+    """Raw output files by name; where one is a folder, those in it."""
+    found = (
+        path
+        for name in deck.raw
+        for path in ((folder / name).rglob("*") if (folder / name).is_dir() else [folder / name])
+    )
+    return {str(path.relative_to(folder)): path.read_bytes() for path in found if path.is_file()}
+
+
+def failures(candidate: Candidate) -> Iterator[Measured]:
+    """A deck that cannot be run fails with the engine's own words; beyond the time limit nothing of it goes on."""
+    folder, outcome = candidate.process(_broken(candidate.deck), "broken", 60.0)
+    words = ""
+    try:
+        checked_trace(candidate.base, candidate.engine, outcome, folder)
+    except RunError as error:
+        words = str(error)
+    if not words or words.endswith("no output"):
+        raise RunError(f"a deck that is none: {words or 'done'}")
+    case = case_with(*ENDLESS)
+    began = time.perf_counter()
+    folder, outcome = candidate.process(candidate.engine.render(case), "endless", LIMIT_S)
+    late_s = time.perf_counter() - began - LIMIT_S
+    if not outcome.timed_out:
+        raise RunError(f"a run of {case.scene.steps:.0e} steps ended by itself, exit code {outcome.code}")
+    time.sleep(0.2)
+    if left := _processes_in(folder):
+        raise RunError(f"killed at the time limit; processes of it that went on: {left}")
+    yield within("late", late_s, f"s after the time limit; a deck that is none: {words}")
+
+
+def _broken(deck: Deck) -> Deck:
+    return Deck(dict.fromkeys(deck.files, NO_DECK), deck.command, deck.raw)
+
+
+def _processes_in(folder: Path) -> int:
+    """Processes that run in a folder, where the system tells."""
+    found = 0
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            found += (process / "cwd").readlink() == folder
+    return found
+
+
+def server(candidate: Candidate) -> Iterator[Measured]:
+    """The server repeats the bits of a process by itself, in any order, after a bad deck and after one too late."""
+    engine, base = candidate.engine, candidate.base
+    _, alone = candidate.alone
+    right = digest_of(alone)
+    other, problems = case_with("chain.count=3", "wall="), []
+    with closing(Session(engine, candidate.build.command, candidate.folder / "server")) as session:
+
+        def same(when: str) -> None:
+            """Holds the base case against the run by itself."""
+            served = serve(session, base)
+            if digest_of(served.trace) != right:
+                apart = deviation(served.trace, alone).share
+                problems.append(f"{when} forces differ by {apart:.1e} from those of a process by itself")
+
+        same("at first")
+        same("once more")
+        first, again = digest_of(serve(session, other).trace), digest_of(serve(session, other).trace)
+        if first != again:
+            problems.append("another case is not repeated")
+        same("after another case")
+        began = time.perf_counter()
+        serve(session, base)
+        case_s = time.perf_counter() - began
+        for words, deck, limit_s in (
+            ("a deck that is none", _broken(candidate.deck), 60.0),
+            ("a run beyond its time limit", engine.render(case_with(*ENDLESS)), LIMIT_S),
+        ):
+            outcome = session.run(deck, limit_s)
+            with suppress(RunError):
+                checked_trace(base, engine, outcome, session.case)
+                problems.append(f"{words} is done")
+            same(f"after {words}")
+    yield Measured(len(problems), 0, "; ".join(problems) or f"the same bits 5 times; {case_s:.3f} s a case")
+
+
+def cost(candidate: Candidate) -> Iterator[Measured]:
+    """What a run costs is measured, and the seconds of its loop are part of those of its process."""
+    found = measure(candidate.engine, candidate.build)
+    folder, _ = candidate.alone
+    loop_s = candidate.engine.loop_seconds((folder / "stdout.txt").read_text(errors="replace"))
+    if loop_s is None:
+        raise RunError("the output has no line of loop_pattern")
+    words = "\n".join(["s to start a process", *entry_of(candidate.engine.name, found)])
+    yield Measured(found.start_s, MAX_START_S, words)
