@@ -10,6 +10,7 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
+from drivers.engines import codes, installed_codes, missing_codes
 from postproc.draw.product import Product, write_product
 from postproc.figures import figures, make_figure
 from postproc.paper.quoted import quoted
@@ -18,7 +19,7 @@ from postproc.read.signals import Peak, envelope, incident_pulse
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 
-CODES = ("liggghts", "yade")
+CODES = codes()
 ENGINES = (*CODES, "reference")
 CHAINS = ("fig3", "fig4", "fig5", "fig6", "table1")  # that are drawn against time and place as well
 
@@ -186,13 +187,14 @@ def test_quoted_numbers_are_whole() -> None:
     assert table.notna().all().all()
 
 
-def test_a_figure_without_an_engine_says_so(tmp_path: Path) -> None:
+def test_a_figure_without_an_engine_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
     done = command_line("postproc", "fig6", "--runs", tmp_path / "runs", "--out", tmp_path / "out", PATH=str(empty))
     assert done.returncode == 0, done.stderr
-    assert "without what is not installed: liggghts, yade" in done.stderr
-    assert set(pd.read_csv(tmp_path / "out" / "fig6.csv")["engine"]) == {"reference"}
+    monkeypatch.setenv("PATH", str(empty))
+    assert f"without what is not installed: {', '.join(missing_codes())}" in done.stderr
+    assert set(pd.read_csv(tmp_path / "out" / "fig6.csv")["engine"]) == {"reference", *installed_codes()}
 
 
 @pytest.mark.parametrize("name", ["fig4", "fig5", "table1"])

@@ -2,12 +2,12 @@
 
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from drivers.engines import load_engine
 from validation.compare.asked import Asked
 from validation.compare.comparison import REFUSED, ComparedScene, run_and_compare
 from validation.compare.verdict import FAIL
@@ -15,7 +15,7 @@ from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
-LIGGGHTS, YADE, DATA = "chain.in", "chain.py", "chain.data"
+DECK, YADE, DATA = "chain.in", "chain.py", "chain.data"
 SENSOR = 'sensors = [{ from_wall = 3, mass = "0.116 g" }]'
 IN_REPOSITORY = ("reference", "verlet")
 GRAVITY = 'gravity = "9.81 m/s^2"'
@@ -27,8 +27,17 @@ SABOTAGE = {
     ),
     ("yade", "the default damping"): (YADE, "damping=0, ", "", r"matches non-viscous damping of 0\.2, which YADE"),
     ("yade", "some damping"): (YADE, "damping=0", "damping=0.03", r"matches non-viscous damping of 0\.03 to "),
+    ("lammps", "a wall contact too stiff"): (
+        DECK, r"(wall/gran granular hertz) \S+", r"\1 4867280554.542816",
+        r"matches a wall contact 2 times as stiff",
+    ),
+    ("lammps", "the viscous damping"): (
+        DECK, r"0 (tangential linear_nohistory 0 0) damping velocity",
+        r"0.9 \1 damping tsuji limit_damping", r"matches contacts of damping ratio 0\.0\d+",
+    ),
+    ("lammps", "gravity forgotten"): (DECK, "fix weight.*\n", "", "matches the scene without gravity"),
     ("liggghts", "the viscous damping"): (
-        LIGGGHTS, r"(coefficientRestitution peratomtypepair 2) 1 1 1 1", r"\1 0.9 0.9 0.9 0.9",
+        DECK, r"(coefficientRestitution peratomtypepair 2) 1 1 1 1", r"\1 0.9 0.9 0.9 0.9",
         r"matches contacts of damping ratio 0\.030598, which may pull.*coefficientRestitution of 0\.9\)",
     ),
     ("liggghts", "a sensor's mass"): (
@@ -45,7 +54,7 @@ SABOTAGE = {
         YADE, r"-0\.9999995095", "-1", "matches velocities that start half a step ahead",
     ),
     ("liggghts", "forces stamped one step early"): (
-        LIGGGHTS, "# total force on each", "run 1\nreset_timestep 0\n# total force on each",
+        DECK, "# total force on each", "run 1\nreset_timestep 0\n# total force on each",
         r"matches forces stamped one time step \(0\.1 us\) early",
     ),
     ("yade", "forces stamped one step early"): (
@@ -57,16 +66,16 @@ SABOTAGE = {
     ),
     ("liggghts", "a striker without its speed"): (DATA, "6 0 0 -1 0 0 0", "6 0 0 0 0 0 0", "matches a striker at rest"),
     ("yade", "a striker without its speed"): (YADE, r"-0\.9999995095", "0", "matches a striker at rest"),
-    ("liggghts", "gravity forgotten"): (LIGGGHTS, "fix weight.*\n", "", "matches the scene without gravity"),
+    ("liggghts", "gravity forgotten"): (DECK, "fix weight.*\n", "", "matches the scene without gravity"),
     ("yade", "gravity forgotten"): (YADE, r", gravity=\(0, 0, -g\)", "", "matches the scene without gravity"),
     ("liggghts", "beads of steel"): (
-        LIGGGHTS, r" 1460000000 (.*\n.*) 0\.46 ", r" 203000000000 \1 0.30 ", "matches (beads of|ptfe taken for) steel",
+        DECK, r" 1460000000 (.*\n.*) 0\.46 ", r" 203000000000 \1 0.30 ", "matches (beads of|ptfe taken for) steel",
     ),
     ("yade", "beads of steel"): (
         YADE, r"young=1460000000, poisson=0\.46", "young=203e9, poisson=0.3", "matches (beads of|ptfe taken for) steel",
     ),
     ("liggghts", "a wall of the beads' material"): (
-        LIGGGHTS, "type 2 zplane", "type 1 zplane", "matches a wall of ptfe",
+        DECK, "type 2 zplane", "type 1 zplane", "matches a wall of ptfe",
     ),
     ("yade", "a wall of the beads' material"): (
         YADE, r'sense=1, material="brass"', 'sense=1, material="ptfe"', "matches a wall of ptfe",
@@ -96,7 +105,7 @@ SABOTAGE = {
         "with velocities that are set back by half the scene's step to ",
     ),
     ("liggghts", "half the time step"): (
-        LIGGGHTS, r"timestep +\S+", "timestep 0.05e-6",
+        DECK, r"timestep +\S+", "timestep 0.05e-6",
         r"matches a time step of 0\.05 us \(the scene has 0\.1\) at stamps of the scene's to ",
     ),
 }  # fmt: skip
@@ -160,6 +169,7 @@ text, count = re.subn({good!r}, {bad!r}, text)
 assert count, {good!r}
 open({file!r}, "w").write(text)
 """)
-    real = subprocess.run(["which", engine], capture_output=True, text=True, check=True).stdout.strip()
-    script = f'if [ -e {file} ]; then {sys.executable} {tmp_path}/swap.py || exit 99; fi\nexec {real} "$@"\n'
-    stand_in(engine, script)
+    found = load_engine(engine).find()
+    assert found is not None
+    script = f'if [ -e {file} ]; then {sys.executable} {tmp_path}/swap.py || exit 99; fi\nexec {found[0]} "$@"\n'
+    stand_in(load_engine(engine).program, script)

@@ -1,17 +1,26 @@
 """Decks of real engines with a line changed: what a careless edit, or a blow-up, must not get past the guard."""
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from drivers.engines import load_engine
 from validation.tests.helpers.runs import failing_run, finished, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 UNSTABLE = "^unstable at t = "
 SABOTAGE = {
+    "lammps": {
+        "a lost bead": ("fix motion", "fix push all addforce 1000 0 0\nfix motion", f"{UNSTABLE}.*Lost atoms"),
+        "NaN": ("timestep        1e-07", "timestep        1e200", UNSTABLE),
+        "no strike": ("fix motion", "velocity all set 0 0 0\nfix motion", "body 6 starts with a velocity of 0 m/s"),
+        "an error in the deck": ("pair_style      gran", "pair_style      grain", "pair style"),
+        "half way": ("run             3000", "run             1500", "output ends in sample 152 of 301"),
+        "a step far too large": ("timestep        1e-07", "timestep        2.5e-05", UNSTABLE),
+        "a little force": ("fix motion", "fix push all addforce 0 0 -1e-3\nfix motion", f"{UNSTABLE}.*energy is off"),
+    },
     "liggghts": {
         "a lost bead": ("fix motion", "fix push all addforce 100 0 0\nfix motion", f"{UNSTABLE}.*Lost atoms"),
         "NaN": ("timestep        1e-07", "timestep        1e200", UNSTABLE),
@@ -46,7 +55,8 @@ def test_sabotaged_decks_on_the_real_engine(
 
 
 @pytest.mark.parametrize(
-    ("engine", "good", "bad"), [("liggghts", "zplane 0", "zplane -1"), ("yade", "wall(0", "wall(-1")]
+    ("engine", "good", "bad"),
+    [("lammps", "zplane 0", "zplane -1"), ("liggghts", "zplane 0", "zplane -1"), ("yade", "wall(0", "wall(-1")],
 )
 def test_a_bead_that_passes_through_the_wall(
     engine: str, good: str, bad: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
@@ -57,7 +67,8 @@ def test_a_bead_that_passes_through_the_wall(
 
 
 @pytest.mark.parametrize(
-    ("engine", "good", "bad"), [("liggghts", "1e-07", "1.1e-07"), ("yade", "range(every if", "range(9 if")]
+    ("engine", "good", "bad"),
+    [("lammps", "1e-07", "1.1e-07"), ("liggghts", "1e-07", "1.1e-07"), ("yade", "range(every if", "range(9 if")],
 )
 def test_a_run_at_another_step_is_told_apart(
     engine: str, good: str, bad: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
@@ -72,13 +83,14 @@ def test_a_run_at_another_step_is_told_apart(
 def sabotage(engine: str, good: str, bad: str, stand_in: StandIn, tmp_path: Path) -> None:
     """From here on the real engine gets its decks with some words replaced."""
     need(engine)
-    file = {"liggghts": "chain.in", "yade": "chain.py"}[engine]
+    file = next(iter(load_engine(engine).render(case_of("fig4")).files))
     swap = f"""import sys
 text = open(sys.argv[1]).read()
 assert {good!r} in text
 open(sys.argv[1], "w").write(text.replace({good!r}, {bad!r}))
 """
-    real = subprocess.run(["which", engine], capture_output=True, text=True, check=True).stdout.strip()
+    found = load_engine(engine).find()
+    assert found is not None
     (tmp_path / "swap.py").write_text(swap)
-    script = f'if [ -e {file} ]; then {sys.executable} {tmp_path}/swap.py {file} || exit 99; fi\nexec {real} "$@"\n'
-    stand_in(engine, script)
+    script = f'if [ -e {file} ]; then {sys.executable} {tmp_path}/swap.py {file} || exit 99; fi\nexec {found[0]} "$@"\n'
+    stand_in(load_engine(engine).program, script)
