@@ -1,18 +1,11 @@
-"""Decks: snapshots of the paper's scenes, nothing in them that the scene does not need, runnable by hand."""
+"""Decks: snapshots of the paper's scenes, nothing in them that the scene does not need."""
 
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from drivers.base.processes import scrubbed_environment
-from drivers.chain.trace import read_forces
-from drivers.engines import codes, engine_names, load_engine
-from validation.tests.helpers.runs import finished, need
-from validation.tests.helpers.scenes import SceneWriter, case_of
+from drivers.engines import codes, load_engine
+from validation.tests.helpers.scenes import case_of
 
 SNAPSHOTS = Path(__file__).parent / "decks"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
@@ -121,36 +114,3 @@ def test_a_bore_is_a_cylinder_or_a_mesh(engine: str) -> None:
         text = "".join(load_engine(engine).render(case_of("fig4-tube", *settings)).files.values())
         assert there in text
         assert absent not in text
-
-
-@pytest.mark.parametrize("engine", codes())
-@pytest.mark.parametrize("scene", ["fig4", "fig6b", "fig6d"])
-def test_a_tube_around_a_straight_chain_is_out(scene: str, engine: str) -> None:
-    inside = load_engine(engine).render(case_of(f"{scene}-tube", "chain.lateral_offset="))
-    assert inside.sha256 == load_engine(engine).render(case_of(scene)).sha256
-
-
-def test_equal_physics_is_an_equal_deck(scene_file: SceneWriter) -> None:
-    for engine in engine_names():
-        one = load_engine(engine).render(case_of(scene_file("one", top='title = "one"')))
-        other = load_engine(engine).render(case_of(scene_file("other", top='title = "other"')))
-        assert one.sha256 == other.sha256
-
-
-@pytest.mark.parametrize("engine", [*codes(), "verlet"])
-def test_a_deck_run_by_hand_gives_the_same_output(engine: str, shared_runs: Path, tmp_path: Path) -> None:
-    need(engine)
-    case = case_of("fig4")
-    run = finished(case, engine, shared_runs)
-    adapter = load_engine(engine)
-    folder = tmp_path / "by-hand"
-    shutil.copytree(run.folder, folder)
-    first = (folder / next(iter(adapter.render(case).files))).read_text().splitlines()[0]
-    command = first.removeprefix("# ").removeprefix('{"command": "').removesuffix('",')
-    environment = scrubbed_environment()
-    environment["PATH"] = f"{Path(sys.executable).parent}:{environment['PATH']}"
-    with open(folder / "stdout.txt", "w") as out:
-        subprocess.run(command, shell=True, cwd=folder, env=environment, stdout=out, check=True, timeout=100)
-    np.testing.assert_array_equal(
-        adapter.read(case, folder).force_N, read_forces(run.folder / "forces.parquet").force_N
-    )

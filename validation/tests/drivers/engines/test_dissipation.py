@@ -11,10 +11,8 @@ from scipy.integrate import solve_ivp
 
 from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
-from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of
 from drivers.chain.contact_law import damping_ratio, restitution, restitution_with_attraction
-from drivers.chain.trace import Trace
 from drivers.engines import codes, engine_names, load_engine
 from drivers.limits.energy_bounds import certainly_stable, late_damping
 from drivers.limits.refusal import inability
@@ -24,6 +22,7 @@ from postproc.read.observables import observe, of_kind
 from validation.accuracy.schemes import truth_of, verlet_of
 from validation.compare.comparison import compare_case
 from validation.compare.verdict import PASS
+from validation.kit.physics_checks import bounced
 from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, record_contacts
@@ -59,29 +58,6 @@ def test_the_formula_is_the_impact(wanted: float) -> None:
 def test_elastic_contacts_stay_as_they_are() -> None:
     assert damping_ratio(1.0) == 0.0
     assert restitution(0.0) == restitution_with_attraction(0.0) == 1.0
-    for engine in ENGINES:
-        plain = load_engine(engine).render(case_of("fig4")).sha256
-        for setting in ("contact.restitution=1.0", "contact.damping_ratio=0.0", "contact.friction=0.1"):
-            assert load_engine(engine).render(case_of("fig4", setting)).sha256 == plain
-
-
-def bounced(case: Case, trace: Trace) -> float:
-    """Relative speed after over that before, from energy and momentum, which every run keeps."""
-    relative = trace.kinetic_energy_J - trace.momentum_N_s**2 / (2 * case.chain.mass_kg.sum())
-    energy = relative if case.chain.wall is None else trace.kinetic_energy_J
-    assert trace.force_N[-1].max() == 0  # the impact is over
-    return float(np.sqrt(energy[-1] / energy[0]))
-
-
-@pytest.mark.parametrize(("settings", "wanted"), [(PAIR, 0.3), (PAIR, 0.99), (ON_WALL, 0.3), (ON_WALL, 0.8)])
-@pytest.mark.parametrize("engine", ENGINES)
-def test_restitution_out_is_restitution_in(
-    engine: str, settings: tuple[str, ...], wanted: float, shared_runs: Path
-) -> None:
-    case = case_of("fig4", *settings, f"contact.restitution={wanted}")
-    found = bounced(case, finished(case, engine, shared_runs).trace)
-    # the steps leave 6e-4 at 0.3 and 4e-6 at 0.99
-    assert found == pytest.approx(wanted, rel=1e-11 if engine == "reference" else 1e-3 * (1 - wanted))
 
 
 def test_restitution_errs_in_first_order_of_the_step() -> None:

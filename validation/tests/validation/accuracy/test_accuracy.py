@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.chain.case import Case
+from drivers.engines import codes
 from postproc.read.residual import residual
 from validation.accuracy.schemes import truth_of, verlet_of
 from validation.stability.measured_limits import WITHIN, at_random, measure_limits, random_case, shipped
@@ -54,11 +55,11 @@ def test_no_miss_on_many_scenes(number: int) -> None:
 
 
 def check_codes(number: int, runs: Path) -> None:
-    """Both codes keep the accuracy, and the run says so."""
+    """The codes keep the accuracy, and the run says so."""
     accuracy = ACCURACIES[number % 3]
     case = random_case(number, accuracy=accuracy)
     truth = truth_of(case.full or case, finer=False)
-    for engine in ("liggghts", "yade"):
+    for engine in codes():
         run = finished(case, engine, runs)
         own = float(residual(run.trace, truth.trace).max())
         assert own <= accuracy
@@ -72,7 +73,7 @@ def test_a_code_keeps_it(shared_runs: Path) -> None:
 
 @pytest.mark.accuracy
 @pytest.mark.parametrize("number", BY_CODES)
-def test_both_codes_keep_it(number: int, shared_runs: Path) -> None:
+def test_all_codes_keep_it(number: int, shared_runs: Path) -> None:
     check_codes(number, shared_runs)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.base.errors import InputError
+from drivers.engines import engine_names
 from drivers.limits.refusal import beyond_rounding, refuse_beyond_rounding
 from drivers.limits.stable_step import linear_limit
 from drivers.run.finished import RunRecord
@@ -106,7 +107,7 @@ def test_samples_limit_what_gauges_show() -> None:
         case_of("fig4", FREE, "run.accuracy={wall_peak = 1e-5}", "run.sample_interval=10 us")
 
 
-@pytest.mark.parametrize("engine", ["liggghts", "yade", "verlet", "reference"])
+@pytest.mark.parametrize("engine", engine_names())
 def test_budgets_add_up(engine: str, shared_runs: Path) -> None:
     case = case_of("fig4", FREE, "run.accuracy={force = 1e-4, wall_peak = 1e-3}")
     run = finished(case, engine, shared_runs)

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from drivers.base.errors import InputError
+from drivers.engines import codes
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS
 from validation.claims.claims_study import (
@@ -31,7 +32,7 @@ pytestmark = pytest.mark.long
 @pytest.fixture(scope="module")
 def judged(shared_runs: Path) -> list[Judged]:
     """All claims by all engines, once."""
-    for code in ("liggghts", "yade"):
+    for code in codes():
         need(code)
     return judge_all(shared_runs)
 
@@ -88,7 +89,7 @@ def test_codes_agree_with_the_reference_on_every_simulated_claim(judged: list[Ju
     simulated = [each for each in judged if len(each.computed) > 1]
     assert len(simulated) >= 40
     for each in simulated:
-        for code in ("liggghts", "yade"):
+        for code in codes():
             assert each.computed[code] == pytest.approx(each.value, rel=5e-4, abs=1e-9), each.claim.id
 
 
@@ -176,12 +177,12 @@ def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], 
     write_table(tmp_path / "claims.csv", Row, map(row_of, judged))
     table = pd.read_csv(tmp_path / "claims.csv").set_index("id")
     assert len(table) == len(judged)
-    assert {"reference", "liggghts", "yade"} <= set(table.columns)
+    assert {"reference", *codes()} <= set(table.columns)
     assert table.loc["energy-in-five", "reference"] == pytest.approx(99.9999955, abs=5e-8)
     assert list(table.columns[-4:]) == ["difference", "verdict", "why", "how"]
     section = read_section("claims", tmp_path)
     assert sum(len(rows) for rows in section["rows"].values()) == len(judged)
-    assert section["engines"] == ["liggghts", "yade", "reference"]
+    assert section["engines"] == [*codes(), "reference"]
     assert [row.how for row in rows_in(read_table(tmp_path / "claims.csv", Row, "claims"), Row)] == [
         each.how for each in judged
     ]

@@ -9,6 +9,7 @@ import pytest
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of
 from drivers.chain.trace import Trace, make_trace
+from drivers.engines import codes
 from drivers.run.finished import EndedRun
 from validation.accuracy.baseline import baseline_of, comparable
 from validation.accuracy.schemes import verlet_in_heights, verlet_of
@@ -59,7 +60,7 @@ def test_good_runs_match_nothing(scene: str) -> None:
     assert diagnose(case, "liggghts", verlet_in_heights(case)) is None
 
 
-@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@pytest.mark.parametrize("engine", codes())
 def test_good_runs_of_the_codes_match_nothing(engine: str, shared_runs: Path) -> None:
     case = case_of("fig5")
     assert diagnose(case, engine, finished(case, engine, shared_runs).trace) is None

@@ -14,12 +14,13 @@ from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
-from drivers.engines import Engine, engine_names, installed, load_engine
+from drivers.engines import Engine, engine_names, load_engine
 from validation.accuracy.schemes import verlet_of
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.kit.judge import CHECKS, SERVER, Row, judge
 from validation.studies import read_table
 from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import EnginesWriter
 
 SLOW = ("damaged output", "failures and time limit", SERVER)
@@ -47,9 +48,10 @@ def rows_of(engine: Engine, home: Path, names: Iterable[str] = tuple(CHECKS)) ->
     return {row.check: row for row in judge(engine, home, names)}
 
 
-@pytest.mark.parametrize("name", installed(engine_names()))
+@pytest.mark.parametrize("name", engine_names())
 @pytest.mark.parametrize("part", ["quick", pytest.param("slow", marks=pytest.mark.long)])
 def test_every_engine_passes(name: str, part: str, shared_runs: Path) -> None:
+    need(name)
     checks = SLOW if part == "slow" else [each for each in CHECKS if each not in SLOW]
     rows = rows_of(load_engine(name), shared_runs / name, checks)
     assert {check: row.words for check, row in rows.items() if row.verdict == FAIL} == {}

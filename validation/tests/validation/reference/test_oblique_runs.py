@@ -190,7 +190,7 @@ def test_two_free_beads_keep_their_momenta(across: float, engine: str, traced: R
         assert np.ptp(momentum) < 1e-12 * np.abs(momentum[0])
 
 
-@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@ENGINES
 def test_the_shipped_scene_as_it_is(engine: str, shared_runs: Path) -> None:
     case = case_of("oblique-impact")
     run = finished(case, engine, shared_runs)

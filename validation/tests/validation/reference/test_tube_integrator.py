@@ -10,8 +10,9 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of, energy_put_in, tube_arrays_of
+from drivers.chain.elements import SIDEWAYS
 from drivers.chain.trace import until
-from drivers.engines import INCREMENTAL, TOTAL, load_engine
+from drivers.engines import INCREMENTAL, TOTAL, codes, load_engine
 from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import refuse
 from drivers.limits.stable_step import linear_limit, linear_sideways_limit, predicted_limit
@@ -185,7 +186,7 @@ def test_a_trace_is_cut_whole() -> None:
     assert len(cut.force_N) == len(cut.sideways.spin_rad_s) == len(cut.time_s) == 7
 
 
-@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@pytest.mark.parametrize("engine", [name for name in codes() if load_engine(name).models >= SIDEWAYS])
 def test_beads_that_may_not_turn(engine: str, shared_runs: Path) -> None:
     case = case_of("fig4-tube", "contact.rotation=false", "contact.friction=0.3", "run.duration=0.3 ms")
     run = finished(case, engine, shared_runs)
