@@ -11,7 +11,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -207,8 +207,10 @@ def line_of(command: tuple[str, ...], option: str, pattern: str) -> str:
 
 
 def kill_group(leader: int) -> None:
-    """Kills a process with all it started."""
-    try:
+    """Kills a process with all it started: its group, and others of its session, as mpirun makes them."""
+    with suppress(ProcessLookupError, PermissionError):
         os.killpg(leader, signal.SIGKILL)
-    except (ProcessLookupError, PermissionError):
-        pass
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError, IndexError):
+            if stat.read_text(errors="replace").rpartition(")")[2].split()[3] == str(leader):
+                os.kill(int(stat.parent.name), signal.SIGKILL)

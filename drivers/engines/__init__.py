@@ -149,6 +149,11 @@ class Engine:
         }
         return passed | dict(self.variables)
 
+    def version_of(self, command: tuple[str, ...]) -> str:
+        """Version line of a command, asked in the environment of its runs."""
+        variables = [f"{name}={value}" for name, value in self.environment.items()]
+        return self.version(("env", *variables, *command) if variables else command)
+
     def loop_seconds(self, stdout: str) -> float | None:
         """Seconds in its own time loop, by its standard output; None where it did not get to the end."""
         match = re.search(self.loop_pattern, stdout, re.MULTILINE)

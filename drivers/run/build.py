@@ -69,7 +69,7 @@ def build_of(engine: Engine, home: Path) -> Build:
             pass
         files = sorted(dict.fromkeys(files_of(engine, command)))
         digests = "".join(sorted(sha256_of(file) for file in files))
-        build = Build(command, engine.version(command), hashlib.sha256(digests.encode()).hexdigest())
+        build = Build(command, engine.version_of(command), hashlib.sha256(digests.encode()).hexdigest())
         if build.version != UNKNOWN_VERSION:  # else ask again next time: it may have been mended
             home.mkdir(parents=True, exist_ok=True)
             content = {"key": _key(command, map(str, files)), "version": build.version, "sha256": build.sha256}

@@ -58,12 +58,14 @@ def version(candidate: Candidate) -> Iterator[Measured]:
     """The version line is one line, asked of the program that is found, and programs beside scripts are told apart."""
     engine, build = candidate.engine, candidate.build
     if engine.in_repository:
-        yield _none([] if engine.version(build.command) == build.version else ["another one each time"], build.version)
+        yield _none(
+            [] if engine.version_of(build.command) == build.version else ["another one each time"], build.version
+        )
         return
     files = [*files_of(engine, build.command)]
     again = build_of(engine, candidate.folder / "build")
     other = which(OTHER_PROGRAM[0])
-    told = engine.version((other or OTHER_PROGRAM[0],))
+    told = engine.version_of((other or OTHER_PROGRAM[0],))
     wrong = {
         "it gives no version": build.version in ("", UNKNOWN_VERSION),
         "the version is more than a line": len(build.version.splitlines()) > 1,

@@ -97,7 +97,7 @@ def test_builds_stand_side_by_side(engines_file: EnginesWriter, study_file: Stud
 
 def test_variables_are_passed_on_by_name(engines_file: EnginesWriter, stand_in: StandIn, tmp_path: Path,
                                          monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
-    stand_in("teller", 'echo "$MODULE_ONE $OTHER"')
+    stand_in("teller", 'echo "LIGGGHTS (Version $MODULE_ONE $OTHER"')
     monkeypatch.setenv("MODULE_ONE", "one")
     monkeypatch.setenv("OTHER", "two")
     engines_file('[mine]\nadapter = "liggghts"\ncommand = "teller"\nvariables = ["MODULE_*"]\n')
@@ -105,7 +105,8 @@ def test_variables_are_passed_on_by_name(engines_file: EnginesWriter, stand_in: 
     command = engine.find()
     assert command is not None
     run_command(command, tmp_path, 10.0, **engine.environment)
-    assert (tmp_path / "stdout.txt").read_text() == "one \n"
+    assert (tmp_path / "stdout.txt").read_text() == "LIGGGHTS (Version one \n"
+    assert build_of(engine, tmp_path).version == "LIGGGHTS (Version one"
 
 
 def test_a_programs_memory_is_its_own(tmp_path: Path) -> None:

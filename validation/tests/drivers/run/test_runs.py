@@ -211,12 +211,13 @@ def test_crashes(name: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path
     assert words in reason
 
 
+@pytest.mark.parametrize("own_group", [False, True])
 def test_a_hanging_engine_is_killed_and_its_children_with_it(
-    stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+    own_group: bool, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
 ) -> None:
-    stand_in(
-        "yade", 'case "$*" in *--version*) echo "Yade version: 0"; exit;; esac\nsleep 987 & echo $! > "$0.pid"; wait'
-    )
+    group = f'{sys.executable} -c \'import os; os.setpgid(0, 0); os.execlp("sleep", "sleep", "987")\''  # as of mpirun
+    script = 'case "$*" in *--version*) echo "Yade version: 0"; exit;; esac\n{} & echo $! > "$0.pid"; wait'
+    stand_in("yade", script.format(group if own_group else "sleep 987"))
     status, reason = failing_run(scene_file(), "yade", tmp_path / "runs", limit_s=1)
     assert (status, reason) == ("timeout", "killed at the time limit of 1 s")
     child = int((tmp_path / "bin" / "yade.pid").read_text())
