@@ -126,7 +126,7 @@ class Candidate:
 
     def process(self, deck: Deck, name: str, limit_s: float | None = None) -> tuple[Path, Outcome]:
         """Runs a deck in a process and a folder of its own."""
-        folder = self.folder / name
+        folder = self.folder / f"{name}-{sum(1 for _ in self.folder.iterdir())}"
         folder.mkdir()
         deck.write(folder)
         limit_s = limit_s or default_limit_s(self.base, self.engine)
@@ -141,7 +141,7 @@ class Candidate:
         """Runs a deck within the time of a case, by the session where there is one."""
         limit_s = default_limit_s(case, self.engine)
         if self.session is None:
-            return self.process(deck, f"run-{sum(1 for _ in self.folder.iterdir())}", limit_s)
+            return self.process(deck, "run", limit_s)
         outcome = self.session.run(deck, limit_s)
         return self.session.case, outcome
 

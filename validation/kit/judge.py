@@ -60,7 +60,7 @@ def judge(engine: Engine, home: Path, names: Iterable[str] = tuple(CHECKS)) -> I
     """Rows of the checks of those names.
 
     A check that raises is a failed row, and the others run on. Checks of physics run on the engine's server, unless
-    that is the one that failed.
+    that is what failed.
 
     Raises:
         RunError: the engine is not installed.
@@ -70,7 +70,7 @@ def judge(engine: Engine, home: Path, names: Iterable[str] = tuple(CHECKS)) -> I
         candidate = Candidate(engine, build, Path(folder), session)
         for name in names:
             row = _row(candidate, name)
-            if name == SERVER and row.verdict == FAIL:
+            if name == SERVER and row.value > 0:
                 candidate = replace(candidate, session=None)
             yield row
 

@@ -200,7 +200,7 @@ BROKEN: dict[str, tuple[Callable[[Engine], Engine], dict[str, str]]] = {
     ),
     "a server that does not repeat": (
         lambda engine: replace(engine, server=Deck({"serve.py": UNSTEADY}, ("python", "serve.py"), raw=())),
-        {SERVER: "^at first forces differ by"},
+        {SERVER: "^at first: forces differ by"},
     ),
     "a version that is not asked for": (
         lambda engine: replace(engine, version=lambda command: "mine 3.8.0"),
@@ -231,7 +231,7 @@ def test_a_wrong_adapter_turns_its_check_red(fault: str, mine: Engine, tmp_path:
 def test_a_process_that_outlives_its_kill_is_found(engines_file: EnginesWriter, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(MINE)
     script = tmp_path / "start.sh"
-    script.write_text(f'#!/bin/sh\nsetsid sleep 5 &\nexec {sys.executable} "$@"\n')
+    script.write_text(f'#!/bin/sh\nsetsid sleep 15 &\nexec {sys.executable} "$@"\n')
     script.chmod(0o755)
     engines_file(f'[mine]\nadapter = "mine.py"\ncommand = "{script}"\n')
     row = rows_of(load_engine("mine"), tmp_path / "runs", ["failures and time limit"])["failures and time limit"]
