@@ -1,4 +1,4 @@
-"""``verlet``: velocity Verlet at the time step of the scene: the scheme of both other engines.
+"""``verlet``: velocity Verlet at the time step of the scene: the scheme of the codes.
 
 In three dimensions its friction keeps the shear displacement, as LIGGGHTS does: of the two codes' laws it is the one
 whose force is Mindlin's without slip at the present radius of the contact.

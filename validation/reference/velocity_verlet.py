@@ -1,4 +1,4 @@
-"""Velocity Verlet at a fixed step: the scheme of LIGGGHTS and YADE, in overlaps instead of positions.
+"""Velocity Verlet at a fixed step: the scheme of LIGGGHTS, YADE and LAMMPS, in overlaps instead of positions.
 
 Inside, velocities stand half a step behind, so that one pass over the chain makes one step; recorded velocities
 belong to the time of the forces. Long chains go in tiles that fit the cache and take many steps at a time, each step
