@@ -129,9 +129,7 @@ def failures(candidate: Candidate) -> Iterator[Measured]:
     if not outcome.timed_out:
         raise RunError(f"a run of {case.scene.steps:.0e} steps ended by itself, exit code {outcome.code}")
     until = began + LIMIT_S + tolerance("kit", "late").limit
-    while (
-        left := _processes_in(folder)
-    ) and time.perf_counter() < until:  # a launcher's end is noticed by what it starts
+    while (left := _processes_in(folder)) and time.perf_counter() < until:
         time.sleep(0.05)
     if left:
         raise RunError(f"killed at the time limit; processes of it that went on: {left}")
