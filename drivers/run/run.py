@@ -50,8 +50,7 @@ def run_case(
     executable = engine.find()
     if executable is None:
         raise RunError(f"not installed; it comes with {engine.how_to_get}")
-    deck = engine.render(case)
-    home = runs / engine_name
+    deck, home = engine.render(case), runs / engine_name
     version = known_version(engine, executable, home)
     identity = run_identity(engine_name, version, deck)
     layout = _description(case)["layout"]
