@@ -94,7 +94,11 @@ def test_wrong_arrays_are_named(change: dict[str, list[float]], named: str) -> N
         HertzChain(*arrays)
 
 
-@pytest.fixture(scope="module", params=list(high_precision.CASES))
+LONG = ("fig6b", "fig6d")  # in high precision
+EXACT = [pytest.param(name, marks=pytest.mark.long if name in LONG else ()) for name in high_precision.CASES]
+
+
+@pytest.fixture(scope="module", params=EXACT)
 def exact_case(request: pytest.FixtureRequest) -> tuple[HertzChain, np.ndarray, np.ndarray]:
     """Chain, times and contact forces that are right in 20 digits and more."""
     chain, times = high_precision.chain_of(request.param), high_precision.times_of(request.param)
