@@ -56,7 +56,7 @@ SCENES: dict[str, dict[str, object]] = {
 }
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", ["liggghts", pytest.param("yade", marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", SCENES)
 def test_scenes_that_nobody_prepared_for(name: str, engine: str, scene_file: SceneWriter, shared_runs: Path) -> None:
     case = case_of(scene_file("odd", **SCENES[name]))
