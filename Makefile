@@ -55,11 +55,10 @@ study: .venv/.ready .venv/.engines ## run a study and draw its figure: make stud
 
 report: results/.report ## run the paper's scenes on all engines and write results/report.html
 
-# files in their order, in which the long ones come early
 test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests
-	$(PY) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(PY) -m pytest -n 2 --dist loadfile
 
-test-long: OPTIONS = -n 2 --dist loadfile --no-loadscope-reorder
+test-long: OPTIONS = -n 2 --dist loadfile
 test-long: ## figures, claims, chains in tubes, killed batches, Dask, films: tests that take long
 test-accuracy: OPTIONS = -n 2
 test-accuracy: ## accuracies on 200 random scenes, limits of the time step on 100

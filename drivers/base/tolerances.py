@@ -24,6 +24,5 @@ def _table() -> dict[str, Any]:
 def tolerance(kind: str, quantity: str, scene: str | None = None) -> Tolerance:
     """The tolerance of a quantity, the scene's own before the general one."""
     table = _table()[kind][quantity]
-    own = table.get("scene", {}).get(scene)
-    chosen = own or table
+    chosen = table.get("scene", {}).get(scene) or table
     return Tolerance(float(chosen["limit"]), chosen["reason"])

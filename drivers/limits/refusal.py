@@ -40,9 +40,10 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
 
 def inability(case: Case, engine: str) -> InputError | None:
     """What an engine cannot take, by name; None where it takes the case."""
-    missing = [each.name for each in case.elements if each.modelled and each.name not in load_engine(engine).models]
+    needed = [each.name for each in case.elements if each.modelled]
+    missing = [name for name in needed if name not in load_engine(engine).models]
     if missing:
-        able = ", ".join(name for name in engine_names() if _models_all(case, name))
+        able = ", ".join(name for name in engine_names() if load_engine(name).models >= set(needed))
         where = f'"{engine}" for a scene with {", ".join(missing)}'
         return InputError(
             case.scene.file, "", where, f"an engine that models it: {able}" if able else "nothing: none models it"
@@ -52,10 +53,6 @@ def inability(case: Case, engine: str) -> InputError | None:
         return None
     key, found, allowed = problem
     return InputError(case.scene.file, key, found, f"on {engine} {allowed}")
-
-
-def _models_all(case: Case, engine: str) -> bool:
-    return {each.name for each in case.elements if each.modelled} <= load_engine(engine).models
 
 
 def _refuse_step(case: Case, shear: str, override: str) -> None:

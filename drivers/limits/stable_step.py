@@ -44,8 +44,10 @@ def reached(chain: Chain, duration_s: float, share: float = 1.0) -> Extremes:
     steps = max(1.0, np.ceil(duration_s / step))
     most = share * (MAX_BODY_STEPS if chain.lateral is None else MAX_BODY_STEPS_3D)
     followed = min(steps, max(1.0, most // chain.bodies))
-    follow = _follow if chain.lateral is None else _follow_in_three_dimensions
-    found = follow(chain, step, int(followed))
+    if chain.lateral is None:
+        found = _follow(chain, step, int(followed))
+    else:
+        found = integrate_tube(tube_arrays_of(chain), step, int(followed), 2).extremes
     return replace(found, impacts_J=found.impacts_J * steps / followed)
 
 
@@ -175,11 +177,6 @@ def _follow(chain: Chain, step: float, left: int) -> Extremes:
         arrays = replace(arrays, overlap_m=pressed[-1], velocity_m_s=motion.velocity_m_s[-1])
         left -= steps
     return found
-
-
-def _follow_in_three_dimensions(chain: Chain, step: float, steps: int) -> Extremes:
-    """Extremes by velocity Verlet of a three-dimensional chain."""
-    return integrate_tube(tube_arrays_of(chain), step, steps, 2).extremes
 
 
 def _extremes(chain: Chain, force_N: Array, velocity_m_s: Array, overlap_m: Array) -> Extremes:

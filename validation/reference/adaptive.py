@@ -127,7 +127,7 @@ def _integrate(
                 rejected += 1
                 h *= 0.5 if length == 0.0 or target <= final else 0.98
                 continue
-        e = error(end, begin + length, length, stretch, slopes, scale, work, bodies) / tolerance
+        e = error(end, begin + length, length, stretch, slopes, scale, tolerance, work, bodies)
         if not e <= 1.0:
             rejected += 1
             h *= step_factor(e)

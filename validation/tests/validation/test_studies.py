@@ -72,7 +72,8 @@ def test_studies_are_those_of_the_command_line_and_of_make() -> None:
     assert set(STUDIES) == set(measured[1].split())
 
 
-@pytest.mark.parametrize("count", [pytest.param(0, marks=pytest.mark.long), 1, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("count", [0, 1, 3])
 def test_trade_takes_any_number_of_codes(count: int, install: Installer, levers: list[Lever], tmp_path: Path) -> None:
     names = install(count)
     rows = climb(0.5, ("fig5",))
@@ -87,7 +88,7 @@ def test_trade_takes_any_number_of_codes(count: int, install: Installer, levers:
         assert f">{name}<" in (tmp_path / "results" / "trade-fig5.svg").read_text()
 
 
-@pytest.mark.parametrize("count", [0, 1, 3])
+@pytest.mark.parametrize("count", [pytest.param(0, marks=pytest.mark.long), pytest.param(1, marks=pytest.mark.long), 3])
 def test_stability_takes_any_number_of_codes(count: int, install: Installer, tmp_path: Path) -> None:
     names = install(count)
     subjects = [Subject(SHIPPED, "fig5", case_of("fig5")), *{each.group: each for each in sweeps()}.values()]
@@ -118,7 +119,7 @@ def on_verlet(monkeypatch: pytest.MonkeyPatch, shared_runs: Path) -> None:
     monkeypatch.setattr(switches, "RANGES", {"restitution": ("tube", ("contact.restitution={0}",), (0.9,))})
 
 
-@pytest.mark.parametrize("count", [0, 1, 3])
+@pytest.mark.parametrize("count", [0, pytest.param(1, marks=pytest.mark.long), pytest.param(3, marks=pytest.mark.long)])
 @pytest.mark.usefixtures("on_verlet")
 def test_elements_takes_any_number_of_codes(
     count: int, install: Installer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

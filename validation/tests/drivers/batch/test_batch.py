@@ -131,10 +131,15 @@ exec {real} "$@" < $fifo
 @pytest.mark.parametrize(
     ("command", "status", "reason"),
     [
-        ("echo nonsense", "failed", "exit code 1: ERROR: Unknown command: nonsense"),
         ("kill -SEGV $$", "failed", "killed by signal 11"),
-        ("echo shell sleep 300", "timeout", "killed at the time limit of 3 s"),
-        ("echo quit", "failed", "no output"),
+        *(
+            pytest.param(*each, marks=pytest.mark.long)
+            for each in (
+                ("echo nonsense", "failed", "exit code 1: ERROR: Unknown command: nonsense"),
+                ("echo shell sleep 300", "timeout", "killed at the time limit of 3 s"),
+                ("echo quit", "failed", "no output"),
+            )
+        ),
     ],
 )
 def test_a_failure_is_charged_to_its_case(
@@ -287,7 +292,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", "-l", place], check=True)
 
 
-@pytest.mark.parametrize("engine", ["verlet", "liggghts"])
+@pytest.mark.parametrize("engine", ["verlet", pytest.param("liggghts", marks=pytest.mark.long)])
 def test_a_full_disk_ends_the_batch(engine: str, study_file: StudyWriter, small_disk: Path) -> None:
     need(engine)
     path, runs = study_file(SPEEDS.format(20), engine), small_disk / "runs"

@@ -165,6 +165,7 @@ def test_the_cheapest_engine_runs(tmp_path: Path) -> None:
     assert len(said.stdout.splitlines()) == 1
 
 
+@pytest.mark.long
 def test_a_study_over_accuracies(study_file: StudyWriter, tmp_path: Path) -> None:
     axes = '[set]\n"run.time_step" = ""\n[[axis]]\nkey = "run.accuracy"\nvalues = [1e-3, {}]\n'
     words = ("--runs", tmp_path / "runs", "--results", tmp_path)
