@@ -43,16 +43,12 @@ def _slice(text: str) -> tuple[int, int]:
 
 def _engines(asked: list[str], *, automatic: bool = False) -> tuple[list[str], list[str]]:
     """Engines to run and engines left out because nobody asked for them and they are not installed."""
-    from drivers.engines import engine_names, load_engine
+    from drivers.engines import engine_names, installed, load_engine
 
-    names = engine_names()
     for name in asked:
-        if name not in names:
-            raise InputError("--engine", "", f'"{name}"', ", ".join(names + [AUTO] * automatic))
-    if asked:
-        return list(dict.fromkeys(asked)), []
-    missing = [name for name in names if load_engine(name).find() is None]
-    return [name for name in names if name not in missing], missing
+        load_engine(name, "--engine", also=(AUTO,) * automatic)
+    found = asked or installed(engine_names())
+    return list(dict.fromkeys(found)), [] if asked else [name for name in engine_names() if name not in found]
 
 
 def _render(arguments: argparse.Namespace) -> int:

@@ -53,13 +53,12 @@ def main() -> int:
 
 def _asked(arguments: argparse.Namespace) -> "Asked":
     """Engines that are asked for; InputError where there is no such engine."""
-    from drivers.engines import engine_names
+    from drivers.engines import load_engine
     from validation.compare.asked import Asked
 
     for option in ("engine", "require"):
         for name in getattr(arguments, option):
-            if name not in engine_names():
-                raise InputError(f"--{option}", "", f'"{name}"', ", ".join(engine_names()))
+            load_engine(name, f"--{option}")
     return Asked(tuple(arguments.engine), tuple(arguments.require), arguments.allow_missing)
 
 

@@ -18,7 +18,7 @@ from drivers.base.errors import InputError
 from drivers.base.messages import shorten, validate
 from drivers.batch.axes import Axis, Choice, expand, look_up
 from drivers.chain.case import Case, build_case
-from drivers.engines import engine_names, installed
+from drivers.engines import engine_names, installed, load_engine
 from drivers.scene.model import Part, Scene, SceneFile
 from drivers.scene.read_scene import find_input, find_scene, make_scene, read_toml, set_value
 
@@ -160,8 +160,7 @@ def read_study(source: str | Path) -> Study:
             columns[name] = key
         axes.append(tuple(choices))
     for name in file.engines:
-        if name not in engine_names():
-            raise InputError(where, "engines", f'"{name}"', ", ".join(engine_names()))
+        load_engine(name, where, "engines")
     return Study(
         file=file,
         path=path.resolve(),

@@ -165,12 +165,14 @@ def _adapters() -> tuple[str, ...]:
     return tuple(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
 
 
-def load_engine(name: str) -> Engine:
-    """The engine of a name.
+def load_engine(name: str, where: str = "engine", key: str = "", also: tuple[str, ...] = ()) -> Engine:
+    """The engine of a name, which stands in a file or an option ``where``, which may hold other words ``also``.
 
     Raises:
-        InputError: its adapter cannot be loaded, or its entry is one of this repository's engines.
+        InputError: there is none, its adapter cannot be loaded, or its entry is one of this repository's engines.
     """
+    if name not in engine_names():
+        raise InputError(where, key, f'"{name}"', ", ".join((*engine_names(), *also)))
     entry = entries(_adapters())[name]
     if entry.adapter in _adapters():
         engine = import_module(f"{__name__}.{entry.adapter}").ENGINE

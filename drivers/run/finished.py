@@ -20,6 +20,7 @@ FILE = "run.json"
 UNASSESSED: dict[str, Any] = dict.fromkeys(
     ("error_budget", "error_note", "exact_to", "exact_until_s", "warnings", "step_limit_s", "accuracy")
 )
+BUILD_NOT_KNOWN = {"executable": "", "build_sha256": ""}  # in records that are older than these keys
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class RunRecord:
 def read_record(folder: Path) -> RunRecord | None:
     """The record of a run folder; None where there is none that can be read."""
     try:
-        record = RunRecord(**json.loads((folder / FILE).read_text()))
+        record = RunRecord(**BUILD_NOT_KNOWN | json.loads((folder / FILE).read_text()))
         for part in record.error_budget or ():
             shares = [share for key, share in part.items() if key not in ("quantity", "where")]
             if not (isinstance(part["quantity"], str) and all(isinstance(share, float | int) for share in shares)):

@@ -17,7 +17,7 @@ from drivers.batch.study import unit_of
 from drivers.chain.case import Case
 from drivers.chain.elements import choose_elements
 from drivers.chain.trace import FORCES, Trace, part_of, until
-from drivers.engines import EXACT, engine_names, load_engine
+from drivers.engines import EXACT, load_engine
 from drivers.run.finished import FILE, EndedRun, open_run
 from postproc.read.motion import chain_of
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
@@ -108,8 +108,7 @@ def _open(folder: Path) -> EndedRun:
         if next(folder.glob(f"*/{FILE}"), None):
             raise InputError(paths.shown(folder), "", "a folder of runs", "one of the run folders in it")
     run = open_run(folder)
-    if run.record.engine not in engine_names():
-        raise InputError(paths.shown(folder / FILE), "engine", run.record.engine, f"one of {', '.join(engine_names())}")
+    load_engine(run.record.engine, paths.shown(folder / FILE), "engine")
     return run
 
 

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
-from drivers.engines import Engine, engine_names, load_engine
+from drivers.engines import Engine, load_engine
 from drivers.run.build import build_of
 from drivers.run.session import Session
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
@@ -98,8 +98,6 @@ def judge_engine(name: str, runs: Path, results: Path | None) -> int:
         InputError: there is no engine of that name.
         RunError: it is not installed.
     """
-    if name not in engine_names():
-        raise InputError("engine", "", f'"{name}"', ", ".join(engine_names()))
     engine, width = load_engine(name), max(map(len, CHECKS))
     if engine.find() is None:
         raise RunError(f"{name} is not installed; it comes with {engine.how_to_get}")
