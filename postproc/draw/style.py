@@ -12,7 +12,7 @@ MICRO = 1e6
 COLUMN_IN = 3.5  # a journal's column
 FAINT = "#555555"
 OPEN = "#e4e7ea"  # where there is no contact
-# engines without a style of their own get these, in the order of their names
+# engines without a style of their own, and further builds of a code, get these in the order of their names
 SPARE = (
     Style("#332288", dashes=(0, (4, 1, 1, 1))),
     Style("#e69f00", dashes=(0, (3, 1)), marker="v"),
@@ -24,9 +24,15 @@ SPARE = (
 
 @cache
 def line_of(engine: str) -> Style:
-    """The style of an engine: its own, or the next of ``SPARE``; what is no engine has the last one."""
-    own = {name: load_engine(name).style for name in engine_names()}
-    plain = [name for name, style in own.items() if style is None]
+    """The style of an engine: that of its adapter, of whose builds the first has it, or the next of ``SPARE``.
+
+    Names that are no engine's have the last of ``SPARE``.
+    """
+    own: dict[str, Style] = {}
+    for found in sorted(map(load_engine, engine_names()), key=lambda found: found.entry.adapter != found.name):
+        if found.style and found.style not in own.values():
+            own[found.name] = found.style
+    plain = [name for name in engine_names() if name not in own]
     return own.get(engine) or SPARE[plain.index(engine) % len(SPARE) if engine in plain else -1]
 
 

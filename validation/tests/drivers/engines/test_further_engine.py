@@ -11,7 +11,7 @@ import pytest
 from drivers.base.errors import RunError
 from drivers.base.processes import run_command
 from drivers.chain.case import Case
-from drivers.engines import Engine, engine_names, installed_codes, load_engine
+from drivers.engines import Engine, codes, engine_names, installed_codes, load_engine
 from drivers.engines._deck_values import table_of_pairs
 from drivers.engines._lammps_family import DUMP
 from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
@@ -21,9 +21,10 @@ from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
 
 
-def test_engines_without_a_style_look_different(monkeypatch: pytest.MonkeyPatch) -> None:
-    shipped = engine_names()
-    plain = {f"mine{place}": replace(load_engine("verlet"), style=None) for place in range(len(style.SPARE))}
+def test_builds_and_engines_without_a_style_look_different(monkeypatch: pytest.MonkeyPatch) -> None:
+    shipped, some = engine_names(), load_engine(codes()[-1])
+    plain = {f"a-build{place}": replace(some, name=f"a-build{place}") for place in range(2)}
+    plain |= {f"mine{place}": replace(some, name=f"mine{place}", style=None) for place in range(len(style.SPARE) - 2)}
 
     def load(name: str) -> Engine:
         return plain[name] if name in plain else load_engine(name)
