@@ -1,18 +1,22 @@
-"""What LAMMPS and its descendants share: commands, their own words, stiffness by pairs of types, axial forces."""
+"""LAMMPS and its descendants: commands, their own words, dumps, stiffness by pairs of types, axial forces."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from drivers.base.decks import Deck
+from drivers.base.processes import line_of
+from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
-from drivers.engines import last_line
-from drivers.engines._raw_output import contact_forces
+from drivers.chain.trace import Trace
+from drivers.engines import IN_HEIGHTS, Engine, last_line
+from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
 
 DUMP = "chain.bin"
 FLAT = "flat "  # before the material's name: the type of a striker's flat face
-LOOP_PATTERN = r"^Loop time of ([0-9.e+-]*[0-9]) on"
-LOSS_MESSAGE = "Lost atoms"
 # which other libraries do not need: to run as root, and on fewer cores than processes
 OPEN_MPI = (
     "OMPI_ALLOW_RUN_AS_ROOT=1",
@@ -22,9 +26,41 @@ OPEN_MPI = (
 MAX_BODIES_IN_PAIRS = 200  # up to which all pairs are searched for neighbours: bins of the whole space take longer
 
 
-def server_of(program: str) -> Deck:
-    """A process that takes its commands from stdin."""
-    return Deck({}, ("stdbuf", "-oL", program, "-log", "none"), raw=())
+def member(
+    program: str,
+    introduction: str,
+    columns: Callable[[Case], tuple[str, ...]],
+    trace: Callable[[Case, dict[str, Array]], Trace],
+    **own: Any,
+) -> Engine:
+    """The engine of a member: the columns of its dump, the trace that they make, and ``own`` fields of ``Engine``.
+
+    ``introduction`` is how the line with its version begins, after any other words.
+    """
+
+    def read(case: Case, folder: Path) -> Trace:
+        """The binary dump as a trace; RunError where frames or beads are missing, or the file is torn."""
+        return trace(case, read_dump(case, folder / DUMP, columns(case)))
+
+    def partial_trace(case: Case, folder: Path) -> Trace | None:
+        """The samples before a body was lost, or the run ended."""
+        found = read_partial_dump(case, folder / DUMP, columns(case))
+        return trace(case, found) if found else None
+
+    return Engine(
+        program=program,
+        version=lambda command: line_of(command, "-help", introduction),
+        scheme=IN_HEIGHTS,
+        server=Deck({}, ("stdbuf", "-oL", program, "-log", "none"), raw=()),  # takes its commands from stdin
+        request=request_by_include,
+        read=read,
+        partial_trace=partial_trace,
+        failure_reason=failure_reason,
+        loss_message="Lost atoms",
+        loop_pattern=r"^Loop time of ([0-9.e+-]*[0-9]) on",
+        on_two_cores=on_two_cores,
+        **own,
+    )
 
 
 def command_of(program: str) -> tuple[str, ...]:

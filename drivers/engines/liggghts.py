@@ -11,29 +11,14 @@ import numpy as np
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
 from drivers.base.errors import InputProblem
-from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in, free_fall, sphere_for_face
 from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, restitution_with_attraction
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import IN_HEIGHTS, TOTAL, Engine, Style
+from drivers.engines import TOTAL, Style
 from drivers.engines._deck_values import elastic_constants, table_of_pairs
-from drivers.engines._lammps_family import (
-    DUMP,
-    FLAT,
-    LOOP_PATTERN,
-    LOSS_MESSAGE,
-    MAX_BODIES_IN_PAIRS,
-    axial_forces,
-    command_of,
-    contact_kn,
-    failure_reason,
-    on_two_cores,
-    request_by_include,
-    server_of,
-)
-from drivers.engines._raw_output import read_dump, read_partial_dump
+from drivers.engines._lammps_family import DUMP, FLAT, MAX_BODIES_IN_PAIRS, axial_forces, command_of, contact_kn, member
 
 HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
 MESH = "tube.stl"
@@ -225,21 +210,6 @@ def _columns(case: Case) -> tuple[str, ...]:
     return ("id", *PLACE, *VELOCITY, *spin, "fz", *wall, *bore)
 
 
-def read(case: Case, folder: Path) -> Trace:
-    """The binary dump as a trace.
-
-    Raises:
-        RunError: frames or beads are missing, or the file is torn.
-    """
-    return _trace(case, read_dump(case, folder / DUMP, _columns(case)))
-
-
-def partial_trace(case: Case, folder: Path) -> Trace | None:
-    """The samples before a body was lost, or the run ended."""
-    found = read_partial_dump(case, folder / DUMP, _columns(case))
-    return _trace(case, found) if found else None
-
-
 def _trace(case: Case, found: dict[str, Array]) -> Trace:
     """The trace of a dump's columns."""
     chain, height = case.chain, found["z"]
@@ -259,22 +229,15 @@ def _trace(case: Case, found: dict[str, Array]) -> Trace:
     return make_trace(chain, times, force, place, velocity, spin, bore)
 
 
-ENGINE = Engine(
+ENGINE = member(
+    "liggghts",
+    r"LIGGGHTS \(Version",
+    _columns,
+    _trace,
     how_to_get="Debian's package liggghts",
-    program="liggghts",
-    version=lambda command: line_of(command, "-help", r"LIGGGHTS \(Version"),
-    scheme=IN_HEIGHTS,
     shear=TOTAL,
     models=STRAIGHT | SIDEWAYS,
     refusal=refusal,
     render=render,
-    server=server_of("liggghts"),
-    request=request_by_include,
-    read=read,
-    partial_trace=partial_trace,
-    failure_reason=failure_reason,
-    loss_message=LOSS_MESSAGE,
-    loop_pattern=LOOP_PATTERN,
-    on_two_cores=on_two_cores,
     style=Style("#0072b2", marker="s", size=4.5),
 )
