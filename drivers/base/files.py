@@ -4,7 +4,7 @@ import hashlib
 import os
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -27,3 +27,17 @@ def sha256_of(path: Path) -> str:
     """Digest of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def readable(path: Path) -> bool:
+    """Whether there is such a file, which may be read; that nobody may look there is no error."""
+    with suppress(OSError):
+        return path.is_file() and os.access(path, os.R_OK)
+    return False
+
+
+def home_of(path: str) -> Path:
+    """A path in which ``~`` stands for the home of the user, where there is one."""
+    with suppress(RuntimeError):
+        return Path(path).expanduser()
+    return Path(path)

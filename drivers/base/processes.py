@@ -191,7 +191,7 @@ def find_command(words: tuple[str, ...]) -> tuple[str, ...] | None:
     """
     beside = str(Path(sys.executable).parent)
     first, last = shutil.which(words[0]) or shutil.which(words[0], path=beside), words[-1]
-    if first is None or ("/" in last and not Path(last).exists()):
+    if first is None:
         return None
     if not shutil.which(last):
         last = shutil.which(last, path=beside) or last

@@ -127,11 +127,11 @@ class Study:
         return build_case(make_scene(data, self.library, self.scene.stem, where))
 
 
-def read_study(source: str | Path) -> Study:
-    """The study of a file, given by its path or by the name of one in ``inputs/studies``.
+def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
+    """The study of a file, given by its path or by the name of one in ``inputs/studies``, ``also`` on these engines.
 
     Raises:
-        InputError: anything wrong with the file, its axes, or its base scene.
+        InputError: anything wrong with the file, its axes, or its base scene, or no such engine.
     """
     path = find_input(source, paths.STUDIES, "study")
     where = paths.shown(path)
@@ -161,6 +161,8 @@ def read_study(source: str | Path) -> Study:
         axes.append(tuple(choices))
     for name in file.engines:
         load_engine(name, where, "engines")
+    for name in also:
+        load_engine(name, "--engine")
     return Study(
         file=file,
         path=path.resolve(),
@@ -168,7 +170,7 @@ def read_study(source: str | Path) -> Study:
         scene=scene,
         base=base,
         library=read_toml(paths.MATERIALS),
-        engines=tuple(dict.fromkeys(file.engines)) or installed(engine_names()),
+        engines=tuple(dict.fromkeys((*(file.engines or installed(engine_names())), *also))),
         axes=tuple(axes),
         columns=columns,
     )
@@ -212,11 +214,8 @@ def select(study: Study, engines: Sequence[str], patterns: Sequence[str]) -> Sel
     one key add up, different keys narrow down.
 
     Raises:
-        InputError: an engine that the study does not have, or no case that matches.
+        InputError: no case that matches.
     """
-    for name in engines:
-        if name not in study.engines:
-            raise InputError("--engine", "", f'"{name}"', f"the engines of the study: {', '.join(study.engines)}")
     by_key: dict[str, list[str]] = {}
     for pattern in patterns:
         key, _, value = pattern.partition("=")

@@ -65,7 +65,7 @@ class Request:
         source: path of the study file, or its name in ``inputs/studies``.
         runs: the runs folder, the same for all workers.
         steps: functions of higher rooms.
-        engines: of the study; all where there are none.
+        engines: of the study or beyond it; all of the study where there are none.
         patterns: that select cases; all where there are none.
         retry_before: failures that ended before this time are run again.
         entries: files of engines, for workers elsewhere.

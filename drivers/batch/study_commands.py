@@ -143,7 +143,7 @@ def show(request: Request, number: int) -> int:
     from drivers.run.finished import EndedRun
     from drivers.run.run import run_case
 
-    study, runs = read_study(request.source), request.runs
+    study, runs = read_study(request.source, request.engines), request.runs
     store, selection = Store(runs), select(study, request.engines, ())
     if not 1 <= number <= study.count:
         raise InputError(f"case {number}", "", f"no such case in {study.where}", f"1 to {study.count}")
@@ -177,7 +177,7 @@ def show(request: Request, number: int) -> int:
 
 def _open(request: Request, workers: int, *, yes: bool) -> _Batch:
     """Reads a study and plans it, which validates every case."""
-    study, store = read_study(request.source), Store(request.runs)
+    study, store = read_study(request.source, request.engines), Store(request.runs)
     if study.count > MAX_CASES and not yes:
         raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
     selection = select(study, request.engines, request.patterns)

@@ -124,7 +124,7 @@ def run_slice(request: Request, part: int, parts: int) -> list[Row]:
     """
     if request.entries:
         use_entries(request.entries)
-    study, store = read_study(request.source), Store(request.runs)
+    study, store = read_study(request.source, request.engines), Store(request.runs)
     selection = select(study, request.engines, request.patterns)
     setup = set_up(study, selection.engines, request.runs, request.steps)
     left = list(selection.slice_of(part, parts))

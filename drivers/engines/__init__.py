@@ -7,17 +7,19 @@ is an adapter with the command that starts a build of its code; ``engines.toml``
 import os
 import pkgutil
 import re
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from functools import cache
+from functools import cache, wraps
 from importlib import import_module, util
 from pathlib import Path
+from traceback import extract_tb
 from typing import Any
 
 from drivers.base.decks import Deck
-from drivers.base.errors import InputError, InputProblem
+from drivers.base.errors import InputError, InputProblem, RunError
 from drivers.base.processes import find_command
 from drivers.chain.case import Case
 from drivers.chain.elements import STRAIGHT
@@ -149,9 +151,16 @@ class Engine:
         }
         return passed | dict(self.variables)
 
-    def version_of(self, command: tuple[str, ...]) -> str:
-        """Version line of a command, asked in the environment of its runs."""
-        variables = [f"{name}={value}" for name, value in self.environment.items()]
+    @property
+    def absence(self) -> str:
+        """That it is not there, in words for people."""
+        words = ", ".join(shlex.join(words) for words in self.entry.commands)
+        where = f" of {self.entry.where}" if self.entry.where else ""
+        return f"not installed: {words}{where} is not found; it comes with {self.how_to_get}"
+
+    def version_of(self, command: tuple[str, ...], **more: str) -> str:
+        """Version line of a command, asked in the environment of its runs, and with ``more`` variables."""
+        variables = [f"{name}={value}" for name, value in (self.environment | more).items()]
         return self.version(("env", *variables, *command) if variables else command)
 
     def loop_seconds(self, stdout: str) -> float | None:
@@ -184,6 +193,22 @@ def load_engine(name: str, where: str = "engine", key: str = "", also: tuple[str
     return replace(engine, name=name, entry=entry, how_to_get=entry.how_to_get or engine.how_to_get)
 
 
+def _told(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of an adapter elsewhere, of which any error is a RunError that says where it arose."""
+
+    @wraps(function)
+    def told(*arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except (InputError, RunError):
+            raise
+        except (Exception, SystemExit) as error:
+            place = extract_tb(error.__traceback__)[-1]
+            raise RunError(f"{place.filename}:{place.lineno}: {type(error).__name__}: {error}") from error
+
+    return told
+
+
 @cache
 def _adapter_elsewhere(path: Path, where: str) -> Engine:
     """The engine of an adapter outside the package.
@@ -191,7 +216,7 @@ def _adapter_elsewhere(path: Path, where: str) -> Engine:
     Raises:
         InputError: it cannot be loaded, or defines none.
     """
-    spec = util.spec_from_file_location(f"{__name__}.{path.stem}", path)
+    spec = util.spec_from_file_location(f"{__name__}.at.{path}", path)  # a name that no module of the package has
     assert spec is not None
     assert spec.loader is not None
     module = sys.modules[spec.name] = util.module_from_spec(spec)
@@ -200,11 +225,17 @@ def _adapter_elsewhere(path: Path, where: str) -> Engine:
         engine = module.ENGINE
         if not isinstance(engine, Engine):
             raise TypeError(f"ENGINE is {type(engine).__name__}")
-    except Exception as error:  # whatever is wrong with it
+    except (Exception, SystemExit) as error:  # whatever is wrong with it
         raise InputError(
             where, "adapter", f"{path}: {type(error).__name__}: {error}", "ENGINE = Engine(...)"
         ) from error
-    return engine
+    return replace(
+        engine,
+        render=_told(engine.render),
+        read=_told(engine.read),
+        partial_trace=_told(engine.partial_trace),
+        refusal=_told(engine.refusal),
+    )
 
 
 def engine_names() -> list[str]:

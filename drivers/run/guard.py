@@ -72,9 +72,9 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
         wrong = np.abs(found - expected) > allowed
         if wrong.any():
             body = int(np.argmax(wrong))
-            return (
-                f"body {body + 1} starts with a {name} of {found[body]:.9g} {unit}, the scene has {expected[body]:.9g}"
-            )
+            one, other = float(found[body]), float(expected[body])
+            digits = 9 if f"{one:.9g}" != f"{other:.9g}" else 17
+            return f"body {body + 1} starts with a {name} of {one:.{digits}g} {unit}, the scene has {other:.{digits}g}"
     return None
 
 

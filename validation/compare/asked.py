@@ -52,7 +52,7 @@ EVERYTHING = Asked()
 
 def _why_not(engine: str) -> str:
     found = load_engine(engine)
-    return "there is nothing of it to compare" if found.find() else f"not installed; it comes with {found.how_to_get}"
+    return "there is nothing of it to compare" if found.find() else found.absence
 
 
 def print_unmet(unmet: dict[str, str]) -> bool:

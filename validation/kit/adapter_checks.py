@@ -55,15 +55,15 @@ def interface(candidate: Candidate) -> Iterator[Measured]:
 
 
 def version(candidate: Candidate) -> Iterator[Measured]:
-    """The version line is one line, asked of the program that is found, and programs beside scripts are told apart."""
+    """The version line is one line, asked of the program that is found, and the build is the same each time."""
     engine, build = candidate.engine, candidate.build
     if engine.in_repository:
         yield _none(
             [] if engine.version_of(build.command) == build.version else ["another one each time"], build.version
         )
         return
-    files = [*files_of(engine, build.command)]
-    again = build_of(engine, candidate.folder / "build")
+    home = candidate.folder / "build"
+    again, files = build_of(engine, home), files_of(home)
     other = which(OTHER_PROGRAM[0])
     told = engine.version_of((other or OTHER_PROGRAM[0],))
     wrong = {
@@ -71,15 +71,9 @@ def version(candidate: Candidate) -> Iterator[Measured]:
         "the version is more than a line": len(build.version.splitlines()) > 1,
         "the build has another identity each time": again.identity != build.identity,
         f"{OTHER_PROGRAM[0]} has this version, too: it is not asked of the command": told == build.version,
-        "scripts alone enter its digest (libraries)": all(_is_script(file) for file in files),
     }
     words = f"{build.version}; {len(files)} files, {build.sha256[:12]}"
     yield _none([problem for problem, there in wrong.items() if there], words)
-
-
-def _is_script(file: Path) -> bool:
-    with file.open("rb") as opened:
-        return opened.read(2) == b"#!"
 
 
 def deck_of_physics(candidate: Candidate) -> Iterator[Measured]:

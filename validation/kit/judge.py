@@ -100,7 +100,7 @@ def judge_engine(name: str, runs: Path, results: Path | None) -> int:
     """
     engine, width = load_engine(name), max(map(len, CHECKS))
     if engine.find() is None:
-        raise RunError(f"{name} is not installed; it comes with {engine.how_to_get}")
+        raise RunError(f"{name}: {engine.absence}")
     print(f"{'check':<{width}} {'verdict':<7} {'measured':>9} {'allowed':>9} {'s':>6}")
     rows = []
     for row in judge(engine, runs / name):

@@ -204,7 +204,7 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
         (["--slurm", "--dask"], "not allowed with"),
         (["--slice", "1/2", "--dry-run"], "a slice runs here, by itself"),
         (["--wait"], "it goes with --slurm"),
-        (["--engine", "yade"], "the engines of the study: reference"),
+        (["--engine", "nix"], "reference, verlet"),
         (["--only", "seed=9"], "no case"),
     ],
 )

@@ -51,22 +51,45 @@ def test_a_wrong_build_that_calls_itself_the_same_is_run_and_told_apart(
     assert re.search(rf"{engine} .*fail", done.stdout), done.stdout
 
 
+INSIDE = 'echo "LIGGGHTS (Version 1)" # '
+LIBRARY = next(line.split()[-1] for line in Path("/proc/self/maps").read_text().splitlines() if "/libm.so" in line)
+
+
+@pytest.mark.parametrize(
+    "wrapper",
+    [
+        'inside "$@"',
+        'exec "inside"',
+        "exec env A=1 inside",
+        'exec "$(dirname "$0")/bin/inside" "$@"',
+        "exec {folder}/bin/inside",
+        "exec {folder}/aside/bin/inside",
+        '"$(dirname "$0")/once-more"',
+        ". {folder}/bin/inside",
+        '#!{python}\nimport subprocess, sys\nsys.exit(subprocess.call(["inside", *sys.argv[1:]]))',
+        "export LD_LIBRARY_PATH={folder}/bin; exec {python} -c 'import math; print(\"LIGGGHTS (Version 1)\")'",
+    ],
+)
 def test_a_script_is_told_from_another_by_what_it_starts(
-    engines_file: EnginesWriter, scene_file: SceneWriter, tmp_path: Path
+    wrapper: str, engines_file: EnginesWriter, stand_in: StandIn, tmp_path: Path
 ) -> None:
-    """Named by its path, as lying beside the script, or after exec; however the scripts are called."""
-    need("liggghts")
-    for name, text in {"outer": 'exec "$(dirname "$0")/inner" "$@"', "inner": 'exec liggghts "$@"'}.items():
-        (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
+    """However it starts it: named by path or by PATH, beside itself, by another script; or by a library it loads."""
+    stand_in("inside", f"{INSIDE}one")
+    library = tmp_path / "bin" / Path(LIBRARY).name
+    shutil.copy(LIBRARY, library)
+    (tmp_path / "aside").symlink_to(tmp_path)
+    for name, text in {"outer": wrapper, "once-more": 'exec "$(dirname "$0")/bin/inside"'}.items():
+        head = "" if text.startswith("#!") else "#!/bin/sh\n"
+        (tmp_path / name).write_text(head + text.format(folder=tmp_path, python=sys.executable) + "\n")
         (tmp_path / name).chmod(0o755)
     engines_file('[mine]\nadapter = "liggghts"\ncommand = "./outer"\n')
-    (tmp_path / "aside").symlink_to(tmp_path)
     before = build_of(load_engine("mine"), tmp_path)
-    assert before.version == build_of(load_engine("liggghts"), tmp_path / "runs").version
     assert build_of(load_engine("mine"), tmp_path) == before
-    (tmp_path / "inner").write_text('#!/bin/sh\n# another\nexec liggghts "$@"\n')
+    stand_in("inside", f"{INSIDE}another")
+    with library.open("ab") as opened:
+        opened.write(b"another")
     assert build_of(load_engine("mine"), tmp_path).sha256 != before.sha256
-    assert finished(case_of(scene_file(duration="0.05 ms")), "mine", tmp_path / "runs").done
+    assert before.version == "LIGGGHTS (Version 1)"
 
 
 def test_builds_stand_side_by_side(engines_file: EnginesWriter, study_file: StudyWriter, tmp_path: Path) -> None:
@@ -106,7 +129,12 @@ def test_variables_are_passed_on_by_name(engines_file: EnginesWriter, stand_in: 
     assert command is not None
     run_command(command, tmp_path, 10.0, **engine.environment)
     assert (tmp_path / "stdout.txt").read_text() == "LIGGGHTS (Version one \n"
-    assert build_of(engine, tmp_path).version == "LIGGGHTS (Version one"
+    before = build_of(engine, tmp_path)
+    assert before.version == "LIGGGHTS (Version one"
+    monkeypatch.setenv("OTHER", "three")
+    assert build_of(engine, tmp_path) == before
+    monkeypatch.setenv("MODULE_ONE", "another")
+    assert build_of(engine, tmp_path).sha256 != before.sha256
 
 
 def test_a_programs_memory_is_its_own(tmp_path: Path) -> None:
@@ -120,19 +148,27 @@ def test_a_programs_memory_is_its_own(tmp_path: Path) -> None:
 def test_an_adapter_from_elsewhere_is_an_engine_everywhere(
     engines_file: EnginesWriter, study_file: StudyWriter, tmp_path: Path
 ) -> None:
-    (tmp_path / "mine.py").write_text(OWN_ADAPTER)
-    path = engines_file(f'[mine]\nadapter = "mine.py"\ncommand = "{sys.executable}"\n')
+    """Beside a shipped one of the same file name; its changes make other runs, and its errors are those of a run."""
+    (tmp_path / "yade.py").write_text(OWN_ADAPTER)
+    path = engines_file(f'[mine]\nadapter = "yade.py"\ncommand = "{sys.executable}"\n')
     assert "mine" in installed_codes()
-    done = command_line(
-        "validation", "compare", tmp_path / "scene.toml", "--engines", path, "--runs", tmp_path / "runs"
-    )
+    assert (load_engine("mine").program, load_engine("yade").program) == (load_engine("verlet").program, "yade")
+    words = ("validation", "compare", tmp_path / "scene.toml", "--engine", "mine", "--engines", path, "--runs")
+    study, runs = study_file(SPEEDS.format(3), "verlet"), tmp_path / "runs"
+    done = command_line(*words, runs)
     assert done.returncode == 0, done.stderr
     assert re.search(r"^scene +mine .*pass", done.stdout, re.MULTILINE)
-    study, runs = study_file(SPEEDS.format(3), "mine"), tmp_path / "runs"
-    assert batch(study, runs).returncode == 0
+    assert batch(study, runs, "--engine", "mine").returncode == 0
     before = set(stored(runs))
-    (tmp_path / "mine.py").write_text(OWN_ADAPTER.replace("mine 1.0", "mine 1.1"))
-    assert batch(study, runs).returncode == 0
+    later = "\nENGINE = replace(ENGINE, read=lambda case, folder: 1 / 0)\n"
+    (tmp_path / "yade.py").write_text(f"{OWN_ADAPTER}{later}")
+    done = command_line(*words, runs)
+    assert done.returncode == 1
+    print(done.stdout)
+    assert re.search(r"^scene +mine .*fail: .*yade.py:9: ZeroDivisionError", done.stdout, re.MULTILINE)
+    assert "Traceback" not in done.stderr
+    (tmp_path / "yade.py").write_text(f"{OWN_ADAPTER}\n# another\n")
+    assert batch(study, runs, "--engine", "mine").returncode == 0
     assert set(stored(runs)) > before
 
 
@@ -150,6 +186,8 @@ def test_an_adapter_from_elsewhere_is_an_engine_everywhere(
         ('[liggghts]\nvariables = "LMP"', "liggghts.variables"),
         ('["../x"]\nadapter = "yade"', "letters, digits"),
         ("liggghts = 1", "liggghts: found 1; allowed: a table"),
+        ('[verlet]\nadapter = "yade"', "verlet: found a name that means something else"),
+        ('[auto]\nadapter = "yade"', "auto: found a name that means something else"),
         ("[", "TOML"),
     ],
 )
@@ -162,9 +200,15 @@ def test_wrong_entries_are_told_in_one_line(text: str, words: str, engines_file:
 
 def test_a_wrong_adapter_or_file_ends_a_command_with_code_two(engines_file: EnginesWriter, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("import nothing_of_that_name\n")
+    (tmp_path / "leaves.py").write_text("raise SystemExit(0)\n")
+    (tmp_path / "leaves.toml").write_text('[mine]\nadapter = "leaves.py"\n')
     (tmp_path / "verlet.toml").write_text('[mine]\nadapter = "verlet"\n')
     path, words = engines_file('[mine]\nadapter = "mine.py"\n'), "nothing_of_that_name"
-    others = {tmp_path / "gone.toml": "No such file", tmp_path / "verlet.toml": "mine: found .*part of the repository"}
+    others = {
+        tmp_path / "leaves.toml": "SystemExit: 0",
+        tmp_path / "gone.toml": "No such file",
+        tmp_path / "verlet.toml": "mine: found .*part of the repository",
+    }
     for file, words in {path: "nothing_of_that_name", **others}.items():
         done = command_line("drivers", "run", "fig4", "--engines", file, "--engine", "mine")
         assert done.returncode == 2
