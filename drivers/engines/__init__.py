@@ -34,8 +34,8 @@ TOTAL, INCREMENTAL = "total", "incremental"  # the shear displacement, or the fo
 
 
 def last_line(stdout: str, stderr: str, chatter: tuple[str, ...] = ()) -> str:
-    """The last line that does not begin with any of ``chatter``: of the standard error, else of the output."""
-    lines = [line.strip() for line in f"{stdout}\n{stderr}".splitlines() if line.strip()]
+    """The last line of words that does not begin with any of ``chatter``: of the standard error, else of the output."""
+    lines = [line.strip() for line in f"{stdout}\n{stderr}".splitlines() if re.search(r"\w", line)]
     return ([line for line in lines if not line.startswith(chatter)] or lines or ["no output"])[-1]
 
 
@@ -156,7 +156,7 @@ class Engine:
         """That it is not there, in words for people."""
         words = ", ".join(shlex.join(words) for words in self.entry.commands)
         where = f" of {self.entry.where}" if self.entry.where else ""
-        return f"not installed: {words}{where} is not found; it comes with {self.how_to_get}"
+        return f"not installed; it comes with {self.how_to_get} (looked for {words}{where})"
 
     def version_of(self, command: tuple[str, ...], **more: str) -> str:
         """Version line of a command, asked in the environment of its runs, and with ``more`` variables."""

@@ -14,11 +14,12 @@ FAINT = "#555555"
 OPEN = "#e4e7ea"  # where there is no contact
 # engines without a style of their own, and further builds of a code, get these in the order of their names
 SPARE = (
-    Style("#332288", dashes=(0, (4, 1, 1, 1))),
+    Style("#882255", dashes=(0, (5, 1, 1, 1, 1, 1)), marker="p"),
     Style("#e69f00", dashes=(0, (3, 1)), marker="v"),
-    Style("#56b4e9", dashes=(0, (8, 3)), marker="D", size=4.0),
-    Style("#882255", dashes=(0, (5, 1, 1, 1, 1, 1)), marker="+", size=6.0),
     Style("#117733", dashes=(0, (1, 1)), marker="*", size=6.0),
+    Style("#332288", dashes=(0, (4, 1, 1, 1)), marker="h"),
+    Style("#56b4e9", dashes=(0, (8, 3)), marker="<"),
+    Style("#999933", dashes=(0, (6, 1, 1, 1)), marker="+", size=6.0),
 )
 
 

@@ -28,7 +28,7 @@ from validation.accuracy.schemes import energy_change_J
 from validation.compare.asked import EVERYTHING, Asked, print_unmet
 from validation.compare.departure import Departure, departure, departure_rows, deviation, motion_deviation
 from validation.compare.moved import moved
-from validation.compare.verdict import FAIL, HEADING, NOT_RUN, RUN, Verdict, judged, line_of, without_run
+from validation.compare.verdict import FAIL, NOT_RUN, RUN, Verdict, heading, judged, line_of, names, without_run
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
 
@@ -228,35 +228,35 @@ def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path
         else:
             print(f"{source}: compared", file=sys.stderr, flush=True)
     if between:
-        print(HEADING, *map(line_of, between), sep="\n")
+        print(heading(), *map(line_of, between), sep="\n")
     failed = any(verdict.verdict == FAIL for verdict in verdicts + between)
     return 1 if print_unmet(asked.unmet(ran)) or failed else 0
 
 
 def _between(compared: ComparedScene, one: str, other: str) -> list[Verdict]:
     """Verdicts on the quantities in which two builds of a code differ."""
-    names = (compared.case.scene.name, f"{other} against {one}")
+    scene, pair = compared.case.scene.name, f"{other} against {one}"
     why = [f"{engine}: {compared.absent[engine]}" for engine in (one, other) if engine in compared.absent]
     if why:
         failed = any(v.verdict == FAIL for v in compared.verdicts if v.engine in (one, other) and v.quantity == RUN)
-        return [without_run(*names, "; ".join(why), FAIL if failed else NOT_RUN)]
+        return [without_run(scene, pair, "; ".join(why), FAIL if failed else NOT_RUN)]
     rows = moved(compared.runs[one].folder, compared.runs[other].folder)
-    return [replace(verdict, scene=names[0], engine=names[1]) for verdict in rows]
+    return [replace(verdict, scene=scene, engine=pair) for verdict in rows]
 
 
 def _lines(compared: ComparedScene) -> Iterator[str]:
     """Verdicts; when each run first leaves the exact motion and why, and what a failed one matches; error budgets."""
-    yield HEADING
+    yield heading()
     yield from map(line_of, compared.verdicts)
     yield ""
     name = compared.case.scene.name
     for engine, each in departure_rows(compared.departures):
-        yield f"{name:<12} {engine:<10} {each.words}"
+        yield f"{names(name, engine)} {each.words}"
     for engine, sentence in compared.diagnoses.items():
-        yield f"{name:<12} {engine:<10} diagnosis: {sentence}"
-    yield f"\n{'error budget':<23} {'quantity':<24} " + " ".join(f"{part:>10}" for part in PARTS)
+        yield f"{names(name, engine)} diagnosis: {sentence}"
+    yield f"\n{names('error budget', '')} {'quantity':<24} " + " ".join(f"{part:>10}" for part in PARTS)
     for engine, run in compared.runs.items():
         lines = [f"{quantity:<24} {numbers}" for quantity, numbers in for_terminal(run.record.error_budget or ())]
         lines += [f"warning: {warning}" for warning in run.record.warnings or ()]
         lines += [run.record.error_note] if run.record.error_note else []
-        yield from (f"{name:<12} {engine:<10} {line}" for line in lines)
+        yield from (f"{names(name, engine)} {line}" for line in lines)

@@ -14,7 +14,7 @@ from drivers.base.errors import InputError
 from drivers.run.finished import FILE, RunRecord, read_record
 from validation.compare.asked import Asked, print_unmet
 from validation.compare.pair import FREE_TEXT, LEVELS, compare_pair, different_keys, open_pair
-from validation.compare.verdict import FAIL, HEADING, NOT_RUN, RUN, Verdict, line_of, without_run
+from validation.compare.verdict import FAIL, NOT_RUN, RUN, Verdict, heading, line_of, without_run
 
 ROUNDING = min(LEVELS)  # of the largest change: what differs by less has not moved
 ALL = "all"  # quantities, where none has moved
@@ -91,6 +91,8 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: Asked) -
     Raises:
         InputError: a folder has no runs, or neither has one of a scene.
     """
+    if old.resolve() == new.resolve():
+        raise InputError("--against", "", f"the folder of --runs, {paths.shown(new)}", "another folder of runs")
     found = _runs("--runs", old), _runs("--against", new)
     names, known = {Path(scene).stem for scene in scenes}, {run.scene for side in found for run in side.values()}
     for name in sorted(names - known):
@@ -105,8 +107,8 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: Asked) -
         of_engine = ({run.build for run in side.values() if run.engine == engine} for side in (first, second))
         one, other = (" and ".join(sorted(builds)) or "no run" for builds in of_engine)
         print(f"{engine:<10} {one} {'on both sides' if one == other else f'against {other}'}")
-    print(f"\n{HEADING}")
-    pairs, failed, again = Counter[str](), 0, []
+    print(f"\n{heading()}")
+    compared, failed, again = 0, 0, []
     alike = Counter((run.scene, run.engine) for run in either.values())
     for key, run in sorted(either.items(), key=lambda item: (item[1].scene, item[0])):
         if key in first and key in second and not (first[key].trouble or second[key].trouble):
@@ -116,13 +118,13 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: Asked) -
         name = run.scene if alike[run.scene, run.engine] == 1 else run.folder.name  # there are other settings
         for verdict in rows:
             print(line_of(replace(verdict, scene=name, engine=run.engine)), flush=True)
-        pairs[run.engine] += rows[0].quantity != RUN
+        compared += rows[0].quantity != RUN
         if any(verdict.verdict == FAIL for verdict in rows):
             failed += 1
             again += [(first[key].folder, second[key].folder)] if rows[0].quantity != RUN else []
-    print(f"\n{len(either)} runs: {pairs.total()} compared, {failed} failed, missing or moved beyond what is allowed")
+    print(f"\n{len(either)} runs: {compared} compared, {failed} failed, missing or moved beyond what is allowed")
     print_again(again)
-    return 1 if print_unmet(asked.unmet(+pairs)) or failed else 0
+    return 1 if print_unmet(asked.unmet(engine for engine, _ in first.keys() & second.keys())) or failed else 0
 
 
 def print_again(pairs: Iterable[tuple[Path, Path]]) -> None:

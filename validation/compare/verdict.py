@@ -1,9 +1,11 @@
 """What is said of a number: pass, fail or not run, with the tolerance and its reason."""
 
 from dataclasses import dataclass
+from functools import cache
 from math import nan
 
 from drivers.base.tolerances import Tolerance
+from drivers.engines import engine_names
 
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
 RUN = "run"  # the quantity where there is nothing to measure
@@ -39,14 +41,26 @@ def without_run(scene: str, engine: str, why: str, verdict: str) -> Verdict:
     return Verdict(scene, engine, RUN, nan, nan, "a run has to be done", why, verdict)
 
 
-HEADING = f"{'scene':<12} {'engine':<10} {'quantity':<24} {'error':>9} {'allowed':>9}  verdict"
+def names(scene: str, engine: str) -> str:
+    """The first two columns of tables for a terminal."""
+    return f"{scene:<12} {engine:<{_width()}}"
+
+
+@cache
+def _width() -> int:
+    return max(10, *map(len, engine_names()))
+
+
+def heading() -> str:
+    """The heading of the verdict table for a terminal."""
+    return f"{names('scene', 'engine')} {'quantity':<24} {'error':>9} {'allowed':>9}  verdict"
 
 
 def line_of(verdict: Verdict) -> str:
     """A line of the verdict table for a terminal."""
     numbers = f"{verdict.value:9.2e} {verdict.limit:9.2e}" if verdict.quantity != RUN else " " * 19
-    names = f"{verdict.scene:<12} {verdict.engine:<10} {verdict.quantity:<24}"
-    return f"{names} {numbers}  {verdict.verdict}: {verdict.where}"
+    beside = f"{names(verdict.scene, verdict.engine)} {verdict.quantity:<24}"
+    return f"{beside} {numbers}  {verdict.verdict}: {verdict.where}"
 
 
 def pass_or_fail(error: float, limit: float) -> str:

@@ -26,9 +26,9 @@ CHECKS: dict[str, Check] = {
     "version and identity": adapter_checks.version,
     "deck": adapter_checks.deck_of_physics,
     "deck by hand": adapter_checks.deck_by_hand,
+    SERVER: output_checks.server,
     "damaged output": output_checks.damaged_output,
     "failures and time limit": output_checks.failures,
-    SERVER: output_checks.server,
     "cost": output_checks.cost,
     "start": output_checks.start,
     **{f"scene: {each.name}": partial(physics_checks.scene, variant=each) for each in kit_file().variant},
@@ -70,7 +70,7 @@ def judge(engine: Engine, home: Path, names: Iterable[str] = tuple(CHECKS)) -> I
         candidate = Candidate(engine, build, Path(folder), session)
         for name in names:
             row = _row(candidate, name)
-            if name == SERVER and row.value > 0:
+            if name == SERVER and row.verdict == FAIL:
                 candidate = replace(candidate, session=None)
             yield row
 
@@ -125,4 +125,6 @@ def _summary(rows: list[Row]) -> Iterator[str]:
     measured = [row for row in rows if row.verdict == PASS and row.limit > 0]
     nearest = max(measured, key=lambda row: row.value / row.limit, default=None)
     closest = f"; closest to its limit: {nearest.check}, {nearest.value:.2g} of {nearest.limit:.2g}" if nearest else ""
+    if any(row.verdict == FAIL and row.check.startswith("scene: ") for row in rows):
+        yield f"where it goes wrong, and what it matches: python -m validation compare fig4 --engine {rows[0].engine}"
     yield f"{len(rows)} checks in {sum(row.seconds for row in rows):.0f} s: {counts}{closest}"

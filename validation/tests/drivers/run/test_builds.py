@@ -164,8 +164,7 @@ def test_an_adapter_from_elsewhere_is_an_engine_everywhere(
     (tmp_path / "yade.py").write_text(f"{OWN_ADAPTER}{later}")
     done = command_line(*words, runs)
     assert done.returncode == 1
-    print(done.stdout)
-    assert re.search(r"^scene +mine .*fail: .*yade.py:9: ZeroDivisionError", done.stdout, re.MULTILINE)
+    assert re.search(r"^scene +mine .*fail: .*yade.py:8: ZeroDivisionError", done.stdout, re.MULTILINE)
     assert "Traceback" not in done.stderr
     (tmp_path / "yade.py").write_text(f"{OWN_ADAPTER}\n# another\n")
     assert batch(study, runs, "--engine", "mine").returncode == 0
@@ -203,7 +202,7 @@ def test_a_wrong_adapter_or_file_ends_a_command_with_code_two(engines_file: Engi
     (tmp_path / "leaves.py").write_text("raise SystemExit(0)\n")
     (tmp_path / "leaves.toml").write_text('[mine]\nadapter = "leaves.py"\n')
     (tmp_path / "verlet.toml").write_text('[mine]\nadapter = "verlet"\n')
-    path, words = engines_file('[mine]\nadapter = "mine.py"\n'), "nothing_of_that_name"
+    path = engines_file('[mine]\nadapter = "mine.py"\n')
     others = {
         tmp_path / "leaves.toml": "SystemExit: 0",
         tmp_path / "gone.toml": "No such file",

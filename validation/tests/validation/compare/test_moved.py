@@ -155,7 +155,7 @@ def test_what_cannot_be_compared_is_a_row(folders: tuple[Path, Path], compare: C
     (run_of(new, "other") / FORCES).unlink()
     code, lines = compare("--runs", old, "--against", new)
     assert code == 1
-    assert any(re.match(r"scene +abacus +run .* fail: .*found abacus; allowed: ", line) for line in lines)
+    assert any(re.match(r'scene +abacus +run .* fail: .*found "abacus"; allowed: ', line) for line in lines)
     assert any(re.match(r"other .* fail: .*forces\.parquet: found no such file", line) for line in lines)
 
 
