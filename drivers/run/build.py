@@ -9,6 +9,7 @@ import os
 import re
 import threading
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import which
@@ -76,13 +77,14 @@ def build_of(engine: Engine, home: Path) -> Build:
         adapter = [engine.entry.adapter] * engine.entry.adapter.endswith(".py")
         files = sorted(_files(engine, [*command, *adapter, *LOADED.findall(said)]))
         digests = sorted(sha256_of(file) for file in files)
-        content = json.dumps([*digests, sorted(engine.environment.items())])
-        build = Build(command, version, hashlib.sha256(content.encode()).hexdigest())
+        all_of_it = json.dumps([*digests, sorted(engine.environment.items())])
+        build = Build(command, version, hashlib.sha256(all_of_it.encode()).hexdigest())
         if build.version != UNKNOWN_VERSION:  # else ask again next time: it may have been mended
-            home.mkdir(parents=True, exist_ok=True)
-            key = _key(engine, command, map(str, files))
-            with whole_file(note) as draft:
-                draft.write_text(json.dumps({"key": key, "version": build.version, "sha256": build.sha256}, indent=1))
+            content = {"key": _key(engine, command, map(str, files)), "version": version, "sha256": build.sha256}
+            with suppress(OSError):  # a place where nobody may write: it is looked at again
+                home.mkdir(parents=True, exist_ok=True)
+                with whole_file(note) as draft:
+                    draft.write_text(json.dumps(content, indent=1))
     return build
 
 

@@ -3,7 +3,7 @@
 import json
 import sys
 import tomllib
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -47,8 +47,10 @@ def cost_on(name: str) -> Cost:
     An engine that is neither known nor installed, or fails where it is measured, is taken for the dearest one known.
     """
     known, engine = _known(), load_engine(name)
-    listed = known.get(name) or known.get(engine.entry.adapter)
-    if listed is None and engine.find() is not None:
+    command = engine.find()
+    of_code = command is None or len(command) == 1  # what a launcher adds is not known
+    listed = known.get(name) or (known.get(engine.entry.adapter) if of_code else None)
+    if listed is None and command is not None:
         listed = _measured(name, build_of(engine, paths.RUNS / name))
     return listed or max(known.values(), key=lambda cost: cost.step_ns)
 
@@ -73,9 +75,10 @@ def _measured(name: str, build: Build) -> Cost | None:
     except RunError as error:
         print(f"{name}: its cost could not be measured: {error}", file=sys.stderr)
         return None
-    note.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(note) as draft:
-        draft.write_text(json.dumps({"build": build.identity, **asdict(cost)}))
+    with suppress(OSError):  # a place where nobody may write: it is measured again
+        note.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(note) as draft:
+            draft.write_text(json.dumps({"build": build.identity, **asdict(cost)}))
     where = f"no entry in {paths.shown(paths.COSTS)}, measured and kept in {paths.shown(note)}"
     print(f"{name}: {where}: {', '.join(entry_of(name, cost)[1:])}", file=sys.stderr)
     return cost

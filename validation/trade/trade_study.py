@@ -25,6 +25,7 @@ SMOOTH_ORDER, FLAT_ORDER = 3.7, 0.5
 BY_SAMPLING = "samples: the exact motion read from them errs as much"
 BY_SAMPLES = 30.0  # times what the exact motion errs by when read from samples: there these begin to count
 LEAST_POINTS = 3  # of a range
+SMALL = 0.1  # errors beyond are no longer small, and fall by no order
 QUANTITIES = {
     "force": "the force trace",
     "sensor_peak": "a sensor's peak",
@@ -88,7 +89,7 @@ def orders(rows: pd.DataFrame) -> Iterator[Order]:
     for scene, method in rows[["scene", "method"]].drop_duplicates().itertuples(index=False):
         own = fixed[(fixed["scene"] == scene) & (fixed["method"] == method)]
         for quantity in QUANTITIES:
-            good = own[np.isfinite(own[quantity]) & (own[quantity] > 0)]
+            good = own[(own[quantity] > 0) & (own[quantity] <= SMALL)]
             if len(good) > LEAST_POINTS:
                 columns = (good[name].to_numpy() for name in ("share_of_limit", "time_step_s", quantity))
                 order = _order(Order(scene, method, quantity), *columns)
