@@ -83,8 +83,8 @@ class Engine:
         version: line with the version, date and commit of a build, asked of the command that starts it.
         libraries: files that a program loads and its own file does not name, such as those of a script that starts it.
         render: deck of a case, complete with the command that runs it inside its folder.
-        read: raw output of a finished run in its folder, as a trace (``drivers.chain.trace.make_trace`` gives shapes and
-            signs); a RunError says what is wrong with it.
+        read: raw output of a finished run in its folder, as a trace; a RunError says what is wrong with it. Shapes and
+            signs are those of ``drivers.chain.trace.make_trace``.
         loop_pattern: regular expression of the line that gives the seconds in its own time loop, its first group.
         server: files, if any, and command of a process that runs many decks, asked over its standard input; every
             engine has one. It may end on a deck that fails: the next one gets a new process.
