@@ -121,8 +121,8 @@ def test_selection(write: StudyWriter) -> None:
     assert list(select(study, (), ()).slice_of(2, 4)) == [2, 6]
     with pytest.raises(InputError, match="no case"):
         select(study, (), ["chain.count=5"])
-    with pytest.raises(InputError, match="engines of the study"):
-        select(study, ["yade"], ())
+    assert select(study, ["reference"], ()).engines == ("reference",)
+    assert read_study(write(axes), ["yade"]).engines == (*study.engines, "yade")
 
 
 def test_rows_depend_on_the_sources_that_read_them_and_on_no_figure() -> None:

@@ -234,7 +234,7 @@ def test_folders_that_are_no_runs(run_of: FolderOf, copied: Callable[[Path], Pat
     record = json.loads((spoilt / "run.json").read_text())
     _spoil(spoilt, good, record | {"status": "failed", "reason": "unstable"}, "a run that failed: unstable")
     _spoil(spoilt, good, record | {"scene": {}}, "a damaged scene")
-    _spoil(spoilt, good, record | {"engine": "abacus"}, "engine: found abacus")
+    _spoil(spoilt, good, record | {"engine": "abacus"}, 'engine: found "abacus"')
     _spoil(spoilt, good, {key: value for key, value in record.items() if key != "bodies"}, "of another version")
     (spoilt / "run.json").write_text(json.dumps(record)[:200])
     with pytest.raises(InputError, match="of another version"):

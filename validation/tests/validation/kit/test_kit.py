@@ -253,7 +253,12 @@ BROKEN: dict[str, tuple[Callable[[Engine], Engine], dict[str, str]]] = {
 }
 
 
-@pytest.mark.parametrize("fault", BROKEN)
+FIRST = ("nothing", "wrong stiffness", "wrong damping", "time shifted", "numbers of its own", "gravity of its own")
+
+
+@pytest.mark.parametrize(
+    "fault", [pytest.param(each, marks=[] if each in FIRST else pytest.mark.long) for each in BROKEN]
+)
 def test_a_wrong_adapter_turns_its_check_red(fault: str, mine: Engine, tmp_path: Path) -> None:
     change, red = BROKEN[fault]
     rows = rows_of(change(mine), tmp_path / "runs", dict.fromkeys((*FEW, *red)))
@@ -262,6 +267,7 @@ def test_a_wrong_adapter_turns_its_check_red(fault: str, mine: Engine, tmp_path:
     assert {check: words for check, words in failed.items() if not re.search(red[check], words)} == {}
 
 
+@pytest.mark.long
 def test_a_process_that_outlives_its_kill_is_found(engines_file: EnginesWriter, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(MINE)
     script = tmp_path / "start.sh"
@@ -273,6 +279,7 @@ def test_a_process_that_outlives_its_kill_is_found(engines_file: EnginesWriter, 
     assert re.search("that went on: [0-9]", row.words)
 
 
+@pytest.mark.long
 def test_an_adapter_outside_the_tree_passes_and_is_excused_from_what_it_does_not_model(
     mine: Engine, tmp_path: Path
 ) -> None:
