@@ -24,6 +24,7 @@ from drivers.engines import Engine
 NOTE = ".build.json"
 SCRIPT_BYTES = 100_000  # of a script, that are searched for the files it names
 WRAPPER_BYTES = 4000  # a script no longer than this may be one of commands: each of its words may be a program
+WRITTEN = re.compile(r">+ *\S+")  # what a script writes is not what it starts
 WORD = re.compile(r"""[^\s'"`;|&()\[\]{}<>=,:]+""")
 LOADED = re.compile(r"(?:calling init|initialize program): (.+)")  # as the dynamic linker of glibc says it
 SEARCHED = ("PATH", "LD_LIBRARY_PATH")
@@ -118,9 +119,9 @@ def _files(engine: Engine, words: Iterable[str]) -> set[Path]:
 
 def _in_script(script: Path, text: str) -> Iterator[Path]:
     """Files that a script names, by their paths or what is left of these beside itself, or as programs."""
-    for word in dict.fromkeys(WORD.findall(text)):
+    for word in dict.fromkeys(WORD.findall(WRITTEN.sub("", text))):
         if "/" in word:
             path = home_of(os.path.expandvars(word))
             yield from (path, *(script.parent.joinpath(*path.parts[start:]) for start in range(1, len(path.parts))))
         elif len(text) <= WRAPPER_BYTES:
-            yield from (Path(which(word) or word), script.parent / word)
+            yield Path(which(word) or word)
