@@ -7,11 +7,12 @@ import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from typing import Any, NoReturn
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
+from drivers.base.files import home_of
 
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 
@@ -92,6 +93,8 @@ def run_main(main: Callable[[], int]) -> NoReturn:
     """
     for request in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(request, signal.default_int_handler)
+    if not any(os.access(place, os.W_OK) for place in (paths.ROOT, home_of("~"))):  # where numba keeps compiled code
+        os.environ.setdefault("NUMBA_CACHE_DIR", gettempdir())
     try:
         code = main()
         if sys.stdout is not None:
