@@ -309,20 +309,24 @@ def two_cores() -> Iterator[Lever]:
     for scene, name in product(("fig4", "long-chain"), installed_codes()):
         case, engine = case_of(scene, "run.time_step=1 us"), load_engine(name)
         if engine.on_two_cores and len(engine.find() or ()) == 1:  # its command sets no number of its own
-            deck = engine.render(case)
-            one, two = (_loop_s(case, engine, each) for each in (deck, engine.on_two_cores(deck)))
-            if one and two:
+            with left_out_if_failed(f"{name}, two cores"):
+                deck = engine.render(case)
+                one, two = (_loop_s(case, engine, each) for each in (deck, engine.on_two_cores(deck)))
                 yield Lever("two cores", scene, name, "2 cores", "loop", gain=one / two)
 
 
-def _loop_s(case: Case, engine: Engine, deck: Deck) -> float | None:
-    """Seconds in the loop of a process by itself; None where it failed."""
+def _loop_s(case: Case, engine: Engine, deck: Deck) -> float:
+    """Seconds in the loop of a process by itself; RunError where it failed."""
     command = engine.find()
     assert command is not None
     with tempfile.TemporaryDirectory() as folder:
         deck.write(Path(folder))
         run_command(engine.started(deck, command), Path(folder), default_limit_s(case, engine), **engine.environment)
-        return engine.loop_seconds(Path(folder, "stdout.txt").read_text(errors="replace"))
+        stdout, stderr = (Path(folder, f"{name}.txt").read_text(errors="replace") for name in ("stdout", "stderr"))
+    loop_s = engine.loop_seconds(stdout)
+    if not loop_s:
+        raise RunError(engine.failure_reason(stdout, stderr))
+    return loop_s
 
 
 def precision() -> Iterator[Lever]:
