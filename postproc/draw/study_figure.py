@@ -14,7 +14,10 @@ from postproc.draw.style import COLUMN_IN, FAINT, line_of, marker_of, pyplot
 LESS, MORE = "#56b4e9", "#d55e00"  # a tornado's bars
 MARKERS = "osD^vPX*"
 DECADES = 30  # ratio of swept values from which on their axis is logarithmic
-SHAPES = {"s": "squares", "x": "crosses", "^": "triangles", "v": "triangles", "D": "diamonds", "+": "plus signs"}
+SHAPES = {
+    "s": "squares", "x": "crosses", "^": "triangles", "D": "diamonds", "+": "plus signs", "p": "pentagons",
+    "h": "hexagons", "*": "stars", "v": "triangles upside down", "<": "triangles to the left",
+}  # fmt: skip
 
 
 def swept_columns(table: pd.DataFrame) -> list[str]:

@@ -24,7 +24,7 @@ REPEATS = 3  # runs from which a cost is the least
 ROUNDING = 1e-6  # of a mean: where a spread is none
 ELASTIC, *ADDED = STEPS
 LEAST = 1e-6  # of a change: what is smaller is drawn there
-SHAPES = "os^vDPX<>ph*d"
+SHAPES = "os^vDPX<>ph*d1234+x"
 WATCHED = {
     "sensor peak": ("bead_{upper}_peak_N", 1.0, "N"),
     "speed": ("speed_{upper}_to_{lower}_m_s", 1.0, "m/s"),

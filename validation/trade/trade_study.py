@@ -36,7 +36,7 @@ QUANTITIES = {
     "energy": "the energy",
     "momentum": "the momentum",
 }
-METHODS = {ORDER_4: ("#56b4e9", "D"), ADAPTIVE: ("#999999", "v")}  # colours and markers of what is no engine
+METHODS = {ORDER_4: ("#56b4e9", "P"), ADAPTIVE: ("#999999", ">")}  # colours and markers of what is no engine
 COSTS = {"loop_s": "time in the loop, s", "wall_s": "time of a run by itself, s"}
 
 
