@@ -230,6 +230,7 @@ def test_exactly_what_changed_is_stale(study_file: StudyWriter, scene_file: Scen
     assert "verlet     1 done, 1 to do\n" in asked("status")
 
 
+@pytest.mark.long
 def test_two_batches_at_once_share_the_work(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(150), "verlet", "reference"), tmp_path / "runs"
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs)]
@@ -241,6 +242,7 @@ def test_two_batches_at_once_share_the_work(study_file: StudyWriter, tmp_path: P
     assert len(stored(runs)) == 300
 
 
+@pytest.mark.long
 def test_rows_without_exact_forces_are_tried_again(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet", top='limit = "1 us"'), tmp_path / "runs"
     assert batch(path, runs).returncode == 1

@@ -105,6 +105,7 @@ def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: P
     assert len(stored(runs)) == 60
 
 
+@pytest.mark.long
 def test_interrupted_in_order(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]

@@ -29,7 +29,7 @@ ENGINE = replace(load_engine("verlet"), in_repository=False, version=lambda comm
 """
 
 
-@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@pytest.mark.parametrize("engine", ["liggghts", pytest.param("yade", marks=pytest.mark.long)])
 def test_a_wrong_build_that_calls_itself_the_same_is_run_and_told_apart(
     engine: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
 ) -> None:
@@ -145,6 +145,7 @@ def test_a_programs_memory_is_its_own(tmp_path: Path) -> None:
     assert small < 30e6 < 100e6 < more < 150e6 < large.nbytes
 
 
+@pytest.mark.long
 def test_an_adapter_from_elsewhere_is_an_engine_everywhere(
     engines_file: EnginesWriter, study_file: StudyWriter, tmp_path: Path
 ) -> None:

@@ -139,6 +139,7 @@ def test_a_sabotaged_deck_is_red_and_named(
     assert closely is None or float(closely[1]) <= 1e-9  # measured up to 2e-11; else to the last bit
 
 
+@pytest.mark.long
 def test_the_comparison_prints_the_diagnosis(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
     swap("yade", YADE, "damping=0, ", "", stand_in, tmp_path)
     done = command_line("validation", "compare", scene_file(top=GRAVITY), "--runs", tmp_path / "runs")

@@ -239,6 +239,7 @@ def test_two_builds_of_a_code_side_by_side(
     assert {line[1]: line[line.index("verlet") + 3] for line in judged} == {first: "pass:", softer: "fail:"}
 
 
+@pytest.mark.long
 def test_builds_alone_are_compared_on_all_shipped_scenes(
     builds: tuple[str, str, str], scene_file: SceneWriter, compare: Compare, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

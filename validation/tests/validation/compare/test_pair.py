@@ -144,6 +144,7 @@ def test_a_chaotic_pair_is_judged_up_to_its_horizon(run_of: FolderOf) -> None:
     assert 12e-3 < parted.time_s < 20e-3  # beyond the horizon, so not judged
 
 
+@pytest.mark.long
 def test_runs_in_a_tube_and_damped_ones(run_of: FolderOf) -> None:
     short = ("run.duration=60 us",)
     codes = ("liggghts", "yade")

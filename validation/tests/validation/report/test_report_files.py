@@ -212,6 +212,7 @@ def test_a_hostile_figure_is_bytes_in_the_page(tmp_path: Path) -> None:
     assert "throw" not in text
 
 
+@pytest.mark.long
 def test_the_command_writes_all_three_and_says_how_it_was_called(scene_file: SceneWriter, tmp_path: Path) -> None:
     scene, page = scene_file(), tmp_path / "out" / "page.html"
     words = ("--out", page, "--runs", tmp_path / "runs", "--allow-missing")

@@ -179,6 +179,7 @@ def test_limits_of_few_and_of_light_bodies(settings: tuple[str, ...]) -> None:
     assert gains[0] <= 1 < gains[1]
 
 
+@pytest.mark.long
 def test_a_step_that_blows_up_is_refused_and_unsafe_runs_it(tmp_path: Path) -> None:
     words = ("drivers", "run", "fig4", *TOO_LARGE, "--runs", tmp_path)
     refused = command_line(*words)
