@@ -8,6 +8,8 @@ import pytest
 from drivers.base import paths
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, EnginesWriter, SceneWriter, StandIn, StudyWriter
 
+os.environ.pop(paths.ENGINES_VARIABLE, None)  # the tests are of the engines of the package, and make their own entries
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """``--update-decks`` writes the deck snapshots anew."""
