@@ -183,9 +183,10 @@ def load_engine(name: str, where: str = "engine", key: str = "", also: tuple[str
     Raises:
         InputError: there is none, its adapter cannot be loaded, or its entry is one of this repository's engines.
     """
-    if name not in engine_names():
-        raise InputError(where, key, f'"{name}"', ", ".join((*engine_names(), *also)))
-    entry = entries(_adapters())[name]
+    known = entries(_adapters())
+    if name not in known:
+        raise InputError(where, key, f'"{name}"', ", ".join((*sorted(known), *also)))
+    entry = known[name]
     if entry.adapter in _adapters():
         engine = import_module(f"{__name__}.{entry.adapter}").ENGINE
     else:

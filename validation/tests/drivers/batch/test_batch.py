@@ -216,7 +216,7 @@ def test_exactly_what_changed_is_stale(study_file: StudyWriter, scene_file: Scen
     assert asked("status") == "verlet     2 done\nyade       2 stale\n"
     asked("batch", "--results", tmp_path / "results")
     assert asked("status") == "verlet     2 done\nyade       2 done\n"
-    note = runs / "yade" / ".version.json"
+    note = runs / "yade" / ".build.json"
     note.write_text(note.read_text().replace('"version": "', '"version": "1'))
     assert asked("status") == "verlet     2 done\nyade       2 stale\n"
     for source, state in (("postproc/figures/fig1.py", "done"), ("postproc/read/signals.py", "stale")):
