@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from drivers.chain.chain import Array
 from drivers.engines import VERLET, codes, engine_names, in_order
@@ -284,8 +284,9 @@ def draw_scene(rows: pd.DataFrame, scene: str) -> Any:
     for axis, (cost, label) in zip(axes, COSTS.items(), strict=True):
         _draw(axis, rows, scene, "force", cost)
         axis.set_xlabel(label)
-        if cost == "wall_s":  # start-up keeps it within a decade or two
-            axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+        low, high = axis.get_xlim()
+        if high < 1e3 * low:  # with the start-up, or of few runs
+            axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)) if high > 10 * low else MaxNLocator(4))
             axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.xaxis.set_minor_formatter(NullFormatter())
     axes[0].set_ylabel("error of the force trace")
