@@ -98,8 +98,9 @@ def _key(engine: Engine, command: tuple[str, ...], files: Iterable[str]) -> dict
     """All that a note depends on, as JSON holds it."""
     stats = {file: Path(file).stat() for file in files}
     changed = {file: [stat.st_size, stat.st_mtime_ns, stat.st_ino] for file, stat in stats.items()}
-    variables = {name: os.environ.get(name, "") for name in SEARCHED} | engine.environment
-    return {"command": [*command], "variables": variables, "files": changed}
+    variables = sorted(({name: os.environ.get(name, "") for name in SEARCHED} | engine.environment).items())
+    told = hashlib.sha256(json.dumps(variables).encode()).hexdigest()  # some are nobody else's business
+    return {"command": [*command], "variables": told, "files": changed}
 
 
 def _files(engine: Engine, words: Iterable[str]) -> set[Path]:
