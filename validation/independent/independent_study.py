@@ -1,6 +1,6 @@
 """Cases beyond the paper: run, judged, told."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import product
@@ -250,9 +250,9 @@ def section(tables: Tables) -> dict[str, Any]:
             "rows": [(words.get(one.quantity, one.quantity), one, row) for one, row in zip(first, rows, strict=True)],
             "counts": Counter(line.verdict for line in own),
         })  # fmt: skip
-    wall_s = Counter[tuple[str, str]]()
+    wall_s = defaultdict[tuple[str, str], float](float)
     for (case, engine, _), seconds in {(line.id, line.engine, line.label): line.wall_s for line in lines}.items():
-        wall_s[case, engine] += seconds  # type: ignore[assignment]  # seconds are counted as well as anything
+        wall_s[case, engine] += seconds
     return {
         "cases": cases,
         "wall_s": wall_s,

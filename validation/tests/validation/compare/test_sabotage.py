@@ -11,24 +11,22 @@ from validation.tests.helpers.runs import failing_run, finished, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 UNSTABLE = "^unstable at t = "
+OF_THE_FAMILY = {
+    "NaN": ("timestep        1e-07", "timestep        1e200", UNSTABLE),
+    "no strike": ("fix motion", "velocity all set 0 0 0\nfix motion", "body 6 starts with a velocity of 0 m/s"),
+    "half way": ("run             3000", "run             1500", "output ends in sample 152 of 301"),
+    "a little force": ("fix motion", "fix push all addforce 0 0 -1e-3\nfix motion", f"{UNSTABLE}.*energy is off"),
+}
 SABOTAGE = {
-    "lammps": {
+    "lammps": OF_THE_FAMILY | {
         "a lost bead": ("fix motion", "fix push all addforce 1000 0 0\nfix motion", f"{UNSTABLE}.*Lost atoms"),
-        "NaN": ("timestep        1e-07", "timestep        1e200", UNSTABLE),
-        "no strike": ("fix motion", "velocity all set 0 0 0\nfix motion", "body 6 starts with a velocity of 0 m/s"),
         "an error in the deck": ("pair_style      gran", "pair_style      grain", "pair style"),
-        "half way": ("run             3000", "run             1500", "output ends in sample 152 of 301"),
         "a step far too large": ("timestep        1e-07", "timestep        2.5e-05", UNSTABLE),
-        "a little force": ("fix motion", "fix push all addforce 0 0 -1e-3\nfix motion", f"{UNSTABLE}.*energy is off"),
     },
-    "liggghts": {
+    "liggghts": OF_THE_FAMILY | {
         "a lost bead": ("fix motion", "fix push all addforce 100 0 0\nfix motion", f"{UNSTABLE}.*Lost atoms"),
-        "NaN": ("timestep        1e-07", "timestep        1e200", UNSTABLE),
-        "no strike": ("fix motion", "velocity all set 0 0 0\nfix motion", "body 6 starts with a velocity of 0 m/s"),
         "an error in the deck": ("pair_style      gran", "pair_style      grain", "Invalid pair style"),
-        "half way": ("run             3000", "run             1500", "output ends in sample 152 of 301"),
         "a step far too large": ("timestep        1e-07", "timestep        2.5e-05", f"{UNSTABLE}.*Lost atoms"),
-        "a little force": ("fix motion", "fix push all addforce 0 0 -1e-3\nfix motion", f"{UNSTABLE}.*energy is off"),
     },
     "yade": {
         "NaN": ("O.dt = time_step", "O.dt = float('nan')", f"{UNSTABLE}.*values are not finite"),
