@@ -28,8 +28,12 @@ def table(errors: list[float], shares: list[float]) -> pd.DataFrame:
 
 def test_an_order_has_its_range_and_a_bend_is_seen() -> None:
     """Where errors are small and fall evenly."""
-    shares = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125]
-    large, even, bent = [1.0, 0.8, 0.6], [0.05 * share**2 for share in shares[3:7]], [0.05 * 0.125**2] * 2
+    shares = [2.0**-place for place in range(-6, 6)]
+    large, even, bent = (
+        [0.9, 0.8, 0.7, 0.6, 0.5, 0.4],
+        [0.05 * share**2 for share in shares[6:10]],
+        [0.05 * 0.125**2] * 2,
+    )
     found = next(orders(table(large + even + bent, shares)))
     assert found.order == pytest.approx(2)
     assert (found.from_share, found.to_share) == (1.0, 0.125)
