@@ -1,10 +1,9 @@
-"""Cases run by one process of a code, one after another, in a folder that is gone afterwards."""
+"""Cases run by one process of a code, one after another, of which no run folder stays."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from drivers.base.errors import RunError
 from drivers.chain.case import Case
@@ -12,7 +11,7 @@ from drivers.chain.trace import Trace
 from drivers.engines import load_engine
 from drivers.run.guard import checked_trace
 from drivers.run.run import default_limit_s
-from drivers.run.session import Session, served_by
+from drivers.run.session import Session, lent
 from validation.studies import progress
 
 
@@ -42,11 +41,12 @@ def left_out_if_failed(what: str) -> Iterator[None]:
         progress(f"{what} is left out: {error}")
 
 
-@contextmanager
-def serving(name: str, build: str = "") -> Iterator[Session]:
+def serving(name: str, build: str = "") -> AbstractContextManager[Session]:
     """A session of an installed engine, or of another build that stands beside its executable."""
-    with TemporaryDirectory() as folder, served_by(name, Path(folder), build) as session:
-        yield session
+    engine = load_engine(name)
+    command = engine.find()
+    assert command is not None
+    return lent(engine, (*command[:-1], str(Path(command[-1]).with_name(build))) if build else command)
 
 
 def serve(session: Session, case: Case) -> Served:

@@ -164,6 +164,34 @@ def reap(process: subprocess.Popen[bytes]) -> resource.struct_rusage:
     return usage
 
 
+def used_by(leader: int) -> tuple[float, int]:
+    """CPU seconds that a process and its children have used, and the most memory that one of them held.
+
+    Zeros where the system has no ``/proc``.
+    """
+    cpu_s, memory_bytes = 0.0, 0
+    with suppress(OSError, IndexError, ValueError):
+        for process in _family(leader):
+            times = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()
+            cpu_s += (int(times[11]) + int(times[12])) / os.sysconf("SC_CLK_TCK")
+            peak = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
+            memory_bytes = max(memory_bytes, 1024 * int(peak[1]) if peak else 0)
+    return cpu_s, memory_bytes
+
+
+def reset_peak(leader: int) -> None:
+    """Makes the system forget the most memory that a process and its children have held, where it can."""
+    with suppress(OSError):
+        for process in _family(leader):
+            Path(f"/proc/{process}/clear_refs").write_text("5")
+
+
+def _family(process: int) -> Iterator[int]:
+    yield process
+    for child in Path(f"/proc/{process}/task/{process}/children").read_text().split():
+        yield from _family(int(child))
+
+
 def cores() -> int:
     """How many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -12,6 +12,7 @@ from pkgutil import resolve_name
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.processes import cores
+from drivers.base.progress import in_words
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import WORK, Row, Store
 from drivers.batch.study import Selection, read_study, select
@@ -294,9 +295,3 @@ def expected_s(plan: StudyPlan, store: Store, todo: dict[str, list[int]]) -> flo
         seconds += float(sum(each + rate * plan.work[number - 1] / scale for number in numbers))
     return seconds
 
-
-def in_words(seconds: float) -> str:
-    """A time as people say it."""
-    if seconds < 100:
-        return f"{seconds:.2g} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

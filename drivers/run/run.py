@@ -15,13 +15,15 @@ from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.files import sha256_of
 from drivers.base.processes import Outcome, all_stopped, cores, run_command
+from drivers.base.progress import following
 from drivers.chain.case import Case
-from drivers.chain.trace import FORCES, SENSORS, STATE, write_forces, write_state
+from drivers.chain.trace import FORCES, SENSORS, STATE, Trace, write_forces, write_state
 from drivers.engines import Engine, load_engine
 from drivers.limits.refusal import refuse
 from drivers.run.build import Build, build_of
 from drivers.run.finished import UNASSESSED, EndedRun, RunRecord, find_run, provenance, read_record
 from drivers.run.guard import checked_trace
+from drivers.run.session import lent
 from drivers.run.workplaces import workplace
 
 MIN_LIMIT_S = 60.0
@@ -34,12 +36,19 @@ def default_limit_s(case: Case, engine: Engine) -> float:
 
 
 def run_case(
-    case: Case, engine_name: str, runs: Path = paths.RUNS, *, rerun: bool = False, limit_s: float | None = None
+    case: Case,
+    engine_name: str,
+    runs: Path = paths.RUNS,
+    *,
+    rerun: bool = False,
+    limit_s: float | None = None,
+    served: bool = False,
 ) -> EndedRun:
     """Runs a case, or finds it done.
 
     A run that failed before is tried again. The folder appears under its name only when it is complete. A run found
-    for another scene of the same physics serves this one, to be assessed anew.
+    for another scene of the same physics serves this one, to be assessed anew. ``served`` runs it in a process that
+    has served others; one that fails there is run by itself, to end in its own words.
 
     Raises:
         RunError: the engine is not installed.
@@ -54,19 +63,18 @@ def run_case(
     if found and not rerun and _is_whole(found, case):
         return refresh_record(found, case, target)
     with workplace(home) as place:
-        folder = place / "run"
+        folder, limit_s = place / "run", limit_s or default_limit_s(case, engine)
         folder.mkdir()
-        deck.write(folder)
-        command = engine.started(deck, build.command)
-        outcome = run_command(command, folder, limit_s or default_limit_s(case, engine), **engine.environment)
+        outcome, trace, fault = _tried(case, engine, build, deck, folder, limit_s, served=served)
+        if served and fault and fault.status != "timeout":
+            shutil.rmtree(folder)
+            folder.mkdir()
+            outcome, trace, fault = _tried(case, engine, build, deck, folder, limit_s, served=False)
         record = _record(case, engine, build, deck, outcome, folder)
-        partial_trace = None
-        try:
-            trace = checked_trace(case, engine, outcome, folder)
-        except RunError as error:
-            partial_trace = error.partial
-            record = replace(record, status=error.status, reason=str(error))
+        if fault:
+            record = replace(record, status=fault.status, reason=str(fault))
         else:
+            assert trace is not None
             write_forces(trace, folder / FORCES)
             if "state" in case.scene.run.record:
                 write_state(trace, folder / STATE)
@@ -85,7 +93,25 @@ def run_case(
         if kept:  # what is done stays
             target = target.with_name(f"{target.name}-failed")
         _move_into_place(folder, target, own.folder if own and not kept else None)
-    return EndedRun(target, record, partial_trace)
+    return EndedRun(target, record, fault.partial if fault else None)
+
+
+def _tried(
+    case: Case, engine: Engine, build: Build, deck: Deck, folder: Path, limit_s: float, *, served: bool
+) -> tuple[Outcome, Trace | None, RunError | None]:
+    """Runs a deck in a folder: how its process ended, and the trace, or what is wrong with it."""
+    if served:
+        with lent(engine, build.command, build.sha256) as session:
+            outcome = session.run(deck, limit_s)
+            for file in session.case.iterdir():
+                shutil.move(file, folder)
+    else:
+        deck.write(folder)
+        outcome = run_command(engine.started(deck, build.command), folder, limit_s, **engine.environment)
+    try:
+        return outcome, checked_trace(case, engine, outcome, folder), None
+    except RunError as error:
+        return outcome, None, error
 
 
 def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[EndedRun]:
@@ -96,13 +122,11 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[
     Raises:
         RunError: an engine is not installed; what was under way has ended.
     """
-    from tqdm import tqdm
-
     keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
     different = dict(zip(keys, jobs, strict=True))
     with workers(cores()) as pool:
-        under_way = {key: pool.submit(run_case, *job, runs) for key, job in different.items()}
-        bar = tqdm(under_way.items(), unit="run", leave=False, disable=None)
+        under_way = {key: pool.submit(run_case, *job, runs, served=True) for key, job in different.items()}
+        bar = following(under_way.items(), "engines", len(under_way))
         ended = {key: future.result() for key, future in bar}
     return [
         run_case(case, engine, runs) if run.done and run.layout != case.layout else run  # found, for other gauges

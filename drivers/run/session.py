@@ -4,12 +4,18 @@ import os
 import selectors
 import shutil
 import subprocess
+import threading
 import time
-from contextlib import closing, suppress
+from collections import defaultdict
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager, suppress
+from multiprocessing.util import Finalize
 from pathlib import Path
+from tempfile import mkdtemp
 
 from drivers.base.decks import Deck
-from drivers.base.processes import COULD_NOT_START, Outcome, reap, start
+from drivers.base.processes import COULD_NOT_START, Outcome, reap, reset_peak, start, used_by
 from drivers.engines import Engine, load_engine
 
 DONE = "the-case-has-ended"  # the word a server says; no engine does by itself
@@ -18,6 +24,9 @@ EXIT_LIMIT_S = 5.0
 MAX_WAIT_S = 3600.0  # at once: the system counts no further than some weeks
 STDERR = "stderr.txt"
 OUTPUT_BYTES = 1 << 20  # of what an engine says, that are kept
+
+
+_starter = ThreadPoolExecutor(1)  # what a thread starts dies with it: this one lasts
 
 
 class Session:
@@ -73,7 +82,8 @@ class Session:
         self.served = 0
         command, pipe = self.engine.started(self.engine.server, self.build), subprocess.PIPE
         with open(self.folder / STDERR, "wb") as stderr:
-            self._process = start(command, self.folder, pipe, pipe, stderr, self.engine.environment)
+            starting = _starter.submit(start, command, self.folder, pipe, pipe, stderr, self.engine.environment)
+            self._process = starting.result()
 
     @property
     def ended(self) -> bool:
@@ -97,7 +107,8 @@ class Session:
         process = self._process
         assert process is not None
         assert process.stdin is not None
-        began = time.perf_counter()
+        reset_peak(process.pid)
+        began, (before_s, _) = time.perf_counter(), used_by(process.pid)
         with suppress(OSError):  # it is dead: there is an end of its output to read
             process.stdin.write(self.engine.request(name, DONE).encode())
             process.stdin.flush()
@@ -105,21 +116,53 @@ class Session:
         wall_s = time.perf_counter() - began
         (self.case / "stdout.txt").write_bytes(said)
         if state == "done":
-            return Outcome(0, False, limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
+            after_s, memory_bytes = used_by(process.pid)
+            return Outcome(0, False, limit_s, wall_s, after_s - before_s, memory_bytes)
         if state == "ended":
             _await_end(process)
         (self.case / STDERR).write_bytes((self.folder / STDERR).read_bytes())
         return Outcome(self.close(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
 
 
-def served_by(name: str, folder: Path, precise: str = "") -> closing[Session]:
-    """Session of an installed engine, or of a more precise build beside its program, that ends with its block."""
+def served_by(name: str, folder: Path) -> closing[Session]:
+    """Session of an installed engine that ends with its block."""
     engine = load_engine(name)
     build = engine.find()
     assert build is not None
-    if precise:
-        build = (*build[:-1], str(Path(build[-1]).with_name(precise)))
     return closing(Session(engine, build, folder))
+
+
+_idle: dict[tuple[object, ...], list[Session]] = defaultdict(list)  # by what they run; all end with this process
+_lending = threading.Lock()
+
+
+@contextmanager
+def lent(engine: Engine, build: tuple[str, ...], sha256: str = "") -> Iterator[Session]:
+    """A session of a build, for one thread at a time: one that was given back before, or a new one."""
+    key = (engine.server.sha256, build, sha256, *sorted(engine.environment.items()))
+    with _lending:
+        session = _idle[key].pop() if _idle[key] else None
+    session = session or Session(engine, build, Path(mkdtemp(prefix="bead-chains-")))
+    try:
+        yield session
+    except BaseException:
+        session.close()  # who knows what it is at; the next request starts it anew
+        raise
+    finally:
+        with _lending:
+            _idle[key].append(session)
+
+
+def end_all() -> None:
+    """Ends the sessions that nobody has."""
+    with _lending:
+        for session in (each for kept in _idle.values() for each in kept):
+            session.close()
+            shutil.rmtree(session.folder, ignore_errors=True)
+        _idle.clear()
+
+
+Finalize(None, end_all, exitpriority=10)  # at the end of this process, or of a worker of multiprocessing
 
 
 def _await_end(process: subprocess.Popen[bytes]) -> None:
