@@ -17,8 +17,6 @@ SOURCES := $(shell find inputs templates drivers postproc validation -type f \
 MADE_FROM := $(SOURCES) $(ENTRIES) .venv/.ready .venv/.engines
 MEASURED := claims trade stability elements independent
 BUDGET := 300
-# of the report, where nobody has made the whole study
-SHORT_BUDGET := 30
 AS_ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo),yes))
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
@@ -96,17 +94,12 @@ $(MEASURED:%=results/.%): results/.%: $(MADE_FROM) $$(if $$(wildcard results/$$*
 
 # what make installs has to run; where it cannot install, what is there, and one code at least
 REQUIRED = $(if $(APT),$(CODES),$(shell cat .venv/.engines))
-# the stamp stands only if every verdict is good; finished runs are not run again
-# the page is written even if a claim or an independent case is at fault, but then the target fails
+# the page is written first, and grows by the studies; the stamp stands only if every verdict is good
 # what other targets have made since is put in as well
 NEWS = $(shell find results -maxdepth 1 \( -name '*.csv' -o -name '*.svg' \) -newer results/.report 2>/dev/null)
 results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
-	@test -f results/trade.csv || $(PY) -m validation trade --budget $(SHORT_BUDGET)
-	@test -f results/stability.csv || $(PY) -m validation stability --quick
-	@test -f results/elements.csv || $(PY) -m validation elements --quick
-	@$(MAKE) --no-print-directory -k claims independent; made=$$?; \
-	  $(PY) -m validation report $(REQUIRED:%=--require %) && test $$made = 0
-	@touch $@
+	$(PY) -m validation report --studies $(REQUIRED:%=--require %)
+	@touch $@ results/.claims results/.independent
 
 .venv/.ready: requirements.lock
 	$(call make_venv)

@@ -26,6 +26,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--unsafe": {"action": "store_true", "help": "run what a guard refuses"},
     "--budget": {"type": seconds, "metavar": "S", "dest": "budget_s", "help": "engine time in all (default: 300 s)"},
     "--quick": {"action": "store_true", "help": "the short study: fewer scenes and seeds, no long runs"},
+    "--studies": {"action": "store_true", "help": "let the page grow by the studies, short ones where none was made"},
     "--engines": {"type": engines_file, "metavar": "FILE", "help": "entries of own builds and adapters (engines.toml)"},
     "--file": {"type": Path, "metavar": "FILE", "help": "cases (default: inputs/independent.toml)"},
     "--out": {"type": Path, "metavar": "FILE", "help": "default: results/report.html"},
@@ -93,7 +94,7 @@ def _compare(arguments: argparse.Namespace) -> int:
 def _report(arguments: argparse.Namespace) -> int:
     from validation.report.write_report import report
 
-    return report(arguments.scenes, arguments.out, arguments.runs, _asked(arguments))
+    return report(arguments.scenes, arguments.out, arguments.runs, _asked(arguments), studies=arguments.studies)
 
 
 def _study(arguments: argparse.Namespace) -> int:
@@ -125,7 +126,7 @@ COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, str]] = {
         "verdicts on scenes, run where needed; or how two runs, or those of two folders, differ",
         f"what --set {WHICH} --against --unsafe",
     ),
-    "report": (_report, "write the report page, and its verdicts for programs", f"scenes --out {WHICH}"),
+    "report": (_report, "write the report page, and its verdicts for programs", f"scenes --studies --out {WHICH}"),
     "claims": (_study, "compute and judge every quantitative statement of the paper", "--results --runs"),
     "trade": (_study, "errors against cost, for all engines and steps, and what to use", "--budget --results"),
     "stability": (_study, "limits of the time step, extremes, long runs, rounding", "--quick --results --runs"),

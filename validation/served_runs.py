@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.base.errors import RunError
+from drivers.base.progress import say
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine
 from drivers.run.guard import checked_trace
 from drivers.run.run import default_limit_s
 from drivers.run.session import Session, lent
-from validation.studies import progress
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def left_out_if_failed(what: str) -> Iterator[None]:
     try:
         yield
     except RunError as error:
-        progress(f"{what} is left out: {error}")
+        say(f"{what} is left out: {error}")
 
 
 def serving(name: str, build: str = "") -> AbstractContextManager[Session]:

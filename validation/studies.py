@@ -5,7 +5,6 @@ frozen dataclass as CSV, read back bit for bit with the types of its fields: ``s
 empty cell) or ``bool``. A field annotated as a mapping has a column of numbers for each of its keys, in its place.
 """
 
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
@@ -18,7 +17,9 @@ import pandas as pd
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
+from drivers.base.progress import say, step
 from drivers.engines import missing_codes
+from drivers.engines._entries import entry_files
 from postproc.draw.product import write_figure
 from validation.report.page_figures import read_image, stored_or_drawn
 
@@ -26,6 +27,7 @@ Row = TypeVar("Row")
 STUDIES = ("independent", "claims", "trade", "stability", "elements")
 ORDER_4, ADAPTIVE = "order 4", "adaptive"  # this repository's methods, beside the codes
 DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # what came of a run
+MADE = {"__pycache__", "tests"}  # folders of which no table depends
 Tables = Mapping[str, pd.DataFrame]
 
 
@@ -133,6 +135,7 @@ class Study:
     """A study, from its runs to its section of the report; tables and figures are known by their files' stems.
 
     Attributes:
+        title: what it measures, in a few words.
         tables: dataclass of each table's rows; the first table is the one that the section stands on.
         measure: runs everything; rows by table, and by their names the figures that take more than tables hold.
         sentences: what the tables say, computed from them.
@@ -143,6 +146,7 @@ class Study:
     """
 
     name: str
+    title: str
     tables: Mapping[str, type]
     measure: Callable[[Options], Mapping[str, Any]]
     sentences: Callable[[Tables], Sequence[str]]
@@ -169,23 +173,28 @@ def load_study(name: str) -> Study:
     return study
 
 
-def progress(line: str) -> None:
-    """Tells how far a study is."""
-    print(line, file=sys.stderr, flush=True)
-
-
 def run_study(study: Study, options: Options) -> int:
     """Measures, writes tables and figures, says what they mean; the exit code is 1 where a requirement is missed."""
-    tables = write_study(study, study.measure(options), options.results)
+    with step(study.title):
+        tables = write_study(study, study.measure(options), options.results)
     for line in study.sentences(tables):
         print(line)
     print(f"{paths.shown(options.results / study.main_table)}.csv: {len(tables[study.main_table])} rows")
     missed = study.missed(tables)
     for line in missed:
-        progress(line)
+        say(line)
     if missing_codes():
-        progress(f"without what is not installed: {', '.join(missing_codes())}")
+        say(f"without what is not installed: {', '.join(missing_codes())}")
     return 1 if missed else 0
+
+
+def up_to_date(study: Study, results: Path) -> bool:
+    """Whether the study's table is there, and newer than all that the project and its engines are made of."""
+    table = results / f"{study.main_table}.csv"
+    folders = (paths.ROOT / name for name in ("inputs", "templates", "drivers", "postproc", "validation"))
+    sources = [file for folder in folders for file in folder.rglob("*.*") if not MADE & {*file.parts}]
+    newest = max(file.stat().st_mtime for file in (*sources, *entry_files()))
+    return table.exists() and table.stat().st_mtime > newest
 
 
 def write_study(study: Study, measured: Mapping[str, Any], results: Path) -> Tables:

@@ -1,7 +1,7 @@
 """Progress on the terminal: which step, what it does, how long it is likely to take.
 
-A bar where somebody watches; elsewhere a line for each step, and one now and then while it lasts. Estimates are what the
-step took the last time on this machine, or what ``inputs/durations.toml`` has of another.
+A bar where somebody watches; elsewhere a line for each step, and one now and then while it lasts. Estimates are what
+the step took the last time on this machine, or what ``inputs/durations.toml`` has of another.
 """
 
 import json

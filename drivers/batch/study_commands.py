@@ -294,4 +294,3 @@ def expected_s(plan: StudyPlan, store: Store, todo: dict[str, list[int]]) -> flo
             each, rate = nnls(np.column_stack([np.ones(len(work)), work / scale]), spent)[0]
         seconds += float(sum(each + rate * plan.work[number - 1] / scale for number in numbers))
     return seconds
-

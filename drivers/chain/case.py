@@ -74,7 +74,7 @@ class Plan:
     seconds: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Case:
     """What every engine's deck is rendered from, and what its raw output is read with.
 

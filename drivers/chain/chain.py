@@ -31,7 +31,7 @@ LEVEL_M = 10.0  # places 0.1 mm off the axis are level to 1e-5, and heights roun
 AT_REST = 1e-9  # of the whole load: forces that a packing may leave on a bead
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Chain:
     """Everything that determines the motion, in SI units; arrays of shape (bodies,), read only.
 

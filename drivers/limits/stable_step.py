@@ -10,6 +10,7 @@ cuts shear springs, so that a contact that slides may be stable beyond.
 
 from dataclasses import replace
 from math import log
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.linalg import eigvals_banded, eigvalsh_tridiagonal
@@ -29,10 +30,18 @@ BODY_STEPS_PER_CHUNK = 1_000_000  # bodies times steps kept at a time
 MAX_BODY_STEPS, MAX_BODY_STEPS_3D = 500_000_000, 20_000_000
 BEGINNING = 0.01  # share of them, followed first: most of what is refused shows there
 
+_limits: WeakKeyDictionary[Chain, dict[tuple[float, float], float]] = WeakKeyDictionary()
+
 
 def predicted_limit(chain: Chain, duration_s: float, share: float = 1.0) -> float:
-    """Lower bound of the time steps in s at which a run of that duration may blow up; inf where nothing closes."""
-    return stable_step(chain, reached(chain, duration_s, share), duration_s)
+    """Lower bound of the time steps in s at which a run of that duration may blow up; inf where nothing closes.
+
+    Worked out once for each chain: every engine's run is held against it.
+    """
+    known = _limits.setdefault(chain, {})
+    if (duration_s, share) not in known:
+        known[duration_s, share] = stable_step(chain, reached(chain, duration_s, share), duration_s)
+    return known[duration_s, share]
 
 
 def reached(chain: Chain, duration_s: float, share: float = 1.0) -> Extremes:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import nan
 from pathlib import Path
 
 from drivers.base.errors import InputError
@@ -34,11 +35,12 @@ class _Observables(dict[str, float]):
 
 @dataclass(frozen=True)
 class Simulation:
-    """A case with the forces that one engine finds."""
+    """A case with the forces that one engine finds, and the seconds of its time loop where that is a run."""
 
     case: Case
     engine: str
     trace: Trace
+    loop_s: float = nan
 
     @cached_property
     def values(self) -> dict[str, float]:
@@ -70,7 +72,7 @@ def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path) -> dict[str, list
         if not (ended.folder / SENSORS).exists():
             with whole_file(ended.folder / SENSORS) as draft:
                 write_sensors(ended.layout, ended.trace, draft)
-        found[code].append(Simulation(case, code, ended.trace))
+        found[code].append(Simulation(case, code, ended.trace, ended.record.loop_s or nan))
     return found
 
 

@@ -287,4 +287,4 @@ def _cells(row: Row) -> dict[str, Any]:
     }
 
 
-STUDY = Study("claims", {"claims": Row}, measure, sentences, section, missed=missed)
+STUDY = Study("claims", "the paper's statements, computed", {"claims": Row}, measure, sentences, section, missed=missed)

@@ -4,7 +4,6 @@ Against ``verlet`` at the same step a run shows its modelling error, which shoul
 ``reference`` it shows what the user pays for the time step.
 """
 
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,13 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from drivers.base import paths
+from drivers.base.progress import following, step
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace, until
 from drivers.engines import REFERENCE, VERLET, in_order, load_engine
 from drivers.limits.refusal import inability, refuse
 from drivers.run.finished import EndedRun
-from drivers.run.run import run_case
+from drivers.run.run import run_many
 from postproc.read.observables import observe, of_kind, scale_of
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, ROUNDING_REASON, Baseline, baseline_of, shipped_name
@@ -169,32 +169,53 @@ def run_and_compare(
     *,
     unsafe: bool = False,
 ) -> ComparedScene:
-    """Runs a scene on every installed engine that is asked for, unless it is done, and compares the runs.
+    """Runs and compares one scene, as ``run_and_compare_all``."""
+    (compared,) = run_and_compare_all([source], settings, runs, asked, unsafe=unsafe)
+    return compared
+
+
+def run_and_compare_all(
+    sources: Sequence[str | Path],
+    settings: tuple[str, ...] = (),
+    runs: Path = paths.RUNS,
+    asked: Asked = EVERYTHING,
+    *,
+    unsafe: bool = False,
+) -> Iterator[ComparedScene]:
+    """Runs scenes on every installed engine that is asked for, side by side, unless they are done, and compares them.
 
     Raises:
-        InputError: the scene is wrong, or cannot end well and is not to be run all the same.
+        InputError: a scene is wrong, or cannot end well and is not to be run all the same.
     """
-    case = planned_case(source, *settings)
-    finished: dict[str, EndedRun] = {}
-    absent: dict[str, str] = {}
-    refused: dict[str, Trace] = {}
-    wall_s: dict[str, float] = {}
+    cases = [planned_case(source, *settings) for source in sources]
+    absences = [_absences(case, asked) for case in cases]
+    pairs = list(zip(cases, absences, strict=True))
+    jobs = [(case, engine) for case, absent in pairs for engine in asked.names if engine not in absent]
+    for job in [] if unsafe else jobs:
+        refuse(*job)
+    ended = iter(run_many(jobs, runs))
+    for case, absent in following(pairs, "scenes compared", len(pairs), "scene"):
+        yield _compared(case, {name: next(ended) for name in asked.names if name not in absent}, absent)
+
+
+def _absences(case: Case, asked: Asked) -> dict[str, str]:
+    """Why some engines that are asked for do not run a case."""
+    absent = {}
     for engine in asked.names:
         if load_engine(engine).find() is None:
             absent[engine] = NOT_INSTALLED
         elif (cannot := inability(case, engine)) is not None:
             absent[engine] = f"{REFUSED}: {cannot}"
-        else:
-            if not unsafe:
-                refuse(case, engine)
-            result = assess(run_case(case, engine, runs), case)
-            wall_s[engine] = result.record.wall_s
-            if result.done:
-                finished[engine] = result
-                continue
-            absent[engine] = f"{result.record.status}: {result.record.reason}"
-            if result.partial_trace is not None:
-                refused[engine] = result.partial_trace
+    return absent
+
+
+def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str]) -> ComparedScene:
+    """A case with its runs, well or badly ended, assessed and compared."""
+    assessed = {engine: assess(run, case) for engine, run in ended.items()}
+    finished = {engine: run for engine, run in assessed.items() if run.done}
+    failed = {engine: run for engine, run in assessed.items() if not run.done}
+    absent = absent | {engine: f"{run.record.status}: {run.record.reason}" for engine, run in failed.items()}
+    refused = {engine: run.partial_trace for engine, run in failed.items() if run.partial_trace is not None}
     verdicts = compare_case(case, finished, absent)
     traces = {engine: run.trace for engine, run in finished.items()} | refused
     departures = {engine: departure(case, engine, traces[engine]) for engine in in_order(traces)}
@@ -203,6 +224,7 @@ def run_and_compare(
         from validation.compare.diagnosis import diagnoses_of
 
         diagnoses = diagnoses_of(case, verdicts, traces)
+    wall_s = {engine: run.record.wall_s for engine, run in assessed.items()}
     return ComparedScene(case, finished, absent, verdicts, departures, diagnoses, refused, wall_s)
 
 
@@ -218,15 +240,14 @@ def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path
     verdicts: list[Verdict] = []
     between: list[Verdict] = []
     ran = set[str]()
-    for source in sources or sorted(path.stem for path in paths.SCENES.glob("*.toml")):
-        compared = run_and_compare(source, settings, runs, asked, unsafe=unsafe)
-        between += [verdict for pair in asked.builds for verdict in _between(compared, *pair)]
-        ran |= set(compared.wall_s)
-        if sources:
-            print(*_lines(compared), "", sep="\n", flush=True)
-            verdicts += compared.verdicts
-        else:
-            print(f"{source}: compared", file=sys.stderr, flush=True)
+    scenes = sources or sorted(path.stem for path in paths.SCENES.glob("*.toml"))
+    with step(f"{scenes[0] if len(scenes) == 1 else f'{len(scenes)} scenes'} on all engines, compared"):
+        for compared in run_and_compare_all(scenes, settings, runs, asked, unsafe=unsafe):
+            between += [verdict for pair in asked.builds for verdict in _between(compared, *pair)]
+            ran |= set(compared.wall_s)
+            if sources:
+                print(*_lines(compared), "", sep="\n", flush=True)
+                verdicts += compared.verdicts
     if between:
         print(heading(), *map(line_of, between), sep="\n")
     failed = any(verdict.verdict == FAIL for verdict in verdicts + between)

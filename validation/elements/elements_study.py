@@ -1,26 +1,28 @@
 """The study of elements: what each adds and costs, whether the rule that leaves them out holds, and the experiment."""
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from drivers.base.tolerances import tolerance
+from drivers.chain.case import Case
 from drivers.engines import VERLET, installed_codes
 from drivers.limits.refusal import inability
 from postproc.draw.style import FAINT, line_of, pyplot
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import case_of
+from postproc.paper.simulate import case_of, run_codes
 from validation.accuracy.costs import cost_on
 from validation.elements import switches
 from validation.elements.switches import STEPS, Shown, read_elements
 from validation.studies import Options, Picture, Study, Tables
 
-REPEATS = 3  # runs from which a cost is the least
+REPEATS = 3  # further runs from which a cost is the least, where the study is not the short one
 ROUNDING = 1e-6  # of a mean: where a spread is none
 ELASTIC, *ADDED = STEPS
 LEAST = 1e-6  # of a change: what is smaller is drawn there
@@ -73,16 +75,26 @@ def measure(options: Options) -> dict[str, Any]:
     in_tubes = [name for name in codes if inability(tube, name) is None]
     fastest = min(in_tubes or [VERLET], key=lambda name: cost_on(name).run_s(tube))
     pairs = switches.pairs_of(asked.model_copy(update={"scene": scenes}), seeds)
-    steps = {scene.name: list(switches.add_steps(scene, seeds, fastest, runs)) for scene in scenes}
-    varied = [each for scene in scenes[:2] for each in switches.vary(scene, seeds, fastest, runs)]
+    steps = {scene.name: [*switches.add_steps(scene, seeds)] for scene in scenes}
+    varied = [each for scene in scenes[:2] for each in switches.vary(scene, seeds)]
+    jobs: dict[str, list[Case]] = defaultdict(list)
+    for engine in engines:
+        jobs[engine] += [case for pair in switches.taken_by(engine, pairs) for case in pair.cases]
+    for engine, scene in product(in_tubes or [VERLET], scenes):
+        jobs[engine] += switches.straight(scene)
+        jobs[engine] += [case for cases in switches.in_tube(scene, seeds).values() for case in cases]
+    jobs[fastest] += [case for each in (*chain.from_iterable(steps.values()), *varied) for case in each.cases]
+    done = run_codes({engine: [*dict.fromkeys(cases)] for engine, cases in jobs.items()}, runs)
+    found = {(run.case, engine): run for engine, own in done.items() for run in own}
+    shown = {name: [switches.show(each, fastest, found) for each in own] for name, own in steps.items()}
     return {
-        "elements": switches.measure_effects(pairs, engines, 1 if options.quick else REPEATS, runs),
-        "elements-nothing": switches.nothing_changes(scenes, in_tubes or [VERLET], runs),
-        "elements-accuracies": switches.accuracies_kept(scenes[0].name, engines, runs),
-        "elements-between": switches.compare_codes(scenes, seeds, in_tubes, runs),
-        "oscilloscope": [number for own in steps.values() for each in own for number in each.numbers],
-        "oscilloscope-ranges": [number for each in varied for number in each.numbers],
-        **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in steps.items()},
+        "elements": [*switches.measure_effects(pairs, engines, 0 if options.quick else REPEATS, found)],
+        "elements-nothing": switches.nothing_changes(scenes, in_tubes or [VERLET], found),
+        "elements-accuracies": [*switches.accuracies_kept(scenes[0].name, engines, runs)],
+        "elements-between": switches.compare_codes(scenes, seeds, in_tubes, found),
+        "oscilloscope": [number for own in shown.values() for each in own for number in each.numbers],
+        "oscilloscope-ranges": [n for each in varied for n in switches.show(each, fastest, found).numbers],
+        **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in shown.items()},
     }
 
 
@@ -297,6 +309,7 @@ def _cell(change: float, spread: float) -> str:
 
 STUDY = Study(
     name="elements",
+    title="what each element adds",
     tables={
         "elements": switches.Effect,
         "elements-nothing": switches.Nothing,

@@ -6,11 +6,11 @@ with beads free to move sideways, in a tube, with friction. What an accuracy all
 that was asked for by more than that. In the tube codes are compared seed by seed until they part, and as distributions.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import combinations
-from math import inf, nan
+from itertools import combinations, product
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -18,23 +18,23 @@ from pydantic import Field
 from scipy.stats import ks_2samp
 
 from drivers.base import paths
-from drivers.base.errors import RunError
 from drivers.base.messages import validate
+from drivers.base.progress import following
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.engines import load_engine
 from drivers.limits.refusal import inability
-from drivers.run.run import run_all_done, run_case
+from drivers.run.run import run_all_done
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
-from postproc.paper.simulate import Simulation, case_of, run_codes
+from postproc.paper.simulate import Simulation, case_of
 from postproc.read.residual import apart, residual
 from postproc.read.sensors import sensor_signals
 from validation.accuracy.assess import assess
 from validation.accuracy.plan import planned_case
-from validation.studies import progress
+from validation.served_runs import serve, serving
 
 SCATTER = "scatter"  # in a setting: the scene's own
+Found = Mapping[tuple[Case, str], Simulation]  # all runs of the study, by case and engine
 
 
 class Side(Part):
@@ -189,19 +189,15 @@ def spread_of(values: Array) -> tuple[float, float]:
     return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else nan
 
 
-def measure_effects(pairs: Sequence[Pair], engines: Iterable[str], repeats: int, runs: Path) -> Iterator[Effect]:
+def measure_effects(pairs: Sequence[Pair], engines: Iterable[str], repeats: int, found: Found) -> Iterator[Effect]:
     """Effects of all switches on all codes, but for those that a code cannot take."""
     for engine in engines:
-        own = [pair for pair in pairs if not any(inability(case, engine) for case in pair.cases)]
-        progress(f"{engine}: {len(own)} switches of {len(pairs)}")
-        done = iter(run_codes({engine: [case for pair in own for case in pair.cases]}, runs)[engine])
-        values = {pair: (next(done).values, next(done).values) for pair in own}
-        progress(f"{engine}: costs, {repeats} times one after the other")
-        costs = _costs([pair for pair in own if pair.scene == pairs[0].scene], engine, repeats, runs)
+        own = taken_by(engine, pairs)
+        costs = _costs([pair for pair in own if pair.scene == pairs[0].scene], engine, repeats, found)
         for scene, element in dict.fromkeys((pair.scene, pair.element) for pair in own):
             group = [pair for pair in own if (pair.scene, pair.element) == (scene, element)]
             for word, name in observables_of(group[0].cases[0]).items():
-                sides = np.array([[side[name] for side in values[pair]] for pair in group])
+                sides = np.array([[found[case, engine].values[name] for case in pair.cases] for pair in group])
                 change, spread = spread_of(sides[:, 1] / sides[:, 0] - 1)
                 without, with_ = (float(side.mean()) for side in sides.T)
                 cost, ratio = costs[element][1], costs[element][1] / costs[element][0]
@@ -210,21 +206,27 @@ def measure_effects(pairs: Sequence[Pair], engines: Iterable[str], repeats: int,
                 )  # fmt: skip
 
 
-def _costs(pairs: Sequence[Pair], engine: str, repeats: int, runs: Path) -> dict[str, tuple[float, ...]]:
-    """Nanoseconds per body and step without and with each element: the least of several runs, one after the other."""
-    first = {pair.element: pair for pair in reversed(pairs)}  # of random ones the first seed
-    render = load_engine(engine).render
-    decks = {element: [render(case).sha256 for case in pair.cases] for element, pair in first.items()}
-    cases = {
-        deck: case for element, pair in first.items() for deck, case in zip(decks[element], pair.cases, strict=True)
-    }
-    least = dict.fromkeys(cases, inf)
-    for deck, case in [*cases.items()] * repeats:
-        record = run_case(case, engine, runs, rerun=True).record
-        if record.status != "done" or record.loop_s is None:
-            raise RunError(f"{case.scene.file}: {engine} {record.status}: {record.reason}")
-        least[deck] = min(least[deck], record.loop_s / (case.chain.bodies * case.scene.steps) * 1e9)
-    return {element: tuple(least[deck] for deck in own) for element, own in decks.items()}
+def taken_by(engine: str, pairs: Iterable[Pair]) -> list[Pair]:
+    """The switches of which an engine can take both sides."""
+    return [pair for pair in pairs if not any(inability(case, engine) for case in pair.cases)]
+
+
+def _costs(pairs: Sequence[Pair], engine: str, repeats: int, found: Found) -> dict[str, tuple[float, ...]]:
+    """Nanoseconds per body and step without and with each element: the least of all seeds, and of some repetitions.
+
+    The runs have been made side by side; the first seed's are repeated one after the other.
+    """
+    loops_s = {case: found[case, engine].loop_s for pair in pairs for case in pair.cases}
+    repeated = {case for pair in {pair.element: pair for pair in reversed(pairs)}.values() for case in pair.cases}
+    with serving(engine) as session:
+        what = f"costs on {engine}, one run after the other"
+        for case in following([*repeated] * repeats, what, len(repeated) * repeats):
+            loops_s[case] = min(loops_s[case], serve(session, case).loop_s)
+    least: dict[str, list[float]] = {}
+    for pair in pairs:
+        own = [loops_s[case] / (case.chain.bodies * case.scene.steps) * 1e9 for case in pair.cases]
+        least[pair.element] = [*map(min, own, least.get(pair.element, own))]
+    return {element: tuple(own) for element, own in least.items()}
 
 
 @dataclass(frozen=True)
@@ -238,6 +240,16 @@ class Number:
     mean: float
     spread: float
     seeds: int
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A scene after one step, or at one value of a parameter; a case for each seed."""
+
+    scene: str
+    step: str
+    value: str
+    cases: list[Case]
 
 
 @dataclass(frozen=True)
@@ -263,28 +275,27 @@ class Shown:
             yield Number(self.scene, self.step, self.value, name, *spread_of(values), len(values))
 
 
-def add_steps(subject: Subject, seeds: int, engine: str, runs: Path) -> Iterator[Shown]:
-    """All steps of a scene on one code."""
-    progress(f"{subject.name}: {len(STEPS)} steps of {seeds} seeds on {engine}")
+def add_steps(subject: Subject, seeds: int) -> Iterator[Variant]:
+    """All steps of a scene; the elastic line is the same for every seed."""
     for step, side in STEPS.items():
-        yield _shown(subject.name, step, "", seeded(subject, side, seeds if side.tube else 1), engine, runs)
+        yield Variant(subject.name, step, "", seeded(subject, side, seeds if side.tube else 1))
 
 
-def vary(subject: Subject, seeds: int, engine: str, runs: Path) -> Iterator[Shown]:
+def vary(subject: Subject, seeds: int) -> Iterator[Variant]:
     """One parameter at a time over its range."""
     for name, (step, settings, values) in RANGES.items():
-        progress(f"{subject.name}: {name} from {values[0]:g} to {values[-1]:g}")
         for value in values:
             cases = seeded(subject, STEPS[step], seeds, *(setting.format(value) for setting in settings))
-            yield _shown(subject.name, name, f"{value:g}", cases, engine, runs)
+            yield Variant(subject.name, name, f"{value:g}", cases)
 
 
-def _shown(scene: str, step: str, value: str, cases: list[Case], engine: str, runs: Path) -> Shown:
-    done = run_codes({engine: cases}, runs)[engine]
-    shown = [sensor_signals(case.layout, run.trace) for case, run in zip(cases, done, strict=True)]
+def show(variant: Variant, engine: str, found: Found) -> Shown:
+    """What gauges show of it on one code."""
+    done = [found[case, engine] for case in variant.cases]
+    shown = [sensor_signals(run.case.layout, run.trace) for run in done]
     signals = {name: np.array([each[name] for each in shown]) for name in shown[0]}
     values = {name: np.array([run.values[name] for run in done]) for name in done[0].values}
-    return Shown(scene, step, value, cases[0].sample_times_s, signals, values)
+    return Shown(variant.scene, variant.step, variant.value, done[0].case.sample_times_s, signals, values)
 
 
 @dataclass(frozen=True)
@@ -341,18 +352,21 @@ class Between:
     same: float = nan
 
 
-def nothing_changes(subjects: Iterable[Subject], engines: Iterable[str], runs: Path) -> Iterator[Nothing]:
+def straight(subject: Subject) -> list[Case]:
+    """The scene as it is, and with what is always left out put in."""
+    return [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
+
+
+def nothing_changes(subjects: Iterable[Subject], engines: Iterable[str], found: Found) -> Iterator[Nothing]:
     """What is always left out, put in."""
-    for engine in engines:
-        for subject in subjects:
-            cases = [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
-            one, other = (run.trace for run in run_all_done([(case, engine) for case in cases], runs))
-            yield Nothing(subject.name, engine, float(residual(other, one).max()))
+    for engine, subject in product(engines, subjects):
+        one, other = (found[case, engine].trace for case in straight(subject))
+        yield Nothing(subject.name, engine, float(residual(other, one).max()))
 
 
 def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[Asked]:
     """What several accuracies let out of a scene that has everything, and what runs then miss of them."""
-    for accuracy in ASKED:
+    for accuracy in following(ASKED, "accuracies asked for", len(ASKED), "accuracy"):
         case = planned_case(scene, *ALL, "run.time_step=", f"run.accuracy={accuracy}")
         jobs = [(case, engine) for engine in engines]
         for (_, engine), ended in zip(jobs, run_all_done(jobs, runs), strict=True):
@@ -365,18 +379,21 @@ def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[
             yield Asked(accuracy, engine, names, step, worst, kept[worst]["asked"], kept[worst]["measured"])
 
 
-def compare_codes(subjects: Iterable[Subject], seeds: int, codes: Sequence[str], runs: Path) -> Iterator[Between]:
+def in_tube(subject: Subject, seeds: int) -> dict[str, list[Case]]:
+    """The scene in its tube, by the friction there."""
+    return {friction: seeded(subject, side, seeds) for friction, side in TUBES.items()}
+
+
+def compare_codes(subjects: Iterable[Subject], seeds: int, codes: Sequence[str], found: Found) -> Iterator[Between]:
     """Every two of the codes, which model tubes, on all scenes in theirs."""
     if len(codes) < 2:
         yield Between("any", "any", " ".join(codes), 0)
         return
     for subject in subjects:
-        for friction, side in TUBES.items():
-            progress(f"{subject.name} {friction}: {seeds} seeds on {' and '.join(codes)}")
-            cases = seeded(subject, side, seeds)
-            done = run_codes(dict.fromkeys(codes, cases), runs)
-            for one, other in combinations(codes, 2):
-                yield from _compared(subject.name, friction, done[one], done[other])
+        for friction, cases in in_tube(subject, seeds).items():
+            for pair in combinations(codes, 2):
+                one, other = ([found[case, code] for case in cases] for code in pair)
+                yield from _compared(subject.name, friction, one, other)
 
 
 def _compared(scene: str, friction: str, first: list[Simulation], second: list[Simulation]) -> Iterator[Between]:

@@ -262,4 +262,6 @@ def section(tables: Tables) -> dict[str, Any]:
     }
 
 
-STUDY = Study("independent", {"independent": Line}, measure, sentences, section, missed=missed)
+STUDY = Study(
+    "independent", "cases beyond the paper", {"independent": Line}, measure, sentences, section, missed=missed
+)

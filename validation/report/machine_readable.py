@@ -8,7 +8,7 @@ import platform
 import re
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -82,13 +82,19 @@ UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 
 
 def as_json(
-    made: dict[str, Any], scenes: list[ComparedScene], rows: list[Row], cases: list[Row], unmet: Mapping[str, str]
+    made: dict[str, Any],
+    scenes: list[ComparedScene],
+    rows: list[Row],
+    cases: list[Row],
+    unmet: Mapping[str, str],
+    to_come: Sequence[str],
 ) -> str:
-    """The report as JSON; what is no number is null."""
+    """The report as JSON, with the names of studies that are still to come; what is no number is null."""
     data = {
         "schema_version": SCHEMA,
         "made_with": made,
         "unmet": unmet,
+        "to_come": to_come,
         "counts": {
             SCENES: _counts(counted(rows)),
             CASES: _counts(counted(cases)),

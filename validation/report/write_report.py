@@ -1,30 +1,33 @@
 """``python -m validation report``: compares scenes, running what is not done, and writes the page with JSON and XML."""
 
 import shlex
-import sys
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from drivers.base import decks as deck
 from drivers.base import paths
 from drivers.base.command_line import engines_again
-from drivers.base.errors import InputError
+from drivers.base.errors import InputError, RunError
 from drivers.base.files import whole_file
+from drivers.base.progress import say, step
 from drivers.engines import in_order
 from drivers.scene.read_scene import read_scene
 from validation.compare.asked import Asked, print_unmet
-from validation.compare.comparison import ComparedScene, run_and_compare
+from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.report.charts import PLACES
 from validation.report.machine_readable import as_json, as_junit, made_with, when_made
 from validation.report.page_figures import read_figures, read_table1
 from validation.report.scene_section import case_rows, counted, scene_row, section_of, short, tolerances
-from validation.studies import read_section
+from validation.studies import STUDIES, Options, load_study, read_section, up_to_date, write_study
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 AGAIN = "make report"
+WHOLE = ("independent", "claims")  # studies that have no short form
+SHORT_BUDGET_S = 30.0  # of engine time, where nobody has made the whole study
 
 
 # link in the contents and heading of each section, by the name of its template, its table and its ``make`` target
@@ -40,35 +43,71 @@ SECTIONS = {
 READERS = {"table1": read_table1, "figures": read_figures}  # of sections that are no study's
 
 
-def report(sources: list[str], out: Path | None, runs: Path | None, asked: Asked) -> int:
-    """Runs and compares scenes and writes the report.
+def report(sources: list[str], out: Path | None, runs: Path | None, asked: Asked, *, studies: bool = False) -> int:
+    """Runs and compares scenes and writes the report; with ``studies`` it grows by those that are not up to date.
 
-    The exit code is 1 where a verdict is a failure or an engine that has to run did not.
+    These are short ones, but for claims and independent cases; a table of another study is left as it is. What was
+    made before an interrupt is not made again. The exit code is 1 where a verdict is a failure, a study misses a
+    requirement, or an engine that has to run did not.
 
     Raises:
         InputError: a scene is wrong, a scene is named twice, or the page would take its own files' names.
     """
-    page = out or paths.RESULTS / "report.html"
+    page, folder = out or paths.RESULTS / "report.html", runs or paths.RUNS
     if page.suffix in (".json", ".xml"):
         raise InputError(f"--out {page}", "", page.suffix, "another ending: JSON and XML are written beside the page")
     names = Counter(read_scene(source).name for source in sources or PAPER)
     for name in (name for name, count in names.items() if count > 1):
         raise InputError("report", "", f"two scenes named {name}", "scenes of different names")
-    compared = []
-    for source in sources or PAPER:
-        compared.append(run_and_compare(source, runs=runs or paths.RUNS, asked=asked))
-        print(f"{source}: compared", file=sys.stderr, flush=True)
-    unmet = asked.unmet(engine for scene in compared for engine in scene.wall_s)
-    counts = write_report(compared, page, _command(sources, out, runs, asked), runs, unmet)
-    print(f"{paths.shown(page)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run")
-    return 1 if print_unmet(unmet) or counts[FAIL] else 0
+    to_come = [name for name in STUDIES if studies and not _made(name, page.parent)]
+    steps, command = 1 + len(to_come), _command(sources, out, runs, asked, studies=studies)
+    with step("scenes on all engines, compared", 1, steps):
+        compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
+        unmet = asked.unmet(engine for scene in compared for engine in scene.wall_s)
+        counts = write_report(compared, page, command, runs, unmet, to_come)
+    _announce(page, counts, to_come)
+    failed = False
+    for number, name in enumerate([*to_come], 2):
+        study = load_study(name)
+        options = Options(page.parent, folder, quick=True, budget_s=SHORT_BUDGET_S)
+        try:
+            with step(study.title, number, steps):
+                write_study(study, study.measure(options), page.parent)
+                to_come.remove(name)
+                counts = write_report(compared, page, command, runs, unmet, to_come)
+        except RunError as error:  # the others are made all the same
+            say(f"{name}: {error}")
+            to_come.remove(name)
+            failed = True
+        else:
+            _announce(page, counts, to_come)
+    missed = [line for name in STUDIES if studies for line in _missed(name, page.parent)]
+    for line in missed:
+        say(line)
+    return 1 if print_unmet(unmet) or counts[FAIL] or missed or failed else 0
 
 
-def _command(sources: list[str], out: Path | None, runs: Path | None, asked: Asked) -> str:
+def _made(name: str, results: Path) -> bool:
+    """Whether a study need not be made: its table is up to date, or one that may be of the whole study."""
+    study = load_study(name)
+    return up_to_date(study, results) if name in WHOLE else (results / f"{study.main_table}.csv").exists()
+
+
+def _missed(name: str, results: Path) -> Sequence[str]:
+    study = load_study(name)
+    return study.missed(study.read(results)) if (results / f"{study.main_table}.csv").exists() else ()
+
+
+def _announce(page: Path, counts: Counter[str], to_come: Sequence[str]) -> None:
+    said = f"{paths.shown(page)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"
+    print(said + (f"; to come: {', '.join(to_come)}" if to_come else ""), flush=True)
+
+
+def _command(sources: list[str], out: Path | None, runs: Path | None, asked: Asked, *, studies: bool) -> str:
     """The command that makes the same page again; ``make report`` requires engines, too."""
     given = [("--out", out), ("--runs", runs), *(("--engine", name) for name in asked.engines)]
     options = [str(word) for option in given if option[1] is not None for word in option] + engines_again()
-    options += ["--allow-missing"] * asked.allow_missing
+    options += ["--allow-missing"] * asked.allow_missing + ["--studies"] * (studies and bool(options))
     if not sources and not options:
         return AGAIN
     options += [word for name in asked.require for word in ("--require", name)]
@@ -81,11 +120,12 @@ def write_report(
     command: str = AGAIN,
     runs: Path | None = None,
     unmet: Mapping[str, str] | None = None,
+    to_come: Sequence[str] = (),
 ) -> Counter[str]:
     """Writes the page, and JSON and JUnit XML of its name beside it; none is replaced before all are written.
 
     Each scene gets a section; studies are read from the tables in the page's folder. ``command`` makes the page again;
-    ``unmet`` are words on engines that had to run.
+    ``unmet`` are words on engines that had to run, ``to_come`` names of studies that are under way.
     What comes back is how many pairs of a scene or independent case and an engine passed, failed and were not run.
 
     Raises:
@@ -93,13 +133,16 @@ def write_report(
     """
     results = path.parent
     made = made_with(scenes, command)
-    sections = {name: READERS[name](results) if name in READERS else read_section(name, results) for name in SECTIONS}
+    sections: dict[str, Any] = {name: {} for name in SECTIONS}  # former tables of what is to come are not shown
+    for name in (name for name in SECTIONS if name not in to_come):
+        sections[name] = READERS[name](results) if name in READERS else read_section(name, results)
     rows = [scene_row(scene, runs) for scene in scenes]
     cases = case_rows(sections["independent"])
     page = deck.render(
         "report/report.html.j2",
         made=made,
         unmet=unmet or {},
+        to_come=to_come,
         rows=rows,
         cases=cases,
         engines=in_order(engine for row in (*rows, *cases) for engine in row.cells),
@@ -116,7 +159,7 @@ def write_report(
     )
     texts = {
         path: page,
-        path.with_suffix(".json"): as_json(made, scenes, rows, cases, unmet or {}),
+        path.with_suffix(".json"): as_json(made, scenes, rows, cases, unmet or {}, to_come),
         path.with_suffix(".xml"): as_junit(made, rows, cases, unmet or {}),
     }
     results.mkdir(parents=True, exist_ok=True)

@@ -10,10 +10,13 @@ from pydantic import Field
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import validate
+from drivers.base.progress import following
+from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, codes, installed
 from drivers.limits.refusal import refuse
 from drivers.limits.stable_step import predicted_limit
+from drivers.run.finished import EndedRun
 from drivers.run.run import run_many
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
@@ -21,7 +24,7 @@ from postproc.read.residual import apart
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON
 from validation.accuracy.plan import planned_case
-from validation.studies import DONE, NOT_RUN, progress
+from validation.studies import DONE, NOT_RUN
 
 LEFT = 1e-2  # of the largest change: a run that is further from the reference has left it
 
@@ -80,18 +83,29 @@ def extremes(*, quick: bool = False) -> list[Extreme]:
     return [each for each in file.extreme if each.quick or not quick]
 
 
+@dataclass(frozen=True)
+class _Posed:
+    """An extreme with its case, and by engine the verdict before any run, with its reason: ``done`` is to be run."""
+
+    name: str
+    case: Case
+    verdicts: dict[str, tuple[str, str]]
+
+    @property
+    def running(self) -> list[str]:
+        return [name for name, (verdict, _) in self.verdicts.items() if verdict == DONE]
+
+
 def run_all(some: list[Extreme], runs: Path) -> Iterator[Outcome]:
-    """Outcomes of extremes on every engine; what is done is not run again."""
-    for extreme in some:
-        outcomes = run_extreme(extreme, runs)
-        progress(f"{extreme.name}: {', '.join(f'{each.engine} {each.verdict}' for each in outcomes)}")
-        yield from outcomes
+    """Outcomes of extremes on every engine, against the reference and Verlet; what is done is not run again."""
+    posed = [_pose(each) for each in some]
+    ended = iter(run_many([(each.case, name) for each in posed for name in each.running], runs))
+    for each in following(posed, "scenes at the edge, assessed", len(posed), "scene"):
+        yield from _outcomes(each, {name: assess(next(ended), each.case) for name in each.running})
 
 
-def run_extreme(extreme: Extreme, runs: Path) -> list[Outcome]:
-    """One scene on every engine, side by side, against the reference and Verlet."""
-    case = planned_case(extreme.scene, *extreme.set)
-    names = (REFERENCE, VERLET, *codes())
+def _pose(extreme: Extreme) -> _Posed:
+    case, names = planned_case(extreme.scene, *extreme.set), (REFERENCE, VERLET, *codes())
     there = installed(names)
     verdicts = {name: (DONE, "") if name in there else (NOT_RUN, "not installed") for name in names}
     for name in there:
@@ -99,25 +113,24 @@ def run_extreme(extreme: Extreme, runs: Path) -> list[Outcome]:
             refuse(case, name)
         except InputError as refusal:
             verdicts[name] = ("refused", str(refusal))
-    running = [name for name in names if verdicts[name][0] == DONE]
-    found = run_many([(case, name) for name in running], runs)
-    ended = {name: assess(run, case) for name, run in zip(running, found, strict=True)}
+    return _Posed(extreme.name, case, verdicts)
+
+
+def _outcomes(posed: _Posed, ended: dict[str, EndedRun]) -> Iterator[Outcome]:
+    """Outcomes of one scene, engine by engine."""
+    case, verdicts = posed.case, dict(posed.verdicts)
     for name, record in ((name, run.record) for name, run in ended.items()):
         verdict = "warned" if record.status == DONE and record.warnings else record.status
         verdicts[name] = (verdict, record.reason or "; ".join(record.warnings or ()))
     traces = {name: run.trace for name, run in ended.items() if run.done}
     scene, share = case.scene, case.scene.time_step_s / predicted_limit(case.chain, float(case.sample_times_s[-1]))
-    outcomes = []
-    for name in names:
+    for name, (verdict, reason) in verdicts.items():
         error, leaves_reference_s = _apart(traces, name, REFERENCE, LEFT)
         model, leaves_verlet_s = _apart(traces, name, VERLET, HORIZON)
-        outcomes.append(
-            Outcome(
-                extreme.name, name, *verdicts[name], case.chain.bodies, scene.steps, scene.time_step_s, share, error,
-                model, leaves_reference_s, leaves_verlet_s, ended[name].record.wall_s if name in ended else nan,
-            )
+        yield Outcome(
+            posed.name, name, verdict, reason, case.chain.bodies, scene.steps, scene.time_step_s, share, error,
+            model, leaves_reference_s, leaves_verlet_s, ended[name].record.wall_s if name in ended else nan,
         )  # fmt: skip
-    return outcomes
 
 
 def _apart(traces: dict[str, Trace], engine: str, other: str, limit: float) -> tuple[float, float]:

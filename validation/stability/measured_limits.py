@@ -1,12 +1,13 @@
 """The limit of the time step: the chains on which it is measured, and the scan of steps until the energy blows up.
 
 The chains are the paper's, sweeps over one parameter each, and random ones by number. Stable windows interleave with
-unstable ones, so steps are tried one by one, each a per cent larger than the last.
+unstable ones, so steps are tried one by one, each a per cent larger than the last. That is done by the in-repo Verlet,
+in milliseconds; the codes confirm what it finds.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from math import inf, nan
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import RunError
+from drivers.base.progress import counted, following
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import energy_put_in
 from drivers.chain.contact_law import hertz_force
@@ -22,14 +24,13 @@ from drivers.engines import VERLET, installed_codes
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.energy_bounds import at_most
 from drivers.limits.stable_step import impacts_counted, predicted_limit, reached, stable_step
-from drivers.run.run import default_limit_s
+from drivers.run.run import default_limit_s, workers
 from drivers.run.session import Session
 from drivers.scene.read_scene import make_scene, read_toml
 from postproc.paper.simulate import case_of
 from validation.accuracy.plan import plan_case
 from validation.accuracy.schemes import verlet_of
 from validation.served_runs import serving
-from validation.studies import progress
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
 SHIPPED, RANDOM, BOUNCING = "shipped scenes", "random scenes", "impacts"
@@ -48,7 +49,6 @@ BLOWN_UP, BAD = 1.0, 0.1  # energy gained, over what the scene puts in: the guar
 FINENESS = 0.01
 LOWEST, HIGHEST = 0.15, 2.5  # shares of the predicted limit that are scanned
 SHARES = np.exp(np.arange(np.log(LOWEST), np.log(HIGHEST), np.log1p(FINENESS)))
-BELOW = 0.9  # where codes are scanned for the blow-up alone; Verlet, with the same errors, is scanned from ``LOWEST``
 CRITERION_KEYS = ("rayleigh_s", "hertz_s", "p_wave_s")
 JUDGED = (SHIPPED, RANDOM)  # groups on which the measured limit lies up to WITHIN times the bound; on all it lies above
 WITHIN = 1.25
@@ -60,20 +60,18 @@ class Subject:
 
     Attributes:
         value: of the parameter that a sweep varies.
-        whole_scan: codes are scanned from small steps on, as Verlet is.
     """
 
     group: str
     name: str
     case: Case
     value: float = nan
-    whole_scan: bool = False
 
 
 def shipped() -> Iterator[Subject]:
     """The paper's scenes and two more."""
     for name in (*PAPER, "low-amplitude", "steel-chain"):
-        yield Subject(SHIPPED, name, case_of(name), whole_scan=name in PAPER)
+        yield Subject(SHIPPED, name, case_of(name))
 
 
 def sweeps() -> Iterator[Subject]:
@@ -156,7 +154,7 @@ class Limit:
         value: of the parameter, where it is a sweep's.
         predicted_s: the lower bound, before any run.
         measured_s: the smallest step scanned at which the energy blows up; NaN if none does.
-        bad_s: the smallest at which it gains a tenth of what is put in; NaN where it was not looked for.
+        bad_s: the smallest at which it gains a tenth of what is put in; NaN if none does.
         rayleigh_s, hertz_s, p_wave_s: what users' criteria say (``drivers.limits.criteria.CRITERIA``).
         steps: of the run at the limit.
     """
@@ -177,19 +175,21 @@ class Limit:
 
 
 def measure_limits(subjects: Sequence[Subject], names: Sequence[str] | None = None) -> list[Limit]:
-    """Limits of all subjects by Verlet and codes, all installed ones by default; these run side by side."""
+    """Limits of all subjects by Verlet and codes, all installed ones by default; these run side by side.
+
+    Verlet is scanned; a code is run at the step where Verlet blows up and at the one before it in the scan, and is
+    scanned itself only where it does something else.
+    """
     names = installed_codes() if names is None else names
     predicted_s = [predicted_limit(each.case.chain, float(each.case.sample_times_s[-1])) for each in subjects]
-    limits = [
+    by_verlet = [
         _scan(each, VERLET, bound_s, lambda case: gain(case, verlet_of(case)))
-        for each, bound_s in zip(subjects, predicted_s, strict=True)
+        for each, bound_s in following(zip(subjects, predicted_s, strict=True), VERLET, len(subjects), "scene")
     ]
-    progress(f"limits: {len(subjects)} scenes by {VERLET}")
-    with ThreadPoolExecutor() as pool:
-        parts = pool.map(lambda name: list(_scan_code(name, subjects, predicted_s)), names)
-        for name, part in zip(names, parts, strict=True):
+    limits = [*by_verlet]
+    with counted("limits by codes", len(subjects) * len(names), "scene") as count, workers(len(names) or 1) as pool:
+        for part in pool.map(lambda name: _by_code(name, subjects, by_verlet, count), names):
             limits += part
-            progress(f"limits: {len(part)} scenes by {name}")
     return limits
 
 
@@ -203,10 +203,28 @@ def gain(case: Case, trace: Trace) -> float:
     return float(change.max() / (kinetic or energy_put_in(case.chain, float(case.sample_times_s[-1]))))
 
 
-def _scan_code(name: str, subjects: Sequence[Subject], predicted_s: Sequence[float]) -> Iterator[Limit]:
+def _by_code(
+    name: str, subjects: Sequence[Subject], by_verlet: Sequence[Limit], count: Callable[[], None]
+) -> list[Limit]:
+    limits = []
     with serving(name) as session:
-        for subject, predicted in zip(subjects, predicted_s, strict=True):
-            yield _scan(subject, name, predicted, lambda case: _gain_in(session, case), whole=subject.whole_scan)
+        for subject, verlet in zip(subjects, by_verlet, strict=True):
+            gain_at = partial(_gain_in, session)
+            same = _does_the_same(subject.case, verlet, gain_at)
+            found = replace(verlet, method=name) if same else _scan(subject, name, verlet.predicted_s, gain_at)
+            limits.append(found)
+            count()
+    return limits
+
+
+def _does_the_same(case: Case, limit: Limit, gain_at: Callable[[Case], float]) -> bool:
+    """Whether the energy is bad, and blows up, at the steps of a limit, and not one step of the scan before."""
+    shares = {BAD: limit.bad_s, BLOWN_UP: limit.measured_s}
+    return all(
+        gain_at(case.sampled_at_every(step_s)) > share >= gain_at(case.sampled_at_every(step_s / (1 + FINENESS)))
+        for share, step_s in shares.items()
+        if np.isfinite(step_s)
+    ) and np.isfinite(limit.measured_s)
 
 
 def _gain_in(session: Session, case: Case) -> float:
@@ -218,15 +236,13 @@ def _gain_in(session: Session, case: Case) -> float:
         return inf
 
 
-def _scan(
-    subject: Subject, method: str, predicted_s: float, gain_at: Callable[[Case], float], *, whole: bool = True
-) -> Limit:
-    """Tries larger and larger steps until the energy blows up; ``whole`` scans find where it is bad as well."""
+def _scan(subject: Subject, method: str, predicted_s: float, gain_at: Callable[[Case], float]) -> Limit:
+    """Tries larger and larger steps until the energy is bad, and on until it blows up."""
     case, measured_s, bad_s = subject.case, nan, nan
-    for step_s in predicted_s * SHARES[(LOWEST if whole else BELOW) <= SHARES]:
+    for step_s in predicted_s * SHARES:
         with np.errstate(all="ignore"):
             found = gain_at(case.sampled_at_every(step_s))
-        if whole and found > BAD and np.isnan(bad_s):
+        if found > BAD and np.isnan(bad_s):
             bad_s = step_s
         if found > BLOWN_UP:
             measured_s = step_s

@@ -280,6 +280,7 @@ def _verdict(row: "pd.Series[Any]") -> dict[str, Any]:
 
 STUDY = Study(
     name="stability",
+    title="where engines break",
     tables={"stability": Limit, "stability-extremes": Outcome} | dict(zip(LONG, LONG_ROWS, strict=True)),
     measure=measure,
     sentences=sentences,

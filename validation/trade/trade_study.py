@@ -347,6 +347,7 @@ def _time(seconds: float) -> str:
 
 STUDY = Study(
     name="trade",
+    title="what accuracy costs",
     tables={"trade": Row, "trade-levers": Lever, "trade-advice": Advice, "trade-orders": Order},
     measure=measure,
     sentences=sentences,

@@ -21,7 +21,7 @@ from validation.__main__ import COMMANDS
 from validation.elements import elements_study, switches
 from validation.elements.elements_study import missed
 from validation.elements.switches import read_elements
-from validation.stability.extremes import Extreme, run_extreme
+from validation.stability.extremes import Extreme, run_all
 from validation.stability.measured_limits import SHIPPED, Subject, measure_limits, sweeps
 from validation.stability.stability_study import STUDY as STABILITY
 from validation.studies import STUDIES, Options, frame_of, load_study, read_section, write_study
@@ -92,7 +92,7 @@ def test_trade_takes_any_number_of_codes(count: int, install: Installer, levers:
 def test_stability_takes_any_number_of_codes(count: int, install: Installer, tmp_path: Path) -> None:
     names = install(count)
     subjects = [Subject(SHIPPED, "fig5", case_of("fig5")), *{each.group: each for each in sweeps()}.values()]
-    edge = run_extreme(Extreme(name="as it is", scene="fig5"), tmp_path / "runs")
+    edge = [*run_all([Extreme(name="as it is", scene="fig5")], tmp_path / "runs")]
     assert [each.engine for each in edge] == ["reference", "verlet", *sorted(names)]
     write_study(STABILITY, {"stability": measure_limits(subjects), "stability-extremes": edge}, tmp_path / "results")
     section = read_section("stability", tmp_path / "results")
@@ -110,11 +110,10 @@ def on_verlet(monkeypatch: pytest.MonkeyPatch, shared_runs: Path) -> None:
         done = {name: run_codes({"verlet": own}, shared_runs)["verlet"] for name, own in cases.items()}
         return {name: [replace(run, engine=name) for run in own] for name, own in done.items()}
 
-    monkeypatch.setattr(switches, "run_codes", run_all)
+    monkeypatch.setattr(elements_study, "run_codes", run_all)
     monkeypatch.setattr(
         switches, "run_all_done", lambda jobs, _: run_all_done([(case, "verlet") for case, _ in jobs], shared_runs)
     )
-    monkeypatch.setattr(switches, "run_case", lambda case, *_, rerun: run_all_done([(case, "verlet")], shared_runs)[0])
     monkeypatch.setattr(switches, "ASKED", switches.ASKED[:1])
     monkeypatch.setattr(switches, "RANGES", {"restitution": ("tube", ("contact.restitution={0}",), (0.9,))})
 

@@ -23,7 +23,7 @@ from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import run_and_compare
 from validation.report.write_report import write_report
 from validation.served_runs import builds_of
-from validation.stability.extremes import Extreme, extremes, run_extreme
+from validation.stability.extremes import Extreme, extremes, run_all
 from validation.stability.measured_limits import (
     PAPER,
     RANDOM,
@@ -60,7 +60,7 @@ def test_predictions_are_right_on_the_papers_scenes_and_at_random() -> None:
 def test_codes_blow_up_where_the_in_repo_scheme_does() -> None:
     for name in codes():
         need(name)
-    subjects = [Subject(RANDOM, "fig5", case_of("fig5"), whole_scan=True), *at_random(2)]
+    subjects = [Subject(RANDOM, "fig5", case_of("fig5")), *at_random(2)]
     limits = measure_limits(subjects, names=codes())
     for subject in subjects:
         own = {limit.method: limit for limit in limits if limit.scene == subject.name}
@@ -78,7 +78,8 @@ def test_the_cheap_bound_never_calls_a_step_stable_that_is_not(monkeypatch: pyte
         assert not certainly_stable(case.chain, duration, 1.0001 * limit)
         with monkeypatch.context() as finer:
             finer.setattr(stable_step, "FINE_STEP_SHARE", 0.01)
-            assert limit == pytest.approx(predicted_limit(case.chain, duration), rel=8e-3)
+            finely = stable_step.stable_step(case.chain, stable_step.reached(case.chain, duration), duration)
+            assert limit == pytest.approx(finely, rel=8e-3)
 
 
 def test_many_impacts_lower_the_limit() -> None:
@@ -255,7 +256,7 @@ def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_pat
 def test_at_the_edge(name: str, shared_runs: Path) -> None:
     for engine in codes():
         need(engine)
-    for outcome in run_extreme(QUICK[name], shared_runs):
+    for outcome in run_all([QUICK[name]], shared_runs):
         expected = "refused" if outcome.engine == "liggghts" and "neighbour search" in name else "done"
         assert outcome.verdict == expected, outcome
         assert np.isnan(outcome.leaves_reference_s), outcome
@@ -265,11 +266,11 @@ def test_at_the_edge(name: str, shared_runs: Path) -> None:
 
 
 def test_a_run_that_leaves_the_reference_says_when(shared_runs: Path) -> None:
-    outcomes = {each.engine: each for each in run_extreme(Extreme(name="", scene="fig4", set=COARSE), shared_runs)}
+    outcomes = {each.engine: each for each in run_all([Extreme(name="", scene="fig4", set=COARSE)], shared_runs)}
     assert outcomes["verlet"].verdict == "warned"
     assert 1e-5 < outcomes["verlet"].leaves_reference_s < 5e-4
     too_large = Extreme(name="", scene="fig4", set=("run.time_step=20 us", "run.sample_interval=20 us"))
-    refused = {each.engine: each.verdict for each in run_extreme(too_large, shared_runs)}
+    refused = {each.engine: each.verdict for each in run_all([too_large], shared_runs)}
     assert refused.pop("reference") == "done"
     assert set(refused.values()) == {"refused"}
 
@@ -314,7 +315,7 @@ def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) ->
     (tmp_path / "stability-horizons.svg").write_text("of a former study\n")
     rows: dict[str, list[Any]] = {
         "stability": measure_limits(chosen, names=()),
-        "stability-extremes": run_extreme(edge, shared_runs),
+        "stability-extremes": [*run_all([edge], shared_runs)],
     }
     tables = write_study(STUDY, rows, tmp_path)
     assert missed(tables) == []
