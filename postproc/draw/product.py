@@ -50,9 +50,12 @@ def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
     """Writes ``name.png`` and ``name.svg``, each whole or not at all, and closes the figure."""
     plt = pyplot()
     written = [folder / f"{name}.{ending}" for ending in METADATA]
+    figure.draw_without_rendering()  # places everything, once for both files
+    figure.set_layout_engine("none")
+    edges = figure.get_tightbbox().padded(plt.rcParams["savefig.pad_inches"])
     for path, (ending, metadata) in zip(written, METADATA.items(), strict=True):
         with whole_file(path) as draft, plt.rc_context({"svg.hashsalt": name}):
-            figure.savefig(draft, format=ending, dpi=DPI, bbox_inches="tight", metadata=metadata)
+            figure.savefig(draft, format=ending, dpi=DPI, bbox_inches=edges, metadata=metadata)
     plt.close(figure)
     return written
 

@@ -27,7 +27,6 @@ from validation.studies import STUDIES, Options, load_study, read_section, up_to
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 AGAIN = "make report"
 WHOLE = ("independent", "claims")  # studies that have no short form
-SHORT_BUDGET_S = 30.0  # of engine time, where nobody has made the whole study
 
 
 # link in the contents and heading of each section, by the name of its template, its table and its ``make`` target
@@ -69,10 +68,9 @@ def report(sources: list[str], out: Path | None, runs: Path | None, asked: Asked
     failed = False
     for number, name in enumerate([*to_come], 2):
         study = load_study(name)
-        options = Options(page.parent, folder, quick=True, budget_s=SHORT_BUDGET_S)
         try:
             with step(study.title, number, steps):
-                write_study(study, study.measure(options), page.parent)
+                write_study(study, study.measure(Options(page.parent, folder, quick=True)), page.parent)
                 to_come.remove(name)
                 counts = write_report(compared, page, command, runs, unmet, to_come)
         except RunError as error:  # the others are made all the same

@@ -11,6 +11,7 @@ from math import inf
 
 import numpy as np
 
+from drivers.base.progress import following
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of, energy_put_in
 from drivers.chain.trace import Trace
@@ -21,7 +22,7 @@ from postproc.read.residual import apart
 from validation.accuracy.schemes import trace_of, truth_of, verlet_in_heights, verlet_of
 from validation.reference.symplectic import integrate_symplectic
 from validation.served_runs import builds_of, left_out_if_failed, serve, serving
-from validation.studies import ADAPTIVE, ORDER_4, progress
+from validation.studies import ADAPTIVE, ORDER_4
 
 # five beads whose contacts open and close under gravity, and five pressed together so that none ever opens
 SMALL = ("chain.count=5", "chain.sensors=[]", "run.sample_interval=1 ms", "run.time_step=1 us", "run.duration=10 s")
@@ -84,23 +85,21 @@ class Statistic:
 
 def energies() -> Iterator[Energy]:
     """Energy errors over ten million steps, of every method."""
-    for name, settings in LONG_RUNS.items():
+    for name, settings in following(LONG_RUNS.items(), "long runs", len(LONG_RUNS)):
         case = case_of("fig4", *settings)
         for method, trace in _by_all(case, order_4=True):
             yield energy_of(name, method, case, trace)
-        progress(f"energy over {case.scene.steps:.0e} steps: {name}")
 
 
 def horizons() -> Iterator[Horizon]:
     """How long methods agree point by point, by time step."""
     names = installed_codes()
-    for step in HORIZON_STEPS_US:
+    for step in following(HORIZON_STEPS_US, "time steps", len(HORIZON_STEPS_US), "step"):
         case = case_of(BOUNCING, *HORIZON, f"run.time_step={step} us")
         traces = dict(_by_all(case))
         for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), (VERLET, ADAPTIVE)):
             _, until_s = apart(traces[one], traces[other], AGREED)
             yield Horizon(case.scene.time_step_s, one, other, until_s, float(case.sample_times_s[-1]))
-    progress(f"horizons at {len(HORIZON_STEPS_US)} time steps")
 
 
 def statistics() -> Iterator[Statistic]:
@@ -118,7 +117,6 @@ def statistics() -> Iterator[Statistic]:
         for quantity, values in means.items():
             blocks = np.array([block.mean() for block in np.array_split(values, BLOCKS)])
             yield Statistic(method, quantity, float(blocks.mean()), float(blocks.std(ddof=1) / np.sqrt(BLOCKS)))
-    progress(f"statistics of {BOUNCING} over {case.scene.run.duration:g} s")
 
 
 def _by_all(case: Case, *, order_4: bool = False) -> Iterator[tuple[str, Trace]]:
@@ -174,8 +172,7 @@ def measure_rounding() -> Iterator[Rounded]:
     for case in cases:
         yield from in_repo(case)
     for engine in installed_codes():
-        for build in builds_of(engine):
-            progress(f"rounding of heights: {build or engine}")
+        for build in following(builds_of(engine), f"builds of {engine}", unit="build"):
             with left_out_if_failed(build or engine):
                 yield from list(by_build(engine, build, cases))
 

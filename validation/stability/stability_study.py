@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from drivers.base.progress import step
 from drivers.engines import VERLET, codes
 from drivers.limits.criteria import CRITERIA
 from postproc.draw.style import COLUMN_IN, FAINT, marker_of, pyplot
@@ -17,11 +18,11 @@ from validation.stability.measured_limits import BOUNCING, CRITERION_KEYS, JUDGE
 from validation.studies import Options, Picture, Study, Tables
 
 RANDOM_SCENES = 100
-LONG: dict[str, Callable[[], Iterable[Any]]] = {
-    "stability-energy": rounding_effects.energies,
-    "stability-horizons": rounding_effects.horizons,
-    "stability-statistics": rounding_effects.statistics,
-    "stability-rounding": rounding_effects.measure_rounding,
+LONG: dict[str, tuple[str, Callable[[], Iterable[Any]]]] = {
+    "stability-energy": ("energy over ten million steps", rounding_effects.energies),
+    "stability-horizons": ("how long methods agree", rounding_effects.horizons),
+    "stability-statistics": ("means beyond that", rounding_effects.statistics),
+    "stability-rounding": ("rounding of heights", rounding_effects.measure_rounding),
 }
 LONG_ROWS = (rounding_effects.Energy, rounding_effects.Horizon, rounding_effects.Statistic, rounding_effects.Rounded)
 WASTEFUL = 0.1  # of the measured limit: steps below it buy accuracy that stability does not ask for
@@ -32,11 +33,19 @@ ULP = np.spacing(1.0)
 def measure(options: Options) -> dict[str, Any]:
     """All of it; the short study leaves out random scenes, most extremes, long runs and rounding."""
     more = () if options.quick else (*measured_limits.bouncing(), *measured_limits.at_random(RANDOM_SCENES))
-    rows = {
-        "stability": measured_limits.measure_limits([*measured_limits.shipped(), *measured_limits.sweeps(), *more]),
-        "stability-extremes": run_all(extremes(quick=options.quick), options.runs),
+    parts: dict[str, tuple[str, Callable[[], Iterable[Any]]]] = {
+        "stability": (
+            "limits of the time step",
+            lambda: measured_limits.measure_limits([*measured_limits.shipped(), *measured_limits.sweeps(), *more]),
+        ),
+        "stability-extremes": ("scenes at the edge", lambda: run_all(extremes(quick=options.quick), options.runs)),
     }
-    return rows if options.quick else rows | {name: run() for name, run in LONG.items()}
+    parts |= {} if options.quick else LONG
+    rows = {}
+    for number, (name, (what, run)) in enumerate(parts.items(), 1):
+        with step(what, number, len(parts)):
+            rows[name] = [*run()]
+    return rows
 
 
 def sentences(tables: Tables) -> list[str]:

@@ -5,20 +5,24 @@ The ladder leads from the stability limit down to 1e-4 of it; each lever has its
 
 import tempfile
 import time
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, product
 from math import ceil, nan, sqrt
 from pathlib import Path
 from statistics import median
+from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
-from drivers.base.processes import run_command
+from drivers.base.processes import cores, run_command
+from drivers.base.progress import counted, following
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of
 from drivers.chain.trace import Trace
@@ -26,7 +30,8 @@ from drivers.engines import REFERENCE, VERLET, Engine, installed_codes, load_eng
 from drivers.limits.criteria import rayleigh_time
 from drivers.limits.refusal import FORCE
 from drivers.limits.stable_step import predicted_limit
-from drivers.run.run import default_limit_s, run_case
+from drivers.run.run import default_limit_s, run_case, workers
+from drivers.run.session import Session
 from postproc.paper.simulate import case_of, exact
 from postproc.read.observables import of_kind
 from postproc.read.residual import residual
@@ -36,21 +41,24 @@ from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
 from validation.served_runs import Served, builds_of, left_out_if_failed, serve, serving
-from validation.studies import ADAPTIVE, DONE, NOT_RUN, ORDER_4, progress
+from validation.studies import ADAPTIVE, DONE, NOT_RUN, ORDER_4
 
 SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")
+SHORT_SCENES = SCENES[:-1]  # a thousand beads take half of the time
 SHARES = tuple(10 ** (-k / 3) for k in range(13))  # of the predicted stability limit
 TOLERANCES = (*(10.0**-k for k in range(2, 12)), LEAST_TOLERANCE)
 FORCES_OF_ORDER_4 = 4  # a step
-BUDGET_S = 300.0  # of engine time for the whole ladder
+BUDGET_S, SHORT_BUDGET_S = 300.0, 30.0  # of engine time for the whole ladder
 LONGEST = 0.04  # of the budget: no single run takes more
 REPEATS, SHORT_S = 3, 0.1  # runs expected to be shorter are timed as the best of some
+CONFIRMED = 3  # codes take every third step of the short ladder
 PROCESS = {ADAPTIVE: REFERENCE, ORDER_4: VERLET, VERLET: VERLET}  # the engine that runs a method by itself
 FIXED_STEP = {VERLET: integrate_verlet, ORDER_4: integrate_symplectic}
 PAIR_STEPS_US = (1.0, 0.5, 0.2, 0.1, 0.05)
 SOFTER = (10, 100, 1000)
 FRACTIONS = (0.1, 0.2, 0.4)
 MANY = 20  # cases of one process
+TWO_CORES_FOR = "run.duration=0.5 ms"  # some hundred steps: the ratio is that of any of them
 
 
 @dataclass(frozen=True)
@@ -104,13 +112,13 @@ class Row:
     reason: str = ""
 
 
-def rungs_of(scene: str) -> Iterator[Rung]:
-    """Every code and in-repo method at every step, and the adaptive integrator at every tolerance."""
+def rungs_of(scene: str, code_shares: Sequence[float] = SHARES) -> Iterator[Rung]:
+    """In-repo methods at every step, codes at some, and the adaptive integrator at every tolerance."""
     base = case_of(scene)
     stable_s = predicted_limit(base.chain, float(base.sample_times_s[-1]))
     for share in SHARES:
         case = at_step(base, share, stable_s)
-        for method in (*installed_codes(), VERLET, ORDER_4):
+        for method in (*(installed_codes() if share in code_shares else ()), VERLET, ORDER_4):
             yield Rung(scene, method, case, share, expected_loop_s(method, case))
     for tolerance in TOLERANCES:
         yield Rung(scene, ADAPTIVE, base, tolerance, cost_on(REFERENCE).loop_s(base))
@@ -137,41 +145,66 @@ def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Run
     return kept, left
 
 
-def climb(budget_s: float, scenes: tuple[str, ...] = SCENES) -> list[Row]:
-    """All rows of the ladder, within a budget of engine time."""
-    kept, left = affordable([rung for scene in scenes for rung in rungs_of(scene)], budget_s)
-    rows: list[Row] = []
-    for scene in scenes:
-        own = [rung for rung in kept if rung.scene == scene]
-        truths: dict[tuple[float, int], schemes.Truth] = {}
-        began = time.perf_counter()
-        for method in dict.fromkeys(rung.method for rung in own):
-            rows += _by_method(method, [rung for rung in own if rung.method == method], truths)
-        progress(f"{scene}: {len(own)} runs in {time.perf_counter() - began:.0f} s")
+def climb(budget_s: float, scenes: Sequence[str] = SCENES, *, short: bool = False) -> list[Row]:
+    """All rows of the ladder, within a budget of engine time; codes may only confirm the scheme at some steps.
+
+    Methods are worked at side by side: an engine runs while the errors of another's run are measured.
+    """
+    shares = SHARES[::CONFIRMED] if short else SHARES
+    kept, left = affordable([rung for scene in scenes for rung in rungs_of(scene, shares)], budget_s)
+    groups: dict[tuple[str, str], list[Rung]] = defaultdict(list)
+    for rung in kept:
+        groups[rung.scene, rung.method].append(rung)
+    longest_first = sorted(groups.values(), key=lambda rungs: -sum(rung.expected_s for rung in rungs))
+    engines = dict.fromkeys(PROCESS.get(rung.method, rung.method) for rung in kept)
+    truth = _truths()
+    with counted("runs at all steps", len(kept)) as count, workers(cores()) as pool:
+        start_s = dict(zip(engines, pool.map(partial(start_up, case_of(scenes[0])), engines), strict=True))
+        rows = [
+            row for part in pool.map(lambda own: [*_climbed(own, start_s, truth, count)], longest_first) for row in part
+        ]
+    order = {key: place for place, key in enumerate(groups)}
+    rows.sort(key=lambda row: order[row.scene, row.method])
     return rows + [_row(rung, status=NOT_RUN, reason=f"its loop would take {rung.expected_s:.0f} s") for rung in left]
 
 
-def _by_method(method: str, rungs: list[Rung], truths: dict[tuple[float, int], schemes.Truth]) -> Iterator[Row]:
-    """Rows of one scene by one method, all by one process; rungs that share their samples share their exact motion."""
+def _truths() -> Callable[[Rung], schemes.Truth]:
+    """Exact motions at the samples of rungs, each computed once."""
+    known: dict[tuple[str, float, int], schemes.Truth] = {}
+    computing = Lock()
+
+    def truth(rung: Rung) -> schemes.Truth:
+        key = (rung.scene, rung.case.scene.run.sample_interval, rung.case.scene.samples)
+        with computing:
+            if key not in known:
+                known[key] = schemes.truth_of(rung.case)
+            return known[key]
+
+    return truth
+
+
+def _climbed(
+    rungs: Sequence[Rung], start_s: dict[str, float], truth: Callable[[Rung], schemes.Truth], count: Callable[[], None]
+) -> Iterator[Row]:
+    """Rows of one scene by one method, all by one process."""
+    method = rungs[0].method
     with ExitStack() as stack:
-        if method in PROCESS:
-            start_s, run = start_up(PROCESS[method], case_of(rungs[0].scene)), _in_repo
-        else:
-            start_s, session = start_up(method, rungs[0].case), stack.enter_context(serving(method))
-            run = lambda rung: serve(session, rung.case)  # noqa: E731 - the other way to run a rung
+        run = _in_repo if method in PROCESS else partial(_served, stack.enter_context(serving(method)))
         for rung in rungs:
             try:
-                if method in PROCESS:
-                    run(rung)  # a first call may compile
                 runs = [run(rung) for _ in range(REPEATS if rung.expected_s < SHORT_S else 1)]
-                key = (rung.case.scene.run.sample_interval, rung.case.scene.samples)
-                if key not in truths:
-                    truths[key] = schemes.truth_of(rung.case)
                 loop_s, case_s = min(each.loop_s for each in runs), min(each.case_s for each in runs)
-                times = {"loop_s": loop_s, "wall_s": start_s + case_s, "in_session_s": case_s}
-                yield _row(rung, **times, **errors_by_group(rung.case, runs[-1].trace, truths[key]))
+                wall_s = start_s[PROCESS.get(method, method)] + case_s
+                times = {"loop_s": loop_s, "wall_s": wall_s, "in_session_s": case_s}
+                yield _row(rung, **times, **errors_by_group(rung.case, runs[-1].trace, truth(rung)))
             except RunError as error:
                 yield _row(rung, status=error.status, reason=str(error))
+            count()
+
+
+def _served(session: Session, rung: Rung) -> Served:
+    """A run in a session; RunError where it failed."""
+    return serve(session, rung.case)
 
 
 def _in_repo(rung: Rung) -> Served:
@@ -209,7 +242,7 @@ def errors_by_group(case: Case, trace: Trace, truth: schemes.Truth) -> dict[str,
     return errors | {group: max((found[name] for name in names), default=nan) for group, names in groups.items()}
 
 
-def start_up(name: str, case: Case) -> float:
+def start_up(case: Case, name: str) -> float:
     """Seconds of a process by itself that are not its loop; in-repo the better of two, as a first may compile."""
     times = 2 if load_engine(name).in_repository else 1
     with tempfile.TemporaryDirectory() as folder:
@@ -235,9 +268,10 @@ class Lever:
     gain: float = nan
 
 
-def pull_all() -> Iterator[Lever]:
-    """Every lever."""
-    for lever in (sampling, extrapolation, rayleigh, softened, two_cores, precision, one_process):
+def pull_all(*, short: bool = False) -> Iterator[Lever]:
+    """Every lever; the short study leaves out higher precision, which takes twenty times as long."""
+    levers = (sampling, extrapolation, rayleigh, softened, two_cores, *[precision] * (not short), one_process)
+    for lever in following(levers, "levers", len(levers), "lever"):
         yield from lever()
 
 
@@ -307,7 +341,7 @@ def softened() -> Iterator[Lever]:
 def two_cores() -> Iterator[Lever]:
     """The same run on two cores: how much faster its loop is."""
     for scene, name in product(("fig4", "long-chain"), installed_codes()):
-        case, engine = case_of(scene, "run.time_step=1 us"), load_engine(name)
+        case, engine = case_of(scene, "run.time_step=1 us", TWO_CORES_FOR), load_engine(name)
         if engine.on_two_cores and len(engine.find() or ()) == 1:  # its command sets no number of its own
             with left_out_if_failed(f"{name}, two cores"):
                 deck = engine.render(case)
@@ -348,7 +382,7 @@ def one_process() -> Iterator[Lever]:
     case = case_of("fig4")
     for name in installed_codes():
         with left_out_if_failed(f"one process of {name} for many"), serving(name) as session:
-            alone = start_up(name, case)
+            alone = start_up(case, name)
             runs = [serve(session, case) for _ in range(MANY)]
             loop_s, case_s = median(run.loop_s for run in runs), median(run.case_s for run in runs)
             yield Lever("one process for many", "fig4", name, f"{MANY} cases", "run", gain=(alone + loop_s) / case_s)

@@ -12,12 +12,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from drivers.base.progress import step
 from drivers.chain.chain import Array
 from drivers.engines import VERLET, codes, engine_names, in_order
 from postproc.draw.style import COLUMN_IN, line_of, marker_of, pyplot
 from validation import studies
 from validation.studies import ADAPTIVE, DONE, ORDER_4, Options, Picture, Study, Tables
-from validation.trade.climb import BUDGET_S, Lever, Row, climb, pull_all
+from validation.trade.climb import BUDGET_S, SCENES, SHORT_BUDGET_S, SHORT_SCENES, Lever, Row, climb, pull_all
 
 TARGETS = tuple(10.0**-k for k in range(2, 9))
 STRAIGHT = 0.15  # by how much the order between neighbouring steps may stray from the range's
@@ -144,37 +145,47 @@ def front(rows: pd.DataFrame, quantity: str, cost: str) -> pd.DataFrame:
     return ordered[ordered[quantity] < ordered[quantity].cummin().shift(fill_value=np.inf)]
 
 
-def reaching(rows: pd.DataFrame, quantity: str, target: float) -> pd.DataFrame:
-    """Runs with an error of at most the target that all finer steps keep too: none by chance."""
+def kept_errors(rows: pd.DataFrame, quantity: str) -> "pd.Series[float]":
+    """Errors of the runs that ended well, each the largest of itself and all finer steps: none is small by chance."""
     ordered = done(rows).sort_values("share_of_limit")
-    good = (ordered[quantity] <= target).astype(int)
-    return ordered[good.groupby(ordered["method"]).cummin() == 1]
+    return ordered[quantity].fillna(np.inf).groupby(ordered["method"]).cummax()
 
 
 def cheapest(rows: pd.DataFrame, quantity: str, target: float, cost: str) -> Any:
     """The cheapest run that reaches an error; None where none does."""
-    kept = reaching(rows, quantity, target)
-    return None if kept.empty else kept.iloc[int(kept[cost].to_numpy().argmin())]
+    errors = kept_errors(rows, quantity)
+    kept = errors.index[errors <= target]
+    return None if kept.empty else rows.loc[rows.loc[kept, cost].idxmin()]
 
 
 def advice(rows: pd.DataFrame) -> Iterator[Advice]:
     """For each scene, quantity and error the cheapest way of all, and by each method, with and without start-up."""
     for scene, group in rows.groupby("scene", sort=False):
-        among = {"any": group} | {str(name): part for name, part in group.groupby("method", sort=False)}
-        for quantity, target, name, cost in product(QUANTITIES, TARGETS, among, COSTS):
-            found = Advice(str(scene), quantity, target, name, cost)
-            best = cheapest(among[name], quantity, target, cost)
-            if best is not None:
-                measured = {key: best[key] for key in ("method", "time_step_s", "loop_s", "wall_s")}
-                found = replace(found, **measured, error=best[quantity])
-            yield found
+        among = ["any", *group["method"].unique()]
+        for quantity in QUANTITIES:
+            errors = kept_errors(group, quantity)
+            table = group.loc[errors.index].assign(kept=errors)
+            records = table.to_dict("records")
+            for target, name, cost in product(TARGETS, among, COSTS):
+                good = [row for row in records if row["kept"] <= target and name in ("any", row["method"])]
+                found = Advice(str(scene), quantity, target, name, cost)
+                if good:
+                    best = min(good, key=lambda row: row[cost])
+                    measured = {key: best[key] for key in ("method", "time_step_s", "loop_s", "wall_s")}
+                    found = replace(found, **measured, error=best[quantity])
+                yield found
 
 
 def measure(options: Options) -> dict[str, Any]:
     """The ladder within a budget of engine time, the levers, and what follows from the ladder."""
-    rows = climb(options.budget_s or BUDGET_S)
+    short = options.quick
+    budget_s, scenes = (SHORT_BUDGET_S, SHORT_SCENES) if short else (BUDGET_S, SCENES)
+    with step("the ladder of time steps", 1, 2):
+        rows = climb(options.budget_s or budget_s, scenes, short=short)
+    with step("other ways to less time or error", 2, 2):
+        levers = [*pull_all(short=short)]
     table = studies.frame_of(Row, rows)
-    return {"trade": rows, "trade-levers": pull_all(), "trade-advice": advice(table), "trade-orders": orders(table)}
+    return {"trade": rows, "trade-levers": levers, "trade-advice": advice(table), "trade-orders": orders(table)}
 
 
 def sentences(tables: Tables) -> list[str]:
