@@ -76,8 +76,8 @@ lint: .venv/.ready-dev ## ruff and mypy
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
 
-clean: ## remove runs and results (not .venv)
-	rm -rf runs results
+clean: ## remove runs, results and what is kept of them (not .venv)
+	rm -rf runs results .kept_cache
 
 # a stamp stands only if its command ended well, and counts only while what it made is there
 .SECONDEXPANSION:

@@ -20,6 +20,7 @@ CLAIMS = INPUTS / "paper" / "claims.toml"
 TEMPLATES = ROOT / "templates"
 RUNS = ROOT / "runs"
 RESULTS = ROOT / "results"
+KEPT = ROOT / ".kept_cache"  # may be deleted at any time
 LOCK = ROOT / "requirements.lock"
 ENGINES_VARIABLE = "BEAD_CHAINS_ENGINES"  # names files as --engines does, for processes started from here too
 

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator
 
+from drivers.base.kept import kept
+
 if TYPE_CHECKING:
     import pint
 
@@ -32,6 +34,21 @@ def _registry() -> "pint.UnitRegistry[Any]":
     return pint.UnitRegistry(non_int_type=Decimal)
 
 
+@lru_cache(maxsize=256)
+def _factor(unit_text: str, unit: str) -> str:
+    """How many of ``unit`` make one of ``unit_text``, in decimal; any exception where none do."""
+
+    def by_pint() -> str:
+        registry = _registry()
+        parsed = registry.parse_units(unit_text)
+        one, two = (Decimal(registry.Quantity(Decimal(count), parsed).to(unit).magnitude) for count in (1, 2))
+        if two != 2 * one:
+            raise ValueError("a unit with an offset")
+        return str(one)
+
+    return str(kept([unit_text, unit], by_pint))
+
+
 @lru_cache(maxsize=4096)  # scenes that differ in one key are read by the thousand
 def to_si(text: str, unit: str) -> float:
     """The value of ``text`` in the SI ``unit``.
@@ -44,10 +61,8 @@ def to_si(text: str, unit: str) -> float:
         raise ValueError("not a number with a unit")
     number, unit_text = match.groups()
     try:
-        registry = _registry()
         # offset units (degC) and odd exponents end in various errors of pint: all mean "no such unit"
-        value = registry.Quantity(Decimal(number), registry.parse_units(unit_text)).to(unit).magnitude
-        value = Decimal(value)
+        value = Decimal(number) * Decimal(_factor(unit_text, unit))
     except Exception as error:
         raise ValueError(f"not a unit of {unit}") from error
     if value and not SMALLEST <= abs(value) <= LARGEST:

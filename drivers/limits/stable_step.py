@@ -13,7 +13,6 @@ from math import log
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.linalg import eigvals_banded, eigvalsh_tridiagonal
 
 from drivers.chain.chain import Array, Chain, arrays_of, energy_put_in, tube_arrays_of
 from drivers.chain.contact_law import contact_stiffness, hertz_overlap
@@ -111,6 +110,8 @@ def _limit(chain: Chain, reached: Extremes, step: float, safety: float) -> float
 
 def linear_limit(chain: Chain, spring_N_m: Array) -> float:
     """``2 / omega_max`` of the chain with springs for contacts, by the eigenvalues of a tridiagonal matrix; or inf."""
+    from scipy.linalg import eigvalsh_tridiagonal
+
     above = np.append(spring_N_m[1:], 0.0)
     mass = chain.mass_kg
     diagonal = (spring_N_m + above) / mass
@@ -156,6 +157,8 @@ def _highest(inverse: Array, contacts: list[tuple[Array, Array, Array]], alone: 
         contacts: springs under each body, how its own coordinates strain them, and how those of the body below do.
         alone: springs of each body with what does not move, and how its coordinates strain them.
     """
+    from scipy.linalg import eigvals_banded
+
     bodies = len(inverse)
     own, beside = np.zeros((bodies, 3, 3)), np.zeros((bodies, 3, 3))
     for spring, here, below in contacts:

@@ -18,10 +18,7 @@ pulse of width w goes with (h/w)^6.
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.signal import lfilter
-from scipy.special import hyp1f1
 
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
@@ -72,6 +69,8 @@ def sensor_signals(layout: Layout, trace: Trace) -> dict[str, Array]:
 
 def write_sensors(layout: Layout, trace: Trace, path: Path) -> None:
     """Writes ``sensors.csv`` in full precision."""
+    import pandas as pd
+
     columns = {f"{name}_N": signal for name, signal in sensor_signals(layout, trace).items()}
     pd.DataFrame({"time_s": trace.time_s} | columns).to_csv(path, index=False)
 
@@ -82,6 +81,9 @@ def high_passed(time_s: Array, signal: Array, time_constant_s: float) -> Array:
     A time constant far beyond the record leaves the change since time 0; one far below the sample interval leaves
     ``tau x'``, next to nothing.
     """
+    from scipy.signal import lfilter
+    from scipy.special import hyp1f1
+
     count = len(signal)
     change = signal - signal[0]
     if count < 2:

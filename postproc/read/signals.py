@@ -8,12 +8,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import PPoly, make_interp_spline
-from scipy.signal import find_peaks
 
 from drivers.chain.chain import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 PROMINENCE = 0.05  # of the signal's range: smaller bumps are no peaks
 NOISE = 1e-4  # of the signal's range: a hundred times what rounding leaves of forces at rest
@@ -62,6 +64,8 @@ def _peaks(time_s: Array, values: Array, prominence: float) -> Iterator[tuple[Pe
     """Maxima, each with the height by which it stands out."""
     span = float(np.ptp(values))
     if span > 0 and len(values) >= 3:
+        from scipy.signal import find_peaks
+
         places, properties = find_peaks(values, prominence=prominence * span)
         for place, height in zip(map(int, places), map(float, properties["prominences"]), strict=True):
             first, last = max(place - 1, 0), min(place + 1, len(time_s) - 1)
@@ -88,11 +92,13 @@ def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) ->
     return float(time_s[place] + rise * (time_s[place + 1] - time_s[place]))
 
 
-def _local_curve(time_s: Array, values: Array, place: int, first: int, last: int) -> PPoly:
+def _local_curve(time_s: Array, values: Array, place: int, first: int, last: int) -> "PPoly":
     """The spline around a place, from the ``first`` sample to the ``last``.
 
     Samples are equally spaced, so its coefficients are linear in the values.
     """
+    from scipy.interpolate import PPoly
+
     start = max(place - REACH, 0)
     samples = values[start : place + REACH + 1]
     per_value = _spline_of_units(len(samples))[:, first - start : last - start]
@@ -107,6 +113,8 @@ def _spline_of_units(count: int) -> Array:
 
     Shape (powers, intervals, values).
     """
+    from scipy.interpolate import make_interp_spline
+
     degree = min(5, count - 1)
     degree -= 1 - degree % 2  # splines of odd degree
     times = np.arange(count, dtype=float)
@@ -162,6 +170,8 @@ class PulseShape:
 
 def incident_pulse(time_s: Array, signal: Array) -> PulseShape | None:
     """The shape of a signal's first pulse; None without a later maximum, the largest of which is the reflected wave."""
+    from scipy.interpolate import make_interp_spline
+
     found = peaks(time_s, signal)
     if len(found) < 2:
         return None

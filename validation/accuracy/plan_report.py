@@ -2,11 +2,13 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from drivers.base.errors import InputError
+from drivers.base.kept import kept
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.engines import installed, load_engine
@@ -38,7 +40,11 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[
         InputError: anything wrong with the scene or its accuracy.
     """
     case = planned_case(source, *settings)
-    lines = [*(_straight(case) if case.chain.lateral is None else _three_dimensional(case))]
+    engines = [(name, load_engine(name).shear, asdict(cost_on(name))) for name in able(case)]
+    there = installed(name for name, *_ in engines)
+    scenes = [each.scene.model_dump(mode="json") for each in (case, case.full) if each]
+    report = _straight if case.chain.lateral is None else _three_dimensional
+    lines = kept(["plan", scenes, engines, there], lambda: [*report(case)])
     yield from (f"{case.scene.name}: {case.summary}", *lines)
 
 

@@ -5,12 +5,14 @@ Against ``verlet`` at the same step a run shows its modelling error, which shoul
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from drivers.base import paths
+from drivers.base.kept import kept
 from drivers.base.progress import following, step
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
@@ -26,8 +28,7 @@ from validation.accuracy.budget import PARTS, for_terminal
 from validation.accuracy.plan import planned_case
 from validation.accuracy.schemes import energy_change_J
 from validation.compare.asked import EVERYTHING, Asked, print_unmet
-from validation.compare.departure import Departure, departure, departure_rows, deviation, motion_deviation
-from validation.compare.moved import moved
+from validation.compare.departure import Departure, departure, departure_of, departure_rows, deviation, motion_deviation
 from validation.compare.verdict import FAIL, NOT_RUN, RUN, Verdict, heading, judged, line_of, names, without_run
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
@@ -210,22 +211,43 @@ def _absences(case: Case, asked: Asked) -> dict[str, str]:
 
 
 def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str]) -> ComparedScene:
-    """A case with its runs, well or badly ended, assessed and compared."""
+    """A case with its runs, well or badly ended, assessed and compared; what was compared before is kept."""
     assessed = {engine: assess(run, case) for engine, run in ended.items()}
     finished = {engine: run for engine, run in assessed.items() if run.done}
     failed = {engine: run for engine, run in assessed.items() if not run.done}
     absent = absent | {engine: f"{run.record.status}: {run.record.reason}" for engine, run in failed.items()}
     refused = {engine: run.partial_trace for engine, run in failed.items() if run.partial_trace is not None}
+    scene = [each.scene.model_dump(mode="json") for each in (case, case.full) if each]
+    digests = {engine: [run.record.build_sha256, run.record.forces_sha256] for engine, run in finished.items()}
+    if refused:  # of which no folder keeps the samples
+        found = _judged(case, finished, absent, refused)
+    else:
+        found = kept(["compare", scene, absent, digests], lambda: _judged(case, finished, absent, {}))
+    return ComparedScene(
+        case,
+        finished,
+        absent,
+        [Verdict(**verdict) for verdict in found["verdicts"]],
+        {engine: departure_of(each) for engine, each in found["departures"].items()},
+        found["diagnoses"],
+        refused,
+        {engine: run.record.wall_s for engine, run in assessed.items()},
+    )
+
+
+def _judged(
+    case: Case, finished: dict[str, EndedRun], absent: dict[str, str], refused: dict[str, Trace]
+) -> dict[str, Any]:
+    """Verdicts, departures and diagnoses of a scene's runs, as JSON holds them."""
     verdicts = compare_case(case, finished, absent)
     traces = {engine: run.trace for engine, run in finished.items()} | refused
-    departures = {engine: departure(case, engine, traces[engine]) for engine in in_order(traces)}
+    departures = {engine: asdict(departure(case, engine, traces[engine])) for engine in in_order(traces)}
     diagnoses = {}
     if any(verdict.verdict == FAIL for verdict in verdicts):  # few are: only then are the variants loaded
         from validation.compare.diagnosis import diagnoses_of
 
         diagnoses = diagnoses_of(case, verdicts, traces)
-    wall_s = {engine: run.record.wall_s for engine, run in assessed.items()}
-    return ComparedScene(case, finished, absent, verdicts, departures, diagnoses, refused, wall_s)
+    return {"verdicts": [asdict(verdict) for verdict in verdicts], "departures": departures, "diagnoses": diagnoses}
 
 
 def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path, asked: Asked, *, unsafe: bool) -> int:
@@ -261,6 +283,8 @@ def _between(compared: ComparedScene, one: str, other: str) -> list[Verdict]:
     if why:
         failed = any(v.verdict == FAIL for v in compared.verdicts if v.engine in (one, other) and v.quantity == RUN)
         return [without_run(scene, pair, "; ".join(why), FAIL if failed else NOT_RUN)]
+    from validation.compare.moved import moved  # what looks at two runs is loaded only where two are looked at
+
     rows = moved(compared.runs[one].folder, compared.runs[other].folder)
     return [replace(verdict, scene=scene, engine=pair) for verdict in rows]
 

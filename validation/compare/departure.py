@@ -8,6 +8,7 @@ says which step, law or mass explains it. Where it leaves the exact motion toget
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -145,6 +146,11 @@ class Departure:
     kind: str
     words: str
     later: tuple["Departure", ...] = ()
+
+
+def departure_of(stored: Mapping[str, Any]) -> Departure:
+    """A departure from its fields, as JSON holds them."""
+    return Departure(**{**stored, "later": tuple(map(departure_of, stored["later"]))})
 
 
 @dataclass(frozen=True)

@@ -75,8 +75,8 @@ def _tube(values: dict[str, Any]) -> Integration:
 
 def serve(requests: Iterable[str]) -> None:
     """Runs deck after deck; one that cannot be run ends it, as it would end a process of its own."""
-    import validation.reference.adaptive
-    import validation.reference.velocity_verlet  # noqa: F401  before the first request, not in it
+    import validation.reference.adaptive_kernels
+    import validation.reference.verlet_kernels  # noqa: F401  before the first request, not in it
 
     for line in requests:
         folder, word = line.rstrip("\n").split(" ")

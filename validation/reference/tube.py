@@ -13,26 +13,12 @@ Both cut the force, and with it what is kept, back to friction times the normal 
 """
 
 from functools import partial
-from math import sqrt
 
 import numpy as np
-from numba import njit
 
-from validation.reference.contact_kernels import damped_force, elastic_force
-from validation.reference.hertz_chain import Array, Extremes, TubeChain, TubeMotion, check_timing
+from validation.reference.hertz_chain import Extremes, TubeChain, TubeMotion, check_timing
 
 TOTAL, INCREMENTAL = "total", "incremental"
-Three = tuple[float, float, float]
-# mass, radius, stiffness, damping, shear, load; of the bore: stiffness, shear
-Bodies = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
-# wall's height, friction between bodies, bore's radius, bore's friction
-Numbers = tuple[float, float, float, float]
-# place, velocity, spin, force, torque, bore's force, contacts' axial force
-State = tuple[Array, Array, Array, Array, Array, Array, Array]
-# kept by contacts and by the bore, normals of the step before of both
-Memory = tuple[Array, Array, Array, Array]
-# of contacts: deepest, fastest closing, whether closed; of the bore likewise; energies of impacts summed
-Marks = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 
 def integrate_tube(
@@ -48,6 +34,8 @@ def integrate_tube(
     check_timing(time_step_s, steps_per_sample, samples)
     if law not in (TOTAL, INCREMENTAL):
         raise ValueError(f'law: {law}, expected "{TOTAL}" or "{INCREMENTAL}"')
+    from validation.reference.tube_kernels import run_tube
+
     n = chain.mass_kg.size
     bodies = (chain.mass_kg, chain.radius_m, chain.stiffness, chain.damping, chain.shear, chain.load_N,
               chain.bore_stiffness, chain.bore_shear)  # fmt: skip
@@ -56,243 +44,11 @@ def integrate_tube(
     inertia = np.where(turning, 0.4 * chain.mass_kg * chain.radius_m**2, np.inf)
     rows, flat = partial(np.zeros, (n, 3)), partial(np.zeros, n)
     place, velocity = chain.place_m.copy(), chain.velocity_m_s.copy()
-    state: State = (place, velocity, rows(), rows(), rows(), rows(), flat())
-    marks: Marks = (flat(), flat(), flat(), flat(), flat(), flat(), flat())
-    memory: Memory = (rows(), rows(), rows(), rows())
+    state = (place, velocity, rows(), rows(), rows(), rows(), flat())
+    marks = (flat(), flat(), flat(), flat(), flat(), flat(), flat())
+    memory = (rows(), rows(), rows(), rows())
     forces, kept = np.empty((samples, n)), np.empty((4, samples, n, 3))
     timing = (law == INCREMENTAL, time_step_s, steps_per_sample)
-    _run(bodies, inertia, numbers, state, memory, marks, *timing, forces, kept)
+    run_tube(bodies, inertia, numbers, state, memory, marks, *timing, forces, kept)
     extremes = Extremes(marks[0], marks[1], marks[3], marks[4], marks[6])
     return TubeMotion(forces, kept[0], kept[1], kept[2], kept[3], extremes)
-
-
-@njit(cache=True, error_model="numpy")
-def _run(
-    bodies: Bodies, inertia: Array, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool,
-    dt: float, every: int, forces: Array, samples: Array,
-) -> None:  # fmt: skip
-    mass = bodies[0]
-    place, velocity, spin, force, torque, bore, axial = state
-    _forces(bodies, numbers, state, memory, marks, incremental, dt, False)
-    for j in range(mass.size):  # half a step back
-        for axis in range(3):
-            velocity[j, axis] -= 0.5 * dt * force[j, axis] / mass[j]
-            spin[j, axis] -= 0.5 * dt * torque[j, axis] / inertia[j]
-    for step in range((len(forces) - 1) * every + 1):
-        if step or incremental:  # LIGGGHTS takes its first forces from the velocities at time 0, shears not yet moved
-            _forces(bodies, numbers, state, memory, marks, incremental, dt, True)
-        if step % every == 0:
-            sample = step // every
-            for j in range(mass.size):
-                forces[sample, j] = axial[j]
-                for axis in range(3):
-                    samples[0, sample, j, axis] = bore[j, axis]
-                    samples[1, sample, j, axis] = place[j, axis]
-                    samples[2, sample, j, axis] = velocity[j, axis] + 0.5 * dt * force[j, axis] / mass[j]
-                    samples[3, sample, j, axis] = spin[j, axis] + 0.5 * dt * torque[j, axis] / inertia[j]
-        for j in range(mass.size):
-            for axis in range(3):
-                velocity[j, axis] += dt * force[j, axis] / mass[j]
-                place[j, axis] += dt * velocity[j, axis]
-                spin[j, axis] += dt * torque[j, axis] / inertia[j]
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _forces(
-    bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
-    moved: bool,
-) -> None:  # fmt: skip
-    """Forces and torques of the present state; ``moved``: whether contacts have sheared since the last ones."""
-    radius, load = bodies[1], bodies[5]
-    force, torque, bore, axial = state[3:]
-    force[:], torque[:], bore[:], axial[:] = 0.0, 0.0, 0.0, 0.0
-    for j in range(radius.size):
-        force[j, 2] += load[j]
-        if bodies[2][j] > 0.0:
-            _between(j, bodies, numbers, state, memory, marks, incremental, dt, moved)
-        if bodies[6][j] > 0.0:
-            _in_bore(j, bodies, numbers, state, memory, marks, incremental, dt, moved)
-        if np.isinf(radius[j]):  # level, on the axis
-            force[j, 0] = force[j, 1] = 0.0
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _between(
-    j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
-    moved: bool,
-) -> None:  # fmt: skip
-    """The contact under body j: with the wall, a sphere, or of a face."""
-    mass, radius, stiffness, damping, shear = bodies[:5]
-    place, velocity, spin, force, torque, _, axial = state
-    wall, face = j == 0, np.isinf(radius[j])
-    if wall or face:
-        nx, ny, nz = 0.0, 0.0, 1.0
-        bead = 0 if wall else j - 1
-        below = numbers[0] if wall else place[j - 1, 2]
-        overlap = radius[bead] - (place[j, 2] - below)
-    else:
-        nx, ny, nz = place[j, 0] - place[j - 1, 0], place[j, 1] - place[j - 1, 1], place[j, 2] - place[j - 1, 2]
-        apart = sqrt(nx * nx + ny * ny + nz * nz)
-        nx, ny, nz = nx / apart, ny / apart, nz / apart
-        overlap = radius[j] + radius[j - 1] - apart
-    plane = 1.0 if incremental else 0.5  # YADE's arm at a plane ends there, LIGGGHTS' in the middle of the overlap
-    share = plane if wall or face else 0.5
-    over = 0.0 if face else radius[j] - share * overlap
-    under = 0.0 if wall else radius[j - 1] - share * overlap
-    # of the upper body's surface to the lower's: v + n x (arm spin), as both arms end in the contact
-    wx, wy, wz = over * spin[j, 0], over * spin[j, 1], over * spin[j, 2]
-    ux, uy, uz = velocity[j, 0], velocity[j, 1], velocity[j, 2]
-    if not wall:
-        ux, uy, uz = ux - velocity[j - 1, 0], uy - velocity[j - 1, 1], uz - velocity[j - 1, 2]
-        wx, wy, wz = wx + under * spin[j - 1, 0], wy + under * spin[j - 1, 1], wz + under * spin[j - 1, 2]
-    closing = -(ux * nx + uy * ny + uz * nz)
-    inverse = 1.0 / mass[j] + (0.0 if wall else 1.0 / mass[j - 1])
-    _mark(j, overlap, closing, 0.5 * closing * closing / inverse, marks[0], marks[1], marks[2], marks[6])
-    kept, before = memory[0][j], memory[2][j]
-    if overlap <= 0.0:
-        kept[:] = 0.0
-        before[0], before[1], before[2] = nx, ny, nz
-        return
-    root = sqrt(overlap)
-    if damping[j] > 0.0:
-        normal = damped_force(stiffness[j], damping[j], overlap, closing)
-    else:
-        normal = elastic_force(stiffness[j], overlap)
-    fx, fy, fz = nx * normal, ny * normal, nz * normal
-    if numbers[1] > 0.0:
-        ux, uy, uz = (
-            ux + closing * nx + ny * wz - nz * wy,
-            uy + closing * ny + nz * wx - nx * wz,
-            uz + closing * nz + nx * wy - ny * wx,
-        )
-        turning = 0.5 * dt * _turning(j, before, spin, wall)
-        tx, ty, tz = _friction(
-            kept, before, (nx, ny, nz), (ux, uy, uz), turning, shear[j] * root, numbers[1] * normal, dt, incremental,
-            moved,
-        )  # fmt: skip
-        fx, fy, fz = fx + tx, fy + ty, fz + tz
-        mx, my, mz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
-        torque[j, 0] -= over * mx
-        torque[j, 1] -= over * my
-        torque[j, 2] -= over * mz
-        if not wall:
-            torque[j - 1, 0] -= under * mx
-            torque[j - 1, 1] -= under * my
-            torque[j - 1, 2] -= under * mz
-    before[0], before[1], before[2] = nx, ny, nz
-    axial[j] = fz
-    force[j, 0] += fx
-    force[j, 1] += fy
-    force[j, 2] += fz
-    if not wall:
-        force[j - 1, 0] -= fx
-        force[j - 1, 1] -= fy
-        force[j - 1, 2] -= fz
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _turning(j: int, normal: Array, spin: Array, alone: bool) -> float:
-    """Spin of the contact about its normal: the sum of the two bodies'."""
-    total = 0.0
-    for axis in range(3):
-        total += normal[axis] * (spin[j, axis] + (0.0 if alone else spin[j - 1, axis]))
-    return total
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _in_bore(
-    j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
-    moved: bool,
-) -> None:  # fmt: skip
-    """The contact of body j with the bore, a true cylinder."""
-    radius, stiffness, shear = bodies[1][j], bodies[6][j], bodies[7][j]
-    place, velocity, spin, force, torque, bore, _ = state
-    kept, before = memory[1][j], memory[3][j]
-    off = sqrt(place[j, 0] * place[j, 0] + place[j, 1] * place[j, 1])
-    overlap = radius - (numbers[2] - off)
-    nx, ny = (-place[j, 0] / off, -place[j, 1] / off) if off > 0.0 else (0.0, 0.0)
-    ux, uy, uz = velocity[j, 0], velocity[j, 1], velocity[j, 2]
-    closing = -(ux * nx + uy * ny)
-    _mark(j, overlap, closing, 0.0, marks[3], marks[4], marks[5], marks[6])
-    if overlap <= 0.0:
-        kept[:] = 0.0
-        before[0], before[1] = nx, ny
-        return
-    root = sqrt(overlap)
-    normal = elastic_force(stiffness, overlap)
-    fx, fy, fz = nx * normal, ny * normal, 0.0
-    if numbers[3] > 0.0:
-        arm = radius - 0.5 * overlap
-        wx, wy, wz = arm * spin[j, 0], arm * spin[j, 1], arm * spin[j, 2]
-        ux, uy, uz = ux + closing * nx + ny * wz, uy + closing * ny - nx * wz, uz + nx * wy - ny * wx
-        turning = 0.5 * dt * _turning(j, before, spin, True)
-        tx, ty, tz = _friction(
-            kept, before, (nx, ny, 0.0), (ux, uy, uz), turning, shear * root, numbers[3] * normal, dt, incremental,
-            moved,
-        )  # fmt: skip
-        fx, fy, fz = fx + tx, fy + ty, fz + tz
-        torque[j, 0] -= arm * ny * tz
-        torque[j, 1] += arm * nx * tz
-        torque[j, 2] -= arm * (nx * ty - ny * tx)
-    before[0], before[1] = nx, ny
-    bore[j, 0], bore[j, 1], bore[j, 2] = fx, fy, fz
-    force[j, 0] += fx
-    force[j, 1] += fy
-    force[j, 2] += fz
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _friction(
-    kept: Array, before: Array, normal: Three, slip: Three, turning: float, stiffness: float, most: float, dt: float,
-    incremental: bool, moved: bool,
-) -> Three:  # fmt: skip
-    """The tangential force on the upper body, by either law; changes what the contact keeps.
-
-    Args:
-        kept: shear displacement, or force.
-        before: the normal of the step before.
-        normal: the present one.
-        slip: velocity of the upper body's surface to the lower's, in the tangent plane.
-        turning: half of the angle that both bodies together turned about the normal.
-        stiffness: present one, in N/m.
-        most: friction times the normal force.
-        dt: the time step.
-        incremental: the law.
-        moved: as for ``_forces``.
-    """
-    x, y, z = kept[0], kept[1], kept[2]
-    nx, ny, nz = normal
-    if moved and incremental:
-        bx, by, bz = before[0], before[1], before[2]
-        ax, ay, az = by * nz - bz * ny, bz * nx - bx * nz, bx * ny - by * nx
-        x, y, z = x - (y * az - z * ay), y - (z * ax - x * az), z - (x * ay - y * ax)
-        ax, ay, az = turning * bx, turning * by, turning * bz
-        x, y, z = x - (y * az - z * ay), y - (z * ax - x * az), z - (x * ay - y * ax)
-        x, y, z = x - stiffness * dt * slip[0], y - stiffness * dt * slip[1], z - stiffness * dt * slip[2]
-    elif moved:
-        x, y, z = x + dt * slip[0], y + dt * slip[1], z + dt * slip[2]
-        along = x * nx + y * ny + z * nz
-        x, y, z = x - along * nx, y - along * ny, z - along * nz
-    scale = 1.0 if incremental else -stiffness
-    size = abs(scale) * sqrt(x * x + y * y + z * z)
-    if size > most:
-        cut = most / size
-        x, y, z = x * cut, y * cut, z * cut
-    if moved:
-        kept[0], kept[1], kept[2] = x, y, z
-    return scale * x, scale * y, scale * z
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _mark(
-    j: int, overlap: float, closing: float, energy: float, deepest: Array, fastest: Array, closed: Array,
-    energies: Array,
-) -> None:  # fmt: skip
-    """Notes what is reached; an open contact closes at the speed of its last step before."""
-    deepest[j] = max(deepest[j], overlap)
-    if overlap <= 0.0:
-        fastest[j] = max(fastest[j], closing)
-        closed[j] = 0.0
-    elif closed[j] == 0.0:
-        closed[j] = 1.0
-        energies[j] += energy if fastest[j] > 0.0 else 0.0  # not of what touches at time 0

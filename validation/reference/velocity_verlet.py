@@ -1,27 +1,22 @@
 """Velocity Verlet at a fixed step: the scheme of LIGGGHTS, YADE and LAMMPS, in overlaps instead of positions.
 
 Inside, velocities stand half a step behind, so that one pass over the chain makes one step; recorded velocities
-belong to the time of the forces. Long chains go in tiles that fit the cache and take many steps at a time, each step
-one bead further down, so that every bead finds its neighbours at the right step.
+belong to the time of the forces. Compiled code is loaded by the first integration.
 """
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from math import sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from validation.reference.contact_kernels import elastic_force, overlap_power
 from validation.reference.hertz_chain import Array, HertzChain, Motion, check_timing, contact_force, displacements
 
-TILE = 2048  # beads: their six numbers each fit the second-level cache
-BLOCK = 128  # steps that a tile takes at a time
-LEAST_FOR_TWO = 50_000  # beads below which a second thread does not pay
+if TYPE_CHECKING:
+    from validation.reference.verlet_kernels import Arrays
 
-# velocity (the wall's first), overlap, force; constants: stiffness, kick, drop, damping (empty where there is none)
-Arrays = tuple[Array, Array, Array, Array, Array, Array, Array]
+LEAST_FOR_TWO = 50_000  # beads below which a second thread does not pay
 
 
 def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int) -> Motion:
@@ -33,10 +28,12 @@ def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: in
         ValueError: a step not above zero, or counts below one.
     """
     check_timing(time_step_s, steps_per_sample, samples)
+    from validation.reference.verlet_kernels import fill_samples
+
     arrays, half_kick = _start(chain, time_step_s), 0.5 * time_step_s / chain.mass_kg
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
     kept = (motion.force_N, motion.displacement_m, motion.velocity_m_s)
-    _sample(arrays, time_step_s, steps_per_sample, half_kick, chain.load_N, *kept)
+    fill_samples(arrays, time_step_s, steps_per_sample, half_kick, chain.load_N, *kept)
     return Motion(motion.force_N, displacements(chain, motion.displacement_m), motion.velocity_m_s)
 
 
@@ -74,6 +71,8 @@ def record_contacts(
         raise ValueError(f"contacts: expected numbers from 1 to {n}")
     if threads not in (1, 2):
         raise ValueError(f"threads: {threads}, expected 1 or 2")
+    from validation.reference.verlet_kernels import BLOCK, advance, fill_between
+
     arrays = _start(chain, time_step_s)
     recorded = np.empty((samples, places.size))
     recorded[0] = arrays[2][places]
@@ -84,18 +83,18 @@ def record_contacts(
             steps = min(BLOCK, total - first)
             rest = (first, steps, steps_per_sample, places, recorded, edge)
             if threads == 1 or n < LEAST_FOR_TWO:
-                _advance(arrays, time_step_s, 0, n, False, False, *rest)
+                advance(arrays, time_step_s, 0, n, False, False, *rest)
             else:
-                lower = pool.submit(_advance, arrays, time_step_s, 0, middle - 1, False, True, *rest)
-                _advance(arrays, time_step_s, middle, n, True, False, *rest)
+                lower = pool.submit(advance, arrays, time_step_s, 0, middle - 1, False, True, *rest)
+                advance(arrays, time_step_s, middle, n, True, False, *rest)
                 lower.result()
-                _fill_between(arrays, time_step_s, middle, *rest)
+                fill_between(arrays, time_step_s, middle, *rest)
             if progress is not None:
                 progress(steps)
     return recorded
 
 
-def _start(chain: HertzChain, time_step_s: float) -> Arrays:
+def _start(chain: HertzChain, time_step_s: float) -> "Arrays":
     """Velocities of half a step before time 0 behind the wall's, overlaps, forces (none above the last), constants."""
     force = np.append(contact_force(chain, chain.overlap_m, chain.velocity_m_s), 0.0)
     acceleration = (force[:-1] - force[1:] + chain.load_N) / chain.mass_kg
@@ -103,144 +102,6 @@ def _start(chain: HertzChain, time_step_s: float) -> Arrays:
     kick, drop = time_step_s / chain.mass_kg, time_step_s * chain.load_N / chain.mass_kg
     damping = np.zeros(0) if chain.elastic else chain.damping
     return velocity, chain.overlap_m.copy(), force, chain.stiffness, kick, drop, damping
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _sweep(
-    below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array, dt: float
-) -> None:
-    """One step of neighbouring bodies; ``below`` is the new velocity under them, ``force`` reaches one further."""
-    under = force[0]
-    for j in range(overlap.size):
-        above = force[j + 1]
-        here = velocity[j] + (kick[j] * (under - above) + drop[j])
-        velocity[j] = here
-        under = above
-        now = overlap[j] + dt * (below - here)
-        below = here
-        overlap[j] = now
-        closed = max(now, 0.0)
-        force[j] = stiffness[j] * overlap_power(closed)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _sweep_damped(
-    below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
-    damping: Array, dt: float,
-) -> None:  # fmt: skip
-    """As ``_sweep``, of contacts that lose energy: by velocities of half a step before, as in the codes."""
-    under = force[0]
-    for j in range(overlap.size):
-        above = force[j + 1]
-        here = velocity[j] + (kick[j] * (under - above) + drop[j])
-        velocity[j] = here
-        under = above
-        closing = below - here
-        now = overlap[j] + dt * closing
-        below = here
-        overlap[j] = now
-        root = sqrt(max(now, 0.0))
-        force[j] = max(stiffness[j] * (now * root) + damping[j] * sqrt(root) * closing, 0.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _step_range(
-    arrays: Arrays, dt: float, low: int, high: int, below: float, step: int, every: int,
-    places: NDArray[np.int64], recorded: Array,
-) -> None:  # fmt: skip
-    """One step of the bodies from ``low`` to below ``high``, and what is to be recorded of it."""
-    velocity, overlap, force, stiffness, kick, drop, damping = arrays
-    if damping.size:
-        _sweep_damped(
-            below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
-            stiffness[low:high], kick[low:high], drop[low:high], damping[low:high], dt,
-        )  # fmt: skip
-    else:
-        _sweep(
-            below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
-            stiffness[low:high], kick[low:high], drop[low:high], dt,
-        )  # fmt: skip
-    _record(force, low, high, step, every, places, recorded)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _record(
-    force: Array, low: int, high: int, step: int, every: int, places: NDArray[np.int64], recorded: Array
-) -> None:
-    """Keeps the forces after a step where it ends a sample."""
-    if (step + 1) % every == 0:
-        for i in range(places.size):
-            if low <= places[i] < high:
-                recorded[(step + 1) // every, i] = force[places[i]]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _advance(
-    arrays: Arrays, dt: float, first: int, last: int, rising: bool, falling: bool, done: int, steps: int, every: int,
-    places: NDArray[np.int64], recorded: Array, edge: Array,
-) -> None:  # fmt: skip
-    """Takes ``steps`` steps with the bodies from ``first`` to below ``last``.
-
-    With ``rising`` the range begins one body higher at each step, with ``falling`` it ends one lower: what another
-    thread's bodies next to it would have to be known for is left to ``_fill_between``. A rising range leaves the
-    forces at its lower edge, as they were before each step, in ``edge``.
-    """
-    velocity, overlap, force, stiffness, kick, drop, damping = arrays
-    if first == 0 and overlap.size == last <= TILE:  # one tile: no need to cut it out at every step
-        for step in range(steps):
-            if damping.size:
-                _sweep_damped(0.0, velocity[1:], overlap, force, stiffness, kick, drop, damping, dt)
-            else:
-                _sweep(0.0, velocity[1:], overlap, force, stiffness, kick, drop, dt)
-            _record(force, first, last, done + step, every, places, recorded)
-        return
-    start = first
-    while start < last + steps:
-        for step in range(steps):
-            bottom = first + step if rising else first
-            low, high = max(start - step, bottom), min(start + TILE - step, last - step if falling else last)
-            if high <= low:
-                continue
-            below = velocity[low]
-            if rising and low == bottom:
-                edge[step] = force[low]
-                below += kick[low - 1] * (force[low - 1] - force[low]) + drop[low - 1]
-            _step_range(arrays, dt, low, high, below, done + step, every, places, recorded)
-        start += TILE
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _sample(
-    arrays: Arrays, dt: float, every: int, half_kick: Array, load: Array,
-    forces: Array, overlaps: Array, velocities: Array,
-) -> None:  # fmt: skip
-    """Fills the samples, the first with the start; velocities are brought to the time of the forces."""
-    velocity, overlap, force = arrays[0], arrays[1], arrays[2]
-    nothing, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
-    for sample in range(len(forces)):
-        if sample:
-            for first in range(0, every, BLOCK):
-                steps = min(BLOCK, every - first)
-                _advance(arrays, dt, 0, overlap.size, False, False, 0, steps, steps, nothing, nowhere, force)
-        for j in range(overlap.size):
-            forces[sample, j] = force[j]
-            overlaps[sample, j] = overlap[j]
-            velocities[sample, j] = velocity[j + 1] + half_kick[j] * (force[j] - force[j + 1] + load[j])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _fill_between(
-    arrays: Arrays, dt: float, middle: int, done: int, steps: int, every: int,
-    places: NDArray[np.int64], recorded: Array, edge: Array,
-) -> None:  # fmt: skip
-    """The bodies that a falling range to ``middle - 1`` and a rising one from ``middle`` left out."""
-    velocity, force = arrays[0], arrays[2]
-    for step in range(steps):
-        low, high = middle - 1 - step, middle + step
-        later = force[high]
-        force[high] = edge[step]
-        _step_range(arrays, dt, low, high, velocity[low], done + step, every, places, recorded)
-        force[high] = later
 
 
 def integrate_verlet_absolute(
@@ -272,47 +133,12 @@ def integrate_verlet_absolute(
     Returns:
         Every array of shape (samples, bodies).
     """
+    from validation.reference.verlet_kernels import integrate_absolute
+
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
-    _integrate_absolute(
+    integrate_absolute(
         chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s, chain.load_N, chain.damping,
         attraction, local_damping, time_step_s, steps_per_sample,
         motion.force_N, motion.displacement_m, motion.velocity_m_s,
     )  # fmt: skip
     return Motion(motion.force_N, motion.displacement_m - height_m, motion.velocity_m_s)
-
-
-@njit(cache=True)
-def _integrate_absolute(
-    mass: Array, stiffness: Array, height: Array, reach: Array, velocity0: Array, load: Array, damping: Array,
-    attraction: bool, local: float, dt: float, every: int, forces: Array, heights: Array, velocities: Array,
-) -> None:  # fmt: skip
-    n = mass.size
-    velocity, force, net = velocity0.copy(), np.zeros(n + 1), np.zeros(n)
-    half = 0.5 * dt
-    for step in range((len(forces) - 1) * every + 1):
-        if step:
-            for j in range(n):
-                velocity[j] += half * net[j] / mass[j]
-                height[j] += dt * velocity[j]
-        below = 0.0
-        for j in range(n):
-            overlap = reach[j] - (height[j] - below)
-            below = height[j]
-            force[j] = elastic_force(stiffness[j], overlap) if overlap > 0.0 else 0.0
-            if overlap > 0.0 and damping[j] > 0.0:
-                closing = (velocity[j - 1] if j > 0 else 0.0) - velocity[j]
-                force[j] += damping[j] * sqrt(sqrt(overlap)) * closing
-                if not attraction:
-                    force[j] = max(force[j], 0.0)
-        for j in range(n):
-            net[j] = force[j] - force[j + 1] + load[j]
-            kick = half * net[j] / mass[j] if step else 0.0
-            if local > 0.0:
-                share = 1.0 - local * np.sign(net[j] * (velocity[j] + kick))
-                net[j] *= share
-                kick *= share
-            velocity[j] += kick
-        if step % every == 0:
-            forces[step // every] = force[:n]
-            heights[step // every] = height
-            velocities[step // every] = velocity

@@ -1,0 +1,172 @@
+"""Kernels of the exact reference: the module is imported where something is integrated: it loads compiled code."""
+
+from math import sqrt
+
+import numpy as np
+from numba import njit
+
+from validation.reference.dop853 import ROWS, Bodies, error, evaluate_dense, prepare_dense, slope, step, step_factor
+from validation.reference.hertz_chain import Array
+
+DENSE_LIMIT = 1e-9  # local tolerance below which samples of damped contacts are stepped to: their forces rise steeply
+EVENT_OVERLAP = 1e-13  # of the overlap scale: contacts that are open or closed by less are at no event
+MAX_TRIES = 12  # of Newton's method for the time of an event
+MAX_REJECTED = 200  # in a row
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _raised(s: float, power: float) -> float:
+    return s * s * s * s if power == 4.0 else s * s
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _root(elapsed: float, power: float) -> float:
+    root = sqrt(max(elapsed, 0.0))
+    return sqrt(root) if power == 4.0 else root
+
+
+@njit(cache=True, error_model="numpy")
+def follow(
+    start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float
+) -> tuple[Array, bool]:
+    """States of a chain at all times, shape (samples, 2 bodies), and whether it got there.
+
+    Local errors of each step stay below ``tolerance`` times ``scale``, shape (2 bodies,).
+    """
+    size = start.size
+    power = 4.0 if bodies[2].size else 2.0
+    dense_enough = power == 2.0 or tolerance >= DENSE_LIMIT
+    state, end, work = np.zeros((3, size)), np.zeros((3, size)), np.zeros((3, size))
+    slopes, spare, dense = np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
+    samples = np.empty((times.size, size))
+    samples[0] = start
+    state[0] = start
+    slope(start, 1.0, state[2], bodies)
+    event, rest = 0.0, 0.0  # the sum is the time of the last event; all else counts from it
+    s, h, sample, rejected, last = 0.0, _root(first_step, power), 1, 0, -1
+
+    while sample < times.size:
+        if rejected > MAX_REJECTED:
+            return samples, False
+        elapsed, final = _raised(s, power), (times[-1] - event) - rest
+        s_end = min(s + h, _root(final, power))
+        target = final if s_end < s + h else _raised(s_end, power)
+        begin, length, stretch = s, s_end - s, power
+        step(state, s, length, power, slopes, end, bodies)
+        contact, share = _first_event(state[0], end[0], bodies, scale, last)
+        if contact >= 0:
+            guess = _raised(s + share * length, power)
+            begin, length, stretch, target = _step_to_event(state, s, power, guess, contact, slopes, end, bodies)
+            if length == 0.0 or target > final or _first_event(state[0], end[0], bodies, scale, last, contact)[0] >= 0:
+                rejected += 1
+                h *= 0.5 if length == 0.0 or target <= final else 0.98
+                continue
+        e = error(end, begin + length, length, stretch, slopes, scale, tolerance, work, bodies)
+        if not e <= 1.0:
+            rejected += 1
+            h *= step_factor(e)
+            continue
+
+        rejected = 0 if target > elapsed else rejected + 1
+        if (times[sample] - event) - rest <= target and dense_enough:
+            prepare_dense(state[0], end[0], begin, length, stretch, slopes, dense, work[0], bodies)
+        while sample < times.size and (times[sample] - event) - rest <= target:
+            until = (times[sample] - event) - rest
+            part = (_root(until, power) if stretch > 0.0 else sqrt(max(target - until, 0.0))) - begin
+            if until == target:
+                samples[sample] = end[0]
+            elif dense_enough:
+                evaluate_dense(state[0], dense, part / length, samples[sample])
+            else:
+                step(state, begin, part, stretch, spare, work, bodies)
+                samples[sample] = work[0]
+            sample += 1
+        if contact >= 0:
+            if end[0, contact] <= scale[0] * EVENT_OVERLAP:  # it is 0 but for rounding, which is kept
+                end[1, contact] += end[0, contact]
+                end[0, contact] = 0.0
+            slope(end[0], 1.0, end[2], bodies)
+            since = target + rest
+            later = event + since
+            kept = later - event
+            rest = (event - (later - kept)) + (since - kept)
+            event = later
+            s, h = 0.0, _root(target - elapsed, power)
+        else:
+            s, h = s_end, length * step_factor(e)
+        last = contact
+        state[:] = end
+    return samples, True
+
+
+@njit(cache=True, error_model="numpy")
+def _first_event(
+    start: Array, end: Array, bodies: Bodies, scale: Array, last: int, known: int = -1
+) -> tuple[int, float]:
+    """The contact that opens, closes or lets go first in a step, by linear interpolation, and where; -1: none does."""
+    _, stiffness, damping, _ = bodies
+    n = stiffness.size
+    first, where = -1, 2.0
+    for j in range(n):
+        if j == known or stiffness[j] == 0.0:
+            continue
+        before, after, tiny = start[j], end[j], EVENT_OVERLAP * scale[0]
+        if before >= 0.0 and damping.size and damping[j] > 0.0:
+            if j == last:
+                continue
+            before, after = _grip(start, j, stiffness[j], damping[j]), _grip(end, j, stiffness[j], damping[j])
+            tiny = EVENT_OVERLAP * damping[j] * scale[n]
+        if before * after < 0.0 and (abs(before) > tiny or abs(after) > tiny):
+            share = before / (before - after)
+            if share < where:
+                first, where = j, share
+    return first, where
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _closing(state: Array, contact: int) -> float:
+    velocity = state[state.size // 2 :]
+    return float((velocity[contact - 1] if contact > 0 else 0.0) - velocity[contact])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float:
+    """``k d^(5/4) + C d'``: below 0 a closed contact that loses energy has let go."""
+    overlap = max(state[contact], 0.0)
+    return float(stiffness * overlap * sqrt(sqrt(overlap)) + damping * _closing(state, contact))
+
+
+@njit(cache=True, error_model="numpy")
+def _step_to_event(
+    state: Array, s: float, power: float, guess: float, contact: int, slopes: Array, end: Array, bodies: Bodies
+) -> tuple[float, float, float, float]:
+    """The step that ends where a contact's overlap or force is zero, found by Newton's method on its end time.
+
+    An elastic opening is approached in ``s = sqrt(t_e - t)``, where the motion is smooth; before a closing there is no
+    force.
+
+    Returns:
+        Begin and length of the step in s, its power, time of the event; a length of 0 where none was found.
+    """
+    damped = bodies[2].size > 0 and bodies[2][contact] > 0.0
+    closed, elapsed = state[0, contact] > 0.0, _raised(s, power)
+    for _ in range(MAX_TRIES):
+        begin, length, stretch = s, _root(guess, power) - s, power
+        if closed and not damped:
+            begin, stretch = sqrt(guess - elapsed), -2.0
+            length = -begin
+        step(state, begin, length, stretch, slopes, end, bodies)
+        value, rate = end[0, contact], _closing(end[0], contact)
+        if closed and damped:
+            stiffness, damping = bodies[1][contact], bodies[2][contact]
+            slope(end[0], 1.0, end[2], bodies)
+            value = _grip(end[0], contact, stiffness, damping)
+            rate *= 1.25 * stiffness * max(end[0, contact], 0.0) ** 0.25
+            rate += damping * _closing(end[2], contact)
+        if rate == 0.0:
+            break
+        change = -value / rate
+        if abs(change) <= 4e-16 * guess + 1e-14 * (guess - elapsed):
+            return begin, length, stretch, guess
+        guess = guess + change if guess + change > elapsed else 0.5 * (guess + elapsed)
+    return 0.0, 0.0, power, guess

@@ -1,0 +1,92 @@
+"""What is kept on disk is what would be computed, or is not believed."""
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.base import kept as module
+from drivers.base import paths
+from drivers.base.kept import kept
+from drivers.base.processes import run_command
+
+Count = Callable[[], list[float]]
+
+
+@pytest.fixture(autouse=True)
+def _kept_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(paths, "KEPT", tmp_path / "kept")
+    module._program.cache_clear()
+    yield
+    module._program.cache_clear()
+
+
+@pytest.fixture
+def count() -> Count:
+    """Returns a list that is longer at each call."""
+    calls: list[float] = []
+
+    def compute() -> list[float]:
+        calls.append(0.1 + 0.2)
+        return calls
+
+    return compute
+
+
+def test_what_was_computed_from_the_same_is_read_to_the_last_digit(count: Count) -> None:
+    assert kept(["this"], count) == kept(["this"], count) == [0.1 + 0.2]
+    assert len(kept(["that"], count)) == 2
+
+
+@pytest.mark.parametrize("damage", ["", "[", "{}", "[1, 2]", "null"])
+def test_a_damaged_file_is_not_believed(damage: str, count: Count) -> None:
+    kept([], count)
+    (file,) = paths.KEPT.iterdir()
+    file.write_text(damage)
+    assert len(kept([], count)) == 2
+    assert len(kept([], count)) == 2
+
+
+def test_other_sources_and_inputs_compute_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: Count) -> None:
+    monkeypatch.setattr(paths, "ROOT", tmp_path)
+    monkeypatch.setattr(paths, "INPUTS", tmp_path / "inputs")
+    for number, name in enumerate(("validation/reference/law.py", "inputs/scenes/a.toml", "inputs/scenes/b.toml"), 2):
+        kept([], count)
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("k = 1")
+        module._program.cache_clear()
+        assert len(kept([], count)) == number
+
+
+def test_where_nothing_can_be_kept_it_is_computed(count: Count) -> None:
+    paths.KEPT.write_text("a file in the place of the folder")
+    assert len(kept([], count)) == 1
+    assert len(kept([], count)) == 2
+
+
+def test_only_so_many_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST", 3)
+    for number in range(5):
+        kept([number], lambda: 0)
+    assert len([*paths.KEPT.iterdir()]) == 3
+
+
+def test_what_is_finished_needs_no_integrator(tmp_path: Path) -> None:
+    """Compiled kernels, scipy and pandas cost more to load than all else that these commands do."""
+    runs = tmp_path / "runs"
+    for words in (
+        ("validation", "compare", "two-spheres", "--engine", "verlet", "--runs", str(runs), "--allow-missing"),
+        ("drivers", "plan", "two-spheres"),
+    ):
+        told = []
+        for _ in range(2):
+            outcome = run_command(
+                (sys.executable, "-X", "importtime", "-m", *words), tmp_path, 120.0, PYTHONPATH=str(paths.ROOT)
+            )
+            told.append((tmp_path / "stdout.txt").read_text())
+            assert outcome.code == 0
+        assert told[0] == told[1] != ""
+        loaded = {line.rpartition("|")[2].strip() for line in (tmp_path / "stderr.txt").read_text().splitlines()}
+        assert "validation.accuracy.plan" in loaded
+        assert not loaded & {"numba", "scipy", "pandas", "pyarrow", "pint"}
