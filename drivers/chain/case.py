@@ -103,6 +103,11 @@ class Case:
         return replace(self, scene=self.scene.model_copy(update=changes), plan=None)
 
     @property
+    def work(self) -> int:
+        """Bodies times steps: what a run's cost goes with."""
+        return self.chain.bodies * self.scene.steps
+
+    @property
     def sample_times_s(self) -> Array:
         """Times of the samples as multiples of the time step. Shape (samples,)."""
         return np.arange(self.scene.samples, dtype=float) * (self.scene.steps_per_sample * self.scene.time_step_s)

@@ -3,8 +3,9 @@
 import hashlib
 import json
 import shutil
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -117,17 +118,19 @@ def _tried(
 def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[EndedRun]:
     """Runs pairs of a case and an engine, in their order; what is done is found.
 
-    Equal decks run once.
+    Equal decks run once; the largest cases come first, so that all cores are busy to the end.
 
     Raises:
         RunError: an engine is not installed; what was under way has ended.
     """
     keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
-    different = dict(zip(keys, jobs, strict=True))
+    different = sorted(dict(zip(keys, jobs, strict=True)).items(), key=lambda each: -each[1][0].work)
     with workers(cores()) as pool:
-        under_way = {key: pool.submit(run_case, *job, runs, served=True) for key, job in different.items()}
-        bar = following(under_way.items(), "engines", len(under_way))
-        ended = {key: future.result() for key, future in bar}
+        under_way = {key: pool.submit(run_case, *job, runs, served=True) for key, job in different}
+        bar = following(as_completed(under_way.values()), "engines", len(under_way))
+        for future in bar:
+            future.result()
+    ended = {key: future.result() for key, future in under_way.items()}
     return [
         run_case(case, engine, runs) if run.done and run.layout != case.layout else run  # found, for other gauges
         for (case, engine), run in zip(jobs, map(ended.__getitem__, keys), strict=True)
@@ -141,8 +144,7 @@ def run_all_done(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> l
         InputError: a case cannot end well on its engine; nothing has been run.
         RunError: a run failed; the others are done all the same.
     """
-    for case, engine in jobs:
-        refuse(case, engine)
+    refuse_all(jobs)
     ended = run_many(jobs, runs)
     failures = [
         f"{case.scene.file}: {engine} {run.record.status}: {run.record.reason}"
@@ -152,6 +154,21 @@ def run_all_done(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> l
     if failures:
         raise RunError(failures[0] + (f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""))
     return ended
+
+
+def refuse_all(jobs: Sequence[tuple[Case, str]]) -> None:
+    """Refuses what cannot end well, side by side; an InputError for the first of the jobs that cannot."""
+    engines: dict[Case, list[str]] = defaultdict(list)
+    for case, engine in jobs:
+        engines[case].append(engine)
+
+    def look_at(case: Case) -> None:
+        for engine in engines[case]:
+            refuse(case, engine)
+
+    with workers(cores()) as pool:
+        for _ in following(pool.map(look_at, engines), "cases looked at", len(engines), "case"):
+            pass
 
 
 @contextmanager

@@ -18,9 +18,9 @@ from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace, until
 from drivers.engines import REFERENCE, VERLET, in_order, load_engine
-from drivers.limits.refusal import inability, refuse
+from drivers.limits.refusal import inability
 from drivers.run.finished import EndedRun
-from drivers.run.run import run_many
+from drivers.run.run import refuse_all, run_many
 from postproc.read.observables import observe, of_kind, scale_of
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, ROUNDING_REASON, Baseline, baseline_of, shipped_name
@@ -192,8 +192,7 @@ def run_and_compare_all(
     absences = [_absences(case, asked) for case in cases]
     pairs = list(zip(cases, absences, strict=True))
     jobs = [(case, engine) for case, absent in pairs for engine in asked.names if engine not in absent]
-    for job in [] if unsafe else jobs:
-        refuse(*job)
+    refuse_all([] if unsafe else jobs)
     ended = iter(run_many(jobs, runs))
     for case, absent in following(pairs, "scenes compared", len(pairs), "scene"):
         yield _compared(case, {name: next(ended) for name in asked.names if name not in absent}, absent)

@@ -14,9 +14,9 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, engine_names, in_order, load_engine
-from drivers.limits.refusal import inability, refuse
+from drivers.limits.refusal import inability
 from drivers.run.finished import EndedRun, open_run
-from drivers.run.run import run_many
+from drivers.run.run import refuse_all, run_many
 from postproc.paper.simulate import exact
 from postproc.read.motion import read_motion
 from validation.accuracy.schemes import verlet_of
@@ -77,8 +77,7 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
             jobs[key] = (one.case, engine)
     # of equal decks the last is run: one that keeps its state serves the others too
     order = sorted(jobs, key=lambda key: "state" in jobs[key][0].scene.run.record)
-    for key in order:
-        refuse(*jobs[key])
+    refuse_all([jobs[key] for key in order])
     ended = dict(zip(order, run_many([jobs[key] for key in order], runs), strict=True))
     lines = []
     for one, engine in product(posed, engine_names()):

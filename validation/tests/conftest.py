@@ -1,6 +1,7 @@
 """Fixtures and options of all tests."""
 
 import os
+import uuid
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,12 @@ os.environ.pop(paths.ENGINES_VARIABLE, None)  # the tests are of the engines of 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """``--update-decks`` writes the deck snapshots anew."""
     parser.addoption("--update-decks", action="store_true", help="write the deck snapshots anew")
+
+
+@pytest.fixture(autouse=True)
+def _nothing_kept(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a test computes, with whatever it has put in place of code, no other one and no user is told."""
+    monkeypatch.setattr(paths, "KEPT", tmp_path_factory.getbasetemp() / f"kept-{uuid.uuid4().hex}")
 
 
 @pytest.fixture
