@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, solveh_banded
 
 from drivers.base.errors import InputError
+from drivers.base.kept import kept
 from drivers.chain.chain import AT_REST, Array, Chain, stiffness_by
 from drivers.chain.contact_law import conformity, contact_stiffness_at, hertz_stiffness, mindlin_stiffness, side_share
 from drivers.chain.lateral import Bore, Lateral, block_bands, side_normals
@@ -87,7 +88,7 @@ def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
     assert chain.lateral is not None
     touching = replace(chain, overlap_m=np.minimum(chain.overlap_m, 0.0))
     start = np.column_stack([chain.lateral.offset_m, touching.height_m - chain.wall_height_m])[:resting]
-    place, left = find_rest(chain, start)
+    place, left = _rest(chain, start)
     worst = int(np.argmax(left))
     if left[worst] > AT_REST * float(np.abs(chain.load_N[:resting]).sum()):
         found = f"beads that do not come to rest: {left[worst]:.2g} N are left on bead {worst + 1}"
@@ -100,6 +101,16 @@ def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
     overlap[0] = radius[0] - place[0, 2]
     overlap[1:resting] = radius[1:] + radius[:-1] - np.sqrt((along**2).sum(axis=1))
     return replace(chain, overlap_m=overlap, lateral=replace(chain.lateral, offset_m=offset))
+
+
+def _rest(chain: Chain, start: Array) -> tuple[Array, Array]:
+    """As ``find_rest``, once for all chains that differ in what has no part in it."""
+    beads, bore = len(start), chain.bore
+    assert bore is not None
+    arrays = (start, chain.load_N[:beads], chain.stiffness[:beads], chain.radius_m[:beads], bore.stiffness[:beads])
+    depends_on = [*(array.tolist() for array in arrays), bore.radius_m, bore.sides]
+    place, left = kept(["rest", depends_on], lambda: [array.tolist() for array in find_rest(chain, start)])
+    return np.array(place), np.array(left)
 
 
 def find_rest(chain: Chain, place_m: Array, steps: int = MAX_STEPS) -> tuple[Array, Array]:

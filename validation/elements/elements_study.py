@@ -18,8 +18,9 @@ from postproc.draw.style import FAINT, line_of, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of, run_codes
 from validation.accuracy.costs import cost_on
-from validation.elements import switches
-from validation.elements.switches import STEPS, Shown, read_elements
+from validation.elements import gauge_steps, switches
+from validation.elements.gauge_steps import STEPS, Shown
+from validation.elements.switches import read_elements
 from validation.studies import Options, Picture, Study, Tables
 
 REPEATS = 3  # further runs from which a cost is the least, where the study is not the short one
@@ -75,8 +76,8 @@ def measure(options: Options) -> dict[str, Any]:
     in_tubes = [name for name in codes if inability(tube, name) is None]
     fastest = min(in_tubes or [VERLET], key=lambda name: cost_on(name).run_s(tube))
     pairs = switches.pairs_of(asked.model_copy(update={"scene": scenes}), seeds)
-    steps = {scene.name: [*switches.add_steps(scene, seeds)] for scene in scenes}
-    varied = [each for scene in scenes[:2] for each in switches.vary(scene, seeds)]
+    steps = {scene.name: [*gauge_steps.add_steps(scene, seeds)] for scene in scenes}
+    varied = [each for scene in scenes[:2] for each in gauge_steps.vary(scene, seeds)]
     jobs: dict[str, list[Case]] = defaultdict(list)
     for engine in engines:
         jobs[engine] += [case for pair in switches.taken_by(engine, pairs) for case in pair.cases]
@@ -86,14 +87,14 @@ def measure(options: Options) -> dict[str, Any]:
     jobs[fastest] += [case for each in (*chain.from_iterable(steps.values()), *varied) for case in each.cases]
     done = run_codes({engine: [*dict.fromkeys(cases)] for engine, cases in jobs.items()}, runs)
     found = {(run.case, engine): run for engine, own in done.items() for run in own}
-    shown = {name: [switches.show(each, fastest, found) for each in own] for name, own in steps.items()}
+    shown = {name: [gauge_steps.show(each, fastest, found) for each in own] for name, own in steps.items()}
     return {
         "elements": [*switches.measure_effects(pairs, engines, 0 if options.quick else REPEATS, found)],
         "elements-nothing": switches.nothing_changes(scenes, in_tubes or [VERLET], found),
         "elements-accuracies": [*switches.accuracies_kept(scenes[0].name, engines, runs)],
         "elements-between": switches.compare_codes(scenes, seeds, in_tubes, found),
         "oscilloscope": [number for own in shown.values() for each in own for number in each.numbers],
-        "oscilloscope-ranges": [n for each in varied for n in switches.show(each, fastest, found).numbers],
+        "oscilloscope-ranges": [n for each in varied for n in gauge_steps.show(each, fastest, found).numbers],
         **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in shown.items()},
     }
 
@@ -315,8 +316,8 @@ STUDY = Study(
         "elements-nothing": switches.Nothing,
         "elements-accuracies": switches.Asked,
         "elements-between": switches.Between,
-        "oscilloscope": switches.Number,
-        "oscilloscope-ranges": switches.Number,
+        "oscilloscope": gauge_steps.Number,
+        "oscilloscope-ranges": gauge_steps.Number,
     },
     measure=measure,
     sentences=sentences,

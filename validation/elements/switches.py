@@ -28,7 +28,6 @@ from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.simulate import Simulation, case_of
 from postproc.read.residual import apart, residual
-from postproc.read.sensors import sensor_signals
 from validation.accuracy.assess import assess
 from validation.accuracy.plan import planned_case
 from validation.served_runs import serve, serving
@@ -76,21 +75,6 @@ class Elements(Part):
 
 
 FRICTIONLESS = ("contact.friction=0", "tube.friction=0")
-RESTITUTION = "contact.restitution=0.9"
-GAUGE = "sensor.time_constant=1 ms"  # RC of about 1e3 us, as the paper has it
-# each step has all that those before it have
-STEPS = {
-    "elastic line": Side(),
-    "tube": Side(tube=True, set=FRICTIONLESS),
-    "friction 0.05": Side(tube=True),
-    "restitution 0.9": Side(tube=True, set=(RESTITUTION,)),
-    "gauge of 1 ms": Side(tube=True, set=(RESTITUTION, GAUGE)),
-}
-# one parameter at a time, over the range in which it is known
-RANGES = {
-    "friction": ("friction 0.05", ("tube.friction={0}", "contact.friction={0}"), (0.0, 0.04, 0.1)),
-    "restitution": ("restitution 0.9", ("contact.restitution={0}",), (1.0, 0.95, 0.9, 0.8, 0.7)),
-}
 STRAIGHT = Side(tube=True, set=("chain.lateral_offset=0 um",))
 # what to ask for, so that something may be left out of a scene with all that can be
 ASKED = (
@@ -227,75 +211,6 @@ def _costs(pairs: Sequence[Pair], engine: str, repeats: int, found: Found) -> di
         own = [loops_s[case] / (case.chain.bodies * case.scene.steps) * 1e9 for case in pair.cases]
         least[pair.element] = [*map(min, own, least.get(pair.element, own))]
     return {element: tuple(own) for element, own in least.items()}
-
-
-@dataclass(frozen=True)
-class Number:
-    """One observable after one step, or at one value of a parameter: mean and spread over the seeds."""
-
-    scene: str
-    step: str
-    value: str
-    observable: str
-    mean: float
-    spread: float
-    seeds: int
-
-
-@dataclass(frozen=True)
-class Variant:
-    """A scene after one step, or at one value of a parameter; a case for each seed."""
-
-    scene: str
-    step: str
-    value: str
-    cases: list[Case]
-
-
-@dataclass(frozen=True)
-class Shown:
-    """What gauges show after one step, or at one value of a parameter, over the seeds.
-
-    Attributes:
-        signals: by gauge, shape (seeds, samples).
-        values: observables, shape (seeds,).
-    """
-
-    scene: str
-    step: str
-    value: str
-    time_s: Array
-    signals: dict[str, Array]
-    values: dict[str, Array]
-
-    @property
-    def numbers(self) -> Iterator[Number]:
-        """Its observables as rows."""
-        for name, values in self.values.items():
-            yield Number(self.scene, self.step, self.value, name, *spread_of(values), len(values))
-
-
-def add_steps(subject: Subject, seeds: int) -> Iterator[Variant]:
-    """All steps of a scene; the elastic line is the same for every seed."""
-    for step, side in STEPS.items():
-        yield Variant(subject.name, step, "", seeded(subject, side, seeds if side.tube else 1))
-
-
-def vary(subject: Subject, seeds: int) -> Iterator[Variant]:
-    """One parameter at a time over its range."""
-    for name, (step, settings, values) in RANGES.items():
-        for value in values:
-            cases = seeded(subject, STEPS[step], seeds, *(setting.format(value) for setting in settings))
-            yield Variant(subject.name, name, f"{value:g}", cases)
-
-
-def show(variant: Variant, engine: str, found: Found) -> Shown:
-    """What gauges show of it on one code."""
-    done = [found[case, engine] for case in variant.cases]
-    shown = [sensor_signals(run.case.layout, run.trace) for run in done]
-    signals = {name: np.array([each[name] for each in shown]) for name in shown[0]}
-    values = {name: np.array([run.values[name] for run in done]) for name in done[0].values}
-    return Shown(variant.scene, variant.step, variant.value, done[0].case.sample_times_s, signals, values)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from drivers.engines import installed_codes, load_engine
 from drivers.run.run import run_all_done
 from postproc.paper.simulate import Simulation, run_codes
 from validation.__main__ import COMMANDS
-from validation.elements import elements_study, switches
+from validation.elements import elements_study, gauge_steps, switches
 from validation.elements.elements_study import missed
 from validation.elements.switches import read_elements
 from validation.stability.extremes import Extreme, run_all
@@ -115,7 +115,7 @@ def on_verlet(monkeypatch: pytest.MonkeyPatch, shared_runs: Path) -> None:
         switches, "run_all_done", lambda jobs, _: run_all_done([(case, "verlet") for case, _ in jobs], shared_runs)
     )
     monkeypatch.setattr(switches, "ASKED", switches.ASKED[:1])
-    monkeypatch.setattr(switches, "RANGES", {"restitution": ("tube", ("contact.restitution={0}",), (0.9,))})
+    monkeypatch.setattr(gauge_steps, "RANGES", {"restitution": ("tube", ("contact.restitution={0}",), (0.9,))})
 
 
 @pytest.mark.parametrize("count", [0, pytest.param(1, marks=pytest.mark.long), pytest.param(3, marks=pytest.mark.long)])

@@ -51,21 +51,23 @@ def test_a_failed_run_leaves_the_others_alone(scene_file: SceneWriter, tmp_path:
 
 def test_an_interrupt_ends_all_and_leaves_no_folder(scene_file: SceneWriter, tmp_path: Path) -> None:
     for request in (signal.SIGINT, signal.SIGTERM):
-        runs = tmp_path / request.name
+        runs, places = tmp_path / request.name, tmp_path / f"{request.name}-temporary"
+        places.mkdir()
         words = (sys.executable, "-c", SLOW, str(scene_file(duration="100 ms")), str(runs))
-        process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=hear_interrupts)
-        home = runs / "verlet"
+        variables = os.environ | {"TMPDIR": str(places)}
+        process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=hear_interrupts, env=variables)
         until = time.monotonic() + 60
-        while time.monotonic() < until and not (home.exists() and len(list(home.glob(".*@*/run/chain.json"))) >= 1):
+        while time.monotonic() < until and not [*places.glob("*/case/chain.json")]:
             time.sleep(0.05)
         time.sleep(0.3)
         process.send_signal(request)
         _, said = process.communicate(timeout=60)
         assert process.returncode == 130
-        assert said.strip() == "interrupted"
-        assert not [path for path in home.iterdir() if path.is_dir()]
-        running = subprocess.run(["pgrep", "-f", str(runs)], capture_output=True, text=True, check=False).stdout.split()
-        assert not [pid for pid in running if int(pid) != os.getpid()]
+        assert said.strip().splitlines()[-1] == "interrupted"
+        assert not [path for path in (runs / "verlet").iterdir() if path.is_dir()]
+        assert not [*places.iterdir()]
+        running = subprocess.run(["pgrep", "-f", str(tmp_path)], capture_output=True, text=True, check=False).stdout
+        assert not [pid for pid in running.split() if int(pid) != os.getpid()]
 
 
 def hear_interrupts() -> None:
