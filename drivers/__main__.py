@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import drivers.environment  # noqa: F401 - before anything that it lacks
 from drivers.base import paths
 from drivers.base.command_line import Parser, engines_file, must_be_folder, run_main, seconds
 from drivers.base.errors import InputError, RunError
@@ -22,7 +23,7 @@ def main() -> int:
     """Reads the command line and does what it says."""
     arguments = _parser().parse_args()
     for option, default in (("runs", paths.RUNS), ("results", paths.RESULTS), ("out", None)):
-        if option in arguments:
+        if option in arguments and "prune" not in arguments:
             setattr(arguments, option, getattr(arguments, option) or default)
             must_be_folder(f"--{option}", getattr(arguments, option))
     return int(arguments.action(arguments))
@@ -169,16 +170,41 @@ def _show(arguments: argparse.Namespace) -> int:
     return show(request_of(arguments.study, arguments.runs, arguments.engine), arguments.case)
 
 
+def _runs(arguments: argparse.Namespace) -> int:
+    from drivers.run.prune import prune
+    from drivers.run.run_folders import print_runs
+
+    if arguments.dry_run and not arguments.prune:
+        raise InputError("--dry-run", "", "no --prune", "it goes with --prune")
+    if arguments.runs and not arguments.runs.is_dir():
+        raise InputError(f"--runs {arguments.runs}", "", "no such folder", "a folder of runs")
+    runs, selected = arguments.runs or paths.RUNS, (arguments.scenes, arguments.engine, arguments.settings)
+    if arguments.prune:
+        prune(runs, *selected, dry_run=arguments.dry_run)
+    else:
+        print_runs(runs, *selected)
+    return 0
+
+
+def _scenes(_: argparse.Namespace) -> int:
+    from drivers.scene.shipped import print_shipped
+
+    print_shipped()
+    return 0
+
+
 # by the word for its value in the help: how an option is read
 SEVERAL: dict[str, Any] = {"action": "append", "default": []}
 KINDS: dict[str, dict[str, Any]] = {
     "": {"action": "store_true"},
     "SCENE": {},
+    "SCENE ...": {"nargs": "*", "metavar": "SCENE"},
     "STUDY": {},
     "E": SEVERAL,
     "PATTERN": SEVERAL,
     "LINE": SEVERAL,
     "KEY=VALUE": SEVERAL | {"dest": "settings"},
+    "KEY=GLOB": SEVERAL | {"dest": "settings"},
     "NAME": {"required": True},
     "DIR": {"type": Path},
     "FILE": {"type": engines_file},
@@ -192,9 +218,11 @@ KINDS: dict[str, dict[str, Any]] = {
 PLACES = ("--slice", "--dask", "--slurm")  # of a batch, one of them
 OPTIONS = {
     "scene SCENE": "a scene file, or the name of one in inputs/scenes",
+    "scenes SCENE ...": "scenes by name or file; left out: all",
     "study STUDY": "a study file, or the name of one in inputs/studies",
     "case CASE": "its number, as in the table",
     "--set KEY=VALUE": "a value over the scene's, as chain.count=60 or run.time_step='10 ns'; empty: leave the key out",
+    "--set KEY=GLOB": "runs with such a value, as 'striker.speed=2 m/s'; repeatable: values of a key add up",
     "--engine NAME": "its name, such as verlet",
     "--engine E": "repeatable; left out: all that are installed, or the study's; for run also auto: the cheapest",
     "--engines FILE": "entries of own builds and adapters, over those of the engines.toml that there are",
@@ -202,11 +230,12 @@ OPTIONS = {
     "--out FOLDER": "folder to write the deck to",
     "--runs DIR": "where runs are kept (default: runs/ of the checkout)",
     "--results DIR": "where the tables go (default: results/)",
+    "--prune": "remove runs that no command would use again: failed ones, of former builds and decks, leftovers",
     "--rerun": "run again what is done",
     "--time-limit S": "seconds after which a run is killed",
     "--unsafe": "do what a guard refuses, such as too large a time step",
     "--workers N": "processes on this machine (default: its cores)",
-    "--dry-run": "validate every case, say what there is to do, run nothing",
+    "--dry-run": "say what there is to do, and do nothing; of a batch every case is validated",
     "--retry": "run failed cases again",
     "--yes": "yes, more than 20,000 cases",
     "--slice I/N": "run part I of N here, and write no table",
@@ -234,6 +263,12 @@ COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, tuple[str, .
     "plan": (_plan, "time step, engine, errors and cost to expect of a scene", (*SCENE, "--engines FILE")),
     "batch": (_batch, "run what is not done of a study and write its table", BATCH),
     "status": (_status, "what is done, failed, stale, running and to do of a study", (*SOME, "--list")),
+    "runs": (
+        _runs,
+        "list the runs there are, by scene, engine and settings; or remove those of no use",
+        ("scenes SCENE ...", "--engine E", "--set KEY=GLOB", "--engines FILE", "--runs DIR", "--prune", "--dry-run"),
+    ),
+    "scenes": (_scenes, "list the shipped scenes, studies and materials", ()),
     "show": (_show, "lay a case of a study out as run folders with their decks", (*STUDY, "case CASE")),
 }
 
@@ -247,7 +282,7 @@ def _parser() -> Parser:
         place = command.add_mutually_exclusive_group() if "--slurm" in options else command
         for option in options:
             flag, _, word = option.partition(" ")
-            kind = KINDS[word] | ({"metavar": word} if word else {})
+            kind = KINDS[word] | ({"metavar": KINDS[word].get("metavar", word)} if word else {})
             (place if flag in PLACES else command).add_argument(flag, help=OPTIONS[option], **kind)
     return parser
 

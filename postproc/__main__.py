@@ -9,6 +9,7 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import drivers.environment  # noqa: F401 - before anything that it lacks
 from drivers.base import paths
 from drivers.base.command_line import Parser, engines_file, must_be_folder, run_main
 from drivers.base.errors import InputError, RunError
@@ -35,7 +36,7 @@ def main() -> int:
             command.add_argument(option, **look)
         command.set_defaults(action=action, command=name)
     arguments = parser.parse_args()
-    for option in ("out", "runs"):
+    for option in ("out", "runs")[: 1 if "run" in arguments else 2]:  # nothing is written beside a run that is read
         must_be_folder(f"--{option}", getattr(arguments, option, None))
     for path in arguments.action(arguments):
         print(paths.shown(path), flush=True)
@@ -133,8 +134,9 @@ def _spacetime(arguments: argparse.Namespace) -> Iterable[Path]:
 def _open(arguments: argparse.Namespace) -> tuple["EndedRun", str, str]:
     """A command's run, the name of what is made of it, after its engine and its folder, and its title."""
     from drivers.run.finished import open_run
+    from drivers.run.run_folders import run_folder
 
-    run = open_run(arguments.run)
+    run = open_run(run_folder(arguments.run, arguments.runs or paths.RUNS))
     name = f"{arguments.command}-{run.record.engine}-{run.folder.resolve().name}"
     return run, name, f"{run.record.scene.get('title') or run.record.scene_name} ({run.record.engine})"
 
@@ -156,8 +158,9 @@ OUT: Options = {"--out": {**FOLDER, "help": "folder to write to (default: result
 ENGINES: Options = {
     "--engines": {"type": engines_file, "metavar": "FILE", "help": "entries of own builds and adapters"}
 }
-RUNS: Options = {**ENGINES, "--runs": {**FOLDER, "help": "where run folders are (default: runs/)"}, **OUT}
-RUN: Options = {"run": {"type": Path, "metavar": "RUN", "help": "a run folder"}}
+FROM: Options = {"--runs": {**FOLDER, "help": "where run folders are (default: runs/)"}}
+RUNS: Options = {**ENGINES, **FROM, **OUT}
+RUN: Options = {"run": {"metavar": "RUN", "help": "a run folder, or ENGINE:SCENE for the newest"}, **FROM}
 SCENE: Options = {
     "scene": {"metavar": "SCENE", "help": "a scene file, or the name of one in inputs/scenes"},
     "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "dest": "settings"},

@@ -6,6 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import drivers.environment  # noqa: F401 - before anything that it lacks
 from drivers.base import paths
 from drivers.base.command_line import Parser, engines_file, must_be_file, must_be_folder, run_main, seconds
 from drivers.base.errors import InputError
@@ -69,8 +70,8 @@ def _asked(arguments: argparse.Namespace) -> "Asked":
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    asked = _asked(arguments)
-    folders = [Path(what) for what in arguments.what if Path(what).is_dir()]
+    asked, runs = _asked(arguments), arguments.runs or paths.RUNS
+    folders = [what for what in arguments.what if Path(what).is_dir() or ":" in what]
     if folders:
         if len(folders) != 2 or len(arguments.what) != 2:
             raise InputError("compare", "", " ".join(arguments.what), "scenes, or exactly two run folders")
@@ -78,10 +79,10 @@ def _compare(arguments: argparse.Namespace) -> int:
             if getattr(arguments, option):
                 words = option.replace("settings", "set")
                 raise InputError(f"--{words}", "", "two runs that are done", "an option for scenes")
+        from drivers.run.run_folders import run_folder
         from validation.compare.pair import compare_runs
 
-        return compare_runs(*folders)
-    runs = arguments.runs or paths.RUNS
+        return compare_runs(*(run_folder(folder, runs) for folder in folders))
     if arguments.against:
         if arguments.settings:
             raise InputError("--set", "", "runs that are done", "an option for scenes to be run")

@@ -3,8 +3,10 @@
 import argparse
 import errno
 import os
+import platform
 import signal
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
@@ -13,19 +15,34 @@ from typing import Any, NoReturn
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
 from drivers.base.files import home_of
+from drivers.base.processes import git
 
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says in one line what is wrong, and takes options by their whole names only."""
+    """A parser that says in one line what is wrong, and takes options by their whole names only.
+
+    That of a whole command line has a ``description``, and so ``--version``.
+    """
 
     def __init__(self, **words: Any) -> None:
         super().__init__(allow_abbrev=False, **words)
+        if "description" in words:
+            self.add_argument("--version", action=_Version, nargs=0, help="print version and commit")
 
     def error(self, message: str) -> NoReturn:
         """Exits with code 2."""
         self.exit(2, one_line(f"{self.prog}: ", message, f" (see {self.prog} --help)") + "\n")
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
+        changes = " and changes" * bool(git("status", "--porcelain"))
+        commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
+        print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
+        parser.exit()
 
 
 def seconds(text: str) -> float:

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from drivers.base import paths
+
 KEPT_VARIABLES = ("PATH", "HOME", "USER", "LOGNAME", "TMPDIR", "LD_LIBRARY_PATH")
 PROBE_LIMIT_S = 20.0
 UNKNOWN_VERSION = "unknown"
@@ -232,6 +234,15 @@ def line_of(command: tuple[str, ...], option: str, pattern: str) -> str:
         run_command((*command, option), Path(folder), PROBE_LIMIT_S)
         lines = (Path(folder) / "stdout.txt").read_text(errors="replace").splitlines()
     return next((line.strip() for line in lines if re.search(pattern, line)), UNKNOWN_VERSION)
+
+
+def git(*words: str) -> str:
+    """What git says of the checkout; empty where it does not."""
+    try:
+        done = subprocess.run(("git", *words), cwd=paths.ROOT, capture_output=True, text=True, check=False)
+    except OSError:
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""
 
 
 def kill_group(leader: int) -> None:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 NUMBER_AND_UNIT = re.compile(
     r" *([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?) *([A-Za-zµμ][\w*/^() .·-]*?) *"
 )
+PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+PREFIXED = ("m", "s", "N", "Pa", "m/s")
 LARGEST, SMALLEST = Decimal("1e30"), Decimal("1e-30")  # in SI units: well inside what products of doubles can hold
 
 
@@ -68,6 +70,19 @@ def to_si(text: str, unit: str) -> float:
     if value and not SMALLEST <= abs(value) <= LARGEST:
         raise NotAllowedError(f"from {SMALLEST:g} to {LARGEST:g} {unit}")
     return float(value)
+
+
+def quantity(value: float, unit: str) -> str:
+    """A value in an SI unit as people write it, such as ``0.1 us``; it reads back as the same double."""
+    number = Decimal(repr(value))
+    if unit == "kg":
+        number, unit = number.scaleb(3), "g"
+    elif unit in PREFIXED and number:
+        power = (number.adjusted() + 1) // 3 * 3
+        power = power if power in PREFIXES else 0
+        number, unit = number.scaleb(-power), PREFIXES[power] + unit
+    digits = "f" if abs(number.adjusted()) <= 6 else "g"
+    return f"{number.normalize():{digits}} {unit}"
 
 
 @dataclass(frozen=True)

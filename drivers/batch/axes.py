@@ -7,13 +7,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, Field
+from pydantic import BeforeValidator, Field
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml, read_value
+from drivers.scene.settings import look_up
 
 MAX_VALUES = 1_000_000
 FORMS = ("values", "from", "factors", "zip", "seeds", "table")
@@ -143,19 +144,6 @@ def _multiplied(base: dict[str, Any], key: str, factor: float, where: str, place
         found = f"{'nothing' if value is None else shorten(value)} at {key} of the base scene"
         raise InputError(where, f"{place}.factors", found, "a number or a quantity there")
     return f"{float(match.group(1)) * factor!r} {match.group(2)}"
-
-
-def look_up(tables: Any, key: str) -> Any:
-    """What stands at a key of a file's tables, or of a scene; None where there is nothing."""
-    for part in key.split("."):
-        if isinstance(tables, dict):
-            tables = tables.get(part)
-        elif isinstance(tables, (list, tuple)):
-            known = part.isascii() and part.isdecimal() and int(part) < len(tables)
-            tables = tables[int(part)] if known else None
-        else:
-            tables = getattr(tables, part, None) if isinstance(tables, BaseModel) else None
-    return tables
 
 
 def _table(path: Path, where: str, place: str) -> list[Choice]:

@@ -9,18 +9,19 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 from math import prod
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten, validate
-from drivers.batch.axes import Axis, Choice, expand, look_up
+from drivers.batch.axes import Axis, Choice, expand
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed, load_engine
-from drivers.scene.model import Part, Scene, SceneFile
+from drivers.scene.model import Part, Scene
 from drivers.scene.read_scene import find_input, find_scene, make_scene, read_toml, set_value
+from drivers.scene.settings import look_up, unit_of
 
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns that every table has
 
@@ -239,25 +240,6 @@ def column_name(name: str, key: str) -> str:
     """A column's name with its unit, such as ``striker.speed_m_s``."""
     unit = unit_of(key)
     return f"{name}_{re.sub(r'[/*]', '_', unit.replace('^', ''))}" if unit else name
-
-
-def unit_of(key: str) -> str:
-    """The SI unit of the quantity at a scene's key; empty where it has none."""
-    model: Any = SceneFile
-    unit = ""
-    for part in key.split("."):
-        field = model.model_fields.get(part) if model else None
-        unit = ""
-        if field is not None:  # else a place in a list, or the free name of a material: the same model goes on
-            parts = [*field.metadata, *_parts_of(field.annotation)]
-            unit = next((each.unit for each in parts if isinstance(each, units.InUnit)), "")
-            model = next((each for each in parts if isinstance(each, type) and issubclass(each, BaseModel)), None)
-    return unit
-
-
-def _parts_of(annotation: Any) -> list[Any]:
-    """An annotation with its metadata, and those of all that it is made of."""
-    return [annotation, *(part for each in get_args(annotation) for part in _parts_of(each))]
 
 
 def value_at(scene: Scene, key: str) -> Any:

@@ -108,7 +108,7 @@ class Setup:
             for name in names:
                 refuse(case, name, override="unsafe = true in the study")
         decks = {name: load_engine(name).render(case) for name in names}
-        runs = {name: run_identity(name, builds[name], deck) for name, deck in decks.items()}
+        runs = {name: run_identity(name, builds[name], deck.sha256) for name, deck in decks.items()}
         gauges = f"{case.layout}\0{builds[REFERENCE].version}"
         identities = {name: _digest(f"{run}\0{gauges}\0{self.readers[name]}")[:20] for name, run in runs.items()}
         kept = decks if case.chain.bodies < KEPT_DECKS_BODIES else {}

@@ -2,7 +2,6 @@
 
 import json
 import platform
-import subprocess
 from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import sha256_of, whole_file
+from drivers.base.processes import git
 from drivers.chain.case import Layout, read_layout
 from drivers.chain.trace import FORCES, Trace, read_forces
 
@@ -158,7 +158,7 @@ def open_run(folder: Path) -> EndedRun:
         InputError: there is none, or it is not done.
     """
     record = read_record(folder)
-    allowed = "a run folder, as python -m drivers run prints it"
+    allowed = "a run folder, or its name, as python -m drivers runs prints it"
     if record is None:
         unread = "a record that is damaged or of another version"
         found = unread if (folder / FILE).exists() else "no record of a run"
@@ -182,18 +182,10 @@ def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | No
 @cache
 def provenance() -> dict[str, Any]:
     """Host, commit, whether the work tree differs from it, and the lock file's digest."""
-    commit = _git("rev-parse", "HEAD")
+    commit = git("rev-parse", "HEAD")
     return {
         "host": f"{platform.node()}, {platform.system()} {platform.machine()}, Python {platform.python_version()}",
         "commit": commit or "unknown",
-        "dirty": bool(_git("status", "--porcelain")),
+        "dirty": bool(git("status", "--porcelain")),
         "lock_sha256": sha256_of(paths.LOCK) if paths.LOCK.exists() else "",
     }
-
-
-def _git(*words: str) -> str:
-    try:
-        done = subprocess.run(("git", *words), cwd=paths.ROOT, capture_output=True, text=True, check=False)
-    except OSError:
-        return ""
-    return done.stdout.strip() if done.returncode == 0 else ""

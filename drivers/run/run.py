@@ -57,7 +57,7 @@ def run_case(
     engine, home = load_engine(engine_name), runs / engine_name
     build = build_of(engine, home)
     deck = engine.render(case)
-    identity = run_identity(engine_name, build, deck)
+    identity = run_identity(engine_name, build, deck.sha256)
     layout = _description(case)["layout"]
     target = home / f"{case.scene.name}-{hashlib.sha256(repr(layout).encode()).hexdigest()[:6]}-{identity}"
     found = find_run(home, identity, layout)
@@ -186,9 +186,9 @@ def workers(count: int) -> Iterator[ThreadPoolExecutor]:
             raise
 
 
-def run_identity(engine_name: str, build: Build, deck: Deck) -> str:
+def run_identity(engine_name: str, build: Build, deck_sha256: str) -> str:
     """Digest of all that determines the numbers of a run."""
-    return hashlib.sha256(f"{engine_name}\0{build.identity}\0{deck.sha256}".encode()).hexdigest()[:12]
+    return hashlib.sha256(f"{engine_name}\0{build.identity}\0{deck_sha256}".encode()).hexdigest()[:12]
 
 
 def refresh_record(found: EndedRun, case: Case, target: Path) -> EndedRun:

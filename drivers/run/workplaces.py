@@ -62,24 +62,32 @@ def leased(home: Path, own: Path | None = None) -> set[str]:
     identities: set[str] = set()
     for folder in home.glob(".*@*"):
         with suppress(OSError, ValueError):  # it is just beginning or just ending, or no place of leases
-            if folder != own and _alive(folder):
+            if folder != own and (alive := _alive(folder)):
                 identities |= set(json.loads((folder / LEASE).read_text()))
+            elif folder != own and alive is False:
+                shutil.rmtree(folder, ignore_errors=True)
     return identities
 
 
-def _alive(folder: Path) -> bool:
-    """Whether the process of a workplace is; clears it if certainly not."""
+def leftovers(home: Path) -> list[Path]:
+    """Workplaces whose processes are certainly dead, which ``leased`` clears."""
+    found = []
+    for folder in home.glob(".*@*"):
+        with suppress(OSError):
+            found += [folder] * (_alive(folder) is False)
+    return found
+
+
+def _alive(folder: Path) -> bool | None:
+    """Whether the process of a workplace is alive; None where nobody knows."""
     age_s = time.time() - (folder / ALIVE).stat().st_mtime
     if not folder.name.endswith(f"@{_machine()}"):
-        if age_s > ABANDONED_S:
-            shutil.rmtree(folder, ignore_errors=True)
-        return age_s < ALIVE_S
+        return True if age_s < ALIVE_S else False if age_s > ABANDONED_S else None
     with open(folder / ALIVE, "r+") as alive:
         try:
             fcntl.flock(alive.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             return True
-    shutil.rmtree(folder, ignore_errors=True)
     return False
 
 

@@ -1,24 +1,21 @@
 """``python -m validation compare --runs OLD --against NEW``: quantities in which runs of the same scenes differ."""
 
-import json
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from drivers.base import paths
 from drivers.base.command_line import engines_again
 from drivers.base.errors import InputError
-from drivers.run.finished import FILE, RunRecord, read_record
+from drivers.run.run_folders import KeptRun, kept_runs
 from validation.compare.asked import Asked, print_unmet
-from validation.compare.pair import FREE_TEXT, LEVELS, compare_pair, different_keys, open_pair
+from validation.compare.pair import LEVELS, compare_pair, different_keys, open_pair
 from validation.compare.verdict import FAIL, NOT_RUN, RUN, Verdict, heading, line_of, without_run
 
 ROUNDING = min(LEVELS)  # of the largest change: what differs by less has not moved
 ALL = "all"  # quantities, where none has moved
-NO_PHYSICS = (*FREE_TEXT, "title", "name")  # keys of a scene that change no number
 Key = tuple[str, str]
 
 
@@ -39,47 +36,6 @@ def moved(first: Path, second: Path) -> list[Verdict]:
     most = max(pair.verdicts, key=lambda verdict: verdict.value)
     words = f"the same to rounding, most of all {most.quantity}" if most.value else "the same, bit for bit"
     return [replace(most, quantity=ALL, where=words + until)]
-
-
-@dataclass(frozen=True)
-class Kept:
-    """A run in a folder, well or badly ended; without a record where that cannot be read."""
-
-    folder: Path
-    record: RunRecord | None
-
-    @property
-    def engine(self) -> str:
-        """Name of its engine."""
-        return self.record.engine if self.record else self.folder.parent.name
-
-    @property
-    def scene(self) -> str:
-        """Name of its scene."""
-        return self.record.scene_name if self.record else self.folder.name.rsplit("-", 2)[0]
-
-    @property
-    def key(self) -> Key:
-        """Its engine, and its scene with all settings."""
-        return self.engine, json.dumps(_physics(self.record.scene), sort_keys=True) if self.record else self.folder.name
-
-    @property
-    def build(self) -> str:
-        """Build of its engine, in words."""
-        return f"{self.record.engine_version} {self.record.build_sha256[:12]}".strip() if self.record else "not known"
-
-    @property
-    def trouble(self) -> str:
-        """Why it has no numbers; empty where it is done."""
-        if self.record is None:
-            return "a record that is damaged or of another version"
-        return "" if self.record.status == "done" else f"{self.record.status}: {self.record.reason}"
-
-
-def _physics(part: Any) -> Any:
-    if isinstance(part, dict):
-        return {key: _physics(value) for key, value in part.items() if key not in NO_PHYSICS}
-    return [_physics(each) for each in part] if isinstance(part, list) else part
 
 
 def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: Asked) -> int:
@@ -134,17 +90,16 @@ def print_again(pairs: Iterable[tuple[Path, Path]]) -> None:
         print("look closer:", shlex.join(words))
 
 
-def _runs(option: str, folder: Path) -> dict[Key, Kept]:
+def _runs(option: str, folder: Path) -> dict[Key, KeptRun]:
     """Runs of a folder; of those of several builds of an engine the last, not one beside which a better one stands."""
-    found = [Kept(file.parent, read_record(file.parent)) for file in folder.glob(f"*/[!.]*/{FILE}")]
+    found = kept_runs(folder)
     if not found:
         allowed = "a folder of runs, as python -m drivers run --runs writes them"
         raise InputError(f"{option} {paths.shown(folder)}", "", "no run", allowed)
-    found.sort(key=lambda run: (not run.folder.name.endswith("-failed"), (run.folder / FILE).stat().st_mtime))
-    return {run.key: run for run in found}
+    return {run.key: run for run in sorted(found, key=lambda run: not run.folder.name.endswith("-failed"))}
 
 
-def _unpaired(key: Key, sides: dict[Path, dict[Key, Kept]], asked: Asked) -> Verdict:
+def _unpaired(key: Key, sides: dict[Path, dict[Key, KeptRun]], asked: Asked) -> Verdict:
     """The verdict on a run that failed, or is missing in one of the folders."""
     troubles, missing = [], []
     for folder, side in sides.items():
@@ -155,7 +110,7 @@ def _unpaired(key: Key, sides: dict[Path, dict[Key, Kept]], asked: Asked) -> Ver
     return without_run("", "", "; ".join(troubles + missing), FAIL if troubles or not asked.allow_missing else NOT_RUN)
 
 
-def _closest(key: Key, side: dict[Key, Kept], sides: dict[Path, dict[Key, Kept]]) -> str:
+def _closest(key: Key, side: dict[Key, KeptRun], sides: dict[Path, dict[Key, KeptRun]]) -> str:
     """Keys in which the closest run of a scene differs from one that is missing, in words."""
     (own,) = (other[key] for other in sides.values() if key in other)
     alike = [run.record for run in side.values() if (run.engine, run.scene) == (own.engine, own.scene) and run.record]

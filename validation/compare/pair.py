@@ -13,12 +13,12 @@ from drivers.base.errors import InputError
 from drivers.base.files import sha256_of
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.batch.store import ENDING
-from drivers.batch.study import unit_of
 from drivers.chain.case import Case
 from drivers.chain.elements import choose_elements
 from drivers.chain.trace import FORCES, Trace, part_of, until
 from drivers.engines import EXACT, load_engine
 from drivers.run.finished import FILE, EndedRun, open_run
+from drivers.scene.settings import differences, setting_text
 from postproc.read.motion import chain_of
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
 from postproc.read.signals import integral
@@ -32,8 +32,6 @@ KINDS = ("peak", "later peak", "speed")  # of observables that are judged
 LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)
 MIN_SAMPLES = 4  # of which peaks can be read
 TIME_TOLERANCE = 1e-9  # of a sample time
-DERIVED = ("units", "name", "steps_per_sample", "samples")  # no keys of a scene file
-FREE_TEXT = ("source",)
 
 
 @dataclass(frozen=True)
@@ -308,35 +306,13 @@ def _budgets(*both: tuple[str, PairedRun]) -> Iterator[str]:
 
 
 def different_keys(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
-    """A line for each key that differs, such as ``run.time_step: 1e-07 s against 1e-06 s``.
+    """A line for each key that differs, such as ``run.time_step: 0.1 us against 1 us``.
 
     Args:
         one: the scene of a run record, in SI units.
         other: another.
     """
-    return [f"{path}: {_shown(path, a)} against {_shown(path, b)}" for path, a, b in _different(one, other, "")]
-
-
-def _different(one: Any, other: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
-    """Paths with both values; of what one of both lacks as a whole: one line."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        for key in dict.fromkeys([*one, *other]):
-            if key not in (FREE_TEXT if path else DERIVED):
-                yield from _different(one.get(key), other.get(key), f"{path}.{key}" if path else key)
-    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
-        for place, values in enumerate(zip(one, other, strict=True)):
-            yield from _different(*values, f"{path}.{place}")
-    elif one != other:
-        yield path, one, other
-
-
-def _shown(path: str, value: Any) -> str:
-    if value is None or value == []:
-        return "none"
-    if isinstance(value, dict):
-        return ", ".join(
-            f"{key} {_shown(f'{path}.{key}', each)}" for key, each in value.items() if key not in FREE_TEXT
-        )
-    if isinstance(value, list):
-        return "; ".join(_shown(f"{path}.{place}", each) for place, each in enumerate(value))
-    return f"{value!r} {unit_of(path)}".strip() if isinstance(value, float) else str(value)
+    return [
+        f"{key}: {setting_text(key, a) or 'none'} against {setting_text(key, b) or 'none'}"
+        for key, a, b in differences(one, other)
+    ]

@@ -1,10 +1,12 @@
-"""Kernels of the exact reference: the module is imported where something is integrated: it loads compiled code."""
+"""Kernels of the exact reference: the module is imported where something is integrated, as it loads compiled code."""
 
 from math import sqrt
+from typing import Any
 
 import numpy as np
 from numba import njit
 
+from validation.reference.contact_kernels import copy
 from validation.reference.dop853 import ROWS, Bodies, error, evaluate_dense, prepare_dense, slope, step, step_factor
 from validation.reference.hertz_chain import Array
 
@@ -12,48 +14,54 @@ DENSE_LIMIT = 1e-9  # local tolerance below which samples of damped contacts are
 EVENT_OVERLAP = 1e-13  # of the overlap scale: contacts that are open or closed by less are at no event
 MAX_TRIES = 12  # of Newton's method for the time of an event
 MAX_REJECTED = 200  # in a row
+# states, their ends, work; stages, spare ones, dense output
+Room = tuple[Array, Array, Array, Array, Array, Array]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _raised(s: float, power: float) -> float:
     return s * s * s * s if power == 4.0 else s * s
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _root(elapsed: float, power: float) -> float:
     root = sqrt(max(elapsed, 0.0))
     return sqrt(root) if power == 4.0 else root
 
 
+def room_for(start: Array) -> Room:
+    """Arrays that ``follow`` works in, the first with the state at time 0."""
+    size = start.size
+    state, end, work = (np.zeros((3, size)) for _ in range(3))
+    state[0] = start
+    return state, end, work, np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
+
+
 @njit(cache=True, error_model="numpy")
 def follow(
-    start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float
-) -> tuple[Array, bool]:
-    """States of a chain at all times, shape (samples, 2 bodies), and whether it got there.
+    times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float, samples: Array, room: Room
+) -> bool:
+    """Fills the states of a chain at all times but the first, shape (samples, 2 bodies); whether it got there.
 
     Local errors of each step stay below ``tolerance`` times ``scale``, shape (2 bodies,).
     """
-    size = start.size
+    state, end, work, slopes, spare, dense = room
     power = 4.0 if bodies[2].size else 2.0
     dense_enough = power == 2.0 or tolerance >= DENSE_LIMIT
-    state, end, work = np.zeros((3, size)), np.zeros((3, size)), np.zeros((3, size))
-    slopes, spare, dense = np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
-    samples = np.empty((times.size, size))
-    samples[0] = start
-    state[0] = start
-    slope(start, 1.0, state[2], bodies)
+    slope(state[0], 1.0, state[2], bodies)
+    nobody: Any = np.int64(-1)  # no literal: those would compile what takes them once more
     event, rest = 0.0, 0.0  # the sum is the time of the last event; all else counts from it
-    s, h, sample, rejected, last = 0.0, _root(first_step, power), 1, 0, -1
+    s, h, sample, rejected, last = 0.0, _root(first_step, power), 1, 0, nobody
 
     while sample < times.size:
         if rejected > MAX_REJECTED:
-            return samples, False
+            return False
         elapsed, final = _raised(s, power), (times[-1] - event) - rest
         s_end = min(s + h, _root(final, power))
         target = final if s_end < s + h else _raised(s_end, power)
         begin, length, stretch = s, s_end - s, power
         step(state, s, length, power, slopes, end, bodies)
-        contact, share = _first_event(state[0], end[0], bodies, scale, last)
+        contact, share = _first_event(state[0], end[0], bodies, scale, last, nobody)
         if contact >= 0:
             guess = _raised(s + share * length, power)
             begin, length, stretch, target = _step_to_event(state, s, power, guess, contact, slopes, end, bodies)
@@ -74,12 +82,12 @@ def follow(
             until = (times[sample] - event) - rest
             part = (_root(until, power) if stretch > 0.0 else sqrt(max(target - until, 0.0))) - begin
             if until == target:
-                samples[sample] = end[0]
+                copy(end[0], samples[sample])
             elif dense_enough:
                 evaluate_dense(state[0], dense, part / length, samples[sample])
             else:
                 step(state, begin, part, stretch, spare, work, bodies)
-                samples[sample] = work[0]
+                copy(work[0], samples[sample])
             sample += 1
         if contact >= 0:
             if end[0, contact] <= scale[0] * EVENT_OVERLAP:  # it is 0 but for rounding, which is kept
@@ -95,14 +103,13 @@ def follow(
         else:
             s, h = s_end, length * step_factor(e)
         last = contact
-        state[:] = end
-    return samples, True
+        for row in range(len(state)):
+            copy(end[row], state[row])
+    return True
 
 
-@njit(cache=True, error_model="numpy")
-def _first_event(
-    start: Array, end: Array, bodies: Bodies, scale: Array, last: int, known: int = -1
-) -> tuple[int, float]:
+@njit(error_model="numpy")
+def _first_event(start: Array, end: Array, bodies: Bodies, scale: Array, last: int, known: int) -> tuple[int, float]:
     """The contact that opens, closes or lets go first in a step, by linear interpolation, and where; -1: none does."""
     _, stiffness, damping, _ = bodies
     n = stiffness.size
@@ -123,20 +130,20 @@ def _first_event(
     return first, where
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _closing(state: Array, contact: int) -> float:
     velocity = state[state.size // 2 :]
     return float((velocity[contact - 1] if contact > 0 else 0.0) - velocity[contact])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float:
     """``k d^(5/4) + C d'``: below 0 a closed contact that loses energy has let go."""
     overlap = max(state[contact], 0.0)
     return float(stiffness * overlap * sqrt(sqrt(overlap)) + damping * _closing(state, contact))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _step_to_event(
     state: Array, s: float, power: float, guess: float, contact: int, slopes: Array, end: Array, bodies: Bodies
 ) -> tuple[float, float, float, float]:

@@ -1,24 +1,33 @@
-"""Contact law of the compiled integrators, as ``hertz_chain`` has it for arrays."""
+"""What the compiled integrators share: the contact law, as ``hertz_chain`` has it for arrays, and copying."""
 
 from math import sqrt
 
 from numba import njit
 
+from validation.reference.hertz_chain import Array
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+
+@njit(error_model="numpy", forceinline=True)
 def elastic_force(stiffness: float, overlap: float) -> float:
     """``F = k d^(3/2)`` of one closed contact."""
     return stiffness * overlap * sqrt(overlap)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def overlap_power(overlap: float) -> float:
     """``d^(3/2)`` of an overlap of 0 or more, for kernels that multiply by the stiffness last."""
     return overlap * sqrt(overlap)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def damped_force(stiffness: float, damping: float, overlap: float, closing: float) -> float:
     """``F = max(0, k d^(3/2) + C d^(1/4) d')`` of one closed contact."""
     root = sqrt(overlap)
     return max(stiffness * overlap * root + damping * sqrt(root) * closing, 0.0)
+
+
+@njit(error_model="numpy", forceinline=True)
+def copy(source: Array, target: Array) -> None:
+    """``target[:] = source``, which would compile three seconds long: the message for shapes that do not match."""
+    for i in range(target.size):
+        target[i] = source[i]

@@ -33,7 +33,7 @@ ROUNDING = 0.5**53  # of a double
 Bodies = tuple[Array, Array, Array, Array]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     """Writes ``stretch * dy/dt`` to ``result``."""
     inverse_mass, stiffness, damping, acceleration = bodies
@@ -56,13 +56,13 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     result[2 * n - 1] = stretch * (force_below * inverse_mass[n - 1] + acceleration[n - 1])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _stretch(s: float, power: float) -> float:
     """``dt/ds``."""
     return 4.0 * s * s * s if power == 4.0 else power * s
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def weigh(h: float, weights: Array, slopes: Array, result: Array) -> None:
     """Writes ``h * weights @ slopes`` to ``result``."""
     result[:] = 0.0
@@ -73,7 +73,7 @@ def weigh(h: float, weights: Array, slopes: Array, result: Array) -> None:
                 result[i] += weight * slopes[row, i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Array, bodies: Bodies) -> None:
     """One step from s to s + h; writes values and what rounding left out of them, and fills the stages."""
     start, result = state[0], end[0]
@@ -93,7 +93,7 @@ def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Arr
         end[1, i] = (start[i] - (result[i] - kept)) + (change - kept)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def error(
     end: Array, s_end: float, h: float, power: float, slopes: Array, scale: Array, tolerance: float, work: Array,
     bodies: Bodies,
@@ -121,7 +121,7 @@ def error(
     return largest / tolerance
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _pressing(body: int, overlap: Array, bodies: Bodies) -> float:
     """Sum of the elastic forces on a body."""
     stiffness = bodies[1]
@@ -129,7 +129,7 @@ def _pressing(body: int, overlap: Array, bodies: Bodies) -> float:
     return above + elastic_force(stiffness[body], max(overlap[body], 0.0))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def step_factor(error: float) -> float:
     """Next step over this one, by this one's error over the tolerance: below 1 where it is to be repeated."""
     if not error < 1e300:
@@ -139,7 +139,7 @@ def step_factor(error: float) -> float:
     return float(min(6.0, max(0.333, 0.9 * error**-0.125))) if error > 0.0 else 6.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def prepare_dense(
     start: Array, end: Array, s: float, h: float, power: float, slopes: Array, dense: Array, work: Array, bodies: Bodies
 ) -> None:
@@ -158,7 +158,7 @@ def prepare_dense(
         weigh(h, D[row], slopes, dense[3 + row])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def evaluate_dense(start: Array, dense: Array, x: float, result: Array) -> None:
     """Writes the state at the share x of the step to ``result``; the interpolant is of order 7."""
     for i in range(start.size):

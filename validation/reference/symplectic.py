@@ -7,7 +7,7 @@ smooth once only where a contact opens or closes; where that happens often, the 
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import elastic_force
+from validation.reference.contact_kernels import copy, elastic_force
 from validation.reference.hertz_chain import Array, HertzChain, Motion, check_timing, displacements, hertz_force
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
@@ -54,5 +54,6 @@ def _integrate(
                     velocity[j] += KICKS[part] * dt * ((force - above) * inverse_mass[j] + acceleration[j])
                     above = force
         if step % every == 0:
-            overlaps[step // every], velocities[step // every] = overlap, velocity
+            copy(overlap, overlaps[step // every])
+            copy(velocity, velocities[step // every])
     return overlaps, velocities

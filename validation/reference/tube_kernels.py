@@ -1,4 +1,4 @@
-"""Kernels of a chain in a tube: the module is imported where something is integrated: it loads compiled code."""
+"""Kernels of a chain in a tube: the module is imported where something is integrated, as it loads compiled code."""
 
 from math import sqrt
 
@@ -29,14 +29,14 @@ def run_tube(
     """Runs the time loop and fills the samples: of contacts their forces, of bodies four arrays."""
     mass = bodies[0]
     place, velocity, spin, force, torque, bore, axial = state
-    _forces(bodies, numbers, state, memory, marks, incremental, dt, False)
+    _forces(bodies, numbers, state, memory, marks, incremental, dt, dt < 0.0)
     for j in range(mass.size):  # half a step back
         for axis in range(3):
             velocity[j, axis] -= 0.5 * dt * force[j, axis] / mass[j]
             spin[j, axis] -= 0.5 * dt * torque[j, axis] / inertia[j]
     for step in range((len(forces) - 1) * every + 1):
         if step or incremental:  # LIGGGHTS takes its first forces from the velocities at time 0, shears not yet moved
-            _forces(bodies, numbers, state, memory, marks, incremental, dt, True)
+            _forces(bodies, numbers, state, memory, marks, incremental, dt, dt > 0.0)
         if step % every == 0:
             sample = step // every
             for j in range(mass.size):
@@ -53,7 +53,7 @@ def run_tube(
                 spin[j, axis] += dt * torque[j, axis] / inertia[j]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _forces(
     bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
     moved: bool,
@@ -72,7 +72,7 @@ def _forces(
             force[j, 0] = force[j, 1] = 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _between(
     j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
     moved: bool,
@@ -146,7 +146,7 @@ def _between(
         force[j - 1, 2] -= fz
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _turning(j: int, normal: Array, spin: Array, alone: bool) -> float:
     """Spin of the contact about its normal: the sum of the two bodies'."""
     total = 0.0
@@ -155,7 +155,7 @@ def _turning(j: int, normal: Array, spin: Array, alone: bool) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _in_bore(
     j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
     moved: bool,
@@ -197,7 +197,7 @@ def _in_bore(
     force[j, 2] += fz
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _friction(
     kept: Array, before: Array, normal: Three, slip: Three, turning: float, stiffness: float, most: float, dt: float,
     incremental: bool, moved: bool,
@@ -239,7 +239,7 @@ def _friction(
     return scale * x, scale * y, scale * z
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _mark(
     j: int, overlap: float, closing: float, energy: float, deepest: Array, fastest: Array, closed: Array,
     energies: Array,

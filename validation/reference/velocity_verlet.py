@@ -33,7 +33,8 @@ def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: in
     arrays, half_kick = _start(chain, time_step_s), 0.5 * time_step_s / chain.mass_kg
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
     kept = (motion.force_N, motion.displacement_m, motion.velocity_m_s)
-    fill_samples(arrays, time_step_s, steps_per_sample, half_kick, chain.load_N, *kept)
+    none = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
+    fill_samples(arrays, time_step_s, steps_per_sample, half_kick, chain.load_N, *kept, *none)
     return Motion(motion.force_N, displacements(chain, motion.displacement_m), motion.velocity_m_s)
 
 
@@ -137,8 +138,8 @@ def integrate_verlet_absolute(
 
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
     integrate_absolute(
-        chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s, chain.load_N, chain.damping,
-        attraction, local_damping, time_step_s, steps_per_sample,
-        motion.force_N, motion.displacement_m, motion.velocity_m_s,
+        chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s.copy(), chain.load_N,
+        chain.damping, np.zeros(len(reach_m) + 1), np.zeros(len(reach_m)), attraction, local_damping,
+        time_step_s, steps_per_sample, motion.force_N, motion.displacement_m, motion.velocity_m_s,
     )  # fmt: skip
     return Motion(motion.force_N, motion.displacement_m - height_m, motion.velocity_m_s)

@@ -1,4 +1,4 @@
-"""Kernels of velocity Verlet: the module is imported where something is integrated: it loads compiled code.
+"""Kernels of velocity Verlet: the module is imported where something is integrated, as it loads compiled code.
 
 Long chains go in tiles that fit the cache and take many steps at a time, each step one bead further down, so that every
 bead finds its neighbours at the right step.
@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from validation.reference.contact_kernels import elastic_force, overlap_power
+from validation.reference.contact_kernels import copy, elastic_force, overlap_power
 from validation.reference.hertz_chain import Array
 
 TILE = 2048  # beads: their six numbers each fit the second-level cache
@@ -20,7 +20,7 @@ BLOCK = 128  # steps that a tile takes at a time
 Arrays = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _sweep(
     below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array, dt: float
 ) -> None:
@@ -38,7 +38,7 @@ def _sweep(
         force[j] = stiffness[j] * overlap_power(closed)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _sweep_damped(
     below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
     damping: Array, dt: float,
@@ -58,7 +58,7 @@ def _sweep_damped(
         force[j] = max(stiffness[j] * (now * root) + damping[j] * sqrt(root) * closing, 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _step_range(
     arrays: Arrays, dt: float, low: int, high: int, below: float, step: int, every: int,
     places: NDArray[np.int64], recorded: Array,
@@ -78,7 +78,7 @@ def _step_range(
     _record(force, low, high, step, every, places, recorded)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _record(
     force: Array, low: int, high: int, step: int, every: int, places: NDArray[np.int64], recorded: Array
 ) -> None:
@@ -127,16 +127,15 @@ def advance(
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_samples(
     arrays: Arrays, dt: float, every: int, half_kick: Array, load: Array,
-    forces: Array, overlaps: Array, velocities: Array,
+    forces: Array, overlaps: Array, velocities: Array, nowhere: NDArray[np.int64], nothing: Array,
 ) -> None:  # fmt: skip
     """Fills the samples, the first with the start; velocities are brought to the time of the forces."""
     velocity, overlap, force = arrays[0], arrays[1], arrays[2]
-    nothing, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
     for sample in range(len(forces)):
         if sample:
             for first in range(0, every, BLOCK):
                 steps = min(BLOCK, every - first)
-                advance(arrays, dt, 0, overlap.size, False, False, 0, steps, steps, nothing, nowhere, force)
+                advance(arrays, dt, 0, overlap.size, False, False, 0, steps, steps, nowhere, nothing, force)
         for j in range(overlap.size):
             forces[sample, j] = force[j]
             overlaps[sample, j] = overlap[j]
@@ -160,13 +159,12 @@ def fill_between(
 
 @njit(cache=True)
 def integrate_absolute(
-    mass: Array, stiffness: Array, height: Array, reach: Array, velocity0: Array, load: Array, damping: Array,
-    attraction: bool, local: float, dt: float, every: int, forces: Array, heights: Array, velocities: Array,
+    mass: Array, stiffness: Array, height: Array, reach: Array, velocity: Array, load: Array, damping: Array,
+    force: Array, net: Array, attraction: bool, local: float, dt: float, every: int, forces: Array, heights: Array,
+    velocities: Array,
 ) -> None:  # fmt: skip
     """Fills the samples of ``integrate_verlet_absolute``, heights being the state."""
-    n = mass.size
-    velocity, force, net = velocity0.copy(), np.zeros(n + 1), np.zeros(n)
-    half = 0.5 * dt
+    n, half = mass.size, 0.5 * dt
     for step in range((len(forces) - 1) * every + 1):
         if step:
             for j in range(n):
@@ -191,6 +189,6 @@ def integrate_absolute(
                 kick *= share
             velocity[j] += kick
         if step % every == 0:
-            forces[step // every] = force[:n]
-            heights[step // every] = height
-            velocities[step // every] = velocity
+            copy(force, forces[step // every])
+            copy(height, heights[step // every])
+            copy(velocity, velocities[step // every])

@@ -113,8 +113,8 @@ def test_another_time_step_is_another_run(
     assert code == 0  # told that runs may be missing
     rows = [line for line in lines if "no such run in" in line]
     assert len(rows) == 2
-    assert rows[0].endswith("; the closest differs: run.time_step: 1e-07 s against 5e-08 s")
-    assert rows[1].endswith("; the closest differs: run.time_step: 5e-08 s against 1e-07 s")
+    assert rows[0].endswith("; the closest differs: run.time_step: 0.1 us against 50 ns")
+    assert rows[1].endswith("; the closest differs: run.time_step: 50 ns against 0.1 us")
     assert all(f"{VERLET}     run" in row and "not run: " in row for row in rows)
 
 

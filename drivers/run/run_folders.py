@@ -1,0 +1,274 @@
+"""Runs that a folder of runs keeps: listed, found by scene, engine and settings, and by names without a hash."""
+
+import json
+import os
+import re
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cached_property
+from math import isclose
+from pathlib import Path
+from typing import Any
+
+from drivers.base import paths
+from drivers.base.errors import InputError, one_line
+from drivers.base.units import to_si
+from drivers.batch.store import ENDING, Store
+from drivers.chain.trace import FORCES
+from drivers.run.finished import FILE, RunRecord, read_record
+from drivers.scene.model import Scene
+from drivers.scene.read_scene import read_scene, read_value, stored_scene
+from drivers.scene.settings import FREE_TEXT, look_up, setting_text, settings_between, unit_of
+
+NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-[0-9a-f]{12}(-failed)?")  # of a run folder, beginning with its scene's
+NO_PHYSICS = (*FREE_TEXT, "title", "name")  # keys of a scene that change no number
+UNREAD = "a record that is damaged or of another version"
+ROUNDING = 1e-12
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class KeptRun:
+    """A run in a folder, well or badly ended.
+
+    Attributes:
+        record: None where it cannot be read.
+        resolved: its scene in SI units, with the keys of today.
+    """
+
+    folder: Path
+    record: RunRecord | None
+    resolved: Json
+
+    @property
+    def engine(self) -> str:
+        """Name of its engine."""
+        return self.record.engine if self.record else self.folder.parent.name
+
+    @property
+    def scene(self) -> str:
+        """Name of its scene."""
+        found = NAME.fullmatch(self.folder.name)
+        return self.record.scene_name if self.record else found[1] if found else self.folder.name
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Its engine, and its scene with all settings."""
+        return self.engine, json.dumps(_physics(self.resolved), sort_keys=True) if self.record else self.folder.name
+
+    @property
+    def build(self) -> str:
+        """Build of its engine, in words."""
+        return f"{self.record.engine_version} {self.record.build_sha256[:12]}".strip() if self.record else "not known"
+
+    @property
+    def trouble(self) -> str:
+        """Why it has no numbers; empty where it has."""
+        if self.record is None:
+            return UNREAD
+        if self.record.status != "done":
+            return f"{self.record.status}: {self.record.reason}"
+        return "" if FORCES in self.files else f"{FORCES}: found no such file"
+
+    @cached_property
+    def files(self) -> dict[str, os.stat_result]:
+        """Files by name; none where the folder is gone by now."""
+        with suppress(OSError), os.scandir(self.folder) as entries:
+            return {entry.name: entry.stat() for entry in entries}
+        return {}
+
+    @property
+    def size(self) -> int:
+        """Bytes of its files."""
+        return sum(stat.st_size for stat in self.files.values())
+
+    @property
+    def ended(self) -> float:
+        """When its record was written, in seconds of Unix time; where there is none, a file."""
+        dates = {name: stat.st_mtime for name, stat in self.files.items()}
+        return dates.get(FILE, max(dates.values(), default=0.0))
+
+
+def _physics(part: Any) -> Any:
+    if isinstance(part, dict):
+        return {key: _physics(value) for key, value in part.items() if key not in NO_PHYSICS}
+    return [_physics(each) for each in part] if isinstance(part, list) else part
+
+
+def kept_runs(runs: Path) -> list[KeptRun]:
+    """All runs of a folder, the newest last; other folders in it are passed over."""
+    batches = Store(runs).folder
+    found = [_read(folder) for folder in runs.glob("[!.]*/[!.]*") if folder.parent != batches]
+    named = [run for run in found if run.record or (NAME.fullmatch(run.folder.name) and run.folder.is_dir())]
+    return sorted(named, key=lambda run: (run.ended, run.folder))
+
+
+def _read(folder: Path) -> KeptRun:
+    record = read_record(folder)
+    try:
+        if record and all(isinstance(each, str) for each in (record.engine, record.scene_name, record.status)):
+            return KeptRun(folder, record, _in_si(stored_scene(record.scene)))
+    except (TypeError, ValueError, LookupError, AttributeError):  # a scene of something else
+        pass
+    return KeptRun(folder, None, {})
+
+
+def _in_si(scene: Scene) -> Json:
+    return scene.model_dump(mode="json", exclude_none=True, warnings=False)
+
+
+def select(
+    kept: Sequence[KeptRun], scenes: Iterable[str], engines: Iterable[str], settings: Sequence[str]
+) -> list[KeptRun]:
+    """Runs of scenes, by name or file, on engines, with ``KEY=VALUE`` of all keys; none given: all.
+
+    Values may be globs; those of one key add up.
+
+    Raises:
+        InputError: there is none.
+    """
+    found = list(kept)
+    for what, asked in (("scene", [_name_of(scene) for scene in scenes]), ("engine", list(engines))):
+        known = {getattr(run, what) for run in kept}
+        for name in asked:
+            if name not in known:
+                raise InputError("runs", what, f'no run of "{name}"', ", ".join(sorted(known)) or "none: no runs here")
+        found = [run for run in found if not asked or getattr(run, what) in asked]
+    by_key: dict[str, list[str]] = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals:
+            raise InputError(f"--set {setting}", "", "no KEY=VALUE", "such as 'striker.speed=2 m/s'; globs do as well")
+        by_key.setdefault(key.strip(), []).append(value.strip())
+    for key, values in by_key.items():
+        found = [run for run in found if run.record and any(_has(run.resolved, key, value) for value in values)]
+    if settings and not found:
+        allowed = "values that runs have, such as python -m drivers runs lists"
+        raise InputError(f"--set {' --set '.join(settings)}", "", "no run", allowed)
+    return found
+
+
+def _name_of(source: str) -> str:
+    """Name of a scene given by name or file."""
+    return Path(source).stem if source.endswith(".toml") else source
+
+
+def _has(scene: Json, key: str, asked: str) -> bool:
+    """Whether a scene has a value at a key, or one that matches it as a glob."""
+    value = look_up(scene, key)
+    if fnmatchcase(setting_text(key, value), asked) or (asked and read_value(asked) == value):
+        return True
+    with suppress(ValueError, TypeError):
+        return isclose(to_si(asked, unit_of(key)), value, rel_tol=ROUNDING)
+    return False
+
+
+def _base_of(source: str) -> Json | None:
+    """The scene of a file; None where there is none that can be read.
+
+    Args:
+        source: a name as records have it, of a shipped scene or else of a file in the present folder; or a path.
+    """
+    for path in (source, f"{source}.toml"):
+        with suppress(InputError):
+            return _in_si(read_scene(path))
+    return None
+
+
+def _settings(run: KeptRun, base: Json | None) -> dict[str, str] | None:
+    return None if base is None or run.record is None else settings_between(run.resolved, base)
+
+
+def _newest(kept: Iterable[KeptRun], base: Json | None) -> KeptRun | None:
+    """The newest done run of a scene as its file has it, else with other settings."""
+    done = [run for run in kept if not run.trouble]
+    return max(done, key=lambda run: (_settings(run, base) == {}, run.ended), default=None)
+
+
+def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
+    """A run folder by its path, or by ``ENGINE:SCENE``: the newest done run of the scene as its file has it.
+
+    Where there is none, the newest one with other settings is taken, and a line on stderr says so.
+
+    Raises:
+        InputError: there is no such run.
+    """
+    engine, colon, source = str(name).partition(":")
+    if not colon or Path(name).exists():
+        return Path(name)
+    scene, kept, base = _name_of(source), kept_runs(runs), _base_of(source)
+    found = _newest((run for run in kept if (run.engine, run.scene) == (engine, scene)), base)
+    if found is None:
+        known = sorted({f"{run.engine}:{run.scene}" for run in kept if not run.trouble})
+        near = [each for each in known if each.startswith(f"{engine}:")]
+        near = near or [each for each in known if each.endswith(f":{scene}")] or known
+        allowed = ", ".join(near) or "none: no run is done there"
+        raise InputError(str(name), "", f"no such run in {paths.shown(runs)}", allowed)
+    if differs := _difference(found, base):
+        print(
+            one_line(f"{name}: no run of the scene as its file has it; took {paths.shown(found.folder)}, ", differs),
+            file=sys.stderr,
+        )
+    return found.folder
+
+
+def _difference(run: KeptRun, base: Json | None) -> str:
+    """Settings that differ from the scene file, in words."""
+    if base is None:
+        return "" if run.record is None else "no scene file to compare with"
+    return ", ".join(f"{key}={value}" for key, value in (_settings(run, base) or {}).items())
+
+
+def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settings: Sequence[str]) -> None:
+    """Prints runs, a line each, the newest last, and their sum."""
+    kept = kept_runs(runs)
+    sources = {Path(scene).stem: scene for scene in scenes if scene.endswith(".toml")}
+    sources = {run.scene: sources.get(run.scene, run.scene) for run in kept}
+    chosen = select(kept, scenes, engines, settings)
+    bases = {scene: _base_of(sources[scene]) for scene in {run.scene for run in chosen}}
+    names = {}
+    for engine, scene in {(run.engine, run.scene) for run in chosen}:
+        newest = _newest((run for run in kept if (run.engine, run.scene) == (engine, scene)), bases[scene])
+        if newest:
+            names[newest.folder] = f"{engine}:{sources[scene]}"
+    rows = [
+        (
+            names.get(run.folder) or paths.shown(run.folder),
+            run.scene,
+            run.engine,
+            time.strftime("%Y-%m-%d %H:%M", time.localtime(run.ended)),
+            size_text(run.size),
+            run.record.status if run.record else "damaged",
+            "; ".join(filter(None, (_difference(run, bases[run.scene]), run.trouble))),
+        )
+        for run in chosen
+    ]
+    widths = [max((len(row[i]) for row in rows), default=0) for i in range(6)]
+    for row in rows:
+        cells = [f"{cell:<{width}}" for cell, width in zip(row, widths, strict=False)]
+        print("  ".join((*cells, one_line(row[6]))).rstrip())
+    states = Counter(row[5] for row in rows)
+    told = ", ".join(f"{count} {state}" for state, count in sorted(states.items()))
+    print(f"{len(rows)} runs{f' ({told})' * bool(told)}: {size_text(sum(run.size for run in chosen))}")
+    if words := batches_text(runs):
+        print(words)
+
+
+def batches_text(runs: Path) -> str:
+    """What batches keep, in words; empty where there is nothing."""
+    folder = Store(runs).folder
+    files = list(folder.glob(f"*{ENDING}"))
+    rows = sum(file.read_bytes().count(b"\n") for file in files)
+    size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    return f"{paths.shown(folder)}: {rows:,} rows of batches: {size_text(size)}" if folder.is_dir() else ""
+
+
+def size_text(size: float) -> str:
+    """Bytes as people write them."""
+    power = 1 if size < 1e6 else 2 if size < 1e9 else 3
+    return f"{size / 1000**power:,.{0 if power == 1 else 1}f} {('kB', 'MB', 'GB')[power - 1]}"

@@ -1,0 +1,211 @@
+"""Runs in their folder: listed with what is particular about them, found, and named without a hash."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.engines import REFERENCE, VERLET
+from drivers.run.finished import FILE
+from drivers.run.run import run_case
+from drivers.run.run_folders import KeptRun, kept_runs, print_runs, run_folder, select
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
+
+HEAVY = ("numba", "pandas", "pyarrow", "scipy", "pint")
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a scene and its runs: as its file has it, by each yardstick, and at another speed and step."""
+    home = tmp_path_factory.mktemp("kept")
+    scene = home / "small.toml"
+    scene.write_text(BASE.format(count=3, chain="", striker=STRIKER, wall=WALL, duration="20 us", step="0.1 us"))
+    changed = ("striker.speed=1.5 m/s", "run.time_step=50 ns")
+    jobs: list[tuple[str, tuple[str, ...]]] = [(VERLET, ()), (REFERENCE, ()), (VERLET, changed)]
+    for i, (engine, settings) in enumerate(jobs):
+        ended = run_case(case_of(scene, *settings), engine, home / "runs")
+        assert ended.done
+        os.utime(ended.folder / FILE, (1e9 + i, 1e9 + i))
+    return home
+
+
+@pytest.fixture
+def home(three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The same, to be changed, and the present folder."""
+    shutil.copytree(three, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def listed(capsys: pytest.CaptureFixture[str], home: Path, *scenes: str) -> list[list[str]]:
+    print_runs(home / "runs", scenes, (), ())
+    return [line.split() for line in capsys.readouterr().out.splitlines()]
+
+
+def test_a_line_for_each_run(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    *rows, total = listed(capsys, home)
+    names = [row[0] for row in rows]
+    assert names[:2] == [f"{VERLET}:small", f"{REFERENCE}:small"]
+    assert Path(names[2]).is_dir()
+    assert [row[1:3] for row in rows] == [["small", VERLET], ["small", REFERENCE], ["small", VERLET]]
+    assert [" ".join(row[7:]) for row in rows] == [
+        "done", "done", "done striker.speed=1.5 m/s, run.time_step=50 ns",
+    ]  # fmt: skip
+    assert rows[0][3].startswith("2001-09-0")
+    files = [file for file in (home / "runs").glob("*/*/*") if file.is_file()]
+    assert total[:4] == ["3", "runs", "(3", "done):"]
+    assert total[4] == f"{sum(file.stat().st_size for file in files) / 1000:,.0f}"
+
+
+def test_what_is_listed_names_its_run(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kept = kept_runs(home / "runs")
+    for scene in ((), ("small.toml",)):
+        names = [row[0] for row in listed(capsys, home, *scene)[:-1]]
+        assert [run_folder(name, home / "runs").resolve() for name in names] == [run.folder for run in kept]
+        assert not capsys.readouterr().err
+
+
+def test_a_scene_without_its_file_is_listed(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (home / "small.toml").unlink()
+    rows = listed(capsys, home)[:-1]
+    assert all(row[8:] == ["no", "scene", "file", "to", "compare", "with"] for row in rows)
+    assert run_folder(f"{VERLET}:small", home / "runs") == kept_runs(home / "runs")[-1].folder
+    assert "no scene file to compare with" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{", "[]", '{"engine": 1}', "\ud800", "record", "scene = 5", "chain = 5", "time_step = x", "engine = 5"],
+)
+def test_a_damaged_record_is_a_line(home: Path, text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = kept_runs(home / "runs")[0].folder
+    if " = " in text:
+        record = json.loads((folder / FILE).read_text())
+        key, _, value = text.partition(" = ")
+        place = {"chain": record["scene"], "time_step": record["scene"]["run"]}.get(key, record)
+        place[key] = 5 if value == "5" else value
+        text = json.dumps(record)
+    if text == "record":
+        (folder / FILE).unlink()
+    else:
+        (folder / FILE).write_bytes(text.encode(errors="surrogatepass"))
+    *rows, total = listed(capsys, home)
+    (row,) = [
+        row for row in rows if folder.name in row[0] or (row[1:3] == ["small", VERLET] and "run.time_step=x" in row)
+    ]
+    assert "run.time_step=x" in row or (row[7] == "damaged" and total[2:6] == ["(1", "damaged,", "2", "done):"])
+
+
+def test_failed_runs_and_other_folders(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ended = run_case(case_of(home / "small.toml", "chain.count=4"), VERLET, home / "runs", limit_s=0.01)
+    for other in ("verlet/notes", "batch/x", f"{VERLET}/.work@x", "empty"):
+        (home / "runs" / other).mkdir(parents=True)
+    (home / "runs" / "batch" / "a.jsonl").write_text("{}\n{}\n")
+    *rows, total, batches = listed(capsys, home)
+    assert rows[-1][7:9] == ["timeout", "chain.count=4;"]
+    assert rows[-1][0].endswith(ended.folder.name)
+    assert len(rows) == 4
+    assert total[:6] == ["4", "runs", "(3", "done,", "1", "timeout):"]
+    assert batches[1:5] == ["2", "rows", "of", "batches:"]
+
+
+def found(home: Path, *settings: str, scenes: tuple[str, ...] = (), engines: tuple[str, ...] = ()) -> list[KeptRun]:
+    return select(kept_runs(home / "runs"), scenes, engines, settings)
+
+
+def test_runs_are_found_by_scene_engine_and_settings(home: Path) -> None:
+    first, exact, other = kept_runs(home / "runs")
+    assert found(home, scenes=("small",)) == found(home, scenes=("small.toml",)) == [first, exact, other]
+    assert found(home, engines=(REFERENCE,)) == [exact]
+    assert found(home, "striker.speed=1.5 m/s") == found(home, "striker.speed=1500 mm/s") == [other]
+    assert found(home, "striker.speed=1.?*") == found(home, "run.time_step=0.05 us") == [other]
+    assert found(home, "run.time_step=50 ns", "run.time_step=0.1 us") == [first, exact, other]
+    assert found(home, "run.time_step=0.1 us", "chain.count=3", engines=(VERLET,)) == [first]
+    assert found(home, "wall.material=brass", "tube=") == [first, exact, other]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ({"scenes": ("smal",)}, 'no run of "smal"; allowed: small'),
+        ({"engines": ("nobody",)}, f'no run of "nobody"; allowed: {REFERENCE}, {VERLET}'),
+        ({"settings": ("striker.speed=2 m/s",)}, "--set striker.speed=2 m/s: found no run"),
+        ({"settings": ("striker.speed",)}, "--set striker.speed: found no KEY=VALUE"),
+    ],
+)
+def test_what_selects_nothing_is_told(home: Path, words: dict[str, tuple[str, ...]], said: str) -> None:
+    with pytest.raises(InputError, match=said.replace("(", r"\(")):
+        found(home, *words.pop("settings", ()), **words)
+
+
+def test_the_name_is_that_of_the_newest_run_as_the_file_has_it(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, _, other = kept_runs(home / "runs")
+    name = f"{VERLET}:small"
+    assert run_folder(name, home / "runs") == run_folder(f"{name}.toml", home / "runs") == first.folder
+    newer = shutil.copytree(first.folder, first.folder.with_name(f"{first.folder.name[:-12]}{'0' * 12}"))
+    os.utime(newer / FILE, (2e9, 2e9))
+    assert run_folder(name, home / "runs") == newer
+    (newer / "forces.parquet").unlink()
+    assert run_folder(name, home / "runs") == first.folder
+    assert not capsys.readouterr().err
+    for folder in (newer, first.folder):
+        shutil.rmtree(folder)
+    assert run_folder(name, home / "runs") == other.folder
+    assert capsys.readouterr().err.startswith(f"{name}: no run of the scene as its file has it; took runs/")
+
+
+def test_a_path_is_taken_as_it_is(home: Path) -> None:
+    odd = home / "a:b"
+    odd.mkdir()
+    assert run_folder(odd) == run_folder(str(odd)) == odd
+    assert run_folder("nowhere") == Path("nowhere")
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [
+        (f"{VERLET}:other", f"{VERLET}:small"),
+        ("nobody:small", f"{REFERENCE}:small, {VERLET}:small"),
+        (":", f"{REFERENCE}:small, {VERLET}:small"),
+    ],
+)
+def test_a_wrong_name_is_told(home: Path, name: str, allowed: str) -> None:
+    with pytest.raises(InputError) as told:
+        run_folder(name, home / "runs")
+    assert str(told.value) == f"{name}: found no such run in runs; allowed: {allowed}"
+
+
+@pytest.mark.parametrize(
+    "words", [("postproc", "observables", "a:b"), ("postproc", "film", "a:b"), ("validation", "compare", "a:b", "c:d")]
+)
+def test_commands_take_no_wrong_names(home: Path, words: tuple[str, ...]) -> None:
+    ended = command_line(*words, "--runs", home / "runs")
+    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
+    assert ended.stderr.startswith("a:b: found no such run in runs; allowed: ")
+
+
+def test_commands_take_names(home: Path) -> None:
+    ended = command_line("postproc", "observables", f"{VERLET}:small", "--runs", "runs")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    words = ("validation", "compare", f"{VERLET}:small", f"{REFERENCE}:small", "--runs", "runs")
+    ended = command_line(*words)
+    first, exact, _ = (run.folder.relative_to(home) for run in kept_runs(home / "runs"))
+    assert [line.split()[1] for line in ended.stdout.splitlines() if line.startswith(("first ", "second "))][:2] == [
+        str(first), str(exact),
+    ]  # fmt: skip
+
+
+def test_nothing_is_loaded_that_a_list_does_not_need(home: Path) -> None:
+    print_runs(home / "runs", (), (), ())  # keeps what pint says of the units
+    code = (
+        "import sys; sys.argv = ['drivers', 'runs', '--runs', 'runs', '--set', 'striker.speed=1.5 m/s']\n"
+        "from drivers.__main__ import main; main(); print([each for each in sys.modules])"
+    )
+    ended = command_line("timeit", "-n1", "-r1", code)
+    assert f"{VERLET}" in ended.stdout
+    assert "'drivers.run.run_folders'" in ended.stdout
+    assert [name for name in HEAVY if f"'{name}'" in ended.stdout] == []
