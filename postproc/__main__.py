@@ -13,6 +13,7 @@ import drivers.environment  # noqa: F401 - before anything that it lacks
 from drivers.base import paths
 from drivers.base.command_line import Parser, engines_file, must_be_folder, run_main
 from drivers.base.errors import InputError, RunError
+from drivers.base.progress import step
 from postproc.figures import figures, make_figure
 
 if TYPE_CHECKING:
@@ -90,15 +91,18 @@ def _figures(arguments: argparse.Namespace) -> Iterator[Path]:
     """Makes one figure, or all: one that cannot be made leaves the others."""
     from drivers.engines import missing_codes
 
-    code = 0
-    for name in figures() if arguments.command == "figures" else (arguments.command,):
+    titles, code = figures(), 0
+    names = [*titles] if arguments.command == "figures" else [arguments.command]
+    for number, name in enumerate(names, 1):
         try:
-            product = make_figure(name, arguments.runs or paths.RUNS)
+            with step(f"{name}: {titles[name]}", number, len(names)):
+                product = make_figure(name, arguments.runs or paths.RUNS)
+                written = _write(arguments, product, name)
         except (RunError, InputError) as error:
             print(f"{name}: {error}", file=sys.stderr)
             code = max(code, 2 if isinstance(error, InputError) else 1)
         else:
-            yield from _write(arguments, product, name)
+            yield from written
     if missing_codes():
         print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
     if code:
