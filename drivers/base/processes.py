@@ -174,8 +174,8 @@ def used_by(leader: int) -> tuple[float, int]:
     cpu_s, memory_bytes = 0.0, 0
     with suppress(OSError, IndexError, ValueError):
         for process in _family(leader):
-            times = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()
-            cpu_s += (int(times[11]) + int(times[12])) / os.sysconf("SC_CLK_TCK")
+            for thread in Path(f"/proc/{process}/task").iterdir():
+                cpu_s += int((thread / "schedstat").read_text().split()[0]) * 1e-9
             peak = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
             memory_bytes = max(memory_bytes, 1024 * int(peak[1]) if peak else 0)
     return cpu_s, memory_bytes

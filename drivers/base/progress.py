@@ -79,12 +79,15 @@ def step(what: str, number: int = 1, of: int = 1, *, total: int | None = None, u
 @contextmanager
 def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[Callable[[], None]]:
     """Something that takes a while, without a line of its own; yields the function that counts a unit of it."""
+    global _last_word
     from tqdm import tqdm
 
     bar = tqdm(total=total, desc=what, unit=unit, leave=False, disable=None, file=sys.stderr, dynamic_ncols=True)
     task = _Task(what, total, unit, bar)
     with _lock:
-        if not _under_way and not any(thread.name == __name__ for thread in threading.enumerate()):
+        if not _under_way:
+            _last_word = time.perf_counter()
+        if not any(thread.name == __name__ for thread in threading.enumerate()):
             threading.Thread(target=_keep_talking, name=__name__, daemon=True).start()
         _under_way.append(task)
     _news.set()
@@ -120,7 +123,7 @@ def _keep_talking() -> None:
             elif not task.bar.disable:
                 for each in _under_way:
                     each.bar.refresh()
-            elif time.perf_counter() - max(_last_word, task.began) > QUIET_S - REFRESH_S:
+            elif time.perf_counter() - _last_word > QUIET_S - REFRESH_S:
                 say(f"{'  ' * _depth}{task}")
         if task is None:
             _news.wait()

@@ -108,6 +108,7 @@ class Session:
         assert process is not None
         assert process.stdin is not None
         reset_peak(process.pid)
+        before_bytes = (self.folder / STDERR).stat().st_size
         began, (before_s, _) = time.perf_counter(), used_by(process.pid)
         with suppress(OSError):  # it is dead: there is an end of its output to read
             process.stdin.write(self.engine.request(name, DONE).encode())
@@ -115,12 +116,12 @@ class Session:
         said, state = _listen(process, began + limit_s)
         wall_s = time.perf_counter() - began
         (self.case / "stdout.txt").write_bytes(said)
+        if state == "ended":
+            _await_end(process)
+        (self.case / STDERR).write_bytes((self.folder / STDERR).read_bytes()[before_bytes:])
         if state == "done":
             after_s, memory_bytes = used_by(process.pid)
             return Outcome(0, False, limit_s, wall_s, after_s - before_s, memory_bytes)
-        if state == "ended":
-            _await_end(process)
-        (self.case / STDERR).write_bytes((self.folder / STDERR).read_bytes())
         return Outcome(self.close(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
 
 

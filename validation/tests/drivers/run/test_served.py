@@ -1,0 +1,61 @@
+"""Runs by processes that serve many are those of processes by themselves, and end in the engine's own words."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from drivers.engines import VERLET, codes, load_engine
+from drivers.run import session
+from drivers.run.build import build_of
+from drivers.run.run import run_case, run_many
+from drivers.run.session import end_all, lent
+from validation.tests.helpers.runs import need
+from validation.tests.helpers.scenes import SceneWriter, case_of
+
+
+@pytest.mark.parametrize("engine", [*codes(), VERLET])
+def test_a_served_run_is_as_one_by_itself(engine: str, scene_file: SceneWriter, tmp_path: Path) -> None:
+    need(engine)
+    cases = [case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2, 3)]
+    served = run_many([(case, engine) for case in cases], tmp_path / "served")
+    for case, one in zip(cases, served, strict=True):
+        alone = run_case(case, engine, tmp_path / "alone")
+        assert one.folder.name == alone.folder.name
+        assert one.record.forces_sha256 == alone.record.forces_sha256
+        assert {file.name for file in one.folder.iterdir()} == {file.name for file in alone.folder.iterdir()}
+        assert one.record.command == alone.record.command
+        assert one.record.loop_s is not None
+        assert one.record.wall_s < alone.record.wall_s  # which starts a process
+        assert 0 < one.record.cpu_s < alone.record.cpu_s
+        assert one.record.memory_bytes == pytest.approx(alone.record.memory_bytes, rel=0.5)
+
+
+def test_a_run_that_fails_when_served_ends_as_by_itself(scene_file: SceneWriter, tmp_path: Path) -> None:
+    case = case_of(scene_file(), "run.time_step=50 us", "run.sample_interval=50 us")
+    (served,) = run_many([(case, VERLET)], tmp_path / "served")
+    alone = run_case(case, VERLET, tmp_path / "alone")
+    assert served.record.status == alone.record.status == "failed"
+    assert served.record.reason == alone.record.reason
+    assert (served.folder / "stderr.txt").read_text() == (alone.folder / "stderr.txt").read_text()
+
+
+def test_a_process_that_was_killed_is_followed_by_another(scene_file: SceneWriter, tmp_path: Path) -> None:
+    end_all()
+    engine = load_engine(VERLET)
+    build = build_of(engine, tmp_path / VERLET)
+    first, second = (case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2))
+    assert run_case(first, VERLET, tmp_path, served=True).done
+    with lent(engine, build.command, build.sha256) as lent_one:
+        assert lent_one._process is not None
+        former = lent_one._process.pid
+    os.kill(former, signal.SIGKILL)
+    assert run_case(second, VERLET, tmp_path, served=True).done
+    with lent(engine, build.command, build.sha256) as same:
+        assert same is lent_one
+        assert same._process is None or same._process.pid != former
+    folder = same.folder
+    end_all()
+    assert not folder.exists()
+    assert not any(session._idle.values())
