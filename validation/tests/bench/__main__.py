@@ -1,8 +1,10 @@
-"""``python -m validation.tests.bench``: what integrators, engines and batches cost, as ratios taken in one run."""
+"""``python -m validation.tests.bench``: what integrators, engines, batches and the report cost, as ratios taken in one run."""
 
 from validation.tests.bench.bench import bench
 from validation.tests.bench.bench_batch import bench_batch
+from validation.tests.bench.bench_report import bench_report
 
 if __name__ == "__main__":
     bench()
     bench_batch()
+    bench_report()
