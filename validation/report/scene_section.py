@@ -77,7 +77,7 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> Row:
         if engine in scene.runs:
             record = scene.runs[engine].record
             loop = f", loop {1e3 * record.loop_s:.0f} ms" if record.loop_s is not None else ""
-            cost = f"process {record.wall_s:.2f} s{loop}"
+            cost = f"run {record.wall_s:.2f} s{loop}"
         note, diagnosis = scene.absent.get(engine, ""), scene.diagnoses.get(engine, "")
         cells[engine] = _cell(engine, own, note, scene.wall_s.get(engine, 0.0), cost, diagnosis)
     told = scene.case.scene

@@ -184,7 +184,9 @@ def measure_limits(subjects: Sequence[Subject], names: Sequence[str] | None = No
     predicted_s = [predicted_limit(each.case.chain, float(each.case.sample_times_s[-1])) for each in subjects]
     by_verlet = [
         _scan(each, VERLET, bound_s, lambda case: gain(case, verlet_of(case)))
-        for each, bound_s in following(zip(subjects, predicted_s, strict=True), VERLET, len(subjects), "scene")
+        for each, bound_s in following(
+            zip(subjects, predicted_s, strict=True), "limits by the scheme", len(subjects), "scene"
+        )
     ]
     limits = [*by_verlet]
     with counted("limits by codes", len(subjects) * len(names), "scene") as count, workers(len(names) or 1) as pool:

@@ -1,4 +1,4 @@
-"""``python -m validation.tests.bench``: what integrators, engines, batches and the report cost, as ratios taken in one run."""
+"""``python -m validation.tests.bench``: what integrators, engines, batches and the report cost, measured in one run."""
 
 from validation.tests.bench.bench import bench
 from validation.tests.bench.bench_batch import bench_batch
