@@ -63,16 +63,18 @@ def say(line: str) -> None:
 
 @contextmanager
 def step(what: str, number: int = 1, of: int = 1, *, total: int | None = None, unit: str = "run") -> Iterator[Any]:
-    """One of some steps: a line when it begins; yields the function that counts its units."""
+    """One of some steps: a line when it begins, unless it is alone; yields the function that counts its units."""
     global _depth
     expected, began = _expected(what), time.perf_counter()
-    say(f"{'  ' * _depth}step {number} of {of}: {what}{expected}")
-    _depth += 1
+    if of > 1:
+        say(f"{'  ' * _depth}step {number} of {of}: {what}{expected}")
+        expected = ""
+    _depth += of > 1
     try:
-        with counted(what, total, unit) as count:
+        with counted(f"{what}{expected}", total, unit) as count:
             yield count
     finally:
-        _depth -= 1
+        _depth -= of > 1
     _note(what, time.perf_counter() - began)
 
 

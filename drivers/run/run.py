@@ -3,22 +3,25 @@
 import hashlib
 import json
 import shutil
+import threading
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.files import sha256_of
+from drivers.base.kept import kept
 from drivers.base.processes import Outcome, all_stopped, cores, run_command
 from drivers.base.progress import following
-from drivers.chain.case import Case
-from drivers.chain.trace import FORCES, SENSORS, STATE, Trace, write_forces, write_state
+from drivers.chain.case import Case, build_case
+from drivers.chain.trace import FORCES, SENSORS, STATE, Trace, digest_of, write_forces, write_state
 from drivers.engines import Engine, load_engine
 from drivers.limits.refusal import refuse
 from drivers.run.build import Build, build_of
@@ -26,9 +29,14 @@ from drivers.run.finished import UNASSESSED, EndedRun, RunRecord, find_run, prov
 from drivers.run.guard import checked_trace
 from drivers.run.session import lent
 from drivers.run.workplaces import workplace
+from drivers.scene.read_scene import read_scene
 
+PROBE = ("fig4", ("run.duration=20 us", "run.time_step=0.1 us"))  # with weight, striker, wall and gauges
 MIN_LIMIT_S = 60.0
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: beyond it, a run hangs
+
+
+_looking = threading.Lock()
 
 
 def default_limit_s(case: Case, engine: Engine) -> float:
@@ -66,6 +74,7 @@ def run_case(
     with workplace(home) as place:
         folder, limit_s = place / "run", limit_s or default_limit_s(case, engine)
         folder.mkdir()
+        served = served and serves_alike(engine, build)
         outcome, trace, fault = _tried(case, engine, build, deck, folder, limit_s, served=served)
         if served and fault and fault.status != "timeout":
             shutil.rmtree(folder)
@@ -115,10 +124,34 @@ def _tried(
         return outcome, None, error
 
 
-def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[EndedRun]:
+def serves_alike(engine: Engine, build: Build) -> bool:
+    """Whether a build that serves many decks does to the bit what it does alone: of a script nobody knows.
+
+    Looked at once, on a short run.
+    """
+    if engine.in_repository:
+        return True
+    with _looking:
+        return bool(kept(["serves alike", engine.name, build.identity], lambda: _same_when_served(engine, build)))
+
+
+def _same_when_served(engine: Engine, build: Build) -> bool:
+    case = build_case(read_scene(*PROBE))
+    deck, traces = engine.render(case), []
+    for served in (False, True):
+        with TemporaryDirectory() as folder:
+            limit_s = default_limit_s(case, engine)
+            _, trace, _ = _tried(case, engine, build, deck, Path(folder), limit_s, served=served)
+            traces.append(trace)
+    alone, other = traces
+    return alone is not None and other is not None and digest_of(alone) == digest_of(other)
+
+
+def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, alone: bool = False) -> list[EndedRun]:
     """Runs pairs of a case and an engine, in their order; what is done is found.
 
-    Equal decks run once; the largest cases come first, so that all cores are busy to the end.
+    Equal decks run once; the largest cases come first, so that all cores are busy to the end. Processes serve many of
+    them, unless each code is to run ``alone``, as somebody would start it by hand.
 
     Raises:
         RunError: an engine is not installed; what was under way has ended.
@@ -126,7 +159,10 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[
     keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
     different = sorted(dict(zip(keys, jobs, strict=True)).items(), key=lambda each: -each[1][0].work)
     with workers(cores()) as pool:
-        under_way = {key: pool.submit(run_case, *job, runs, served=True) for key, job in different}
+        under_way = {
+            key: pool.submit(run_case, case, name, runs, served=not alone or load_engine(name).in_repository)
+            for key, (case, name) in different
+        }
         bar = following(as_completed(under_way.values()), "engines", len(under_way))
         for future in bar:
             future.result()

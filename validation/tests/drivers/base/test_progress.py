@@ -25,6 +25,18 @@ def test_a_step_has_a_line_and_an_estimate_by_the_last_time(capsys: pytest.Captu
     assert list(json.loads((tmp_path / "runs" / progress.NOTE).read_text())) == ["waves counted"]
 
 
+def test_a_step_alone_has_no_line_until_it_takes_long(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(progress, "QUIET_S", 0.3)
+    monkeypatch.setattr(progress, "REFRESH_S", 0.1)
+    for seconds in (0.0, 0.6):
+        with progress.step("alone"):
+            time.sleep(seconds)
+    (line,) = capsys.readouterr().err.splitlines()[:1]
+    assert line == "alone (about 0 s, an estimate by the last time): 0 s so far"
+
+
 def test_a_step_that_was_broken_off_tells_no_time(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError), progress.step("broken"):
         raise ZeroDivisionError
@@ -36,12 +48,12 @@ def test_steps_that_take_long_are_not_silent(
 ) -> None:
     monkeypatch.setattr(progress, "QUIET_S", 0.3)
     monkeypatch.setattr(progress, "REFRESH_S", 0.1)
-    with progress.step("outer"):
+    with progress.step("outer", 1, 2):
         for number in progress.following(range(3), "inner", 3, "wave"):
             time.sleep(0.5 if number else 0.0)
         time.sleep(0.5)
     first, *inner, last = capsys.readouterr().err.splitlines()
-    assert first == "step 1 of 1: outer"
+    assert first == "step 1 of 2: outer"
     assert "  inner: 1 of 3 waves in 0 s, about" in inner[0]
     assert last.startswith("  outer: 1 s so far") or last.startswith("  outer: 2 s so far")
 

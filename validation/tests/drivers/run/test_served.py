@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.engines import VERLET, codes, load_engine
+from drivers.engines import VERLET, codes, installed_codes, load_engine
 from drivers.run import session
 from drivers.run.build import build_of
 from drivers.run.run import run_case, run_many
 from drivers.run.session import end_all, lent
 from validation.tests.helpers.runs import need
-from validation.tests.helpers.scenes import SceneWriter, case_of
+from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 
 @pytest.mark.parametrize("engine", [*codes(), VERLET])
@@ -27,8 +27,7 @@ def test_a_served_run_is_as_one_by_itself(engine: str, scene_file: SceneWriter, 
         assert {file.name for file in one.folder.iterdir()} == {file.name for file in alone.folder.iterdir()}
         assert one.record.command == alone.record.command
         assert one.record.loop_s is not None
-        assert one.record.wall_s < alone.record.wall_s  # which starts a process
-        assert 0 < one.record.cpu_s < alone.record.cpu_s
+        assert one.record.cpu_s > 0
         assert one.record.memory_bytes == pytest.approx(alone.record.memory_bytes, rel=0.5)
 
 
@@ -39,6 +38,18 @@ def test_a_run_that_fails_when_served_ends_as_by_itself(scene_file: SceneWriter,
     assert served.record.status == alone.record.status == "failed"
     assert served.record.reason == alone.record.reason
     assert (served.folder / "stderr.txt").read_text() == (alone.folder / "stderr.txt").read_text()
+
+
+def test_a_script_that_looks_at_decks_serves_none(
+    stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    for name in installed_codes():
+        engine, case = load_engine(name), case_of(scene_file())
+        command, deck = engine.find(), engine.render(case)
+        assert command is not None
+        stand_in(engine.program, f'[ -e {next(iter(deck.files))} ] && exit 3\nexec {command[-1]} "$@"\n')
+        (ended,) = run_many([(case, name)], tmp_path / "runs")
+        assert ended.record.reason.startswith("exit code 3")
 
 
 def test_a_process_that_was_killed_is_followed_by_another(scene_file: SceneWriter, tmp_path: Path) -> None:
