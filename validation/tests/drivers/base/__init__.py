@@ -1,0 +1,1 @@
+"""Tests of ``drivers/base`` and of what all commands share."""
