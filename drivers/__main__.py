@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """``python -m drivers``: renders decks and runs them."""
 
 import argparse

@@ -18,7 +18,8 @@ def trouble() -> str:
     else:
         project = (paths.ROOT / "pyproject.toml").read_text(encoding="utf-8")
         listed = project.partition("\ndependencies = [")[2].partition("]")[0]
-        missing = [name for name in re.findall(r'"([\w-]+)', listed) if find_spec(name) is None]
+        needed = set(re.findall(r'"([\w-]+)', listed)) - {"argcomplete"}  # which only shells ask for
+        missing = sorted(name for name in needed if find_spec(name) is None)
         if not missing:
             return ""
         found = f"Python without {', '.join(missing[:3])}{', ...' * (len(missing) > 3)}"

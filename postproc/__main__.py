@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """``python -m postproc``: the paper's figures, scenes drawn to scale, numbers from finished runs."""
 
 import argparse

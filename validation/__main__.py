@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """``python -m validation``: compares runs, measures what models and steps do, and writes the report."""
 
 import argparse

@@ -31,6 +31,14 @@ class Parser(argparse.ArgumentParser):
         if "description" in words:
             self.add_argument("--version", action=_Version, nargs=0, help="print version and commit")
 
+    def parse_args(self, *words: Any, **more: Any) -> Any:
+        """Completes the words so far, if a shell asks for that."""
+        if "_ARGCOMPLETE" in os.environ:
+            from drivers.completion import complete
+
+            complete(self)
+        return super().parse_args(*words, **more)
+
     def error(self, message: str) -> NoReturn:
         """Exits with code 2."""
         self.exit(2, one_line(f"{self.prog}: ", message, f" (see {self.prog} --help)") + "\n")

@@ -14,7 +14,7 @@ from drivers.engines import load_engine
 from drivers.run.build import Build, build_of
 from drivers.run.finished import read_record
 from drivers.run.run import run_identity
-from drivers.run.run_folders import NAME, UNREAD, KeptRun, batches_text, kept_runs, select, size_text
+from drivers.run.run_folders import NAME, UNREAD, KeptRun, batches_text, kept_runs, select, size_below, size_text
 from drivers.run.workplaces import leased, leftovers, workplace
 
 RECENT_S = 600.0  # the command that ran it may still read it
@@ -40,6 +40,9 @@ def prune(
     With ``dry_run`` nothing is removed, and what would be is listed.
     """
     kept = kept_runs(runs)
+    homes = [] if scenes or settings else [runs / engine for engine in engines] or _homes(runs)
+    left = [folder for home in homes for folder in leftovers(home)]
+    left_bytes = sum(map(size_below, left))
     reasons = _reasons(kept, runs)
     groups: dict[str, list[KeptRun]] = {why: [] for why in (*REMOVED, *KEPT)}
     for run in select(kept, scenes, engines, settings):
@@ -57,11 +60,15 @@ def prune(
             print(f"{_verb(why, dry_run)} {len(group)} runs ({told}), {size_text(size)}: {words}")
         for run in group if dry_run and why in REMOVED else ():
             print(f"    {paths.shown(run.folder)}")
-    if not (scenes or settings):
-        freed += _clear(runs, engines, dry_run=dry_run)
-        if (words := batches_text(runs)) and not engines:
-            print(f"kept {words}: batches find them again")
-    print(f"{'would free' if dry_run else 'freed'} {size_text(freed)}")
+    if left:
+        print(f"{_verb('', dry_run)} {len(left)} folders of killed processes, {size_text(left_bytes)}")
+    for folder in left if dry_run else ():
+        print(f"    {paths.shown(folder)}")
+    for home in () if dry_run else homes:
+        leased(home)  # clears them
+    if (words := batches_text(runs)) and not (scenes or engines or settings):
+        print(f"kept {words}: batches find them again")
+    print(f"{'would free' if dry_run else 'freed'} {size_text(freed + left_bytes)}")
 
 
 def _verb(why: str, dry_run: bool) -> str:
@@ -118,17 +125,6 @@ def _remove(group: Sequence[KeptRun], runs: Path) -> list[KeptRun]:
     return gone
 
 
-def _clear(runs: Path, engines: Sequence[str], *, dry_run: bool) -> int:
-    """Clears what killed processes left in the folders of engines and batches; its bytes."""
-    homes = [runs / engine for engine in engines] or [*runs.glob("[!.]*/"), Store(runs).folder / WORK]
-    left = [folder for home in homes for folder in leftovers(home)]
-    size = sum(file.stat().st_size for folder in left for file in folder.rglob("*") if file.is_file())
-    if left:
-        verb = "would remove" if dry_run else "removed"
-        print(f"{verb} {len(left)} folders of killed processes, {size_text(size)}")
-        for folder in left:
-            if dry_run:
-                print(f"    {paths.shown(folder)}")
-    for home in () if dry_run else homes:
-        leased(home)
-    return size
+def _homes(runs: Path) -> list[Path]:
+    """Folders in which processes work."""
+    return [*runs.glob("[!.]*/"), Store(runs).folder / WORK]

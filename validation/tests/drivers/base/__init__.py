@@ -1,1 +1,1 @@
-"""Tests of what all of the drivers stand on."""
+"""Tests of ``drivers/base`` and of what all commands share."""

@@ -1,0 +1,62 @@
+"""Words that a shell completes: names of scenes, studies, engines and runs."""
+
+import argparse
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import argcomplete
+from argcomplete.completers import DirectoriesCompleter, FilesCompleter
+
+from drivers.base import paths
+
+Completer = Callable[..., Iterable[str]]
+
+
+def _inputs(home: Path) -> Completer:
+    """Names of files in their home, and paths of others."""
+
+    def complete(prefix: str, **_: Any) -> list[str]:
+        return [*(path.stem for path in home.glob("*.toml")), *FilesCompleter("toml")(prefix)]
+
+    return complete
+
+
+def _engines(**_: Any) -> list[str]:
+    from drivers.engines import engine_names
+
+    return engine_names()
+
+
+def _runs(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]:
+    """Names of runs by their folders', and paths."""
+    folders = Path(getattr(parsed_args, "runs", None) or paths.RUNS).glob("[!.]*/[!.]*-*-*/")
+    names = {f"{folder.parent.name}:{folder.name.rsplit('-', 2)[0]}" for folder in folders}
+    return [*names, *DirectoriesCompleter()(prefix)]
+
+
+_scenes = _inputs(paths.SCENES)
+BY_METAVAR: dict[str, Completer] = {
+    "SCENE": _scenes,
+    "SCENE|RUN RUN": lambda **found: [*_scenes(**found), *_runs(**found)],
+    "STUDY": _inputs(paths.STUDIES),
+    "RUN": _runs,
+    "E": _engines,
+    "NAME": _engines,
+}
+
+
+def complete(parser: argparse.ArgumentParser) -> None:
+    """Answers a shell that asks for completions, and ends; returns where none does."""
+    _assign(parser)
+    argcomplete.autocomplete(parser, always_complete_options=False)
+
+
+def _assign(parser: argparse.ArgumentParser) -> None:
+    """Gives each argument its completer, by what stands for its value in the help."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                _assign(command)
+        elif isinstance(action.metavar, str) and action.metavar in BY_METAVAR:
+            vars(action)["completer"] = BY_METAVAR[action.metavar]

@@ -1,0 +1,121 @@
+"""What commands share: version, what they say outside the environment, completion by a shell; lists of inputs."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers import environment
+from drivers.base import paths
+from drivers.base.processes import git
+from drivers.engines import VERLET, engine_names
+from validation.tests.helpers.commands import command_line
+
+PACKAGES = ("drivers", "postproc", "validation")
+BARE = (sys.executable, "-S")  # a Python without the packages of the environment
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_version_is_one_line(package: str, tmp_path: Path) -> None:
+    ended = command_line(package, "--version")
+    assert ended.returncode == 0
+    found = re.fullmatch(r"bead-chains (\S+), commit (\w+)( and changes)?, Python (\S+)\n", ended.stdout)
+    assert found
+    assert f'version = "{found[1]}"' in (paths.ROOT / "pyproject.toml").read_text()
+    assert (git("rev-parse", "HEAD") or "unknown").startswith(found[2])
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_outside_the_environment_one_line_tells_how_to_enter_it(package: str, tmp_path: Path) -> None:
+    for place in (tmp_path, paths.ROOT):
+        ended = subprocess.run(
+            [*BARE, "-m", package, "--help"],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=place,
+            env={"PYTHONPATH": str(paths.ROOT)},
+        )
+        assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
+        assert ended.stderr.startswith("Python without jinja2, matplotlib, meshio, ...: ")
+        there = (paths.ROOT / ".venv" / "bin" / "activate").exists()
+        how = f". {'' if place == paths.ROOT else f'{paths.ROOT}/'}.venv/bin/activate"
+        assert ended.stderr.rstrip().endswith(how if there else "setup")
+
+
+def test_an_older_python_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert environment.trouble() == ""
+    monkeypatch.setattr(sys, "version_info", (3, 9, 2))
+    assert environment.trouble().startswith("Python 3.9, and 3.11 or later is needed: ")
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_an_older_python_reads_that_far(package: str) -> None:
+    """What is read before the environment is checked is syntax of Python 3.8, and loads nothing that is newer."""
+    before = ["drivers/__init__", "drivers/environment", "drivers/base/__init__", "drivers/base/paths"]
+    for file in (*before, f"{package}/__init__", f"{package}/__main__"):
+        ast.parse((paths.ROOT / f"{file}.py").read_text(), feature_version=(3, 8))
+    tree = ast.parse((paths.ROOT / package / "__main__.py").read_text())
+    imports = [ast.unparse(node) for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    early = imports[: imports.index("import drivers.environment")]
+    assert not [line for line in early if re.search("drivers|postproc|validation|tomllib", line)]
+
+
+def test_scenes_studies_and_materials_are_listed() -> None:
+    lines = command_line("drivers", "scenes").stdout.splitlines()
+    listed = {line.split()[0] for line in lines}
+    assert {file.stem for home in (paths.SCENES, paths.STUDIES) for file in home.glob("*.toml")} < listed
+    assert "  fig4             Fig. 4: 21 PTFE beads struck by a PTFE bead at 2 m/s" in lines
+    assert any(line.startswith("  brass ") for line in lines)
+
+
+def completed(line: str, place: Path) -> set[str]:
+    """Words that a bash with global completion offers at the end of a line."""
+    script = """
+        eval "$(activate-global-python-argcomplete --dest=-)"
+        COMP_LINE=$1 COMP_POINT=${#1} COMP_TYPE=9
+        read -ra COMP_WORDS <<< "$1"
+        COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
+        _python_argcomplete_global python
+        printf '%s\\n' "${COMPREPLY[@]}"
+    """
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    ended = subprocess.run(
+        ["bash", "--norc", "-c", script, "bash", line],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=place,
+        env=os.environ | {"PATH": path, "PYTHONPATH": str(paths.ROOT)},
+    )
+    return {word.strip() for word in ended.stdout.split()}
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("python -m drivers ru", {"run", "runs"}),
+        ("python -m drivers render fig6b", {"fig6b", "fig6b-tube"}),
+        ("python -m drivers run own", {"own.toml"}),
+        ("python -m drivers batch sens", {"sensitivity"}),
+        ("python -m postproc observables --ru", {"--runs"}),
+        ("python -m postproc film --runs there verlet:s", {"small", "small-other"}),
+        ("python -m validation compare verl", set()),
+        ("python -m validation compare --runs there verl", {"verlet:small", "verlet:small-other"}),
+        ("python -m validation engine verl", {VERLET}),
+    ],
+)
+def test_a_shell_completes(line: str, words: set[str], tmp_path: Path) -> None:
+    pytest.importorskip("argcomplete")
+    (tmp_path / "own.toml").touch()
+    for name in ("small-0123ab-0123456789ab", "small-other-0123ab-0123456789ab", ".work"):
+        (tmp_path / "there" / VERLET / name).mkdir(parents=True)
+    assert completed(line, tmp_path) == words
+
+
+def test_engines_are_completed() -> None:
+    assert completed("python -m drivers run fig4 --engine ", paths.ROOT) == set(engine_names())

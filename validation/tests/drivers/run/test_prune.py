@@ -1,0 +1,207 @@
+"""Runs that no command would use again are removed, and no others."""
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.engines import REFERENCE, VERLET, load_engine
+from drivers.run import prune as module
+from drivers.run.build import build_of
+from drivers.run.finished import FILE, read_record
+from drivers.run.prune import prune
+from drivers.run.run import run_case, run_identity
+from drivers.run.run_folders import KeptRun, kept_runs
+from drivers.run.workplaces import ABANDONED_S, ALIVE, _machine, workplace
+from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
+
+DAY_S = 86400.0
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two runs that are done and one that is not."""
+    home = tmp_path_factory.mktemp("ran")
+    scene = home / "small.toml"
+    scene.write_text(BASE.format(count=3, chain="", striker=STRIKER, wall=WALL, duration="20 us", step="0.1 us"))
+    for engine, limit_s, *settings in ((VERLET, 60.0), (REFERENCE, 60.0), (VERLET, 0.01, "chain.count=4")):
+        assert run_case(case_of(scene, *settings), engine, home / "runs", limit_s=limit_s).done is (limit_s > 1)
+    return home
+
+
+@pytest.fixture
+def runs(ran: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The same of yesterday, to be changed; the present folder is that of the scene."""
+    shutil.copytree(ran, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    made_yesterday(tmp_path)
+    return tmp_path / "runs"
+
+
+def made_yesterday(folder: Path) -> None:
+    for file in folder.rglob("*"):
+        os.utime(file, (time.time() - DAY_S, time.time() - DAY_S))
+
+
+def folders(runs: Path) -> set[str]:
+    return {f"{run.engine}/{run.folder.name}" for run in kept_runs(runs)}
+
+
+def done(runs: Path, engine: str) -> Path:
+    return next(run.folder for run in kept_runs(runs) if run.engine == engine and not run.trouble)
+
+
+def copied(folder: Path, name: str, **changes: object) -> Path:
+    """A copy of a run beside it, with another record."""
+    other = shutil.copytree(folder, folder.with_name(name))
+    record = json.loads((other / FILE).read_text())
+    (other / FILE).write_text(json.dumps(record | changes))
+    made_yesterday(other.parent)
+    return other
+
+
+def pruned(capsys: pytest.CaptureFixture[str], runs: Path, *scenes: str, engines: tuple[str, ...] = ()) -> list[str]:
+    """Lines that are the same with and without ``dry_run``, which removes nothing."""
+    before = folders(runs)
+    prune(runs, scenes, engines, (), dry_run=True)
+    assert folders(runs) == before
+    told = [line for line in capsys.readouterr().out.splitlines() if line[0] != " "]
+    prune(runs, scenes, engines, ())
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.replace("would remove", "removed").replace("would free", "freed") for line in told] == lines
+    return lines
+
+
+def test_failed_runs_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    used = {f"{engine}/{done(runs, engine).name}" for engine in (VERLET, REFERENCE)}
+    size = sum(run.size for run in kept_runs(runs) if run.trouble)
+    lines = pruned(capsys, runs)
+    assert folders(runs) == used
+    assert lines[0].startswith(f"removed 1 runs ({VERLET} 1), {size / 1000:.0f} kB: failed or without forces")
+    assert lines[1].startswith(f"kept 2 runs ({REFERENCE} 1, {VERLET} 1), ")
+    assert lines[2:] == [f"freed {size / 1000:.0f} kB"]
+    assert pruned(capsys, runs)[-1] == "freed 0 kB"
+    assert [place.name for place in (runs / VERLET).iterdir() if place.name[0] == "."] == []
+
+
+def test_a_dry_run_names_what_would_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    failed = next(run.folder for run in kept_runs(runs) if run.trouble)
+    prune(runs, (), (), (), dry_run=True)
+    assert f"    runs/{VERLET}/{failed.name}" in capsys.readouterr().out.splitlines()
+
+
+def test_what_is_damaged_or_lacks_its_forces_goes(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = done(runs, VERLET), done(runs, REFERENCE)
+    (first / FILE).write_text("{")
+    (second / "forces.parquet").unlink()
+    made_yesterday(runs)
+    lines = pruned(capsys, runs)
+    assert folders(runs) == set()
+    assert "that is damaged or of another version" in lines[0]
+    assert lines[1].startswith("removed 2 runs")
+
+
+def test_runs_of_another_build_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = done(runs, VERLET)
+    run.rename(run.with_name(f"{run.name[:-12]}{'0' * 12}"))
+    lines = pruned(capsys, runs, engines=(VERLET,))
+    assert [name.split("/")[0] for name in folders(runs)] == [REFERENCE]
+    assert "by another build than the present one" in lines[1]
+
+
+def test_older_runs_of_a_former_deck_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run, former = done(runs, VERLET), "f" * 64
+    identity = run_identity(VERLET, build_of(load_engine(VERLET), runs / VERLET), former)
+    older = copied(run, f"{run.name[:-12]}{identity}", deck_sha256=former)
+    os.utime(older / FILE, (time.time() - 2 * DAY_S, time.time() - 2 * DAY_S))
+    lines = pruned(capsys, runs)
+    assert not older.exists()
+    assert run.exists()
+    assert "of a former deck" in lines[1]
+
+
+def test_what_cannot_be_judged_stays(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = done(runs, VERLET)
+    shutil.copytree(runs / VERLET, runs / "nobody")
+    for digit, folder in enumerate(list((runs / "nobody").glob("[!.]*/"))):
+        copied(folder, f"{folder.name[:-12]}{str(digit) * 12}", engine="nobody")
+        shutil.rmtree(folder)
+    mine = copied(run, "mine")
+    (runs / VERLET / "notes").mkdir()
+    lines = pruned(capsys, runs)
+    assert {"nobody"} < {run.engine for run in kept_runs(runs)}
+    assert mine.exists()
+    assert (runs / VERLET / "notes").exists()
+    assert any(line.startswith("kept 1 runs (nobody 1)") and "not installed now" in line for line in lines)
+    assert any("in folders that somebody renamed" in line for line in lines)
+
+
+def test_what_just_ended_stays(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = folders(runs)
+    for run in kept_runs(runs):
+        os.utime(run.folder / FILE)
+    assert pruned(capsys, runs)[0].startswith("kept 3 runs")
+    assert folders(runs) == before
+
+
+def test_only_what_is_selected_goes(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    failed = next(run.folder for run in kept_runs(runs) if run.trouble)
+    other = copied(failed, f"other-{'0' * 12}", scene_name="other")
+    prune(runs, ("small",), (VERLET,), ("chain.count=3",))
+    prune(runs, (), (REFERENCE,), ())
+    assert failed.exists()
+    prune(runs, ("small",), (), ("chain.count=4",))
+    assert not failed.exists()
+    assert other.exists()
+    assert capsys.readouterr().out.count("removed") == 1
+
+
+@pytest.fixture
+def at_work(runs: Path) -> Iterator[Path]:
+    """The workplace of a live process."""
+    with workplace(runs / VERLET) as place:
+        (place / "run").mkdir()
+        yield place
+
+
+def test_leftovers_of_killed_runs_go_and_no_others(
+    runs: Path, at_work: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, age_s in (
+        (f".{'a' * 12}@{_machine()}", 0.0),
+        (f".{'b' * 12}@elsewhere", 0.0),
+        (f".{'c' * 12}@elsewhere", ABANDONED_S / 2),
+        (f".{'d' * 12}@elsewhere", 2 * ABANDONED_S),
+    ):
+        for home in (runs / VERLET, runs / "batch" / ".work"):
+            (home / name).mkdir(parents=True)
+            (home / name / ALIVE).write_bytes(b"x" * 1000)
+            os.utime(home / name / ALIVE, (time.time() - age_s, time.time() - age_s))
+    prune(runs, (), (), ("chain.count=3",))
+    assert "killed" not in capsys.readouterr().out
+    lines = pruned(capsys, runs)
+    assert "removed 4 folders of killed processes, 4 kB" in lines
+    left = {place.name[1:] for home in (VERLET, "batch/.work") for place in (runs / home).glob(".*@*")}
+    assert left == {f"{'b' * 12}@elsewhere", f"{'c' * 12}@elsewhere", at_work.name[1:]}
+
+
+def test_a_run_that_was_replaced_meanwhile_stays(
+    runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another process runs again what failed, after it was found to have failed."""
+    failed, good = next(run.folder for run in kept_runs(runs) if run.trouble), done(runs, VERLET)
+
+    def late(*_: object) -> list[KeptRun]:
+        found = kept_runs(runs)
+        shutil.rmtree(failed)
+        shutil.copytree(good, failed)
+        return found
+
+    monkeypatch.setattr(module, "kept_runs", late)
+    prune(runs, (), (), ())
+    assert read_record(failed) == read_record(good)
+    assert "removed" not in capsys.readouterr().out
