@@ -172,8 +172,8 @@ def _show(arguments: argparse.Namespace) -> int:
 
 
 def _runs(arguments: argparse.Namespace) -> int:
-    from drivers.run.prune import prune
-    from drivers.run.run_folders import print_runs
+    from drivers.inventory.prune import prune
+    from drivers.inventory.run_folders import print_runs
 
     if arguments.dry_run and not arguments.prune:
         raise InputError("--dry-run", "", "no --prune", "it goes with --prune")

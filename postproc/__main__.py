@@ -138,8 +138,8 @@ def _spacetime(arguments: argparse.Namespace) -> Iterable[Path]:
 
 def _open(arguments: argparse.Namespace) -> tuple["EndedRun", str, str]:
     """A command's run, the name of what is made of it, after its engine and its folder, and its title."""
+    from drivers.inventory.run_folders import run_folder
     from drivers.run.finished import open_run
-    from drivers.run.run_folders import run_folder
 
     run = open_run(run_folder(arguments.run, arguments.runs or paths.RUNS))
     name = f"{arguments.command}-{run.record.engine}-{run.folder.resolve().name}"

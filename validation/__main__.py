@@ -80,7 +80,7 @@ def _compare(arguments: argparse.Namespace) -> int:
             if getattr(arguments, option):
                 words = option.replace("settings", "set")
                 raise InputError(f"--{words}", "", "two runs that are done", "an option for scenes")
-        from drivers.run.run_folders import run_folder
+        from drivers.inventory.run_folders import run_folder
         from validation.compare.pair import compare_runs
 
         return compare_runs(*(run_folder(folder, runs) for folder in folders))

@@ -38,6 +38,7 @@ PROBE_BYTES = 1 << 20
 POLL_S = 0.2
 RETRY_S = 2.0  # between looks at what another batch is at work on
 EXIT_LIMIT_S = 10.0  # for workers that are asked to end
+LIBRARIES = ("scipy.interpolate", "scipy.signal")  # that rows are made with, loaded once for all workers
 QUIET = "ignore:resource_tracker"  # after a kill the system has semaphores to clear up, and would say so
 MAX_DEATHS = 5  # of workers in a row, without a row done
 PLAN_CHUNK = 250
@@ -238,8 +239,8 @@ def _sessions(folder: Path) -> Iterator[Callable[[str], Session]]:
 def get_ready(steps: Steps) -> multiprocessing.context.ForkServerContext:
     """Starts what workers are forked from, with all that they need loaded, without waiting for it."""
     context = multiprocessing.get_context("forkserver")
-    modules = ("drivers.base.ends_with_parent", run_cases.__module__, steps.plan.partition(":")[0], *steps.observing)
-    context.set_forkserver_preload(list(modules))
+    modules = (run_cases.__module__, steps.plan.partition(":")[0], *steps.observing, *LIBRARIES)
+    context.set_forkserver_preload(["drivers.base.ends_with_parent", *modules])
     if QUIET not in sys.warnoptions:
         sys.warnoptions.append(QUIET)
     forkserver.ensure_running()

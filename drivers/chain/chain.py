@@ -6,7 +6,7 @@ all arrays have one entry a body. A contact that does not exist (under bead 1 of
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from itertools import pairwise
 from math import inf, pi, sqrt
 
@@ -31,7 +31,7 @@ LEVEL_M = 10.0  # places 0.1 mm off the axis are level to 1e-5, and heights roun
 AT_REST = 1e-9  # of the whole load: forces that a packing may leave on a bead
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)  # known by itself: what is worked out of one is kept for the engines that share it
 class Chain:
     """Everything that determines the motion, in SI units; arrays of shape (bodies,), read only.
 
@@ -240,6 +240,7 @@ def tube_arrays_of(chain: Chain) -> TubeChain:
     )
 
 
+@lru_cache(maxsize=2)
 def energy_put_in(chain: Chain, duration_s: float) -> float:
     """Energy that can turn into motion, in J; of a chain in which nothing moves, what its contacts hold at rest.
 

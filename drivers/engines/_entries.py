@@ -61,11 +61,17 @@ class Entry:
 
 def entry_files() -> tuple[Path, ...]:
     """Files of entries, later ones over earlier ones: shipped, the user's, the present folder's, ``--engines``."""
-    settings = home_of(os.environ.get("XDG_CONFIG_HOME") or "~/.config") / "bead-chains"
-    places = (paths.ENGINES, settings / paths.ENGINES.name, Path.cwd() / paths.ENGINES.name)
+    places = _places(os.environ.get("XDG_CONFIG_HOME") or "~/.config", os.environ.get("HOME"), Path.cwd())
     found = [path for path in places if readable(path)]
     asked = os.environ.get(paths.ENGINES_VARIABLE, "")
     return tuple(dict.fromkeys([*found, *map(Path, filter(None, asked.split(os.pathsep)))]))
+
+
+@cache
+def _places(settings: str, _: str | None, here: Path) -> tuple[Path, ...]:
+    """Where entries may stand, by the user's settings, home and present folder: asked for many times a case."""
+    name = paths.ENGINES.name
+    return (paths.ENGINES, home_of(settings) / "bead-chains" / name, here / name)
 
 
 def use_entries(files: Iterable[Path]) -> None:

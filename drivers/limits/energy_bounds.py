@@ -5,6 +5,8 @@ the chain's highest frequency are bounded without following the motion. The boun
 most scenes; ``drivers.limits.stable_step`` follows the motion where that is not enough.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from drivers.chain.chain import Array, Chain, energy_put_in
@@ -42,6 +44,7 @@ def wear(impacts: float) -> float:
     return float((1 + impacts) ** WEAR_EXPONENT)
 
 
+@lru_cache(maxsize=2)
 def at_most(chain: Chain, duration_s: float) -> Extremes:
     """Bounds of what contacts and the bore reach, by energy; impacts are not bounded so.
 
@@ -73,6 +76,7 @@ def bore_stiffness(chain: Chain) -> Array:
     return np.zeros(chain.bodies) if chain.bore is None else chain.bore.stiffness
 
 
+@lru_cache(maxsize=2)
 def share_at_most(chain: Chain, duration_s: float, time_step_s: float) -> tuple[float, float]:
     """Bounds of the step's share of ``SAFETY * 2 / omega_max``, and of the impacts there can be.
 

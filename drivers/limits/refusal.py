@@ -40,15 +40,15 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
 
 def inability(case: Case, engine: str) -> InputError | None:
     """What an engine cannot take, by name; None where it takes the case."""
-    needed = [each.name for each in case.elements if each.modelled]
-    missing = [name for name in needed if name not in load_engine(engine).models]
+    asked, needed = load_engine(engine), [each.name for each in case.elements if each.modelled]
+    missing = [name for name in needed if name not in asked.models]
     if missing:
         able = ", ".join(name for name in engine_names() if load_engine(name).models >= set(needed))
         where = f'"{engine}" for a scene with {", ".join(missing)}'
         return InputError(
             case.scene.file, "", where, f"an engine that models it: {able}" if able else "nothing: none models it"
         )
-    problem = load_engine(engine).refusal(case)
+    problem = asked.refusal(case)
     if problem is None:
         return None
     key, found, allowed = problem

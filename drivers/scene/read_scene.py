@@ -1,6 +1,7 @@
 """Reads scene files, with settings laid over them, and says in one line what is wrong with them."""
 
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -227,11 +228,17 @@ def _materials(file: SceneFile, library: dict[str, Any], where: str) -> dict[str
         if name in file.materials:
             materials[name] = file.materials[name]
         elif name in library:
-            materials[name] = validate(Material, library[name], paths.shown(paths.MATERIALS), f"{name}.")
+            materials[name] = validate(Material, library[name], _shown(paths.MATERIALS, Path.cwd()), f"{name}.")
         elif name != RIGID or key != "wall.material":
             known = sorted({*library, *file.materials} | ({RIGID} if key == "wall.material" else set()))
             raise InputError(where, key, f'"{name}"', f"{', '.join(known)}, or a [materials.{name}] of the scene's own")
     return materials
+
+
+@cache
+def _shown(path: Path, _: Path) -> str:
+    """A path as a person would type it in a folder: looked up once, since links on the way are followed."""
+    return paths.shown(path)
 
 
 def _steps_per_sample(interval_s: float, step_s: float | None, where: str) -> tuple[int, float]:

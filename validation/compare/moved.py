@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.base import paths
 from drivers.base.command_line import engines_again
 from drivers.base.errors import InputError
-from drivers.run.run_folders import KeptRun, kept_runs
+from drivers.inventory.run_folders import KeptRun, kept_runs
 from validation.compare.asked import Asked, print_unmet
 from validation.compare.pair import LEVELS, compare_pair, different_keys, open_pair
 from validation.compare.verdict import FAIL, NOT_RUN, RUN, Verdict, heading, line_of, without_run

@@ -1,10 +1,17 @@
 """What the compiled integrators share: the contact law, as ``hertz_chain`` has it for arrays, and copying."""
 
+import hashlib
 from math import sqrt
+from pathlib import Path
 
-from numba import njit
+from numba import config, njit
 
 from validation.reference.hertz_chain import Array
+
+# numba looks for changes in a function's own file, not in those that it calls into: one folder for each state of them
+HOME = Path(__file__).parent
+SOURCES = hashlib.sha256(b"".join(file.read_bytes() for file in sorted(HOME.glob("*.py")))).hexdigest()
+vars(config)["CACHE_DIR"] = str(Path(vars(config)["CACHE_DIR"] or HOME / "__pycache__") / f"kernels-{SOURCES[:12]}")
 
 
 @njit(error_model="numpy", forceinline=True)

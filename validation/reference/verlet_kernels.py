@@ -38,7 +38,7 @@ def _sweep(
         force[j] = stiffness[j] * overlap_power(closed)
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy")
 def _sweep_damped(
     below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
     damping: Array, dt: float,
@@ -89,8 +89,8 @@ def _record(
                 recorded[(step + 1) // every, i] = force[places[i]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def advance(
+@njit(nogil=True, error_model="numpy")
+def _advance(
     arrays: Arrays, dt: float, first: int, last: int, rising: bool, falling: bool, done: int, steps: int, every: int,
     places: NDArray[np.int64], recorded: Array, edge: Array,
 ) -> None:  # fmt: skip
@@ -125,6 +125,15 @@ def advance(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def advance(
+    arrays: Arrays, dt: float, first: int, last: int, rising: bool, falling: bool, done: int, steps: int, every: int,
+    places: NDArray[np.int64], recorded: Array, edge: Array,
+) -> None:  # fmt: skip
+    """As ``_advance``: what is kept compiled links nothing that is kept, so that its roundings depend on no history."""
+    _advance(arrays, dt, first, last, rising, falling, done, steps, every, places, recorded, edge)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def fill_samples(
     arrays: Arrays, dt: float, every: int, half_kick: Array, load: Array,
     forces: Array, overlaps: Array, velocities: Array, nowhere: NDArray[np.int64], nothing: Array,
@@ -135,7 +144,7 @@ def fill_samples(
         if sample:
             for first in range(0, every, BLOCK):
                 steps = min(BLOCK, every - first)
-                advance(arrays, dt, 0, overlap.size, False, False, 0, steps, steps, nowhere, nothing, force)
+                _advance(arrays, dt, 0, overlap.size, False, False, 0, steps, steps, nowhere, nothing, force)
         for j in range(overlap.size):
             forces[sample, j] = force[j]
             overlaps[sample, j] = overlap[j]

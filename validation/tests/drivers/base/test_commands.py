@@ -75,6 +75,7 @@ def test_scenes_studies_and_materials_are_listed() -> None:
 
 def completed(line: str, place: Path) -> set[str]:
     """Words that a bash with global completion offers at the end of a line."""
+    pytest.importorskip("argcomplete")
     script = """
         eval "$(activate-global-python-argcomplete --dest=-)"
         COMP_LINE=$1 COMP_POINT=${#1} COMP_TYPE=9
@@ -110,7 +111,6 @@ def completed(line: str, place: Path) -> set[str]:
     ],
 )
 def test_a_shell_completes(line: str, words: set[str], tmp_path: Path) -> None:
-    pytest.importorskip("argcomplete")
     (tmp_path / "own.toml").touch()
     for name in ("small-0123ab-0123456789ab", "small-other-0123ab-0123456789ab", ".work"):
         (tmp_path / "there" / VERLET / name).mkdir(parents=True)

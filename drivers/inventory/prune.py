@@ -11,10 +11,10 @@ from drivers.base.errors import InputError, RunError
 from drivers.base.processes import UNKNOWN_VERSION
 from drivers.batch.store import WORK, Store
 from drivers.engines import load_engine
+from drivers.inventory.run_folders import NAME, UNREAD, KeptRun, batches_text, kept_runs, select, size_below, size_text
 from drivers.run.build import Build, build_of
 from drivers.run.finished import read_record
 from drivers.run.run import run_identity
-from drivers.run.run_folders import NAME, UNREAD, KeptRun, batches_text, kept_runs, select, size_below, size_text
 from drivers.run.workplaces import leased, leftovers, workplace
 
 RECENT_S = 600.0  # the command that ran it may still read it

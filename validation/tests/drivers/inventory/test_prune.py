@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from drivers.engines import REFERENCE, VERLET, load_engine
-from drivers.run import prune as module
+from drivers.inventory import prune as module
+from drivers.inventory.prune import prune
+from drivers.inventory.run_folders import KeptRun, kept_runs
 from drivers.run.build import build_of
 from drivers.run.finished import FILE, read_record
-from drivers.run.prune import prune
 from drivers.run.run import run_case, run_identity
-from drivers.run.run_folders import KeptRun, kept_runs
-from drivers.run.workplaces import ABANDONED_S, ALIVE, _machine, workplace
+from drivers.run.workplaces import ABANDONED_S, ALIVE, LEASE, _machine, leased, workplace
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
 
 DAY_S = 86400.0
@@ -185,6 +185,8 @@ def test_leftovers_of_killed_runs_go_and_no_others(
     assert "killed" not in capsys.readouterr().out
     lines = pruned(capsys, runs)
     assert "removed 4 folders of killed processes, 4 kB" in lines
+    (runs / VERLET / f".{'b' * 12}@elsewhere" / LEASE).write_text('["row"]')
+    assert leased(runs / VERLET) == {"row"}
     left = {place.name[1:] for home in (VERLET, "batch/.work") for place in (runs / home).glob(".*@*")}
     assert left == {f"{'b' * 12}@elsewhere", f"{'c' * 12}@elsewhere", at_work.name[1:]}
 

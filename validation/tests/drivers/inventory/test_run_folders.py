@@ -9,9 +9,9 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, VERLET
+from drivers.inventory.run_folders import KeptRun, kept_runs, print_runs, run_folder, select
 from drivers.run.finished import FILE
 from drivers.run.run import run_case
-from drivers.run.run_folders import KeptRun, kept_runs, print_runs, run_folder, select
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
 
@@ -69,6 +69,17 @@ def test_what_is_listed_names_its_run(home: Path, capsys: pytest.CaptureFixture[
         assert not capsys.readouterr().err
 
 
+def test_a_scene_file_here_and_one_of_its_name_that_is_shipped(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (home / "small.toml").rename(home / "fig4.toml")
+    ended = run_case(case_of("fig4.toml"), VERLET, home / "runs")
+    for sources, name in (((), f"{VERLET}:fig4"), (("fig4.toml",), f"{VERLET}:fig4.toml")):
+        (row,) = [row for row in listed(capsys, home, *sources)[:-1] if row[1] == "fig4"]
+        assert row[0] == name
+        assert (row[8:] == []) is bool(sources)
+        assert run_folder(name, home / "runs").resolve() == ended.folder.resolve()
+        assert bool(capsys.readouterr().err) is not bool(sources)
+
+
 def test_a_scene_without_its_file_is_listed(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (home / "small.toml").unlink()
     rows = listed(capsys, home)[:-1]
@@ -102,7 +113,7 @@ def test_a_damaged_record_is_a_line(home: Path, text: str, capsys: pytest.Captur
 
 def test_failed_runs_and_other_folders(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ended = run_case(case_of(home / "small.toml", "chain.count=4"), VERLET, home / "runs", limit_s=0.01)
-    for other in ("verlet/notes", "batch/x", f"{VERLET}/.work@x", "empty"):
+    for other in ("verlet/notes", f"batch/x-{'0' * 12}", f"{VERLET}/.work@x", "empty"):
         (home / "runs" / other).mkdir(parents=True)
     (home / "runs" / "batch" / "a.jsonl").write_text("{}\n{}\n")
     *rows, total, batches = listed(capsys, home)
@@ -170,10 +181,13 @@ def test_a_path_is_taken_as_it_is(home: Path) -> None:
     [
         (f"{VERLET}:other", f"{VERLET}:small"),
         ("nobody:small", f"{REFERENCE}:small, {VERLET}:small"),
-        (":", f"{REFERENCE}:small, {VERLET}:small"),
+        (":", f"{REFERENCE}:far, {REFERENCE}:small, {VERLET}:small"),
     ],
 )
 def test_a_wrong_name_is_told(home: Path, name: str, allowed: str) -> None:
+    exact = kept_runs(home / "runs")[1].folder
+    record = json.loads((exact / FILE).read_text()) | {"scene_name": "far"}
+    (shutil.copytree(exact, exact.with_name(f"far-{'0' * 12}")) / FILE).write_text(json.dumps(record))
     with pytest.raises(InputError) as told:
         run_folder(name, home / "runs")
     assert str(told.value) == f"{name}: found no such run in runs; allowed: {allowed}"
@@ -207,5 +221,5 @@ def test_nothing_is_loaded_that_a_list_does_not_need(home: Path) -> None:
     )
     ended = command_line("timeit", "-n1", "-r1", code)
     assert f"{VERLET}" in ended.stdout
-    assert "'drivers.run.run_folders'" in ended.stdout
+    assert "'drivers.inventory.run_folders'" in ended.stdout
     assert [name for name in HEAVY if f"'{name}'" in ended.stdout] == []
