@@ -68,17 +68,15 @@ def report(sources: list[str], out: Path | None, runs: Path | None, asked: Asked
     failed = False
     for number, name in enumerate([*to_come], 2):
         study = load_study(name)
-        try:
-            with step(study.title, number, steps):
+        with step(study.title, number, steps):
+            try:
                 write_study(study, study.measure(Options(page.parent, folder, quick=True)), page.parent)
-                to_come.remove(name)
-                counts = write_report(compared, page, command, runs, unmet, to_come)
-        except RunError as error:  # the others are made all the same
-            say(f"{name}: {error}")
+            except RunError as error:  # the others are made all the same
+                say(f"{name}: {error}")
+                failed = True
             to_come.remove(name)
-            failed = True
-        else:
-            _announce(page, counts, to_come)
+            counts = write_report(compared, page, command, runs, unmet, to_come)
+        _announce(page, counts, to_come)
     missed = [line for name in STUDIES if studies for line in _missed(name, page.parent)]
     for line in missed:
         say(line)

@@ -105,7 +105,6 @@ def completed(line: str, place: Path) -> set[str]:
         ("python -m drivers batch sens", {"sensitivity"}),
         ("python -m postproc observables --ru", {"--runs"}),
         ("python -m postproc film --runs there verlet:s", {"small", "small-other"}),
-        ("python -m validation compare verl", set()),
         ("python -m validation compare --runs there verl", {"verlet:small", "verlet:small-other"}),
         ("python -m validation engine verl", {VERLET}),
     ],

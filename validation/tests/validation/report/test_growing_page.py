@@ -1,0 +1,135 @@
+"""The page is there first and grows by its studies; what was made is not made again."""
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.base import paths
+from drivers.base.errors import RunError
+from validation.compare.asked import Asked
+from validation.report import write_report
+from validation.report.write_report import report
+from validation.studies import Options, Study
+from validation.tests.helpers.scenes import SceneWriter
+
+Grow = Callable[..., int]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a study that measures next to nothing."""
+
+    value: float
+
+
+class Studies:
+    """Two studies that count how often they are made; what each does instead may be set."""
+
+    def __init__(self) -> None:
+        self.made: list[str] = []
+        self.pages: list[str] = []
+        self.instead: dict[str, Callable[[], None]] = {}
+        self.missed: list[str] = []
+
+    def load(self, name: str) -> Study:
+        def measure(options: Options) -> Mapping[str, Any]:
+            self.pages.append((options.results / "report.html").read_text())
+            self.instead.get(name, lambda: None)()
+            self.made.append(name)
+            return {name: [Row(1.0)]}
+
+        return Study(
+            name, f"about {name}", {name: Row}, measure, lambda _: [f"{name} says so"], lambda _: {},
+            missed=lambda _: self.missed,
+        )  # fmt: skip
+
+
+@pytest.fixture
+def studies(monkeypatch: pytest.MonkeyPatch) -> Studies:
+    own = Studies()
+    monkeypatch.setattr(write_report, "STUDIES", ("claims", "trade"))
+    monkeypatch.setattr(write_report, "load_study", own.load)
+    monkeypatch.setattr(write_report, "read_section", lambda *_: {})
+    return own
+
+
+@pytest.fixture
+def grow(studies: Studies, scene_file: SceneWriter, tmp_path: Path, shared_runs: Path) -> Grow:
+    """Makes the report of the small scene."""
+    page = tmp_path / "results" / "report.html"
+    return lambda: report([str(scene_file())], page, shared_runs, Asked(allow_missing=True), studies=True)
+
+
+def to_come(tmp_path: Path) -> list[str]:
+    found: list[str] = json.loads((tmp_path / "results" / "report.json").read_text())["to_come"]
+    return found
+
+
+def test_the_page_is_announced_before_any_study_and_says_what_comes(
+    studies: Studies, grow: Grow, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert grow() == 0
+    first, second, third = capsys.readouterr().out.splitlines()
+    assert first.endswith(" not run; to come: claims, trade")
+    assert second.endswith(" not run; to come: trade")
+    assert third.endswith(" not run")
+    assert studies.made == ["claims", "trade"]
+    links = [re.findall(r"Still to come, while .*: (.*)\. Load", page) for page in studies.pages]
+    assert links == [["Claims, Cost of accuracy"], ["Cost of accuracy"]]
+    assert to_come(tmp_path) == []
+    assert "Still to come" not in (tmp_path / "results" / "report.html").read_text()
+
+
+def test_what_was_made_before_an_interrupt_is_not_made_again(studies: Studies, grow: Grow, tmp_path: Path) -> None:
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    studies.instead["trade"] = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        grow()
+    assert to_come(tmp_path) == ["trade"]
+    studies.instead.clear()
+    assert grow() == 0
+    assert studies.made == ["claims", "trade"]
+    assert grow() == 0
+    assert studies.made == ["claims", "trade"]
+
+
+def test_claims_are_made_again_when_a_source_is_newer_and_other_tables_stay(
+    studies: Studies, grow: Grow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert grow() == 0
+    newer = tmp_path / "root" / "drivers" / "new.py"
+    newer.parent.mkdir(parents=True)
+    newer.touch()
+    monkeypatch.setattr(paths, "ROOT", tmp_path / "root")
+    assert grow() == 0
+    assert studies.made == ["claims", "trade", "claims"]
+
+
+def test_a_study_that_fails_leaves_the_others_and_the_page(
+    studies: Studies, grow: Grow, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail() -> None:
+        raise RunError("a bead was lost")
+
+    studies.instead["claims"] = fail
+    assert grow() == 1
+    assert studies.made == ["trade"]
+    assert "claims: a bead was lost" in capsys.readouterr().err
+    assert to_come(tmp_path) == []
+
+
+def test_a_requirement_that_is_missed_is_told_at_every_call(
+    studies: Studies, grow: Grow, capsys: pytest.CaptureFixture[str]
+) -> None:
+    studies.missed = ["the limit is wrong"]
+    for _ in range(2):
+        assert grow() == 1
+        assert capsys.readouterr().err.count("the limit is wrong") == 2  # of either study
+    assert studies.made == ["claims", "trade"]
