@@ -51,7 +51,7 @@ def prune(
     for why, words in (REMOVED | KEPT).items():
         group = groups[why]
         if why in REMOVED and not dry_run:
-            group = _remove(group, runs)
+            group = _remove(group)
         if group:
             counts = sorted(Counter(run.engine for run in group).items())
             told = ", ".join(f"{name} {count}" for name, count in counts)
@@ -108,7 +108,7 @@ def _present_build(engine: str, home: Path) -> Build | None:
     return None
 
 
-def _remove(group: Sequence[KeptRun], runs: Path) -> list[KeptRun]:
+def _remove(group: Sequence[KeptRun]) -> list[KeptRun]:
     """Removes runs, but none that another process has replaced meanwhile; those removed."""
     gone = []
     for home in {run.folder.parent for run in group}:
