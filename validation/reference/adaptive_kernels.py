@@ -37,7 +37,7 @@ def room_for(start: Array) -> Room:
     return state, end, work, np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def follow(
     times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float, samples: Array, room: Room
 ) -> bool:

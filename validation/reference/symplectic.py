@@ -29,7 +29,7 @@ def integrate_symplectic(chain: HertzChain, time_step_s: float, steps_per_sample
     return Motion(hertz_force(chain.stiffness, overlap), displacements(chain, overlap), velocity)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _integrate(
     start: Array, start_velocity: Array, stiffness: Array, inverse_mass: Array, acceleration: Array,
     dt: float, every: int, samples: int,

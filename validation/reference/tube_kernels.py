@@ -21,7 +21,7 @@ Memory = tuple[Array, Array, Array, Array]
 Marks = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def run_tube(
     bodies: Bodies, inertia: Array, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool,
     dt: float, every: int, forces: Array, samples: Array,
