@@ -57,7 +57,8 @@ FIXED_STEP = {VERLET: integrate_verlet, ORDER_4: integrate_symplectic}
 PAIR_STEPS_US = (1.0, 0.5, 0.2, 0.1, 0.05)
 SOFTER = (10, 100, 1000)
 FRACTIONS = (0.1, 0.2, 0.4)
-MANY = 20  # cases of one process
+MANY = 10  # cases of one process
+ON_TWO_CORES = ("fig4", "long-chain")
 TWO_CORES_FOR = "run.duration=0.5 ms"  # some hundred steps: the ratio is that of any of them
 
 
@@ -269,8 +270,12 @@ class Lever:
 
 
 def pull_all(*, short: bool = False) -> Iterator[Lever]:
-    """Every lever; the short study leaves out higher precision, which takes twenty times as long."""
-    levers = (sampling, extrapolation, rayleigh, softened, two_cores, *[precision] * (not short), one_process)
+    """Every lever; the short study leaves out higher precision, which takes twenty times as long, and a long chain."""
+    in_repo, shared = (
+        (sampling, extrapolation, rayleigh, softened),
+        partial(two_cores, ON_TWO_CORES[: 1 if short else 2]),
+    )
+    levers: tuple[Callable[[], Iterator[Lever]], ...] = (*in_repo, shared, *[precision] * (not short), one_process)
     for lever in following(levers, "levers", len(levers), "lever"):
         yield from lever()
 
@@ -338,9 +343,10 @@ def softened() -> Iterator[Lever]:
                 yield Lever("softened modulus", "fig4", "any", f"E/{softer}, {where}", name, error, longer)
 
 
-def two_cores() -> Iterator[Lever]:
+def two_cores(scenes: Sequence[str] = ON_TWO_CORES) -> Iterator[Lever]:
     """The same run on two cores: how much faster its loop is."""
-    for scene, name in product(("fig4", "long-chain"), installed_codes()):
+    pairs = [*product(scenes, installed_codes())]
+    for scene, name in following(pairs, "two cores", len(pairs)):
         case, engine = case_of(scene, "run.time_step=1 us", TWO_CORES_FOR), load_engine(name)
         if engine.on_two_cores and len(engine.find() or ()) == 1:  # its command sets no number of its own
             with left_out_if_failed(f"{name}, two cores"):
