@@ -70,6 +70,7 @@ def _render(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from drivers.base.progress import counted
     from drivers.limits.refusal import inability, refuse
     from drivers.run.run import run_case
     from validation.accuracy.assess import assess
@@ -87,8 +88,9 @@ def _run(arguments: argparse.Namespace) -> int:
     failures = 0
     for name in names:
         try:
-            ended = run_case(case, name, arguments.runs, rerun=arguments.rerun, limit_s=arguments.time_limit)
-            ended = assess(ended, case)
+            with counted(f"{case.scene.name} on {name}"):
+                ended = run_case(case, name, arguments.runs, rerun=arguments.rerun, limit_s=arguments.time_limit)
+                ended = assess(ended, case)
         except (RunError, OSError) as error:
             print(f"{case.scene.name}: {name}: {error}", file=sys.stderr)
             failures += 1
