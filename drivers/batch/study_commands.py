@@ -12,7 +12,7 @@ from pkgutil import resolve_name
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.processes import cores
-from drivers.base.progress import in_words
+from drivers.base.progress import counted, in_words, say
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import WORK, Row, Store
 from drivers.batch.study import Selection, read_study, select
@@ -252,17 +252,15 @@ def _print_end(found: _Batch) -> int:
 
 
 def _follow(under_way: Iterator[None], found: _Batch, awaited: dict[str, int]) -> None:
-    """Shows a bar over the rows that are awaited, of cases by their numbers; quiet where nobody looks on."""
-    from tqdm import tqdm
-
-    with tqdm(total=len(awaited), unit="row", leave=False, disable=None) as bar:
+    """Counts the rows that are awaited, of cases by their numbers, and tells failures to who looks on."""
+    with counted(found.setup.study.name, len(awaited), "row") as count:
         for _ in itertools.chain(under_way, [None]):
             for row in found.store.refresh():
                 number = awaited.pop(row.identity, None)
                 if number is not None:
-                    bar.update()
-                    if not row.done and not bar.disable:  # else the summary tells it
-                        bar.write(failure_line(found.setup.study.label(number), row), file=sys.stderr)
+                    count()
+                    if not row.done and sys.stderr.isatty():  # else the summary tells it
+                        say(failure_line(found.setup.study.label(number), row))
 
 
 def failure_line(label: str, row: Row) -> str:

@@ -22,6 +22,7 @@ from tempfile import TemporaryFile
 from typing import Any
 
 from drivers.base.errors import RunError
+from drivers.base.progress import following
 from drivers.batch.store import WORK, Outbox, Row, Store
 from drivers.batch.study import read_study, select
 from drivers.batch.study_cases import Request, Setup, Steps, StudyCase, StudyPlan, facts_of, plan_of, set_up
@@ -274,15 +275,12 @@ def worker_pool(workers: int, setup: Setup, store: Store) -> Iterator[ProcessPoo
 
 def plan_side_by_side(setup: Setup, store: Store, workers: int) -> StudyPlan:
     """The plan of the whole study; an InputError where a case makes no scene, or none that can end well."""
-    from tqdm import tqdm
-
     numbers = range(1, setup.study.count + 1)
     if len(numbers) < MANY_TO_PLAN or workers == 1:
         return plan_of(setup, (facts_of(setup, number) for number in numbers))
     with worker_pool(workers, setup, store) as pool:
         facts = pool.map(_facts, numbers, chunksize=PLAN_CHUNK)
-        bar = tqdm(facts, total=len(numbers), unit="case", desc="validating", leave=False, disable=None)
-        return plan_of(setup, bar)
+        return plan_of(setup, following(facts, "cases validated", len(numbers), "case"))
 
 
 def run_locally(

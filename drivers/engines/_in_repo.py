@@ -80,8 +80,8 @@ def read(case: Case, folder: Path) -> Trace:
     return make_trace(chain, times, columns[0], place, velocity, spin, bore)
 
 
-def in_repository_engine(**own: Any) -> Engine:
-    """An in-repo engine, from what is its own."""
+def in_repository_engine(kernels: str, **own: Any) -> Engine:
+    """An in-repo engine, from what is its own; its server loads some compiled kernels before the first case."""
     return Engine(
         how_to_get="nothing: it is part of this repository",
         program="python",
@@ -89,7 +89,7 @@ def in_repository_engine(**own: Any) -> Engine:
         in_repository=True,
         variables={"PYTHONPATH": str(paths.ROOT)},
         refusal=refusal,
-        server=Deck({}, (*COMMAND[:-1], "-"), raw=()),  # takes requests from stdin
+        server=Deck({}, (*COMMAND[:-1], "-", kernels), raw=()),  # takes requests from stdin
         read=read,
         loop_pattern=r"^completed \d+ samples in ([0-9.]+) s$",
         **own,

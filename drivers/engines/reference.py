@@ -10,4 +10,6 @@ def render(case: Case) -> Deck:
     return _in_repo.render(case, "adaptive", sample_interval_s=case.scene.run.sample_interval)
 
 
-ENGINE = _in_repo.in_repository_engine(scheme=EXACT, render=render, style=Style("#b3b3b3", 3.2, marker="o", size=8.0))
+ENGINE = _in_repo.in_repository_engine(
+    "adaptive_kernels", scheme=EXACT, render=render, style=Style("#b3b3b3", 3.2, marker="o", size=8.0)
+)

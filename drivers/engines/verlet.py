@@ -17,6 +17,7 @@ def render(case: Case) -> Deck:
 
 
 ENGINE = _in_repo.in_repository_engine(
+    "verlet_kernels",
     scheme=IN_OVERLAPS,
     shear=TOTAL,
     models=STRAIGHT | SIDEWAYS,

@@ -1,12 +1,14 @@
 """``python -m validation.reference chain.json``: integrates the chain of a deck and writes ``chain.npy``.
 
 With ``-`` in place of the deck it serves many: each line of its input names a folder and a word to print afterwards.
+Kernels named behind it are loaded before the first.
 """
 
 import json
 import sys
 import time
 from collections.abc import Callable, Iterable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -73,11 +75,10 @@ def _tube(values: dict[str, Any]) -> Integration:
     return integrate
 
 
-def serve(requests: Iterable[str]) -> None:
+def serve(requests: Iterable[str], kernels: Iterable[str]) -> None:
     """Runs deck after deck; one that cannot be run ends it, as it would end a process of its own."""
-    import validation.reference.adaptive_kernels
-    import validation.reference.verlet_kernels  # noqa: F401  before the first request, not in it
-
+    for name in kernels:
+        import_module(f"validation.reference.{name}")
     for line in requests:
         folder, word = line.rstrip("\n").split(" ")
         if folder:
@@ -87,6 +88,6 @@ def serve(requests: Iterable[str]) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1] == "-":
-        serve(sys.stdin)
+        serve(sys.stdin, sys.argv[2:])
     else:
         main(Path(sys.argv[1]))

@@ -44,7 +44,7 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAS
         raise ValueError("time_s: not finite")
     if not LEAST_TOLERANCE <= tolerance < 1:
         raise ValueError(f"tolerance: {tolerance:g}, expected from {LEAST_TOLERANCE:g} to below 1")
-    from validation.reference.adaptive_kernels import follow, room_for
+    from validation.reference.adaptive_kernels import follow
 
     n = chain.mass_kg.size
     overlap_scale, speed_scale = scales(chain, float(time_s[-1]))
@@ -52,9 +52,7 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAS
     damping = np.zeros(0) if chain.elastic else chain.damping
     bodies = (1.0 / chain.mass_kg, chain.stiffness, damping, chain.load_N / chain.mass_kg)
     first = FIRST_STEP * overlap_scale / speed_scale
-    states = np.empty((time_s.size, 2 * n))
-    states[0] = start
-    done = follow(time_s, bodies, LOCAL_SHARE * tolerance, scale, first, states, room_for(start))
+    states, done = follow(start, time_s, bodies, LOCAL_SHARE * tolerance, scale, first)
     if not done or not np.isfinite(states).all():
         raise ArithmeticError("the adaptive reference cannot follow this motion: its steps shrink to nothing")
     overlap, velocity = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])

@@ -14,8 +14,6 @@ DENSE_LIMIT = 1e-9  # local tolerance below which samples of damped contacts are
 EVENT_OVERLAP = 1e-13  # of the overlap scale: contacts that are open or closed by less are at no event
 MAX_TRIES = 12  # of Newton's method for the time of an event
 MAX_REJECTED = 200  # in a row
-# states, their ends, work; stages, spare ones, dense output
-Room = tuple[Array, Array, Array, Array, Array, Array]
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -29,23 +27,20 @@ def _root(elapsed: float, power: float) -> float:
     return sqrt(root) if power == 4.0 else root
 
 
-def room_for(start: Array) -> Room:
-    """Arrays that ``follow`` works in, the first with the state at time 0."""
-    size = start.size
-    state, end, work = (np.zeros((3, size)) for _ in range(3))
-    state[0] = start
-    return state, end, work, np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow(
-    times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float, samples: Array, room: Room
-) -> bool:
-    """Fills the states of a chain at all times but the first, shape (samples, 2 bodies); whether it got there.
+    start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float
+) -> tuple[Array, bool]:
+    """States of a chain at all times, shape (samples, 2 bodies), and whether it got there.
 
     Local errors of each step stay below ``tolerance`` times ``scale``, shape (2 bodies,).
     """
-    state, end, work, slopes, spare, dense = room
+    size = start.size  # arrays are made here, where they are known to be apart: loops over them are faster
+    state, end, work = np.zeros((3, size)), np.zeros((3, size)), np.zeros((3, size))
+    slopes, spare, dense = np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
+    samples = np.empty((times.size, size))
+    copy(start, samples[0])
+    copy(start, state[0])
     power = 4.0 if bodies[2].size else 2.0
     dense_enough = power == 2.0 or tolerance >= DENSE_LIMIT
     slope(state[0], 1.0, state[2], bodies)
@@ -55,7 +50,7 @@ def follow(
 
     while sample < times.size:
         if rejected > MAX_REJECTED:
-            return False
+            return samples, False
         elapsed, final = _raised(s, power), (times[-1] - event) - rest
         s_end = min(s + h, _root(final, power))
         target = final if s_end < s + h else _raised(s_end, power)
@@ -105,7 +100,7 @@ def follow(
         last = contact
         for row in range(len(state)):
             copy(end[row], state[row])
-    return True
+    return samples, True
 
 
 @njit(error_model="numpy")

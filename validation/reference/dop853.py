@@ -23,9 +23,11 @@ STAGES = 12
 ROWS = 16  # stages, the slope at the end, and three more for dense output
 A = np.zeros((ROWS, ROWS))
 A[:STAGES, :STAGES], A[STAGES, :STAGES], A[STAGES + 1 :] = DOP853.A, DOP853.B, DOP853.A_EXTRA
+B = np.array(DOP853.B)
 C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
 D = np.ascontiguousarray(DOP853.D)
-E = np.array([DOP853.E5, DOP853.E3])
+E3 = np.array(DOP853.E3)
+E5 = np.array(DOP853.E5)
 ROUNDING = 0.5**53  # of a double
 # inverse masses, stiffness, damping (empty of an elastic chain), acceleration by the loads alone
 Bodies = tuple[Array, Array, Array, Array]
@@ -35,22 +37,23 @@ Bodies = tuple[Array, Array, Array, Array]
 def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     """Writes ``stretch * dy/dt`` to ``result``."""
     inverse_mass, stiffness, damping, acceleration = bodies
-    n = inverse_mass.size
-    velocity, force = state[n:], result[n:]  # forces, until slopes take their places: loops without branches are fast
+    n, damped = inverse_mass.size, damping.size > 0
+    below, force_below = 0.0, 0.0
     for j in range(n):
-        overlap = state[j] if state[j] > 0.0 else 0.0
-        force[j] = elastic_force(stiffness[j], overlap)
-    result[0] = stretch * (0.0 - velocity[0])
-    for j in range(1, n):
-        result[j] = stretch * (velocity[j - 1] - velocity[j])
-    if damping.size:
-        for j in range(n):
-            if state[j] > 0.0:
-                closing = (velocity[j - 1] if j > 0 else 0.0) - velocity[j]
-                force[j] = damped_force(stiffness[j], damping[j], state[j], closing)
-    for j in range(n - 1):
-        force[j] = stretch * ((force[j] - force[j + 1]) * inverse_mass[j] + acceleration[j])
-    force[n - 1] = stretch * (force[n - 1] * inverse_mass[n - 1] + acceleration[n - 1])
+        overlap, velocity = state[j], state[n + j]
+        closing = below - velocity
+        result[j] = stretch * closing
+        below = velocity
+        force = 0.0
+        if overlap > 0.0:
+            if damped:
+                force = damped_force(stiffness[j], damping[j], overlap, closing)
+            else:
+                force = elastic_force(stiffness[j], overlap)
+        if j > 0:
+            result[n + j - 1] = stretch * ((force_below - force) * inverse_mass[j - 1] + acceleration[j - 1])
+        force_below = force
+    result[2 * n - 1] = stretch * (force_below * inverse_mass[n - 1] + acceleration[n - 1])
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -60,34 +63,14 @@ def _stretch(s: float, power: float) -> float:
 
 
 @njit(error_model="numpy")
-def weigh(h: float, weights: Array, line: int, count: int, slopes: Array, result: Array) -> None:
-    """Writes ``h * weights[line, :count] @ slopes`` to ``result``, row after row, four at a time."""
+def weigh(h: float, weights: Array, slopes: Array, result: Array) -> None:
+    """Writes ``h * weights @ slopes`` to ``result``."""
     result[:] = 0.0
-    held, w1, w2, w3, row1, row2, row3 = 0, 0.0, 0.0, 0.0, 0, 0, 0
-    for row in range(count):
-        weight = h * weights[line, row]
-        if weight == 0.0:
-            continue
-        if held == 0:
-            w1, row1 = weight, row
-        elif held == 1:
-            w2, row2 = weight, row
-        elif held == 2:
-            w3, row3 = weight, row
-        else:
+    for row in range(weights.size):
+        weight = h * weights[row]
+        if weight != 0.0:
             for i in range(result.size):
-                three = ((result[i] + w1 * slopes[row1, i]) + w2 * slopes[row2, i]) + w3 * slopes[row3, i]
-                result[i] = three + weight * slopes[row, i]
-        held = (held + 1) % 4
-    if held == 1:
-        for i in range(result.size):
-            result[i] += w1 * slopes[row1, i]
-    elif held == 2:
-        for i in range(result.size):
-            result[i] = (result[i] + w1 * slopes[row1, i]) + w2 * slopes[row2, i]
-    elif held == 3:
-        for i in range(result.size):
-            result[i] = ((result[i] + w1 * slopes[row1, i]) + w2 * slopes[row2, i]) + w3 * slopes[row3, i]
+                result[i] += weight * slopes[row, i]
 
 
 @njit(error_model="numpy")
@@ -98,11 +81,11 @@ def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Arr
     for i in range(start.size):
         slopes[0, i] = stretch * state[2, i]
     for stage in range(1, STAGES):
-        weigh(h, A, stage, stage, slopes, result)
+        weigh(h, A[stage, :stage], slopes, result)
         for i in range(start.size):
             result[i] += start[i]
         slope(result, _stretch(s + C[stage] * h, power), slopes[stage], bodies)
-    weigh(h, A, STAGES, STAGES, slopes, end[1])
+    weigh(h, B, slopes, end[1])
     for i in range(start.size):
         change = end[1, i] + state[1, i]
         result[i] = start[i] + change
@@ -125,11 +108,11 @@ def error(
     rounding = ROUNDING * abs(h * stretch) / tolerance
     for i in range(scale.size):
         slopes[STAGES, i] = stretch * end[2, i]
-    weigh(1.0, E, 0, STAGES + 1, slopes, work[0])
-    weigh(1.0, E, 1, STAGES + 1, slopes, work[1])
+    weigh(1.0, E5, slopes, work[0])
+    weigh(1.0, E3, slopes, work[1])
     for i in range(scale.size):
         fifth, third = work[0, i], work[1, i]
-        if not abs(h * fifth) / scale[i] <= largest:  # else it is not the largest, whatever the rest makes of it
+        if fifth != 0.0:
             ratio = third / fifth  # squares of what a wave has barely reached underflow
             rounded = rounding * _pressing(i - n, end[0], bodies) * bodies[0][i - n] if i >= n else 0.0
             estimate = abs(h * fifth) / sqrt(1.0 + 0.01 * ratio * ratio) / max(scale[i], rounded)
@@ -162,7 +145,7 @@ def prepare_dense(
 ) -> None:
     """Fills the seven rows of ``dense`` for a step whose stages and end slope stand in ``slopes``."""
     for row in range(STAGES + 1, ROWS):
-        weigh(h, A, row, row, slopes, work)
+        weigh(h, A[row, :row], slopes, work)
         for i in range(start.size):
             work[i] += start[i]
         slope(work, _stretch(s + C[row] * h, power), slopes[row], bodies)
@@ -172,7 +155,7 @@ def prepare_dense(
         dense[1, i] = h * slopes[0, i] - change
         dense[2, i] = 2.0 * change - h * (slopes[STAGES, i] + slopes[0, i])
     for row in range(4):
-        weigh(h, D, row, ROWS, slopes, dense[3 + row])
+        weigh(h, D[row], slopes, dense[3 + row])
 
 
 @njit(error_model="numpy")
