@@ -1,7 +1,6 @@
 """Batches that are killed, as a whole or in part: nothing lost, nothing left behind."""
 
 import os
-import re
 import random
 import shutil
 import signal
@@ -13,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from validation.tests.drivers.batch.test_batch import batch, stored, table_bytes
+from validation.tests.helpers.commands import without_progress
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
 
@@ -63,12 +63,6 @@ def _processes_of(leader: int, folder: Path) -> list[str]:
     return [command for command in found if command]  # the dead that nobody has asked for yet have none
 
 
-def _beside_progress(said: str) -> list[str]:
-    return [
-        line for line in said.splitlines() if not re.match(r"(study|cases validated): \d+ of \d+ (row|case)s in ", line)
-    ]
-
-
 @pytest.mark.parametrize("request_to_end", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("early", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_helpers_do_not_outlive_a_killed_batch(
@@ -90,7 +84,7 @@ def test_helpers_do_not_outlive_a_killed_batch(
     time.sleep(1)
     assert not _processes_of(process.pid, runs)
     assert process.stderr is not None
-    assert _beside_progress(process.stderr.read()) in ([], ["interrupted"])
+    assert without_progress(process.stderr.read()) in ("", "interrupted\n")
 
 
 def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: Path) -> None:
@@ -106,7 +100,7 @@ def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: P
                 kills += 1
         time.sleep(0.3)
     assert process.stderr is not None
-    assert (process.wait(), _beside_progress(process.stderr.read())) == (0, [])
+    assert (process.wait(), without_progress(process.stderr.read())) == (0, "")
     assert kills
     assert set(stored(runs).values()) == {1}
     assert len(stored(runs)) == 60
