@@ -175,7 +175,7 @@ def load_study(name: str) -> Study:
 
 def run_study(study: Study, options: Options) -> int:
     """Measures, writes tables and figures, says what they mean; the exit code is 1 where a requirement is missed."""
-    with step(study.title):
+    with step(named(study.title, options)):
         tables = write_study(study, study.measure(options), options.results)
     for line in study.sentences(tables):
         print(line)
@@ -186,6 +186,11 @@ def run_study(study: Study, options: Options) -> int:
     if missing_codes():
         say(f"without what is not installed: {', '.join(missing_codes())}")
     return 1 if missed else 0
+
+
+def named(what: str, options: Options) -> str:
+    """A step in words; those of a short study take other times."""
+    return f"{what}, short study" if options.quick else what
 
 
 def up_to_date(study: Study, results: Path) -> bool:

@@ -22,7 +22,7 @@ from validation.report.charts import PLACES
 from validation.report.machine_readable import as_json, as_junit, made_with, when_made
 from validation.report.page_figures import read_figures, read_table1
 from validation.report.scene_section import case_rows, counted, scene_row, section_of, short, tolerances
-from validation.studies import STUDIES, Options, load_study, read_section, up_to_date, write_study
+from validation.studies import STUDIES, Options, load_study, named, read_section, up_to_date, write_study
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 AGAIN = "make report"
@@ -67,10 +67,10 @@ def report(sources: list[str], out: Path | None, runs: Path | None, asked: Asked
     _announce(page, counts, to_come)
     failed = False
     for number, name in enumerate([*to_come], 2):
-        study = load_study(name)
-        with step(study.title, number, steps):
+        study, options = load_study(name), Options(page.parent, folder, quick=name not in WHOLE)
+        with step(named(study.title, options), number, steps):
             try:
-                write_study(study, study.measure(Options(page.parent, folder, quick=True)), page.parent)
+                write_study(study, study.measure(options), page.parent)
             except RunError as error:  # the others are made all the same
                 say(f"{name}: {error}")
                 failed = True

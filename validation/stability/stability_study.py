@@ -15,7 +15,7 @@ from postproc.draw.style import COLUMN_IN, FAINT, marker_of, pyplot
 from validation.stability import measured_limits, rounding_effects
 from validation.stability.extremes import Outcome, extremes, run_all
 from validation.stability.measured_limits import BOUNCING, CRITERION_KEYS, JUDGED, SHIPPED, SWEEPS, WITHIN, Limit
-from validation.studies import Options, Picture, Study, Tables
+from validation.studies import Options, Picture, Study, Tables, named
 
 RANDOM_SCENES = 100
 LONG: dict[str, tuple[str, Callable[[], Iterable[Any]]]] = {
@@ -43,7 +43,7 @@ def measure(options: Options) -> dict[str, Any]:
     parts |= {} if options.quick else LONG
     rows = {}
     for number, (name, (what, run)) in enumerate(parts.items(), 1):
-        with step(what, number, len(parts)):
+        with step(named(what, options), number, len(parts)):
             rows[name] = [*run()]
     return rows
 

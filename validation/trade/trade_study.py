@@ -180,9 +180,9 @@ def measure(options: Options) -> dict[str, Any]:
     """The ladder within a budget of engine time, the levers, and what follows from the ladder."""
     short = options.quick
     budget_s, scenes = (SHORT_BUDGET_S, SHORT_SCENES) if short else (BUDGET_S, SCENES)
-    with step("the ladder of time steps", 1, 2):
+    with step(studies.named("the ladder of time steps", options), 1, 2):
         rows = climb(options.budget_s or budget_s, scenes, short=short)
-    with step("other ways to less time or error", 2, 2):
+    with step(studies.named("other ways to less time or error", options), 2, 2):
         levers = [*pull_all(short=short)]
     table = studies.frame_of(Row, rows)
     return {"trade": rows, "trade-levers": levers, "trade-advice": advice(table), "trade-orders": orders(table)}
