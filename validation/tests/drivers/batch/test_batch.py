@@ -142,6 +142,7 @@ exec {real} "$@" < $fifo
         ),
     ],
 )
+@pytest.mark.long
 def test_a_failure_is_charged_to_its_case(
     command: str, status: str, reason: str, study_file: StudyWriter, tmp_path: Path
 ) -> None:
@@ -171,6 +172,7 @@ def test_a_failure_is_charged_to_its_case(
     assert set(table(runs)["status"]) == {"done"}
 
 
+@pytest.mark.long
 def test_an_unstable_case_is_refused_or_fails_alone(study_file: StudyWriter, tmp_path: Path) -> None:
     axes = '[[axis]]\nzip = { "run.time_step" = ["0.1 us", "25 us"], "run.sample_interval" = ["1 us", "25 us"] }'
     refused = batch(study_file(axes, *installed(ALL)), tmp_path / "runs")
@@ -267,6 +269,7 @@ def test_equal_cases_run_once(study_file: StudyWriter, tmp_path: Path) -> None:
     assert list(table(runs)["status"]) == ["done"] * 6
 
 
+@pytest.mark.long
 def test_damaged_files_do_not_count(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(4), "verlet"), tmp_path / "runs"
     assert batch(path, runs).returncode == 0

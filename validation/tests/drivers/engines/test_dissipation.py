@@ -69,6 +69,7 @@ def test_restitution_errs_in_first_order_of_the_step() -> None:
 @pytest.mark.parametrize(
     ("scene", "given"), [("fig4", DAMPED), ("fig5", DAMPED), ("fig4", "contact.damping_ratio=0.3")]
 )
+@pytest.mark.long
 def test_codes_have_the_law_of_the_in_repo_scheme(scene: str, given: str, shared_runs: Path) -> None:
     case = case_of(scene, given)
     runs = {engine: finished(case, engine, shared_runs) for engine in ENGINES}

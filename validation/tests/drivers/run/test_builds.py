@@ -92,6 +92,7 @@ def test_a_script_is_told_from_another_by_what_it_starts(
     assert before.version == "LIGGGHTS (Version 1)"
 
 
+@pytest.mark.long
 def test_builds_stand_side_by_side(engines_file: EnginesWriter, study_file: StudyWriter, tmp_path: Path) -> None:
     """A run each, a row each in a batch, the same numbers; and another name is no installed engine."""
     need("liggghts")

@@ -97,6 +97,7 @@ def test_what_runs_is_killed_only_while_all_is_stopped(tmp_path: Path) -> None:
     assert run_command(("true",), tmp_path, 100.0).code == 0
 
 
+@pytest.mark.long
 def test_the_same_case_in_several_threads_and_processes(scene_file: SceneWriter, tmp_path: Path) -> None:
     """Whoever is later finds what is done; nobody's reading is disturbed."""
     path = scene_file(duration="0.02 ms")

@@ -40,6 +40,7 @@ def test_a_run_that_fails_when_served_ends_as_by_itself(scene_file: SceneWriter,
     assert (served.folder / "stderr.txt").read_text() == (alone.folder / "stderr.txt").read_text()
 
 
+@pytest.mark.long
 def test_a_script_that_looks_at_decks_serves_none(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
     for name in installed_codes():
         engine, case = load_engine(name), case_of(scene_file())

@@ -277,6 +277,7 @@ def test_builds_are_pairs_of_one_adapter(builds: tuple[str, str, str]) -> None:
     assert Asked((VERLET, first, first)).builds == []
 
 
+@pytest.mark.long
 def test_codes_are_the_same_in_two_folders(
     scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

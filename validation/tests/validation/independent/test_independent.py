@@ -136,6 +136,7 @@ def cheap(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path) -> None:
     for code in codes():
         need(code)

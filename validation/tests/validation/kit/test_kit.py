@@ -14,7 +14,7 @@ from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
-from drivers.engines import Engine, engine_names, load_engine
+from drivers.engines import VERLET, Engine, engine_names, load_engine
 from validation.accuracy.schemes import verlet_of
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.kit.judge import CHECKS, SERVER, Row, judge
@@ -48,7 +48,10 @@ def rows_of(engine: Engine, home: Path, names: Iterable[str] = tuple(CHECKS)) ->
     return {row.check: row for row in judge(engine, home, names)}
 
 
-@pytest.mark.parametrize("name", engine_names())
+ENGINES = [pytest.param(name, marks=() if name == VERLET else pytest.mark.long) for name in engine_names()]
+
+
+@pytest.mark.parametrize("name", ENGINES)
 @pytest.mark.parametrize("part", ["quick", pytest.param("slow", marks=pytest.mark.long)])
 def test_every_engine_passes(name: str, part: str, shared_runs: Path) -> None:
     need(name)

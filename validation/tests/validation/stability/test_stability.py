@@ -233,6 +233,7 @@ def test_a_motion_beyond_hertz_is_refused(scene_file: SceneWriter) -> None:
         refuse(case, "reference")
 
 
+@pytest.mark.long
 def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_path: Path) -> None:
     need("liggghts")
     far = ("chain.bead=[{from_wall=3, gap_below='100 km'}]", "run.duration=20 us")
@@ -253,6 +254,7 @@ def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_pat
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.long if "thousand times smaller" in name else ()) for name in QUICK]
 )
+@pytest.mark.long
 def test_at_the_edge(name: str, shared_runs: Path) -> None:
     for engine in codes():
         need(engine)
