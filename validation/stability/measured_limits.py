@@ -48,6 +48,7 @@ TRAVERSE = 45.0  # limits that a scene of a sweep lasts: the wave comes to the w
 BLOWN_UP, BAD = 1.0, 0.1  # energy gained, over what the scene puts in: the guard fails a run beyond the first
 FINENESS = 0.01
 LOWEST, HIGHEST = 0.15, 2.5  # shares of the predicted limit that are scanned
+BELOW = 0.9  # where a code is scanned from that does not blow up where Verlet does
 SHARES = np.exp(np.arange(np.log(LOWEST), np.log(HIGHEST), np.log1p(FINENESS)))
 CRITERION_KEYS = ("rayleigh_s", "hertz_s", "p_wave_s")
 JUDGED = (SHIPPED, RANDOM)  # groups on which the measured limit lies up to WITHIN times the bound; on all it lies above
@@ -154,7 +155,7 @@ class Limit:
         value: of the parameter, where it is a sweep's.
         predicted_s: the lower bound, before any run.
         measured_s: the smallest step scanned at which the energy blows up; NaN if none does.
-        bad_s: the smallest at which it gains a tenth of what is put in; NaN if none does.
+        bad_s: the smallest at which it gains a tenth of what is put in; NaN where that was not found.
         rayleigh_s, hertz_s, p_wave_s: what users' criteria say (``drivers.limits.criteria.CRITERIA``).
         steps: of the run at the limit.
     """
@@ -210,23 +211,22 @@ def _by_code(
 ) -> list[Limit]:
     limits = []
     with serving(name) as session:
+        gain_at = partial(_gain_in, session)
         for subject, verlet in zip(subjects, by_verlet, strict=True):
-            gain_at = partial(_gain_in, session)
-            same = _does_the_same(subject.case, verlet, gain_at)
-            found = replace(verlet, method=name) if same else _scan(subject, name, verlet.predicted_s, gain_at)
-            limits.append(found)
+            if _passes(subject.case, verlet.measured_s, BLOWN_UP, gain_at):
+                bad_s = verlet.bad_s if _passes(subject.case, verlet.bad_s, BAD, gain_at) else nan
+                limits.append(replace(verlet, method=name, bad_s=bad_s))
+            else:
+                limits.append(_scan(subject, name, verlet.predicted_s, gain_at, lowest=BELOW))
             count()
     return limits
 
 
-def _does_the_same(case: Case, limit: Limit, gain_at: Callable[[Case], float]) -> bool:
-    """Whether the energy is bad, and blows up, at the steps of a limit, and not one step of the scan before."""
-    shares = {BAD: limit.bad_s, BLOWN_UP: limit.measured_s}
-    return all(
-        gain_at(case.sampled_at_every(step_s)) > share >= gain_at(case.sampled_at_every(step_s / (1 + FINENESS)))
-        for share, step_s in shares.items()
-        if np.isfinite(step_s)
-    ) and np.isfinite(limit.measured_s)
+def _passes(case: Case, step_s: float, share: float, gain_at: Callable[[Case], float]) -> bool:
+    """Whether the energy gains more than a share at a step, and not at the one before it in the scan."""
+    if not np.isfinite(step_s):
+        return False
+    return gain_at(case.sampled_at_every(step_s)) > share >= gain_at(case.sampled_at_every(step_s / (1 + FINENESS)))
 
 
 def _gain_in(session: Session, case: Case) -> float:
@@ -238,13 +238,15 @@ def _gain_in(session: Session, case: Case) -> float:
         return inf
 
 
-def _scan(subject: Subject, method: str, predicted_s: float, gain_at: Callable[[Case], float]) -> Limit:
-    """Tries larger and larger steps until the energy is bad, and on until it blows up."""
+def _scan(
+    subject: Subject, method: str, predicted_s: float, gain_at: Callable[[Case], float], lowest: float = LOWEST
+) -> Limit:
+    """Tries larger and larger steps until the energy blows up; from the lowest on it also sees where it is bad."""
     case, measured_s, bad_s = subject.case, nan, nan
-    for step_s in predicted_s * SHARES:
+    for step_s in predicted_s * SHARES[lowest <= SHARES]:
         with np.errstate(all="ignore"):
             found = gain_at(case.sampled_at_every(step_s))
-        if found > BAD and np.isnan(bad_s):
+        if lowest == LOWEST and found > BAD and np.isnan(bad_s):
             bad_s = step_s
         if found > BLOWN_UP:
             measured_s = step_s
