@@ -5,6 +5,7 @@ the step took the last time on this machine, or what ``inputs/durations.toml`` h
 """
 
 import json
+import os
 import sys
 import threading
 import time
@@ -84,7 +85,8 @@ def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[
     global _last_word
     from tqdm import tqdm
 
-    bar = tqdm(total=total, desc=what, unit=unit, leave=False, disable=None, file=sys.stderr, dynamic_ncols=True)
+    look: dict[str, Any] = {"leave": False, "dynamic_ncols": True, "file": sys.stderr, "disable": not _watched()}
+    bar = tqdm(total=total, desc=what, unit=unit, bar_format="{desc}: {elapsed}" if total is None else None, **look)
     task = _Task(what, total, unit, bar)
     with _lock:
         if not _under_way:
@@ -104,6 +106,14 @@ def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[
         with _lock:
             _under_way.remove(task)
         bar.close()
+
+
+def _watched() -> bool:
+    """Whether a terminal shows the standard error; recorders have some without a size, where no bar is seen."""
+    try:
+        return sys.stderr.isatty() and all(os.get_terminal_size(sys.stderr.fileno()))
+    except (OSError, AttributeError, ValueError):
+        return False
 
 
 def following(items: Iterable[Item], what: str, total: int | None = None, unit: str = "run") -> Iterator[Item]:

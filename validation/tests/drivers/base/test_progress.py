@@ -1,6 +1,8 @@
 """Progress is a line for each step, with what is known of its time, and a word now and then."""
 
 import json
+import os
+import sys
 import threading
 import time
 from pathlib import Path
@@ -56,6 +58,18 @@ def test_steps_that_take_long_are_not_silent(
     assert first == "step 1 of 2: outer"
     assert "  inner: 1 of 3 waves in 0 s, about" in inner[0]
     assert last.startswith("  outer: 1 s so far") or last.startswith("  outer: 2 s so far")
+
+
+@pytest.mark.parametrize(("size", "bars"), [((0, 0), False), ((100, 0), False), ((100, 40), True)])
+def test_a_terminal_without_a_size_gets_lines(
+    size: tuple[int, int], bars: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "get_terminal_size", lambda _: size)
+    terminal, other = os.openpty()
+    with open(other, "w") as shown:
+        monkeypatch.setattr(sys, "stderr", shown)
+        assert progress._watched() is bars
+    os.close(terminal)
 
 
 def test_threads_of_work_end_in_any_order(capsys: pytest.CaptureFixture[str]) -> None:
