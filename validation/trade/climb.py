@@ -164,8 +164,8 @@ def climb(budget_s: float, scenes: Sequence[str] = SCENES, *, short: bool = Fals
         rows = [
             row for part in pool.map(lambda own: [*_climbed(own, start_s, truth, count)], longest_first) for row in part
         ]
-    order = {key: place for place, key in enumerate(groups)}
-    rows.sort(key=lambda row: order[row.scene, row.method])
+    methods = [*installed_codes(), VERLET, ORDER_4, ADAPTIVE]
+    rows.sort(key=lambda row: (scenes.index(row.scene), methods.index(row.method)))
     return rows + [_row(rung, status=NOT_RUN, reason=f"its loop would take {rung.expected_s:.0f} s") for rung in left]
 
 

@@ -346,7 +346,8 @@ def section(tables: Tables) -> dict[str, Any]:
             () if run is None else (run["method"], *map(_time, (run["time_step_s"], run["loop_s"]))) for run in runs
         ]
         table.append({"scene": scene, "quantity": QUANTITIES[quantity], "cells": cells})
-    return {"table": table, "targets": [f"{target:.0e}" for target in TARGETS]}
+    short = not set(SCENES) <= set(rows["scene"])
+    return {"short": short, "table": table, "targets": [f"{target:.0e}" for target in TARGETS]}
 
 
 def _time(seconds: float) -> str:
