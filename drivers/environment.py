@@ -16,10 +16,8 @@ def trouble() -> str:
     if sys.version_info < (3, 11):  # noqa: UP036 - whoever starts it may have an older one
         found = f"Python {sys.version_info[0]}.{sys.version_info[1]}, and 3.11 or later is needed"
     else:
-        file = paths.ROOT / "pyproject.toml"
-        project = (
-            file.read_text(encoding="utf-8") if file.exists() else ""
-        )  # packages copied without it: nothing is known
+        file = paths.ROOT / "pyproject.toml"  # where packages are copied without it, nothing is known of their needs
+        project = file.read_text(encoding="utf-8") if file.exists() else ""
         listed = project.partition("\ndependencies = [")[2].partition("]")[0]
         needed = set(re.findall(r'"([\w-]+)', listed)) - {"argcomplete"}  # which only shells ask for
         missing = sorted(name for name in needed if find_spec(name) is None)
