@@ -1,6 +1,8 @@
 """Limits of the time step, what guards them, scenes at the edge."""
 
 import json
+from contextlib import nullcontext
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +25,10 @@ from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import run_and_compare
 from validation.report.write_report import write_report
 from validation.served_runs import builds_of
+from validation.stability import measured_limits
 from validation.stability.extremes import Extreme, extremes, run_all
 from validation.stability.measured_limits import (
+    FINENESS,
     PAPER,
     RANDOM,
     SHIPPED,
@@ -68,6 +72,20 @@ def test_codes_blow_up_where_the_in_repo_scheme_does() -> None:
     bad = {limit.bad_s for limit in limits if limit.scene == "fig5"}
     assert len(bad) == 1
     assert bad.pop() < limits[0].measured_s
+
+
+@pytest.mark.parametrize("times", [0.97, 1.05])
+def test_a_code_that_blows_up_elsewhere_is_scanned_itself(times: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    subjects = [Subject(RANDOM, "fig5", case_of("fig5"))]
+    (scheme,) = measure_limits(subjects, names=())
+    elsewhere_s = times * scheme.measured_s
+    monkeypatch.setattr(measured_limits, "serving", lambda _: nullcontext())
+    monkeypatch.setattr(
+        measured_limits, "_gain_in", lambda _, case: inf if case.scene.time_step_s >= elsewhere_s else 0
+    )
+    _, code = measure_limits(subjects, names=("a code",))
+    assert code.method == "a code"
+    assert elsewhere_s <= code.measured_s <= elsewhere_s * (1 + 2 * FINENESS)
 
 
 def test_the_cheap_bound_never_calls_a_step_stable_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
