@@ -3,6 +3,7 @@
 from functools import cache
 from typing import Annotated
 
+import numpy as np
 import pandas as pd
 from pydantic import Field
 
@@ -104,3 +105,13 @@ def quoted() -> Quoted:
     if len(set(found.table1.force_N)) != rows:
         raise InputError(where, "table1.force_N", "a force twice", "different forces")
     return found
+
+
+def force_accuracy(force_N: float) -> float:
+    """Relative accuracy of a measured amplitude.
+
+    It goes linearly with the logarithm of the force, from that quoted for the largest of Table 1 to that of the smallest.
+    """
+    forces, accuracy = quoted().table1.force_N, quoted().accuracy
+    ends = np.log([min(forces), max(forces)])
+    return float(np.interp(np.log(force_N), ends, [accuracy.force_small, accuracy.force_large]))

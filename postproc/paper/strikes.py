@@ -21,7 +21,7 @@ from drivers.base.errors import InputError, RunError
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import Array
 from drivers.engines import REFERENCE
-from postproc.paper.quoted import quoted
+from postproc.paper.quoted import force_accuracy, quoted
 from postproc.paper.simulate import Simulation, case_of, exact, run_codes, run_codes_on
 from postproc.read.signals import first_peak
 from validation.reference.travelling_wave import solve_travelling_wave
@@ -179,15 +179,10 @@ def engines_of(table: pd.DataFrame) -> list[str]:
 
 
 def measured_points() -> pd.DataFrame:
-    """The experiment's points with their stated uncertainties.
-
-    The accuracy of the force goes linearly with its logarithm from that quoted for large amplitudes to that for
-    small ones. That of the speed is given as quoted, and as the error of each sensor's place makes it.
-    """
+    """The experiment's points with their stated uncertainties, that of the speed also as the sensors' places make it."""
     table, accuracy, case = quoted().table1, quoted().accuracy, case_of("table1")
     force, speed = np.array(table.force_N), np.array(table.measured_speed_m_s)
-    ends = np.log([force.min(), force.max()])
-    share = np.interp(np.log(force), ends, [accuracy.force_small, accuracy.force_large])
+    share = np.array([force_accuracy(value) for value in table.force_N])
     upper, lower = sensor_pair(case)
     gap = float(case.chain.height_m[upper - 1] - case.chain.height_m[lower - 1])
     return pd.DataFrame({

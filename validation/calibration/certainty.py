@@ -1,0 +1,234 @@
+"""How surely data tell parameters: standard errors, correlations, directions they leave open, profiles, predictions."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf, isfinite, nan, sqrt
+
+import numpy as np
+
+from drivers.chain.chain import Array
+from validation.calibration.fit import Fit, chi_square_at, minimise
+from validation.calibration.problem import Datum, Problem, own_values, predicted
+
+OPEN = 1 / sqrt(12)  # of a range: the standard deviation of a parameter of which only the range is known
+ALIKE = 0.95  # correlation from which on two parameters are said to trade off
+SHARE = 0.1  # of a direction's largest component, from which on another is named
+RISES = {"68 %": 1.0, "95 %": 3.841458820694124}  # of chi-square at the ends of intervals (Wilks, one parameter)
+FURTHEST = 5.0  # rise of chi-square at which a profile ends
+STRIDE = 0.6  # standard errors from one point of a profile to the next
+POINTS = 12  # of a profile to each side, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Certainty:
+    """Linear certainty of a fit: what the sensitivities say at the best place.
+
+    Singular values are of the jacobian by the coordinates; where one is so small that the data leave the parameters
+    free within their ranges along its direction, that direction is open.
+    """
+
+    fit: Fit
+
+    @cached_property
+    def _directions(self) -> tuple[Array, Array]:
+        """Singular values, a 0 for each direction without, and the directions as rows."""
+        _, singular, directions = np.linalg.svd(self.fit.jacobian, full_matrices=True)
+        return np.append(singular, np.zeros(len(directions) - len(singular))), directions
+
+    @property
+    def open_directions(self) -> Array:
+        """Directions that the data leave open. Shape (directions, parameters)."""
+        singular, directions = self._directions
+        return np.asarray(directions[singular * OPEN < 1.0])
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of the coordinates; along open directions that of the ranges alone. Shape (parameters, parameters)."""
+        singular, directions = self._directions
+        variance = 1 / np.maximum(singular**2, 1 / OPEN**2)
+        return np.asarray((directions.T * variance) @ directions)
+
+    @property
+    def errors(self) -> Array:
+        """Standard errors of the values, in their units; inf where the data leave a parameter open. Shape (parameters,)."""
+        free = self.fit.problem.free
+        slopes = np.array([each.slope(float(x)) for each, x in zip(free, self.fit.place, strict=True)])
+        return np.where(self.undetermined, inf, np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def undetermined(self) -> Array:
+        """Whether a parameter may lie anywhere in its range, for all that the data say. Shape (parameters,)."""
+        named = [np.abs(each) > SHARE * np.abs(each).max() for each in self.open_directions]
+        return np.any(named, axis=0) if named else np.zeros(len(self.fit.place), dtype=bool)
+
+    @property
+    def correlations(self) -> Array:
+        """Of the parameters' errors. Shape (parameters, parameters)."""
+        spread = np.sqrt(np.diag(self.covariance))
+        return np.asarray(self.covariance / np.outer(spread, spread))
+
+    def sentences(self) -> Iterator[str]:
+        """What the data cannot tell, and which parameters trade off."""
+        free, place = self.fit.problem.free, self.fit.place
+        for direction in self.open_directions:
+            named = np.flatnonzero(np.abs(direction) > SHARE * np.abs(direction).max())
+            if len(named) == 1:
+                yield f"the data do not tell {free[named[0]].label}"
+                continue
+            changes = [direction[i] * free[i].slope(float(place[i])) / free[i].value(float(place[i])) for i in named]
+            largest = changes[int(np.argmax(np.abs(changes)))]
+            each = [f"{free[i].label} {10 * change / largest:+.3g} %" for i, change in zip(named, changes, strict=True)]
+            yield f"the data do not tell {' from '.join(free[i].label for i in named)}: they trade off along {', '.join(each)}"
+        related = np.argwhere(np.triu(np.abs(self.correlations), 1) > ALIKE)
+        for i, k in related:
+            if not (self.undetermined[i] or self.undetermined[k]):
+                words = f"{free[i].label} and {free[k].label} trade off: their errors have a correlation of"
+                yield f"{words} {self.correlations[i, k]:.3f}"
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Least chi-square for each value of one parameter, all others fitted anew.
+
+    Attributes:
+        coordinate, chi_square: shape (points,), in the order of the coordinate.
+        places: of all parameters there, shape (points, parameters).
+    """
+
+    problem: Problem
+    index: int
+    coordinate: Array
+    chi_square: Array
+
+    @property
+    def value(self) -> Array:
+        """Values of the parameter. Shape (points,)."""
+        free = self.problem.free[self.index]
+        return np.array([free.value(float(x)) for x in self.coordinate])
+
+    def interval(self, rise: float) -> tuple[float, float]:
+        """Values at which chi-square has risen so far; -inf or inf where it has not at the end of the range."""
+        excess = self.chi_square - self.chi_square.min()
+        best, free = int(np.argmin(excess)), self.problem.free[self.index]
+        ends = []
+        for side, none in ((slice(best, None, -1), -inf), (slice(best, None), inf)):
+            # the root of chi-square's rise is nearly straight in the coordinate
+            height, where = np.sqrt(np.maximum(excess[side], 0.0)), self.coordinate[side]
+            beyond = np.flatnonzero(height >= sqrt(rise))
+            if not beyond.size:
+                ends.append(none)
+                continue
+            k = int(beyond[0])
+            share = (sqrt(rise) - height[k - 1]) / (height[k] - height[k - 1])
+            ends.append(free.value(float(where[k - 1] + share * (where[k] - where[k - 1]))))
+        return ends[0], ends[1]
+
+
+def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> Profile:
+    """Profile of chi-square along one parameter, from the best place outwards until it has risen by ``FURTHEST``."""
+    certainty = Certainty(fit)
+    stride = min(STRIDE * sqrt(certainty.covariance[index, index]), 1 / POINTS)
+    along = certainty.covariance[index] / certainty.covariance[index, index]
+    points = [(float(fit.place[index]), fit.chi_square)]
+    for sign in (-1, 1):
+        place = fit.place
+        for number in range(1, POINTS + 1):
+            grown = sign * stride * (1 + (number > POINTS // 2))
+            target = min(max(float(place[index]) + grown, 0.0), 1.0)
+            if target == place[index]:
+                break
+            guess = place + along * (target - place[index])
+            place = minimise(fit.problem, guess, {index: target})
+            points.append((target, chi_square_at(fit.problem, place)))
+            count()
+            if points[-1][1] - fit.chi_square > FURTHEST:
+                break
+    points.sort()
+    return Profile(fit.problem, index, *(np.array(column) for column in zip(*points, strict=True)))
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A datum beside what the fit gives for it, and what a fit without it foretells.
+
+    Values in the observable's unit; of a trace, the rms of its residual in standard errors stands in ``off``.
+    Attributes:
+        off: fitted less measured, in standard errors of the measurement.
+        without: foretold by the fit to all other data; its standard error is that of this fit.
+        without_off: foretold less measured, in standard errors of both together.
+    """
+
+    datum: Datum
+    fitted: float
+    error: float
+    off: float
+    without: float = nan
+    without_error: float = nan
+    without_off: float = nan
+
+
+def predictions(fit: Fit, *, leave_out: bool = True, count: Callable[[], None] = lambda: None) -> list[Prediction]:
+    """A line for each datum, fitted or only predicted; with ``leave_out`` also what a fit without it foretells."""
+    found, certainty = list[Prediction](), Certainty(fit)
+    for datum in fit.problem.data:
+        value, error = _foretold(fit, datum, certainty)
+        off = _off(fit.residual, datum, value)
+        if not leave_out or not datum.rows:
+            found.append(Prediction(datum, value, error, off))
+            continue
+        place = minimise(fit.problem, fit.place, left_out=datum.rows)
+        rest = Fit(fit.problem, place, fit.residual, _without(fit, datum))
+        without, without_error = _foretold(rest, datum, Certainty(rest))
+        number = datum.number
+        both = nan if number is None else (without - number.value) / np.hypot(without_error, number.error)
+        found.append(Prediction(datum, value, error, off, without, without_error, float(both)))
+        count()
+    return found
+
+
+def _without(fit: Fit, datum: Datum) -> Array:
+    """Sensitivities of all data but one."""
+    kept = np.setdiff1d(np.arange(fit.problem.rows), list(datum.rows))
+    return np.asarray(fit.jacobian[kept])
+
+
+def _off(residual: Array, datum: Datum, value: float) -> float:
+    if datum.number is not None:
+        return (value - datum.number.value) / datum.number.error
+    rows = residual[datum.rows.start : datum.rows.stop]
+    return float(np.sqrt(np.mean(rows**2)))
+
+
+def _foretold(fit: Fit, datum: Datum, certainty: Certainty) -> tuple[float, float]:
+    """What the motion at a fit shows of a number, with its standard error by that of the parameters."""
+    if datum.number is None:
+        return nan, nan
+    problem, name = fit.problem, datum.number.observable
+    data = next(each for each in problem.sets if each.name == datum.data_set)
+
+    def at(place: Array) -> float:
+        return predicted(data, own_values(problem, data, place)).get(name, nan)
+
+    value, slope, step = at(fit.place), np.zeros(len(fit.place)), 1e-5
+    for index in range(len(slope)):
+        other = fit.place.copy()
+        other[index] += step if other[index] + step <= 1 else -step
+        slope[index] = (at(other) - value) / (other[index] - fit.place[index])
+    error = float(np.sqrt(max(slope @ certainty.covariance @ slope, 0.0)))
+    return value, error if isfinite(error) else nan
+
+
+def digits(value: float, error: float) -> str:
+    """A value with as many digits as its error leaves, and the error with two."""
+    if not isfinite(error) or error <= 0:
+        return f"{value:.4g}"
+    places = 1 - int(np.floor(np.log10(error)))
+    return f"{value:.{max(places, 0)}f} ± {error:.{max(places, 0)}f}" if places < 8 else f"{value:.6g} ± {error:.2g}"
+
+
+def probability(fits: Sequence[Fit]) -> list[float]:
+    """Probability of a chi-square as large by chance, of each fit; NaN without degrees of freedom."""
+    from scipy.stats import chi2
+
+    return [float(chi2.sf(each.chi_square, each.freedom)) if each.freedom > 0 else nan for each in fits]

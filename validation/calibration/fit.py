@@ -1,0 +1,115 @@
+"""Least squares: the parameters at which predictions come nearest to the data, from several starts."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from math import ceil, log2
+
+import numpy as np
+
+from drivers.chain.chain import Array
+from validation.calibration.problem import Problem, jacobian, residual
+
+SCREENED, POLISHED = 32, 3  # places all over the ranges that are looked at, and the best of them that are followed
+CONVERGED = 1e-9  # relative change of chi-square, or of the coordinates
+EVALUATIONS = 60  # of one descent
+APART = 1e-3  # of a range: minima nearer than that are one
+WORSE = 1.0  # of chi-square, by which another minimum may be worse and still be told
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A least-squares fit.
+
+    Attributes:
+        place: coordinates of the parameters, shape (parameters,).
+        residual: in standard errors, shape (rows,).
+        jacobian: of the residual by the coordinates, shape (rows, parameters).
+        others: chi-square and coordinates of further minima that are nearly as good.
+    """
+
+    problem: Problem
+    place: Array
+    residual: Array
+    jacobian: Array
+    others: tuple[tuple[float, Array], ...] = ()
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of the squared residuals."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom: data less parameters, and less what is fitted of traces' base lines."""
+        return self.problem.rows - len(self.place) - sum(data.lines for data in self.problem.sets)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of the parameters, by label."""
+        return self.problem.values(self.place)
+
+
+def fit(problem: Problem) -> Fit:
+    """The best of the minima that are found from the scene's own values and from places all over the ranges."""
+    from scipy.stats import qmc
+
+    start = problem.start
+    shared = [index for index, each in enumerate(problem.free) if not each.own]
+    places = [start]
+    if shared:
+        draws = qmc.Sobol(len(shared), seed=0).random_base2(ceil(log2(SCREENED)))
+        places += [_moved(start, shared, draw) for draw in draws]
+    best = sorted(places[1:], key=lambda place: chi_square_at(problem, place))[:POLISHED]
+    ends = sorted((minimise(problem, place) for place in (start, *best)), key=lambda end: chi_square_at(problem, end))
+    others = list[Array]()
+    for end in ends[1:]:
+        near = chi_square_at(problem, end) < chi_square_at(problem, ends[0]) + WORSE
+        if near and all(np.abs(end - each).max() > APART for each in (ends[0], *others)):
+            others.append(end)
+    return fitted_at(problem, ends[0], tuple((chi_square_at(problem, each), each) for each in others))
+
+
+def fitted_at(problem: Problem, place: Array, others: tuple[tuple[float, Array], ...] = ()) -> Fit:
+    """The fit at a place that is known to be a minimum."""
+    return Fit(problem, place, residual(problem, place), jacobian(problem, place), others)
+
+
+def minimise(
+    problem: Problem, start: Array, held: Mapping[int, float] | None = None, left_out: Collection[int] = ()
+) -> Array:
+    """Coordinates of the minimum that a descent from ``start`` ends in.
+
+    Args:
+        problem: what is fitted.
+        start: coordinates, shape (parameters,).
+        held: coordinates by index of the parameters that keep them.
+        left_out: rows of the residual that do not count.
+    """
+    from scipy.optimize import least_squares
+
+    place = np.clip(start, 0.0, 1.0)
+    for index, value in (held or {}).items():
+        place[index] = value
+    moving = [index for index in range(len(place)) if index not in (held or {})]
+    counting = np.setdiff1d(np.arange(problem.rows), list(left_out))
+    if not moving or not counting.size:
+        return place
+    end = least_squares(
+        lambda x: residual(problem, _moved(place, moving, x))[counting],
+        np.clip(place[moving], 1e-9, 1 - 1e-9),
+        lambda x: jacobian(problem, _moved(place, moving, x))[np.ix_(counting, moving)],
+        bounds=(0.0, 1.0), xtol=CONVERGED, ftol=CONVERGED, gtol=None, max_nfev=EVALUATIONS,
+    )  # fmt: skip
+    return _moved(place, moving, end.x)
+
+
+def chi_square_at(problem: Problem, place: Array) -> float:
+    """Chi-square at a place."""
+    off = residual(problem, place)
+    return float(off @ off)
+
+
+def _moved(place: Array, moving: list[int], coordinates: Array) -> Array:
+    moved = place.copy()
+    moved[moving] = coordinates
+    return moved

@@ -1,0 +1,189 @@
+"""``python -m validation fit``: finds free parameters of scenes by measured data, and confirms the scene that results."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.files import whole_file
+from drivers.base.units import quantity
+from drivers.chain.case import build_case
+from drivers.engines import codes
+from drivers.limits.refusal import inability
+from drivers.scene.read_scene import find_scene, read_scene, set_value
+from postproc.read.observables import describe
+from validation.calibration.certainty import RISES
+from validation.calibration.data_sets import DataSet, paper_data, scene_data
+from validation.calibration.free import Free, free_parameter
+from validation.calibration.outcome import Outcome, interval_in_words, solve, value_in_words
+from validation.calibration.problem import Problem, pose
+from validation.compare.asked import Asked
+from validation.compare.comparison import compare_scenes
+from validation.studies import write_frame
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a command asks for.
+
+    Attributes:
+        free, own: options ``--free`` and ``--own``, a key each, with bounds or without.
+        quoted: names of data sets of the paper.
+        measured: a CSV file in place of those of the scene.
+        quick: without profiles, left-out data and codes.
+    """
+
+    scenes: Sequence[str]
+    free: Sequence[str]
+    own: Sequence[str] = ()
+    quoted: Sequence[str] = ()
+    measured: Path | None = None
+    settings: Sequence[str] = ()
+    quick: bool = False
+
+
+def problem_of(wanted: Wanted) -> Problem:
+    """The problem that a command poses.
+
+    Raises:
+        InputError: nothing is free, nothing is measured, or something is wrong with either.
+    """
+    if not wanted.free and not wanted.own:
+        raise InputError("fit", "--free", "nothing", "a key of the scene, such as --free contact.restitution")
+    if wanted.quoted:
+        if wanted.measured:
+            raise InputError("fit", "--measured", "beside --quoted", "one of the two")
+        sets = paper_data(wanted.quoted, wanted.settings)
+    else:
+        sets = [scene_data(scene, wanted.settings, wanted.measured) for scene in wanted.scenes]
+    if not sets:
+        raise InputError("fit", "", "no scene", "scenes with [[measured]] data, or --quoted")
+    free = [free_parameter(text, sets[0].scene, sets[0].where) for text in wanted.free]
+    for data in sets:
+        free += [free_parameter(text, data.scene, data.where, data.name) for text in (*data.own, *wanted.own)]
+    return pose(tuple(sets), tuple(free))
+
+
+def run_fit(wanted: Wanted, runs: Path, results: Path) -> int:
+    """Fits, prints and writes what is found, and lets the codes confirm it; 1 where they do not.
+
+    Raises:
+        InputError: the problem is wrong.
+    """
+    outcome = solve(problem_of(wanted), quick=wanted.quick)
+    print(*lines(outcome), sep="\n", flush=True)
+    name = f"fit-{wanted.scenes[0] if wanted.scenes else wanted.quoted[0]}"
+    name = Path(name).stem
+    write_frame(results / f"{name}.csv", parameter_table(outcome))
+    write_frame(results / f"{name}-data.csv", data_table(outcome))
+    fitted = [write_fitted(source, wanted.settings, outcome, results) for source in dict.fromkeys(wanted.scenes)]
+    print(*(paths.shown(results / f"{name}{end}") for end in (".csv", "-data.csv")), sep="\n")
+    for path in fitted:
+        print(paths.shown(path))
+    return 0 if wanted.quick or not fitted else _confirm(fitted, runs)
+
+
+def _confirm(fitted: Sequence[Path], runs: Path) -> int:
+    """Compares fitted scenes on all engines; where no code has their law, that is said, and the reference stands alone."""
+    cases = [build_case(read_scene(path)) for path in fitted]
+    theirs = any(inability(case, code) is None for case in cases for code in codes())
+    if not theirs:
+        print("no code has this law: the fitted scene rests on the in-repo engines")
+    return compare_scenes([str(path) for path in fitted], (), runs, Asked(allow_missing=not theirs), unsafe=False)
+
+
+def lines(outcome: Outcome) -> Iterator[str]:
+    """The fit in words: parameters, data, what they say."""
+    found = outcome.fit
+    width = max(len(each.label) for each in found.problem.free)
+    yield f"{'parameter':<{width}} {'value':>24}  " + "  ".join(f"{each:>22}" for each in RISES) + "  from"
+    for index, free in enumerate(found.problem.free):
+        value, error = free.value(float(found.place[index])), float(outcome.certainty.errors[index])
+        profile = outcome.profiles.get(free.label)
+        ends = [interval_in_words(free, profile.interval(rise)) if profile else "" for rise in RISES.values()]
+        start = quantity(float(f"{free.start:.4g}"), free.unit) if free.unit else f"{free.start:.4g}"
+        words = value_in_words(free, value, error)
+        yield f"{free.label:<{width}} {words:>24}  " + "  ".join(f"{each:>22}" for each in ends) + f"  {start}"
+    yield ""
+    width = max(len(each.datum.label) for each in outcome.predictions)
+    yield f"{'datum':<{width}} {'measured':>20} {'fitted':>11} {'off':>6}  {'by the others':>22} {'off':>6}"
+    for each in outcome.predictions:
+        yield f"{each.datum.label:<{width}} {_datum_in_words(each)}"
+    yield ""
+    yield from outcome.sentences()
+
+
+def _datum_in_words(line: Any) -> str:
+    number = line.datum.number
+    if number is None:
+        return f"{'':>20} {'':>11} {line.off:6.2f}"
+    measured = f"{number.value:.4g} ± {number.error:.2g}"
+    others = f"{line.without:.4g} ± {line.without_error:.2g}" if line.without == line.without else ""
+    off = f"{line.without_off:6.2f}" if line.without_off == line.without_off else ""
+    words = f"{measured:>20} {line.fitted:11.5g} {line.off:6.2f}  {others:>22} {off}"
+    return words if number.fitted else f"{words.rstrip()}  (not fitted)"
+
+
+def parameter_table(outcome: Outcome) -> Any:
+    """A row for each parameter, values in SI units."""
+    import pandas as pd
+
+    rows = []
+    for index, free in enumerate(outcome.fit.problem.free):
+        profile = outcome.profiles.get(free.label)
+        row: dict[str, Any] = {"parameter": free.label, "unit": free.unit, "start": free.start}
+        row |= {"low": free.low, "high": free.high, "value": free.value(float(outcome.fit.place[index]))}
+        row["standard_error"] = float(outcome.certainty.errors[index])
+        for name, rise in RISES.items():
+            ends = profile.interval(rise) if profile else (float("nan"),) * 2
+            row |= dict(zip((f"low_{name[:2]}pct", f"high_{name[:2]}pct"), ends, strict=True))
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def data_table(outcome: Outcome) -> Any:
+    """A row for each datum, in its observable's unit."""
+    import pandas as pd
+
+    rows = []
+    for line in outcome.predictions:
+        number = line.datum.number
+        rows.append({
+            "data_set": line.datum.data_set, "datum": line.datum.name, "unit": describe(line.datum.name).unit,
+            "measured": number.value if number else float("nan"), "error": number.error if number else float("nan"),
+            "fitted": line.fitted, "fitted_error": line.error, "off": line.off,
+            "by_the_others": line.without, "by_the_others_error": line.without_error, "by_the_others_off": line.without_off,
+            "counts": bool(number is None or number.fitted), "because": number.because if number else "",
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def write_fitted(source: str, settings: Sequence[str], outcome: Outcome, results: Path) -> Path:
+    """Writes a scene file with the fitted values in place, its comments kept; its name is ``fit-`` and the scene's."""
+    import tomlkit
+
+    path = find_scene(source)
+    document: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
+    for setting in settings:
+        key, _, text = setting.partition("=")
+        set_value(document, key.strip(), tomlkit.value(_toml(text)), f"--set {setting}")
+    for index, free in enumerate(outcome.fit.problem.free):
+        if free.own in ("", path.stem):
+            set_value(document, free.key, _rounded(free, outcome, index), str(path))
+    for entry in document.get("measured", []):
+        if "file" in entry:
+            entry["file"] = os.path.relpath(path.parent / entry["file"], results)
+    results.mkdir(parents=True, exist_ok=True)
+    fitted = results / f"fit-{path.stem}.toml"
+    with whole_file(fitted) as draft:
+        draft.write_text(tomlkit.dumps(document), encoding="utf-8")
+    return fitted
+
+
+def _rounded(free: Free, outcome: Outcome, index: int) -> str | float:
+    """A value with three digits more than its error asks for, with its unit."""
+    value = float(f"{free.value(float(outcome.fit.place[index])):.6g}")
+    return quantity(value, free.unit) if free.unit else value

@@ -1,0 +1,142 @@
+"""Free parameters: keys of a scene whose values are to be found, with bounds and a coordinate of their own."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from math import exp, isfinite, log
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from drivers.base import paths, units
+from drivers.base.errors import InputError
+from drivers.base.messages import validate
+from drivers.scene.model import Part, Scene
+from drivers.scene.read_scene import read_toml
+from drivers.scene.settings import look_up, unit_of
+
+WIDE = 10.0  # ratio of bounds above zero from which on the coordinate is logarithmic
+FACTOR = 10.0  # bounds about a value that has none in ``inputs/calibration.toml``
+FIXED = ("run", "seed", "title")  # tables of a scene that are no physics
+
+
+class Range(Part):
+    """Where a parameter is looked for, as ``inputs/calibration.toml`` has it; quantities in words such as "1 GPa"."""
+
+    low: str | float
+    high: str | float
+    start: str | float | None = None
+    because: str
+
+
+@dataclass(frozen=True)
+class Free:
+    """A free parameter; values in the SI unit of its key.
+
+    Attributes:
+        key: of the scene, such as ``materials.ptfe.youngs_modulus``.
+        own: name of the data set whose own it is; empty where all data sets share it.
+        prior: relative standard error with which the start is known beforehand; 0 where nothing is known.
+    """
+
+    key: str
+    unit: str
+    start: float
+    low: float
+    high: float
+    own: str = ""
+    prior: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """The key, with the data set before it where it is one's own."""
+        return f"{self.own}: {self.key}" if self.own else self.key
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the coordinate goes with the logarithm."""
+        return self.low > 0 and self.high / self.low >= WIDE
+
+    def value(self, coordinate: float) -> float:
+        """Value at a coordinate, which goes from 0 at the lower bound to 1 at the upper."""
+        if self.logarithmic:
+            return min(max(self.low * exp(coordinate * log(self.high / self.low)), self.low), self.high)
+        return min(max(self.low + coordinate * (self.high - self.low), self.low), self.high)
+
+    def coordinate(self, value: float) -> float:
+        """Coordinate of a value."""
+        if self.logarithmic:
+            return log(value / self.low) / log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+    def slope(self, coordinate: float) -> float:
+        """Derivative of the value by the coordinate."""
+        if self.logarithmic:
+            return self.value(coordinate) * log(self.high / self.low)
+        return self.high - self.low
+
+    def text(self, value: float) -> Any:
+        """A value as a scene file holds it: with its unit, or a plain number."""
+        return f"{value!r} {self.unit}" if self.unit else value
+
+
+def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
+    """The parameter of an option such as ``contact.restitution`` or ``striker.speed=1 m/s..3 m/s``.
+
+    Bounds that are not given are those of ``inputs/calibration.toml``, else a tenth and ten times the scene's value.
+
+    Raises:
+        InputError: no number of the physics stands at the key, or there is nothing to start from, or the bounds are
+            no range.
+    """
+    key, given, bounds = text.partition("=")
+    key, known = key.strip(), _ranges()
+    unit, found = unit_of(key), look_up(scene, key)
+    range_ = known.get(key) or known.get(key.rpartition(".")[2])
+    physics = key.split(".")[0] not in FIXED and not isinstance(found, (bool, int, str))
+    if not physics or not (isinstance(found, float) or (found is None and (unit or range_))):
+        raise InputError(where, f"--free {key}", _shown(found), "a key of the scene that holds a number of its physics")
+    value = found if isinstance(found, float) and isfinite(found) else None
+    if given:
+        low, dots, high = bounds.partition("..")
+        if not dots:
+            raise InputError(where, f"--free {key}", bounds, "bounds, such as 0.5 GPa..2 GPa")
+        ends = [_number(each.strip(), unit, where, key) for each in (low, high)]
+    elif range_:
+        ends = [_number(each, unit, where, key) for each in (range_.low, range_.high)]
+    elif value:
+        ends = sorted((value / FACTOR, value * FACTOR))
+    else:
+        raise InputError(where, f"--free {key}", "nothing to start from", f"bounds: --free '{key}=LOW..HIGH'")
+    if value is None:
+        start = range_.start if range_ and range_.start is not None else None
+        value = _number(start, unit, where, key) if start is not None else sum(ends) / 2
+        value = min(max(value, ends[0]), ends[1]) if given else value
+    if not ends[0] < ends[1] or not ends[0] <= value <= ends[1]:
+        shown = f"{ends[0]:g}..{ends[1]:g} about a start of {value:g}"
+        raise InputError(where, f"--free {key}", shown, "a lower bound, then a higher one, and the start between them")
+    return Free(key, unit, value, *ends, own=own)
+
+
+def _shown(found: object) -> str:
+    return "no such number" if found is None else repr(found)
+
+
+def _number(text: object, unit: str, where: str, key: str) -> float:
+    """A number in the unit of its key, from text or as it stands."""
+    try:
+        return units.to_si(text, unit) if unit and isinstance(text, str) else float(str(text))
+    except ValueError as error:
+        allowed = f"a quantity in {unit} with its unit" if unit else "a plain number"
+        raise InputError(where, f"--free {key}", str(text), allowed) from error
+
+
+class _Ranges(Part):
+    range: dict[Annotated[str, Field(min_length=1)], Range]
+
+
+@cache
+def _ranges() -> Mapping[str, Range]:
+    """Ranges by key, or by the last part of a key."""
+    table = {"range": read_toml(paths.CALIBRATION).get("range", {})}
+    return validate(_Ranges, table, paths.shown(paths.CALIBRATION)).range

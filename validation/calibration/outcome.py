@@ -1,0 +1,107 @@
+"""A solved problem of calibration: fit, certainty, profiles, predictions; and what they say."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from drivers.base.progress import counted, step
+from drivers.base.units import quantity
+from validation.calibration.certainty import RISES, Certainty, Prediction, Profile, predictions, profile
+from validation.calibration.fit import Fit, fit
+from validation.calibration.free import Free
+from validation.calibration.problem import Problem
+
+UNLIKELY = 0.01  # probability of a chi-square, below which the model does not explain the data
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A fit with all that is known of its certainty.
+
+    Attributes:
+        profiles: by label, of the parameters that were asked for and are told by the data.
+        predictions: a line for each datum.
+    """
+
+    fit: Fit
+    certainty: Certainty
+    profiles: dict[str, Profile]
+    predictions: list[Prediction]
+
+    @property
+    def probability(self) -> float:
+        """Probability of a chi-square as large by chance; NaN without degrees of freedom."""
+        from scipy.stats import chi2
+
+        return float(chi2.sf(self.fit.chi_square, self.fit.freedom)) if self.fit.freedom > 0 else float("nan")
+
+    def error(self, label: str) -> float:
+        """Standard error of a parameter; inf where the data do not tell it."""
+        labels = [each.label for each in self.fit.problem.free]
+        return float(self.certainty.errors[labels.index(label)])
+
+    def sentences(self) -> Iterator[str]:
+        """Goodness of the fit, other minima, what the data leave open."""
+        found = self.fit
+        chance = f", probability {self.probability:.2g}" if found.freedom > 0 else ""
+        yield f"chi-square {found.chi_square:.4g} with {found.freedom} degrees of freedom{chance}"
+        if self.probability < UNLIKELY:
+            times = np.sqrt(found.chi_square / found.freedom)
+            yield f"the model does not explain the data; errors would be {times:.2g} times as large by their scatter"
+        for datum in found.problem.data:
+            if datum.number is not None and datum.number.fitted and not self._shown(datum.name, datum.data_set):
+                yield f"{datum.label} is not seen in the computed motion, and counts as 10 standard errors"
+        for chi_square, place in found.others:
+            values = ", ".join(f"{label} {value:.4g}" for label, value in found.problem.values(place).items())
+            yield f"another minimum, of chi-square {chi_square:.4g}: {values}"
+        yield from self.certainty.sentences()
+        for label, each in self.profiles.items():
+            low, high = each.interval(RISES["95 %"])
+            if not (isfinite(low) and isfinite(high)):
+                sides = " and ".join(["above"] * (not isfinite(high)) + ["below"] * (not isfinite(low)))
+                yield f"the data do not bound {label} {sides} within its range"
+
+    def _shown(self, name: str, data_set: str) -> bool:
+        own = [each for each in self.predictions if each.datum.name == name and each.datum.data_set == data_set]
+        return all(isfinite(each.fitted) for each in own)
+
+
+def solve(problem: Problem, *, quick: bool = False, number: int = 1, of: int = 1) -> Outcome:
+    """Fits, then profiles each shared parameter and leaves out each datum in turn; ``quick``: neither of these."""
+    with step(f"fit of {len(problem.free)} parameters", number, of):
+        found = fit(problem)
+    certainty = Certainty(found)
+    asked = [i for i, each in enumerate(problem.free) if not each.own and not certainty.undetermined[i]]
+    profiles = {}
+    if not quick:
+        with counted("profiles", unit="point") as count:
+            profiles = {problem.free[i].label: profile(found, i, count) for i in asked}
+    with counted("predictions without each datum", len(problem.data), "datum") as count:
+        foretold = predictions(found, leave_out=not quick, count=count)
+    return Outcome(found, certainty, profiles, foretold)
+
+
+def value_in_words(free: Free, value: float, error: float) -> str:
+    """A value with as many digits as its error leaves, in a unit that suits it."""
+    if not isfinite(error):
+        return f"not told: {_plain(free, free.low)} to {_plain(free, free.high)}"
+    scale, unit = 1.0, free.unit
+    if unit:
+        amount, unit = quantity(float(f"{value:.3g}"), free.unit).split(" ", 1)
+        scale = float(amount) / float(f"{value:.3g}") if value else 1.0
+    places = int(np.clip(1 - np.floor(np.log10(error * scale)), 0, 12)) if error else 6
+    return f"{value * scale:.{places}f} ± {error * scale:.{places}f} {unit}".strip()
+
+
+def _plain(free: Free, value: float) -> str:
+    return quantity(float(f"{value:.3g}"), free.unit) if free.unit else f"{value:.3g}"
+
+
+def interval_in_words(free: Free, ends: tuple[float, float]) -> str:
+    """An interval; a side that the data leave open is that of the range."""
+    low, high = ends
+    below = _plain(free, low) if isfinite(low) else f"(bound {_plain(free, free.low)})"
+    above = _plain(free, high) if isfinite(high) else f"(bound {_plain(free, free.high)})"
+    return f"{below} .. {above}"

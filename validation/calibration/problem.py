@@ -1,0 +1,153 @@
+"""A problem of calibration: free parameters of scenes, what the exact motion predicts at their values, and residuals."""
+
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import lru_cache
+from math import isfinite
+
+import numpy as np
+
+from drivers.base.errors import InputError
+from drivers.chain.case import build_case
+from drivers.chain.chain import Array
+from drivers.scene.read_scene import make_scene, set_value
+from postproc.paper.simulate import Simulation, exact
+from validation.calibration.data_sets import DataSet, Number
+from validation.calibration.free import Free
+
+TOLERANCE = 1e-10  # of the exact motion: differences over ``STEP`` of a range are good to about 1e-5
+STEP = 1e-5  # of a parameter's range, over which sensitivities are taken
+NOT_SEEN = 10.0  # standard errors that a number counts which the motion does not show
+KEPT = 256  # simulations
+
+
+@dataclass(frozen=True)
+class Datum:
+    """Rows of the residual that are one datum: a number, a gauge's trace, or what is known of a parameter beforehand.
+
+    Attributes:
+        data_set: its name.
+        name: of the observable, the gauge, or the parameter.
+        number: where it is one.
+        rows: of the residual; empty where it is only predicted.
+    """
+
+    data_set: str
+    name: str
+    rows: range
+    number: Number | None = None
+
+    @property
+    def label(self) -> str:
+        """Data set and name."""
+        return f"{self.data_set}: {self.name}" if self.data_set else self.name
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Data sets and the parameters that are free in them; ``data`` in the order of the residual's rows."""
+
+    sets: tuple[DataSet, ...]
+    free: tuple[Free, ...]
+    data: tuple[Datum, ...]
+
+    @property
+    def start(self) -> Array:
+        """Coordinates of the parameters' starts. Shape (parameters,)."""
+        return np.array([each.coordinate(each.start) for each in self.free])
+
+    @property
+    def rows(self) -> int:
+        """Number of residuals."""
+        return sum(len(datum.rows) for datum in self.data)
+
+    def values(self, place: Array) -> dict[str, float]:
+        """Values of the parameters at a place, by label."""
+        return {each.label: each.value(float(x)) for each, x in zip(self.free, place, strict=True)}
+
+
+def pose(sets: tuple[DataSet, ...], free: tuple[Free, ...]) -> Problem:
+    """The problem of data sets and free parameters.
+
+    Raises:
+        InputError: a scene has no observable of a name.
+    """
+    data, first = list[Datum](), 0
+    for each in sets:
+        seen = predicted(each, {})
+        for number in each.numbers:
+            if number.observable not in seen:
+                raise InputError(each.where, number.observable, "no such observable of the scene", ", ".join(seen))
+            data.append(Datum(each.name, number.observable, range(first, first + number.fitted), number))
+            first += number.fitted
+    for parameter in free:
+        if parameter.prior:
+            data.append(Datum(parameter.own, parameter.key, range(first, first + 1)))
+            first += 1
+    return Problem(sets, free, tuple(data))
+
+
+def own_values(problem: Problem, data: DataSet, place: Array) -> dict[str, float]:
+    """Values of the parameters that act on a data set, by key."""
+    pairs = zip(problem.free, place, strict=True)
+    return {each.key: each.value(float(x)) for each, x in pairs if each.own in ("", data.name)}
+
+
+def predicted(data: DataSet, values: Mapping[str, float]) -> dict[str, float]:
+    """Observables of a data set's scene at values of parameters; empty where the motion cannot be followed."""
+    simulation = simulated(data, tuple(values.items()))
+    return {} if simulation is None else dict(simulation.values)
+
+
+@lru_cache(maxsize=KEPT)
+def simulated(data: DataSet, values: tuple[tuple[str, float], ...]) -> Simulation | None:
+    """The exact motion of a data set's scene at values of parameters; None where it cannot be followed."""
+    tables = deepcopy(data.tables)
+    for key, value in values:
+        set_value(tables, key, data.text(key, value), data.where)
+    try:
+        return exact(build_case(make_scene(tables, data.library, data.name, data.where)), TOLERANCE)
+    except ArithmeticError:
+        return None
+
+
+def residual(problem: Problem, place: Array) -> Array:
+    """Predicted less measured values in standard errors. Shape (rows,)."""
+    parts = [_of_set(data, tuple(own_values(problem, data, place).items())) for data in problem.sets]
+    return np.concatenate([*parts, _priors(problem, place)])
+
+
+def jacobian(problem: Problem, place: Array) -> Array:
+    """Derivatives of the residual by the coordinates, by differences of the exact motion. Shape (rows, parameters).
+
+    A parameter that is a data set's own is varied in that set alone.
+    """
+    columns = []
+    for index, parameter in enumerate(problem.free):
+        other = place.copy()
+        other[index] += STEP if place[index] + STEP <= 1 else -STEP
+        parts = []
+        for data in problem.sets:
+            here = tuple(own_values(problem, data, place).items())
+            there = here if parameter.own not in ("", data.name) else tuple(own_values(problem, data, other).items())
+            parts.append(_of_set(data, there) - _of_set(data, here))
+        parts.append(_priors(problem, other) - _priors(problem, place))
+        columns.append(np.concatenate(parts) / (other[index] - place[index]))
+    return np.column_stack(columns)
+
+
+@lru_cache(maxsize=KEPT)
+def _of_set(data: DataSet, values: tuple[tuple[str, float], ...]) -> Array:
+    found = predicted(data, dict(values))
+    return np.array([_off(number, found) for number in data.numbers if number.fitted])
+
+
+def _off(number: Number, found: Mapping[str, float]) -> float:
+    off = (found.get(number.observable, np.nan) - number.value) / number.error
+    return off if isfinite(off) else NOT_SEEN
+
+
+def _priors(problem: Problem, place: Array) -> Array:
+    pairs = zip(problem.free, place, strict=True)
+    return np.array([(each.value(float(x)) / each.start - 1) / each.prior for each, x in pairs if each.prior])
