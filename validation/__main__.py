@@ -15,6 +15,12 @@ from drivers.base.errors import InputError
 if TYPE_CHECKING:
     from validation.compare.asked import Asked
 
+
+def _names(text: str) -> tuple[str, ...]:
+    """Reads names with commas between them."""
+    return tuple(name.strip() for name in text.split(","))
+
+
 SEVERAL: dict[str, Any] = {"action": "append", "default": []}
 OPTIONS: dict[str, dict[str, Any]] = {
     "what": {
@@ -23,7 +29,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "help": "scene files or names; or two run folders; none: all there are",
     },
     "name": {"metavar": "NAME", "help": "an engine, such as verlet, or an entry of an engines.toml"},
-    "scenes": {"nargs": "*", "metavar": "SCENE", "help": "default: the paper's four, fig4 to fig6d"},
+    "scenes": {"nargs": "*", "metavar": "SCENE", "help": "default: the paper's four (of fit: those of the data)"},
     "--set": SEVERAL | {"metavar": "KEY=VALUE", "dest": "settings"},
     "--unsafe": {"action": "store_true", "help": "run what a guard refuses"},
     "--budget": {
@@ -32,8 +38,13 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "dest": "budget_s",
         "help": "engine time in all (default: 300 s; of the short study 30 s)",
     },
-    "--quick": {"action": "store_true", "help": "the short study: fewer scenes, steps and seeds, no long runs"},
+    "--quick": {"action": "store_true", "help": "short: fewer scenes, steps and seeds, no long runs; a fit alone"},
     "--studies": {"action": "store_true", "help": "let the page grow by the studies, short ones where none was made"},
+    "--free": SEVERAL
+    | {"metavar": "KEY[=LOW..HIGH]", "help": "a key of the scene whose value is to be found; repeatable"},
+    "--own": SEVERAL | {"metavar": "KEY[=LOW..HIGH]", "help": "likewise, for each data set by itself; repeatable"},
+    "--quoted": {"type": _names, "default": (), "metavar": "SET,...", "help": "data that the paper quotes"},
+    "--measured": {"type": Path, "metavar": "FILE", "help": "a measured trace (default: [[measured]] of the scenes)"},
     "--engines": {"type": engines_file, "metavar": "FILE", "help": "entries of own builds and adapters (engines.toml)"},
     "--file": {"type": Path, "metavar": "FILE", "help": "cases (default: inputs/independent.toml)"},
     "--out": {"type": Path, "metavar": "FILE", "help": "default: results/report.html"},
@@ -112,6 +123,13 @@ def _study(arguments: argparse.Namespace) -> int:
     return run_study(load_study(arguments.command), options)
 
 
+def _fit(arguments: argparse.Namespace) -> int:
+    from validation.calibration.fit_command import Wanted, run_fit
+
+    given = {field.name: getattr(arguments, field.name) for field in fields(Wanted)}
+    return run_fit(Wanted(**given), arguments.runs or paths.RUNS, arguments.results or paths.RESULTS)
+
+
 def _engine(arguments: argparse.Namespace) -> int:
     from validation.kit.judge import judge_engine
 
@@ -139,6 +157,11 @@ COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, str]] = {
     "stability": (_study, "limits of the time step, extremes, long runs, rounding", "--quick --results --runs"),
     "elements": (_study, "what each modelling element adds and costs, step by step", "--quick --results --runs"),
     "independent": (_study, "beyond the paper, against published numbers and theory", "--file --results --runs"),
+    "fit": (
+        _fit,
+        "find parameters of scenes by measured data, how surely, and let the codes confirm them",
+        "scenes --free --own --measured --quoted --set --quick --results --runs",
+    ),
     "engine": (_engine, "judge an adapter or a build: interface, decks, output, physics", "name --results --runs"),
     "wave": (_wave, "constants of the exact solitary wave of the discrete chain", ""),
 }

@@ -110,7 +110,7 @@ def quoted() -> Quoted:
 def force_accuracy(force_N: float) -> float:
     """Relative accuracy of a measured amplitude.
 
-    It goes linearly with the logarithm of the force, from that quoted for the largest of Table 1 to that of the smallest.
+    It goes linearly with the logarithm of the force, from that quoted for Table 1's largest to that for its smallest.
     """
     forces, accuracy = quoted().table1.force_N, quoted().accuracy
     ends = np.log([min(forces), max(forces)])

@@ -179,7 +179,7 @@ def engines_of(table: pd.DataFrame) -> list[str]:
 
 
 def measured_points() -> pd.DataFrame:
-    """The experiment's points with their stated uncertainties, that of the speed also as the sensors' places make it."""
+    """The experiment's points, their uncertainties as stated; that of the speed also as the sensors' places make it."""
     table, accuracy, case = quoted().table1, quoted().accuracy, case_of("table1")
     force, speed = np.array(table.force_N), np.array(table.measured_speed_m_s)
     share = np.array([force_accuracy(value) for value in table.force_N])

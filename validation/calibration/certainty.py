@@ -1,6 +1,6 @@
 """How surely data tell parameters: standard errors, correlations, directions they leave open, profiles, predictions."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, isfinite, nan, sqrt
@@ -51,7 +51,7 @@ class Certainty:
 
     @property
     def errors(self) -> Array:
-        """Standard errors of the values, in their units; inf where the data leave a parameter open. Shape (parameters,)."""
+        """Standard errors of the values, inf where the data leave a parameter open. Shape (parameters,)."""
         free = self.fit.problem.free
         slopes = np.array([each.slope(float(x)) for each, x in zip(free, self.fit.place, strict=True)])
         return np.where(self.undetermined, inf, np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
@@ -79,7 +79,8 @@ class Certainty:
             changes = [direction[i] * free[i].slope(float(place[i])) / free[i].value(float(place[i])) for i in named]
             largest = changes[int(np.argmax(np.abs(changes)))]
             each = [f"{free[i].label} {10 * change / largest:+.3g} %" for i, change in zip(named, changes, strict=True)]
-            yield f"the data do not tell {' from '.join(free[i].label for i in named)}: they trade off along {', '.join(each)}"
+            names = " from ".join(free[i].label for i in named)
+            yield f"the data do not tell {names}: they trade off along {', '.join(each)}"
         related = np.argwhere(np.triu(np.abs(self.correlations), 1) > ALIKE)
         for i, k in related:
             if not (self.undetermined[i] or self.undetermined[k]):
@@ -93,7 +94,6 @@ class Profile:
 
     Attributes:
         coordinate, chi_square: shape (points,), in the order of the coordinate.
-        places: of all parameters there, shape (points, parameters).
     """
 
     problem: Problem
@@ -144,18 +144,20 @@ def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> P
             count()
             if points[-1][1] - fit.chi_square > FURTHEST:
                 break
-    points.sort()
-    return Profile(fit.problem, index, *(np.array(column) for column in zip(*points, strict=True)))
+    coordinate, chi_square = np.array(sorted(points)).T
+    return Profile(fit.problem, index, coordinate, chi_square)
 
 
 @dataclass(frozen=True)
 class Prediction:
     """A datum beside what the fit gives for it, and what a fit without it foretells.
 
-    Values in the observable's unit; of a trace, the rms of its residual in standard errors stands in ``off``.
+    Values in the observable's unit.
+
     Attributes:
-        off: fitted less measured, in standard errors of the measurement.
-        without: foretold by the fit to all other data; its standard error is that of this fit.
+        off: fitted less measured, in standard errors of the measurement; of a trace the rms of these.
+
+        without: foretold by the fit to all other data, with the standard error of that fit; NaN if they leave it open.
         without_off: foretold less measured, in standard errors of both together.
     """
 
@@ -179,10 +181,13 @@ def predictions(fit: Fit, *, leave_out: bool = True, count: Callable[[], None] =
             continue
         place = minimise(fit.problem, fit.place, left_out=datum.rows)
         rest = Fit(fit.problem, place, fit.residual, _without(fit, datum))
-        without, without_error = _foretold(rest, datum, Certainty(rest))
-        number = datum.number
-        both = nan if number is None else (without - number.value) / np.hypot(without_error, number.error)
-        found.append(Prediction(datum, value, error, off, without, without_error, float(both)))
+        others, number = Certainty(rest), datum.number
+        if number is None or len(others.open_directions):
+            found.append(Prediction(datum, value, error, off))
+        else:
+            without, without_error = _foretold(rest, datum, others)
+            both = (without - number.value) / float(np.hypot(without_error, number.error))
+            found.append(Prediction(datum, value, error, off, without, without_error, both))
         count()
     return found
 
@@ -217,18 +222,3 @@ def _foretold(fit: Fit, datum: Datum, certainty: Certainty) -> tuple[float, floa
         slope[index] = (at(other) - value) / (other[index] - fit.place[index])
     error = float(np.sqrt(max(slope @ certainty.covariance @ slope, 0.0)))
     return value, error if isfinite(error) else nan
-
-
-def digits(value: float, error: float) -> str:
-    """A value with as many digits as its error leaves, and the error with two."""
-    if not isfinite(error) or error <= 0:
-        return f"{value:.4g}"
-    places = 1 - int(np.floor(np.log10(error)))
-    return f"{value:.{max(places, 0)}f} ± {error:.{max(places, 0)}f}" if places < 8 else f"{value:.6g} ± {error:.2g}"
-
-
-def probability(fits: Sequence[Fit]) -> list[float]:
-    """Probability of a chi-square as large by chance, of each fit; NaN without degrees of freedom."""
-    from scipy.stats import chi2
-
-    return [float(chi2.sf(each.chi_square, each.freedom)) if each.freedom > 0 else nan for each in fits]

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -40,16 +41,17 @@ class DataSet:
     """A scene and what was measured of it.
 
     Attributes:
+        source: the scene, by its name or the path of its file.
         tables: of the scene's file, settings laid over.
         own: keys that are free in this data set by itself.
     """
 
     name: str
+    source: str
     tables: dict[str, Any]
     where: str
     numbers: tuple[Number, ...] = ()
     own: tuple[str, ...] = ()
-    library: dict[str, Any] = field(default_factory=lambda: library())
 
     @property
     def lines(self) -> int:
@@ -64,7 +66,7 @@ class DataSet:
     @property
     def scene(self) -> Scene:
         """The scene as its file has it."""
-        return make_scene(deepcopy(self.tables), self.library, self.name, self.where)
+        return make_scene(deepcopy(self.tables), library(), self.name, self.where)
 
 
 @cache
@@ -94,7 +96,7 @@ class QuotedSet(Part):
     scene: str
     set: tuple[str, ...] = Field(default=(), strict=False)
     own: tuple[str, ...] = Field(default=(), strict=False)
-    also: dict[str, int] = {}
+    also: dict[str, int] = Field(default_factory=dict)
     number: Annotated[tuple[QuotedNumber, ...], Field(strict=False, min_length=1)]
 
 
@@ -131,7 +133,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str]) -> list[DataSet]:
             if row not in skipped:
                 numbers = tuple(column[min(row, len(column) - 1)] for column in columns)
                 label = f"{name} row {row + 1}" if max(map(len, columns)) > 1 else name
-                found.append(DataSet(label, tables, where, numbers, each.own))
+                found.append(DataSet(label, each.scene, tables, where, numbers, each.own))
     return found
 
 
@@ -140,7 +142,9 @@ def _column(number: QuotedNumber) -> list[Number]:
     stored = look_up(quoted(), number.quoted)
     values = stored if isinstance(stored, tuple) else (stored,)
     if not all(isinstance(value, (int, float)) for value in values):
-        raise InputError(paths.shown(paths.CALIBRATION), "quoted", number.quoted, "a number of inputs/paper/quoted.toml")
+        raise InputError(
+            paths.shown(paths.CALIBRATION), "quoted", number.quoted, "a number of inputs/paper/quoted.toml"
+        )
     accuracy = {"force": force_accuracy, "speed": lambda value: quoted().accuracy.speed}
     shares = [accuracy[number.error](value) if isinstance(number.error, str) else number.error for value in values]
     scaled = [value * number.scale for value in values]
@@ -161,3 +165,8 @@ def scene_tables(source: str, settings: Sequence[str]) -> tuple[str, dict[str, A
     for setting in settings:
         lay_over(tables, setting)
     return path.stem, tables, paths.shown(path)
+
+
+def scene_data(source: str, settings: Sequence[str], measured: Path | None) -> DataSet:
+    """What was measured of a scene: its ``[[measured]]`` entries, or one file in their place."""
+    raise NotImplementedError

@@ -12,6 +12,7 @@ from validation.calibration.problem import Problem, jacobian, residual
 SCREENED, POLISHED = 32, 3  # places all over the ranges that are looked at, and the best of them that are followed
 CONVERGED = 1e-9  # relative change of chi-square, or of the coordinates
 EVALUATIONS = 60  # of one descent
+EDGE = 1e-9  # of a range: a descent starts inside of it
 APART = 1e-3  # of a range: minima nearer than that are one
 WORSE = 1.0  # of chi-square, by which another minimum may be worse and still be told
 
@@ -94,12 +95,17 @@ def minimise(
     counting = np.setdiff1d(np.arange(problem.rows), list(left_out))
     if not moving or not counting.size:
         return place
+
+    def off(x: Array) -> Array:
+        return np.asarray(residual(problem, _moved(place, moving, x))[counting])
+
+    def slopes(x: Array) -> Array:
+        return np.asarray(jacobian(problem, _moved(place, moving, x))[counting][:, moving])
+
+    inside = np.clip(place[moving], EDGE, 1 - EDGE)
     end = least_squares(
-        lambda x: residual(problem, _moved(place, moving, x))[counting],
-        np.clip(place[moving], 1e-9, 1 - 1e-9),
-        lambda x: jacobian(problem, _moved(place, moving, x))[np.ix_(counting, moving)],
-        bounds=(0.0, 1.0), xtol=CONVERGED, ftol=CONVERGED, gtol=None, max_nfev=EVALUATIONS,
-    )  # fmt: skip
+        off, inside, slopes, bounds=(0.0, 1.0), xtol=CONVERGED, ftol=CONVERGED, gtol=None, max_nfev=EVALUATIONS
+    )
     return _moved(place, moving, end.x)
 
 

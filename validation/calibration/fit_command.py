@@ -1,4 +1,4 @@
-"""``python -m validation fit``: finds free parameters of scenes by measured data, and confirms the scene that results."""
+"""``python -m validation fit``: finds free parameters of scenes by measured data, and has codes confirm the scene."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -13,10 +13,10 @@ from drivers.base.units import quantity
 from drivers.chain.case import build_case
 from drivers.engines import codes
 from drivers.limits.refusal import inability
-from drivers.scene.read_scene import find_scene, read_scene, set_value
+from drivers.scene.read_scene import find_scene, lay_over, read_scene, set_value
 from postproc.read.observables import describe
 from validation.calibration.certainty import RISES
-from validation.calibration.data_sets import DataSet, paper_data, scene_data
+from validation.calibration.data_sets import paper_data, scene_data
 from validation.calibration.free import Free, free_parameter
 from validation.calibration.outcome import Outcome, interval_in_words, solve, value_in_words
 from validation.calibration.problem import Problem, pose
@@ -79,7 +79,8 @@ def run_fit(wanted: Wanted, runs: Path, results: Path) -> int:
     name = Path(name).stem
     write_frame(results / f"{name}.csv", parameter_table(outcome))
     write_frame(results / f"{name}-data.csv", data_table(outcome))
-    fitted = [write_fitted(source, wanted.settings, outcome, results) for source in dict.fromkeys(wanted.scenes)]
+    sources = wanted.scenes or [data.source for data in outcome.fit.problem.sets]
+    fitted = [write_fitted(source, wanted.settings, outcome, results) for source in dict.fromkeys(sources)]
     print(*(paths.shown(results / f"{name}{end}") for end in (".csv", "-data.csv")), sep="\n")
     for path in fitted:
         print(paths.shown(path))
@@ -87,7 +88,7 @@ def run_fit(wanted: Wanted, runs: Path, results: Path) -> int:
 
 
 def _confirm(fitted: Sequence[Path], runs: Path) -> int:
-    """Compares fitted scenes on all engines; where no code has their law, that is said, and the reference stands alone."""
+    """Compares fitted scenes on all engines; where no code has their law, the in-repo ones stand alone."""
     cases = [build_case(read_scene(path)) for path in fitted]
     theirs = any(inability(case, code) is None for case in cases for code in codes())
     if not theirs:
@@ -155,7 +156,8 @@ def data_table(outcome: Outcome) -> Any:
             "data_set": line.datum.data_set, "datum": line.datum.name, "unit": describe(line.datum.name).unit,
             "measured": number.value if number else float("nan"), "error": number.error if number else float("nan"),
             "fitted": line.fitted, "fitted_error": line.error, "off": line.off,
-            "by_the_others": line.without, "by_the_others_error": line.without_error, "by_the_others_off": line.without_off,
+            "by_the_others": line.without, "by_the_others_error": line.without_error,
+            "by_the_others_off": line.without_off,
             "counts": bool(number is None or number.fitted), "because": number.because if number else "",
         })  # fmt: skip
     return pd.DataFrame(rows)
@@ -168,8 +170,7 @@ def write_fitted(source: str, settings: Sequence[str], outcome: Outcome, results
     path = find_scene(source)
     document: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
     for setting in settings:
-        key, _, text = setting.partition("=")
-        set_value(document, key.strip(), tomlkit.value(_toml(text)), f"--set {setting}")
+        lay_over(document, setting)
     for index, free in enumerate(outcome.fit.problem.free):
         if free.own in ("", path.stem):
             set_value(document, free.key, _rounded(free, outcome, index), str(path))

@@ -101,11 +101,11 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
         low, dots, high = bounds.partition("..")
         if not dots:
             raise InputError(where, f"--free {key}", bounds, "bounds, such as 0.5 GPa..2 GPa")
-        ends = [_number(each.strip(), unit, where, key) for each in (low, high)]
+        ends = tuple(_number(each.strip(), unit, where, key) for each in (low, high))
     elif range_:
-        ends = [_number(each, unit, where, key) for each in (range_.low, range_.high)]
+        ends = tuple(_number(each, unit, where, key) for each in (range_.low, range_.high))
     elif value:
-        ends = sorted((value / FACTOR, value * FACTOR))
+        ends = tuple(sorted((value / FACTOR, value * FACTOR)))
     else:
         raise InputError(where, f"--free {key}", "nothing to start from", f"bounds: --free '{key}=LOW..HIGH'")
     if value is None:
@@ -115,7 +115,7 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
     if not ends[0] < ends[1] or not ends[0] <= value <= ends[1]:
         shown = f"{ends[0]:g}..{ends[1]:g} about a start of {value:g}"
         raise InputError(where, f"--free {key}", shown, "a lower bound, then a higher one, and the start between them")
-    return Free(key, unit, value, *ends, own=own)
+    return Free(key, unit, value, ends[0], ends[1], own)
 
 
 def _shown(found: object) -> str:

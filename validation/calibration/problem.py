@@ -1,4 +1,4 @@
-"""A problem of calibration: free parameters of scenes, what the exact motion predicts at their values, and residuals."""
+"""A problem of calibration: free parameters of scenes, what the exact motion predicts with them, and residuals."""
 
 from collections.abc import Mapping
 from copy import deepcopy
@@ -13,7 +13,7 @@ from drivers.chain.case import build_case
 from drivers.chain.chain import Array
 from drivers.scene.read_scene import make_scene, set_value
 from postproc.paper.simulate import Simulation, exact
-from validation.calibration.data_sets import DataSet, Number
+from validation.calibration.data_sets import DataSet, Number, library
 from validation.calibration.free import Free
 
 TOLERANCE = 1e-10  # of the exact motion: differences over ``STEP`` of a range are good to about 1e-5
@@ -107,7 +107,7 @@ def simulated(data: DataSet, values: tuple[tuple[str, float], ...]) -> Simulatio
     for key, value in values:
         set_value(tables, key, data.text(key, value), data.where)
     try:
-        return exact(build_case(make_scene(tables, data.library, data.name, data.where)), TOLERANCE)
+        return exact(build_case(make_scene(tables, library(), data.name, data.where)), TOLERANCE)
     except ArithmeticError:
         return None
 
