@@ -118,6 +118,7 @@ Height = Annotated[float, _quantity("a height", "m", "0.1 m", -1e12, 1e12)]
 Mass = Annotated[float, _quantity("a mass above zero", "kg", "0.1226 g", 1e-24, 1e12)]
 MassSpread = Annotated[float, _quantity("a mass of zero or more", "kg", "0.0008 g", 1e-30, 1e12, zero=True)]
 Duration = Annotated[float, _quantity("a time above zero", "s", "0.8 ms", 1e-21, 1e9)]
+Instant = Annotated[float, _quantity("a time", "s", "12 us", -1e9, 1e9)]
 Speed = Annotated[float, _quantity("a speed above zero", "m/s", "2 m/s", 1e-12, 1e4)]
 Velocity = Annotated[float, _quantity("a velocity (upwards positive)", "m/s", "-0.5 m/s", -1e4, 1e4)]
 Acceleration = Annotated[

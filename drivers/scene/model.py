@@ -4,6 +4,8 @@
 the wall, as in the paper: bead 1 rests on the wall.
 """
 
+from math import isfinite
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
@@ -30,6 +32,18 @@ def _accuracy(value: object) -> object:
 
 
 Accuracy = Annotated[float | dict[str, float], BeforeValidator(_accuracy)]
+
+
+def _stated(value: object) -> object:
+    plain = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    if not plain and not (isinstance(value, str) and units.NUMBER_AND_UNIT.fullmatch(value)):
+        raise units.NotAllowedError('a number with its unit, such as "2.1 N/V", or a plain number where there is none')
+    return value
+
+
+Stated = Annotated[str | float, BeforeValidator(_stated)]  # its unit is that of something in a file, and read there
+Share = Annotated[float, Field(ge=0, lt=1)]
+Text = Annotated[str, StringConstraints(min_length=1, max_length=1000)]
 
 
 class Part(BaseModel):
@@ -148,6 +162,44 @@ class Run(Part):
     record: tuple[Literal["forces", "state"], ...] = Field(default=("forces",), strict=False)
 
 
+class Measured(Part):
+    """A measured trace in a file, or ``values`` that somebody quotes, to be laid over what is computed.
+
+    It is no part of the physics: no deck, run or record of a run knows of it. Where gauges read something else than a
+    force, one entry holds the gauges of one ``gain``.
+
+    Attributes:
+        file: a table of comma-separated values with a row of headings; its path is seen from the scene file.
+        time: heading of its column of time, with or without the unit; left out: ``time``.
+        gauges: heading by gauge, such as ``wall``; left out: the columns named after gauges.
+        time_unit, unit: of columns whose headings name no unit.
+        gain: force per reading; left out: 1, of columns in a unit of force.
+        gain_uncertainty: relative standard error of the gain.
+        trigger: time in the file at which the striker meets the chain; left out: found by alignment.
+        baseline: reading at rest; left out: found from quiet samples.
+        drift: whether the baseline is a straight line through quiet samples.
+        noise: standard deviation of a reading; left out: that of quiet samples.
+        values: quoted numbers by observable, with or without the unit in its name.
+        errors: relative standard error of each.
+        source: where it comes from, in words.
+    """
+
+    file: Text | None = None
+    time: Text | None = None
+    gauges: dict[Name, Text] | None = None
+    time_unit: Text | None = None
+    unit: Text | None = None
+    gain: Stated | None = None
+    gain_uncertainty: Share = 0.0
+    trigger: units.Instant | None = None
+    baseline: Stated | None = None
+    drift: bool = False
+    noise: Stated | None = None
+    values: dict[Text, Stated] | None = None
+    errors: dict[Text, Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None = None
+    source: str | None = None
+
+
 class SceneFile(Part):
     """A scene as its file holds it."""
 
@@ -162,6 +214,7 @@ class SceneFile(Part):
     sensor: Gauge | None = None
     materials: dict[Name, Material] = Field(default_factory=dict)
     run: Run
+    measured: tuple[Measured, ...] = Field(default=(), strict=False, exclude=True)  # so that no dump differs by it
 
 
 class Scene(SceneFile):
@@ -171,13 +224,15 @@ class Scene(SceneFile):
 
     Attributes:
         name: the scene file's name without its ending.
-        file: the scene file as messages name it; no part of the physics.
+        file: the scene file as messages name it; no part of the physics, no more than ``measured`` and ``folder``.
+        folder: the scene file's, from which paths in it are seen.
         steps_per_sample: time steps from one sample to the next.
         samples: samples recorded, the one at time 0 included.
     """
 
     name: str
     file: str = Field(exclude=True)
+    folder: Path = Field(default=Path(), exclude=True)
     steps_per_sample: int
     samples: int
 

@@ -50,10 +50,10 @@ def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
         lay_over(data, setting)
     if settings:
         where += f" with --set {shorten(' '.join(settings))}"
-    return make_scene(data, read_toml(paths.MATERIALS), path.stem, where)
+    return make_scene(data, read_toml(paths.MATERIALS), path.stem, where, path.parent)
 
 
-def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: str) -> Scene:
+def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: str, folder: Path = Path()) -> Scene:
     """The scene of a file's tables.
 
     Args:
@@ -61,6 +61,7 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
         library: the tables of ``inputs/materials.toml``.
         name: the scene's name.
         where: the scene as messages name it.
+        folder: from which paths in it are seen.
 
     Raises:
         InputError: anything wrong with it.
@@ -78,6 +79,7 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
             "run": file.run.model_copy(update={"time_step": time_step}),
             "name": name,
             "file": where,
+            "folder": folder,
             "steps_per_sample": every,
             "samples": samples,
         }

@@ -5,7 +5,7 @@ from math import acos, ceil, pi
 
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
-from drivers.scene.model import RIGID, Bead, Scene, SceneFile, Sensor
+from drivers.scene.model import RIGID, Bead, Measured, Scene, SceneFile, Sensor
 
 ROUNDED = 1e-6  # of the play, the difference of two diameters
 
@@ -20,6 +20,30 @@ def choices(file: SceneFile) -> Iterator[InputProblem]:
         yield "run", found, "exactly one of the two"
     if file.contact.restitution is not None and file.contact.damping_ratio is not None:
         yield "contact", "both restitution and damping_ratio", "one of the two: either gives the other"
+    for i, measured in enumerate(file.measured):
+        yield from _measured_choices(measured, f"measured.{i}")
+
+
+def _measured_choices(measured: Measured, key: str) -> Iterator[InputProblem]:
+    """Keys of a measured trace, or else of quoted values."""
+    if (measured.file is None) == (measured.values is None):
+        yield key, "neither file nor values" if measured.file is None else "both file and values", "exactly one of both"
+    if measured.file is not None and measured.errors is not None:
+        yield f"{key}.errors", "errors of a file's readings", "gain_uncertainty and noise, or values in place of file"
+    if measured.values is not None:
+        for strange in sorted(measured.model_fields_set - {"values", "errors", "source"}):
+            yield f"{key}.{strange}", "a key of a file beside values", "values, errors, source"
+        if not measured.values:
+            yield f"{key}.values", "nothing", "one or more observables"
+        errors = measured.errors or {}
+        for name in measured.values:
+            if name not in errors:
+                yield f"{key}.errors.{name}", "nothing", "the relative standard error of the value"
+        for name in errors:
+            if name not in measured.values:
+                yield f"{key}.errors.{name}", "an error without a value", shorten(", ".join(measured.values))
+    if measured.gauges is not None and not measured.gauges:
+        yield f"{key}.gauges", "nothing", 'a heading by gauge, such as { wall = "CH1" }'
 
 
 def contradictions(scene: Scene) -> Iterator[InputProblem]:

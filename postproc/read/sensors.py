@@ -57,6 +57,11 @@ def going_up(force_N: Array, from_wall: int, pulses: list[Peak]) -> list[Peak]:
     return found
 
 
+def gauges_of(layout: Layout) -> list[str]:
+    """Names of all gauges in the order in which a wave meets them: ``bead_9``, ``bead_5``, ..., and ``wall``."""
+    return [f"bead_{sensor.from_wall}" for sensor in layout.sensors] + ["wall"] * layout.wall
+
+
 def sensor_signals(layout: Layout, trace: Trace) -> dict[str, Array]:
     """What all gauges show, by name: ``bead_9``, ``bead_5``, ..., and ``wall``. Each of shape (samples,)."""
     signals = {f"bead_{s.from_wall}": sensor_average(trace.force_N, s.from_wall) for s in layout.sensors}

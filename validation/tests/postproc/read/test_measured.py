@@ -1,0 +1,350 @@
+"""Measured traces and quoted values: read with their units, refused in one line, no part of a run."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.engines import load_engine
+from drivers.run.finished import RunRecord
+from drivers.run.run import run_case
+from drivers.scene.read_scene import read_scene
+from postproc.read.measured import MeasuredTrace, read_measured, read_quoted
+from validation.accuracy.plan import planned_case
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StudyWriter
+
+GAUGES = ("bead_3", "wall")
+TIME_US = np.arange(64.0)
+PULSE = np.exp(-(((TIME_US - 30) / 5) ** 2))
+ENTRY = '[[measured]]\nfile = "trace.csv"\n'
+SENSORS = "sensors = [{ from_wall = 3 }]"
+
+
+def written(folder: Path, header: str = "time_us,wall_N", **columns: object) -> Path:
+    """A file with a pulse below a row of headings; columns by place are replaced."""
+    rows = [list(map(str, row)) for row in zip(TIME_US, *[PULSE] * header.count(","), strict=True)]
+    for change, text in columns.items():
+        _, row, column = change.split("_")
+        rows[int(row)][int(column)] = str(text)
+    path = folder / "trace.csv"
+    path.write_text("\n".join([header, *map(",".join, rows)]) + "\n")
+    return path
+
+
+def read(scene: Path, *settings: str) -> MeasuredTrace:
+    found = read_scene(scene, settings)
+    return read_measured(found.measured[0], found.folder, GAUGES, found.file, "measured.0")
+
+
+@pytest.fixture
+def scene(scene_file: SceneWriter) -> Path:
+    path = scene_file(chain=SENSORS)
+    path.write_text(path.read_text() + ENTRY)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("header", "keys"),
+    [
+        ("time_us,wall_N", ""),
+        ("time [us],wall [N]", ""),
+        ("time_µs,wall_N", ""),
+        ('"time [us]",CH1 [V]', 'gauges = { wall = "CH1" }\ngain = "1 N/V"'),
+        ("t,CH1 [V]", 'time = "t"\ntime_unit = "us"\ngauges = { wall = "CH1 [V]" }\ngain = "0.001 N/mV"'),
+        ("t_us,CH1_V,CH2_V", 'time = "t"\ngauges = { wall = "CH1_V" }\ngain = "1 kN/kV"'),
+        ("t_us,CH1,other_s", 'time = "t_us"\nunit = "N"\ngauges = { wall = "CH1" }\ngain = 1'),
+        ("# of an oscilloscope\n\ntime_us,wall_N", ""),
+        ("\ufefftime_us, wall_N", ""),
+    ],
+)
+def test_units_come_from_headings_or_keys(scene: Path, header: str, keys: str) -> None:
+    written(scene.parent, header)
+    scene.write_text(scene.read_text() + keys)
+    trace = read(scene)
+    assert np.allclose(trace.time_s, TIME_US * 1e-6, rtol=1e-12)
+    assert list(trace.reading) == ["wall"]
+    assert np.allclose(trace.reading["wall"] * trace.gain, PULSE, rtol=1e-12)
+
+
+def test_what_an_entry_states_comes_in_si_units(scene: Path) -> None:
+    written(scene.parent, "time_us,CH1 [mV],CH2 [mV]")
+    keys = """gauges = { wall = "CH2", bead_3 = "CH1" }
+gain = "-2.1 N/V"
+gain_uncertainty = 0.03
+trigger = "-12 us"
+baseline = "3 mV"
+noise = "5 uV"
+drift = true
+"""
+    scene.write_text(scene.read_text() + keys)
+    with pytest.raises(InputError, match="a gain below 0 turns the trace over"):
+        read(scene)
+    trace = read(scene, "measured.0.gain=2.1 N/V")
+    assert (trace.gain, trace.gain_uncertainty, trace.trigger_s) == (2.1, 0.03, -12e-6)
+    assert (trace.baseline, trace.noise, trace.drift) == (3e-3, 5e-6, True)
+    assert list(trace.reading) == ["wall", "bead_3"]
+    assert trace.reading["wall"].max() == 1e-3
+    free = read(
+        scene, *(f"measured.0.{key}=" for key in ("trigger", "baseline", "noise", "drift")), "measured.0.gain=3 N/V"
+    )
+    assert (free.gain, free.trigger_s, free.baseline, free.noise, free.drift) == (3.0, None, None, None, False)
+
+
+def test_a_file_may_be_elsewhere(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = written(tmp_path_factory.mktemp("elsewhere"))
+    assert read(scene, f"measured.0.file={path}").file == path
+
+
+# what is changed of the file, the settings, then parts of: where and key, what was found, what is allowed
+BAD_FILES = [
+    ({}, ["file=none.csv"], "scene.toml", "measured.0.file", "no such file", "as seen from the scene file"),
+    ({}, ["file=."], "scene.toml", "measured.0.file", "no such file", "a CSV file"),
+    ({}, ["time=t"], "scene.toml", "measured.0.time", 'no column "t"', "time_us, wall_N"),
+    ({}, ["gauges={wall='CH1'}"], "scene.toml", "measured.0.gauges.wall", 'no column "CH1"', "time_us, wall_N"),
+    ({}, ["gauges={bead_9='wall'}"], "scene.toml", "measured.0.gauges.bead_9", "no gauge", "bead_3, wall"),
+    ({"header": "time_us,bead_9_N"}, [], "scene.toml", "measured.0.gauges", "bead_9_N", "bead_3, wall"),
+    ({"header": "time_us,CH1_N"}, [], "scene.toml", "measured.0.gauges", "time_us, CH1_N", "bead_3, wall"),
+    ({"header": "time_us,wall_N,wall"}, ["gauges={wall='wall_x'}"], "scene.toml", "wall", 'no column "wall_x"', "wall"),
+    ({"header": "time_us,wall_N,wall_V"}, [], "scene.toml", "measured.0.gauges", "more than one", "wall_V"),
+    ({"header": "time_N,wall_N"}, [], "trace.csv", "time_N", '"N"', "a unit of time"),
+    ({"header": "time,wall_N"}, [], "trace.csv", "time", "no unit", "time_unit"),
+    ({"header": "time,wall_N"}, ["time_unit=N"], "scene.toml", "measured.0.time_unit", '"N"', "a unit of time"),
+    ({}, ["time_unit=ms"], "scene.toml", "measured.0.time_unit", '"ms" beside "time_us"', "one unit"),
+    ({"header": "time_us,wall_us"}, [], "trace.csv", "wall_us", '"us"', "a unit of force or voltage"),
+    ({"header": "time_us,wall [parrots]"}, [], "trace.csv", "wall", '"parrots"', "a unit of force"),
+    ({"header": "time_us,wall"}, [], "trace.csv", "wall", "no unit", 'or as unit'),
+    ({"header": "time_us,wall_V"}, [], "scene.toml", "measured.0.gain", "nothing, for readings in V", "2.1 N/V"),
+    ({"header": "time_us,wall_V"}, ["gain=2"], "scene.toml", "measured.0.gain", "2", "N/V"),
+    ({"header": "time_us,wall_V"}, ["gain=2 N/A"], "scene.toml", "measured.0.gain", "2 N/A", "N/V"),
+    ({}, ["gain=2 N/V"], "scene.toml", "measured.0.gain", "2 N/V", "a plain number"),
+    ({}, ["gain=0"], "scene.toml", "measured.0.gain", "0", "not 0"),
+    ({}, ["baseline=2 mV"], "scene.toml", "measured.0.baseline", "2 mV", "2 N"),
+    ({}, ["baseline=2"], "scene.toml", "measured.0.baseline", "2", "2 N"),
+    ({}, ["noise=0 N"], "scene.toml", "measured.0.noise", "0 N", "above 0"),
+    ({}, ["noise=2 N"], "trace.csv", "wall_N", "nothing rises above noise", "a pulse"),
+    ({"header": "time_us,wall_N,bead_3_V"}, ["gain=2"], "scene.toml", "0.gauges", "bead_3 in V", "of one unit"),
+    ({"at_5_1": "x"}, [], "trace.csv", "line 7, wall_N", '"x"', "a finite number"),
+    ({"at_5_1": ""}, [], "trace.csv", "line 7, wall_N", '""', "a finite number"),
+    ({"at_5_1": "nan"}, [], "trace.csv", "line 7, wall_N", "nan", "a finite number"),
+    ({"at_63_0": "inf"}, [], "trace.csv", "line 65, time_us", "inf", "a finite number"),
+    ({"at_5_1": "1e999"}, [], "trace.csv", "line 7, wall_N", "1e999", "a finite number"),
+    ({"at_5_1": '"0,5"'}, [], "trace.csv", "line 7, wall_N", "0,5", "a finite number"),
+    ({"at_9_0": "8"}, [], "trace.csv", "line 11, time_us", "8 after 8", "times that increase"),
+    ({"at_9_0": "7.5"}, [], "trace.csv", "line 11, time_us", "7.5 after 8", "times that increase"),
+    ({"at_9_1": "1,2"}, [], "trace.csv", "line 11", "3 cells", "2, as many as"),
+    ({"at_0_1": "1,2"}, [], "trace.csv", "line 2", "3 cells", "2, as many as"),
+    ({"header": "Model,TBS1102\ntime_us,wall_N"}, [], "scene.toml", "measured.0.time", '"time"', "Model, TBS1102"),
+    ({"header": "time_us;wall_N"}, [], "scene.toml", "measured.0.time", '"time"', "time_us;wall_N"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("file", "settings", "where", "key", "found", "allowed"), BAD_FILES)
+def test_a_bad_file_is_named(
+    scene: Path, file: dict[str, str], settings: list[str], where: str, key: str, found: str, allowed: str
+) -> None:
+    written(scene.parent, **file)
+    must_tell(scene, settings, where, key, found, allowed)
+
+
+def must_tell(scene: Path, settings: list[str], *told: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read(scene, *(f"measured.0.{setting}" for setting in settings))
+    where, key, found, allowed = caught.value.args
+    assert "\n" not in str(caught.value)
+    assert told[0] in where
+    assert told[1] in f"{where}: {key}"
+    assert told[2] in found
+    assert told[3] in allowed
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"", "an empty file"),
+        (b"\n\n# nothing\n", "an empty file"),
+        (b"time_us,wall_N\n", "0 samples"),
+        (b"time_us,wall_N\n" + b"".join(b"%d,%d\n" % (i, i) for i in range(15)), "15 samples"),
+        (b"time_us,wall_N\n" + b"".join(b"%d,3\n" % i for i in range(99)), "a constant"),
+        (b"time_us,wall_N,x\n" + b"".join(b"%d,3\n" % i for i in range(99)), "2 cells"),
+        (b"time_us,wall_N\nseconds,newtons\n" + b"".join(b"%d,3\n" % i for i in range(99)), '"seconds"'),
+        (b"\x89PNG\r\n\x1a\n\x00\x00", "byte 0x89"),
+        (b"time_us,wall_N\n1,\x00\n", ""),
+        ("time_µs,wall_N\n".encode("latin-1") + b"1,1\n" * 20, "byte 0xb5"),
+    ],
+)
+def test_what_is_no_table(scene: Path, content: bytes, found: str) -> None:
+    (scene.parent / "trace.csv").write_bytes(content)
+    must_tell(scene, [], "trace.csv", "", found, "")
+
+
+@pytest.mark.parametrize("slope", [0.0, 1e-3])
+@pytest.mark.parametrize("samples", [16, 100, 10_000])
+def test_noise_alone_is_no_pulse(scene: Path, samples: int, slope: float) -> None:
+    """A drift is none either, while it stays below the noise."""
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(0.0, 1.0, samples) + slope * np.arange(samples) * min(
+            1, 100 / samples
+        )
+        table = pd.DataFrame({"time_us": np.arange(samples), "wall_N": noise})
+        table.to_csv(scene.parent / "trace.csv", index=False)
+        must_tell(scene, [], "trace.csv", "wall_N", "no pulse", "a pulse")
+        table["wall_N"] += 30 * np.exp(-((table["time_us"] - samples / 2) ** 2))
+        table.to_csv(scene.parent / "trace.csv", index=False)
+        read(scene)
+
+
+def test_a_million_readings_take_about_a_second(scene: Path) -> None:
+    times = np.arange(1_000_000) * 1e-9
+    table = {"time_s": times, "wall_N": np.exp(-(((times - 5e-4) / 1e-5) ** 2)), "bead_3_N": times}
+    pd.DataFrame(table).to_csv(scene.parent / "trace.csv", index=False)
+    started = time.process_time()
+    trace = read(scene)
+    assert time.process_time() - started < 4.0
+    assert len(trace.time_s) == 1_000_000
+
+
+BAD_ENTRIES = [
+    ("file = 3", "measured.0.file", "3", "text"),
+    ("", "measured.0", "neither", "exactly one"),
+    ('file = "a.csv"\nvalues = { a = 1 }', "measured.0", "both", "exactly one"),
+    ('file = "a.csv"\nerrors = { a = 1 }', "measured.0.errors", "errors", "gain_uncertainty"),
+    ('file = "a.csv"\ncolour = 1', "measured.0.colour", "unknown", "baseline"),
+    ('file = "a.csv"\ngain = true', "measured.0.gain", "True", "with its unit"),
+    ('file = "a.csv"\ngain = nan', "measured.0.gain", "nan", "with its unit"),
+    ('file = "a.csv"\ngain = "much"', "measured.0.gain", "much", "with its unit"),
+    ('file = "a.csv"\ngain_uncertainty = -0.1', "measured.0.gain_uncertainty", "-0.1", "0 or more"),
+    ('file = "a.csv"\ngain_uncertainty = 1.0', "measured.0.gain_uncertainty", "1.0", "below 1"),
+    ('file = "a.csv"\ntrigger = 12', "measured.0.trigger", "12", '"12 us"'),
+    ('file = "a.csv"\ntrigger = "1 N"', "measured.0.trigger", "1 N", '"12 us"'),
+    ('file = "a.csv"\ndrift = 1', "measured.0.drift", "1", "true or false"),
+    ('file = "a.csv"\ngauges = {}', "measured.0.gauges", "nothing", "CH1"),
+    ('file = "a.csv"\ngauges = "CH1"', "measured.0.gauges", "CH1", "a table"),
+    ("values = {}", "measured.0.values", "nothing", "one or more"),
+    ("values = { a = 1 }", "measured.0.errors.a", "nothing", "relative standard error"),
+    ("values = { a = 1 }\nerrors = { a = 0 }", "measured.0.errors.a", "0", "above 0"),
+    ("values = { a = 1 }\nerrors = { a = 1, b = 1 }", "measured.0.errors.b", "without a value", "a"),
+    ('values = { a = 1 }\nerrors = { a = 1 }\ngain = 2', "measured.0.gain", "beside values", "errors, source"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("keys", "key", "found", "allowed"), BAD_ENTRIES)
+def test_a_bad_entry_is_named(scene_file: SceneWriter, keys: str, key: str, found: str, allowed: str) -> None:
+    path = scene_file()
+    path.write_text(f"{path.read_text()}\n[[measured]]\n{keys}\n")
+    with pytest.raises(InputError) as caught:
+        read_scene(path)
+    assert caught.value.args[1] == key
+    assert found in caught.value.args[2]
+    assert allowed in caught.value.args[3]
+    assert "\n" not in str(caught.value)
+
+
+NAMES = (
+    "bead_9_amplitude_N",
+    "speed_9_to_5_m_s",
+    "wall_envelope_per_s",
+    "bead_5_width_4pct_diameters",
+    "bead_9_peak_N",
+)
+
+
+def quoted_of(scene_file: SceneWriter, name: str, value: str) -> dict[str, tuple[float, float]]:
+    path = scene_file()
+    path.write_text(f"{path.read_text()}\n[[measured]]\nvalues = {{ {name} = {value} }}\nerrors = {{ {name} = 0.1 }}\n")
+    scene = read_scene(path)
+    found = read_quoted(scene.measured[0], NAMES, scene.file, "measured.0")
+    return {name: (quoted.value, quoted.error_share) for name, quoted in found.items()}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "full", "number"),
+    [
+        ("bead_9_amplitude", '"2 N"', "bead_9_amplitude_N", 2.0),
+        ("bead_9_amplitude_N", '"2000 mN"', "bead_9_amplitude_N", 2.0),
+        ("speed_9_to_5", '"152 m/s"', "speed_9_to_5_m_s", 152.0),
+        ("wall_envelope", '"-0.0067 us^-1"', "wall_envelope_per_s", -6700.0),
+        ("bead_5_width_4pct", "4.1", "bead_5_width_4pct_diameters", 4.1),
+    ],
+)
+def test_quoted_values_come_in_si_units(
+    scene_file: SceneWriter, name: str, value: str, full: str, number: float
+) -> None:
+    ((found, (quantity, error)),) = quoted_of(scene_file, name, value).items()
+    assert (found, error) == (full, 0.1)
+    assert quantity == pytest.approx(number, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "key", "found", "allowed"),
+    [
+        ("bead_9_amplitud", '"2 N"', "bead_9_amplitud", "no observable", "bead_9_amplitude"),
+        ("bead_7_amplitude", '"2 N"', "bead_7_amplitude", "no observable", "bead_9_amplitude"),
+        ("bead_9_amplitude", "2", "bead_9_amplitude", "2", '"2 N"'),
+        ("bead_9_amplitude", '"2 V"', "bead_9_amplitude", "2 V", '"2 N"'),
+        ("bead_5_width_4pct", '"4 mm"', "bead_5_width_4pct", "4 mm", "a plain number"),
+        ("wall_envelope", '"2 N"', "wall_envelope", "2 N", '"2 s^-1"'),
+        ("bead_9_amplitude", '"0 N"', "bead_9_amplitude", "0 N", "another value than 0"),
+    ],
+)
+def test_a_bad_quoted_value_is_named(
+    scene_file: SceneWriter, name: str, value: str, key: str, found: str, allowed: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        quoted_of(scene_file, name, value)
+    assert caught.value.args[1] == f"measured.0.values.{key}"
+    assert found in caught.value.args[2]
+    assert allowed in caught.value.args[3]
+
+
+def test_an_observable_is_quoted_once(scene_file: SceneWriter) -> None:
+    both = 'bead_9_amplitude = "2 N", bead_9_amplitude_N'
+    path = scene_file()
+    errors = both.replace('"2 N"', "0.1")
+    path.write_text(f'{path.read_text()}\n[[measured]]\nvalues = {{ {both} = "2 N" }}\nerrors = {{ {errors} = 0.1 }}\n')
+    scene = read_scene(path)
+    with pytest.raises(InputError, match="bead_9_amplitude twice"):
+        read_quoted(scene.measured[0], NAMES, scene.file)
+
+
+@pytest.mark.parametrize("engine", ["verlet", "reference"])
+def test_measured_traces_are_no_part_of_a_run(scene_file: SceneWriter, tmp_path: Path, engine: str) -> None:
+    """The same deck, folder and record; a run that was made before is found, and the file is not even looked for."""
+    runs, path = tmp_path / "runs", scene_file(chain=SENSORS)
+    plain = planned_case(path)
+    before = run_case(plain, engine, runs)
+    path.write_text(
+        f"{path.read_text()}{ENTRY}[[measured]]\nvalues = {{ wall_peak = '2 N' }}\nerrors.wall_peak = 0.1\n"
+    )
+    case = planned_case(path)
+    assert len(case.scene.measured) == 2
+    assert load_engine(engine).render(case) == load_engine(engine).render(plain)
+    assert case.scene.model_dump(mode="json") == plain.scene.model_dump(mode="json")
+    found = run_case(case, engine, runs)
+    assert found.folder == before.folder
+    assert found.record == before.record
+    assert described(run_case(case, engine, tmp_path / "others").record) == described(before.record)
+
+
+def described(record: RunRecord) -> tuple[object, ...]:
+    return record.scene, record.layout, record.elements, record.deck_sha256, record.forces_sha256
+
+
+def test_neither_batches_nor_found_runs_know_of_measured_traces(study_file: StudyWriter, tmp_path: Path) -> None:
+    """A batch that was run before has nothing to do, and its table is the same; a run is that of the scene's file."""
+    study, scene = study_file(SPEEDS.format(2), "verlet"), tmp_path / "scene.toml"
+    batch = ("drivers", "batch", study, "--runs", tmp_path / "runs", "--results", tmp_path)
+    assert "2 to do" in command_line(*batch, "--dry-run").stdout
+    assert command_line(*batch).returncode == 0
+    table = (tmp_path / "study.csv").read_bytes()
+    ran = command_line("drivers", "run", scene, "--engine", "verlet", "--runs", tmp_path / "runs")
+    assert ran.returncode == 0, ran.stderr
+    scene.write_text(scene.read_text() + ENTRY)
+    assert "2 to do" not in command_line(*batch, "--dry-run").stdout
+    assert command_line(*batch).returncode == 0
+    assert (tmp_path / "study.csv").read_bytes() == table
+    found = command_line("postproc", "observables", f"verlet:{scene}", "--runs", tmp_path / "runs")
+    assert (found.returncode, found.stderr) == (0, "")
