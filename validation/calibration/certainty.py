@@ -3,16 +3,17 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf, isfinite, nan, sqrt
+from math import hypot, inf, isfinite, nan, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.chain.chain import Array
 from validation.calibration.fit import Fit, chi_square_at, minimise
-from validation.calibration.problem import Datum, Problem, own_values, predicted
+from validation.calibration.problem import Datum, Problem, own_values, shown
 
 OPEN = 1 / sqrt(12)  # of a range: the standard deviation of a parameter of which only the range is known
-ALIKE = 0.95  # correlation from which on two parameters are said to trade off
+INFLATED = 10.0  # times that an error grows by what the other parameters leave open, from which on that is said
 SHARE = 0.1  # of a direction's largest component, from which on another is named
 RISES = {"68 %": 1.0, "95 %": 3.841458820694124}  # of chi-square at the ends of intervals (Wilks, one parameter)
 FURTHEST = 5.0  # rise of chi-square at which a profile ends
@@ -57,10 +58,10 @@ class Certainty:
         return np.where(self.undetermined, inf, np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
 
     @property
-    def undetermined(self) -> Array:
+    def undetermined(self) -> NDArray[np.bool_]:
         """Whether a parameter may lie anywhere in its range, for all that the data say. Shape (parameters,)."""
         named = [np.abs(each) > SHARE * np.abs(each).max() for each in self.open_directions]
-        return np.any(named, axis=0) if named else np.zeros(len(self.fit.place), dtype=bool)
+        return np.asarray(np.any(named, axis=0)) if named else np.zeros(len(self.fit.place), dtype=bool)
 
     @property
     def correlations(self) -> Array:
@@ -68,24 +69,37 @@ class Certainty:
         spread = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.outer(spread, spread))
 
+    @property
+    def inflation(self) -> Array:
+        """How many times smaller each error would be if all other parameters were known. Shape (parameters,)."""
+        alone = np.linalg.norm(self.fit.jacobian, axis=0)
+        return np.asarray(np.sqrt(np.diag(self.covariance)) * np.maximum(alone, 1 / OPEN))
+
     def sentences(self) -> Iterator[str]:
-        """What the data cannot tell, and which parameters trade off."""
-        free, place = self.fit.problem.free, self.fit.place
+        """Parameters that the data do not tell, or hardly tell from each other."""
+        free = self.fit.problem.free
         for direction in self.open_directions:
             named = np.flatnonzero(np.abs(direction) > SHARE * np.abs(direction).max())
             if len(named) == 1:
                 yield f"the data do not tell {free[named[0]].label}"
-                continue
-            changes = [direction[i] * free[i].slope(float(place[i])) / free[i].value(float(place[i])) for i in named]
-            largest = changes[int(np.argmax(np.abs(changes)))]
-            each = [f"{free[i].label} {10 * change / largest:+.3g} %" for i, change in zip(named, changes, strict=True)]
-            names = " from ".join(free[i].label for i in named)
-            yield f"the data do not tell {names}: they trade off along {', '.join(each)}"
-        related = np.argwhere(np.triu(np.abs(self.correlations), 1) > ALIKE)
-        for i, k in related:
-            if not (self.undetermined[i] or self.undetermined[k]):
-                words = f"{free[i].label} and {free[k].label} trade off: their errors have a correlation of"
-                yield f"{words} {self.correlations[i, k]:.3f}"
+            else:
+                names = " from ".join(free[i].label for i in named)
+                yield f"the data cannot tell {names} apart: they trade off along {self._along(direction, named)}"
+        told = np.flatnonzero((self.inflation > INFLATED) & ~self.undetermined)
+        if len(told) > 1:
+            weakest = self._directions[1][int(np.argmin(self._directions[0]))]
+            names, times = " from ".join(free[i].label for i in told), float(self.inflation[told].min())
+            words = f"the data hardly tell {names} apart: they trade off along {self._along(weakest, told)}"
+            yield f"{words}, and would be known {times:.0f} times better if the others were known"
+
+    def _along(self, direction: Array, named: NDArray[np.intp]) -> str:
+        """Changes of some parameters along a direction, the largest by 10 %."""
+        free, place = self.fit.problem.free, self.fit.place
+        changes = [direction[i] * free[i].slope(float(place[i])) / free[i].value(float(place[i])) for i in named]
+        largest = changes[int(np.argmax(np.abs(changes)))]
+        return ", ".join(
+            f"{free[i].label} {10 * each / largest:+.3g} %" for i, each in zip(named, changes, strict=True)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +200,7 @@ def predictions(fit: Fit, *, leave_out: bool = True, count: Callable[[], None] =
             found.append(Prediction(datum, value, error, off))
         else:
             without, without_error = _foretold(rest, datum, others)
-            both = (without - number.value) / float(np.hypot(without_error, number.error))
+            both = (without - number.value) / hypot(without_error, number.error)
             found.append(Prediction(datum, value, error, off, without, without_error, both))
         count()
     return found
@@ -209,16 +223,16 @@ def _foretold(fit: Fit, datum: Datum, certainty: Certainty) -> tuple[float, floa
     """What the motion at a fit shows of a number, with its standard error by that of the parameters."""
     if datum.number is None:
         return nan, nan
-    problem, name = fit.problem, datum.number.observable
+    problem, number = fit.problem, datum.number
     data = next(each for each in problem.sets if each.name == datum.data_set)
 
     def at(place: Array) -> float:
-        return predicted(data, own_values(problem, data, place)).get(name, nan)
+        return shown(data, number, own_values(problem, data, place))
 
     value, slope, step = at(fit.place), np.zeros(len(fit.place)), 1e-5
     for index in range(len(slope)):
         other = fit.place.copy()
         other[index] += step if other[index] + step <= 1 else -step
         slope[index] = (at(other) - value) / (other[index] - fit.place[index])
-    error = float(np.sqrt(max(slope @ certainty.covariance @ slope, 0.0)))
+    error = sqrt(max(float(slope @ certainty.covariance @ slope), 0.0))
     return value, error if isfinite(error) else nan

@@ -1,8 +1,8 @@
 """Data sets: scenes with numbers or traces that were measured of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,10 +12,16 @@ from pydantic import Field
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import validate
-from drivers.scene.model import Part, Scene
-from drivers.scene.read_scene import find_scene, lay_over, make_scene, read_toml
+from drivers.chain.case import build_case
+from drivers.scene.model import Measured, Part, Scene
+from drivers.scene.read_scene import find_scene, lay_over, make_scene, read_scene, read_toml
 from drivers.scene.settings import look_up, unit_of
 from postproc.paper.quoted import force_accuracy, quoted
+from postproc.paper.simulate import exact
+from postproc.read.measured import read_measured, read_quoted
+from postproc.read.sensors import gauges_of
+from validation.calibration.free import GAIN, TRIGGER, Free, around, bounds_in
+from validation.calibration.records import LEEWAY, Record, record_of
 
 
 @dataclass(frozen=True)
@@ -27,6 +33,7 @@ class Number:
         value, error: in the observable's unit, with the standard error.
         fitted: whether it is fitted, or only predicted.
         because: why the error is what it is, where it was not measured.
+        gain: key of the entry whose gain acts on it; empty where none does.
     """
 
     observable: str
@@ -34,6 +41,7 @@ class Number:
     error: float
     fitted: bool = True
     because: str = ""
+    gain: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +52,8 @@ class DataSet:
         source: the scene, by its name or the path of its file.
         tables: of the scene's file, settings laid over.
         own: keys that are free in this data set by itself.
+        records: measured traces.
+        entries: ``[[measured]]`` tables by key, such as ``measured.0``.
     """
 
     name: str
@@ -52,11 +62,13 @@ class DataSet:
     where: str
     numbers: tuple[Number, ...] = ()
     own: tuple[str, ...] = ()
+    records: tuple[Record, ...] = ()
+    entries: Mapping[str, Measured] = field(default_factory=dict)
 
     @property
     def lines(self) -> int:
         """Coefficients of base lines that are fitted to its traces."""
-        return 0
+        return sum(record.lines * len(record.measured.reading) for record in self.records)
 
     def text(self, key: str, value: float) -> Any:
         """A value as the scene's file holds it: with its unit, or a plain number."""
@@ -145,13 +157,23 @@ def _column(number: QuotedNumber) -> list[Number]:
         raise InputError(
             paths.shown(paths.CALIBRATION), "quoted", number.quoted, "a number of inputs/paper/quoted.toml"
         )
-    accuracy = {"force": force_accuracy, "speed": lambda value: quoted().accuracy.speed}
-    shares = [accuracy[number.error](value) if isinstance(number.error, str) else number.error for value in values]
-    scaled = [value * number.scale for value in values]
     return [
-        Number(number.observable, value, abs(value) * share, number.fitted, number.because)
-        for value, share in zip(scaled, shares, strict=True)
+        Number(
+            number.observable,
+            value * number.scale,
+            abs(value * number.scale) * _share(number.error, value),
+            number.fitted,
+            number.because,
+        )
+        for value in values
     ]
+
+
+def _share(error: str | float, value: float) -> float:
+    """Relative standard error of a quoted value."""
+    if error == "force":
+        return force_accuracy(value)
+    return quoted().accuracy.speed if error == "speed" else float(error)
 
 
 def scene_tables(source: str, settings: Sequence[str]) -> tuple[str, dict[str, Any], str]:
@@ -167,6 +189,63 @@ def scene_tables(source: str, settings: Sequence[str]) -> tuple[str, dict[str, A
     return path.stem, tables, paths.shown(path)
 
 
-def scene_data(source: str, settings: Sequence[str], measured: Path | None) -> DataSet:
-    """What was measured of a scene: its ``[[measured]]`` entries, or one file in their place."""
-    raise NotImplementedError
+def scene_data(source: str, settings: Sequence[str], file: Path | None) -> DataSet:
+    """What was measured of a scene: its ``[[measured]]`` entries, or those of one file, which needs none.
+
+    Raises:
+        InputError: nothing was, or the scene or its data are wrong.
+    """
+    name, tables, where = scene_tables(source, settings)
+    scene = read_scene(source, tuple(settings))
+    entries = {f"measured.{place}": entry for place, entry in enumerate(scene.measured)}
+    folder = scene.folder
+    if file is not None:
+        own = {key: entry for key, entry in entries.items() if entry.file and (folder / entry.file).samefile(file)}
+        entries, folder = own or {"measured": Measured(file=str(file.resolve()))}, folder if own else Path()
+    if not entries:
+        raise InputError(where, "measured", "nothing", "[[measured]] data, --measured FILE.csv or --quoted")
+    simulation = exact(build_case(scene))
+    gauges, names = gauges_of(simulation.case.layout), [*simulation.values]
+    numbers, records = list[Number](), list[Record]()
+    for key, entry in entries.items():
+        if entry.file is not None:
+            records.append(record_of(key, read_measured(entry, folder, gauges, where, key), simulation))
+        for observable, quoted_ in read_quoted(entry, names, where, key).items():
+            error = abs(quoted_.value) * quoted_.error_share
+            numbers.append(Number(observable, quoted_.value, error, gain=key))
+    tables.pop("measured", None)
+    if any(record.measured.trigger_s is None for record in records):
+        lay_over(tables, f"run.duration={(1 + LEEWAY) * scene.run.duration!r} s")
+    return DataSet(name, source, tables, where, tuple(numbers), (), tuple(records), entries)
+
+
+def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
+    """Parameters of a data set's gauges: triggers that are not given, gains that are uncertain, and those asked for.
+
+    Args:
+        data: with its entries.
+        asked: options such as ``measured.0.gain`` or ``measured.0.trigger=10 us..20 us``.
+
+    Raises:
+        InputError: there is no such entry, or it has no such number.
+    """
+    found, options = list[Free](), {option.partition("=")[0].strip(): option for option in asked}
+    allowed = ", ".join(f"{key}.{GAIN}" for key in data.entries) or "none: nothing was measured by a gauge"
+    for key in options:
+        if key not in {f"{entry}.{end}" for entry in data.entries for end in (GAIN, TRIGGER)}:
+            raise InputError(data.where, f"--free {key}", "no such gauge parameter", allowed)
+    records = {record.key: record for record in data.records}
+    for key, entry in data.entries.items():
+        option, record = options.get(f"{key}.{GAIN}"), records.get(key)
+        gain, uncertainty = record.measured.gain if record else 1.0, entry.gain_uncertainty
+        if option or uncertainty:
+            ends = bounds_in(option or "", "", data.where) or around(gain)
+            found.append(Free(f"{key}.{GAIN}", "", gain, ends[0], ends[1], data.name, uncertainty))
+        option = options.get(f"{key}.{TRIGGER}")
+        if record and (option or record.measured.trigger_s is None):
+            ends = bounds_in(option or "", "s", data.where) or (
+                record.trigger_s - record.leeway_s,
+                record.trigger_s + record.leeway_s,
+            )
+            found.append(Free(f"{key}.{TRIGGER}", "s", record.trigger_s, ends[0], ends[1], data.name))
+    return found

@@ -7,7 +7,9 @@ from math import ceil, log2
 import numpy as np
 
 from drivers.chain.chain import Array
-from validation.calibration.problem import Problem, jacobian, residual
+from validation.calibration.free import TRIGGER
+from validation.calibration.problem import Problem, jacobian, of_motion, own_values, residual, simulated
+from validation.calibration.records import trigger_of
 
 SCREENED, POLISHED = 32, 3  # places all over the ranges that are looked at, and the best of them that are followed
 CONVERGED = 1e-9  # relative change of chi-square, or of the coordinates
@@ -59,7 +61,7 @@ def fit(problem: Problem) -> Fit:
     places = [start]
     if shared:
         draws = qmc.Sobol(len(shared), seed=0).random_base2(ceil(log2(SCREENED)))
-        places += [_moved(start, shared, draw) for draw in draws]
+        places += [aligned(problem, _moved(start, shared, draw)) for draw in draws]
     best = sorted(places[1:], key=lambda place: chi_square_at(problem, place))[:POLISHED]
     ends = sorted((minimise(problem, place) for place in (start, *best)), key=lambda end: chi_square_at(problem, end))
     others = list[Array]()
@@ -68,6 +70,21 @@ def fit(problem: Problem) -> Fit:
         if near and all(np.abs(end - each).max() > APART for each in (ends[0], *others)):
             others.append(end)
     return fitted_at(problem, ends[0], tuple((chi_square_at(problem, each), each) for each in others))
+
+
+def aligned(problem: Problem, place: Array) -> Array:
+    """A place with the triggers at which the motion there is most like the traces."""
+    moved = place.copy()
+    for data in problem.sets:
+        simulation = simulated(data, of_motion(own_values(problem, data, place)))
+        if simulation is None:
+            continue
+        for record in data.records:
+            for index, free in enumerate(problem.free):
+                if (free.own, free.key) == (data.name, f"{record.key}.{TRIGGER}"):
+                    trigger_s = trigger_of(record.measured, simulation)
+                    moved[index] = min(max(free.coordinate(trigger_s), 0.0), 1.0)
+    return moved
 
 
 def fitted_at(problem: Problem, place: Array, others: tuple[tuple[float, Array], ...] = ()) -> Fit:

@@ -13,16 +13,19 @@ from drivers.base.units import quantity
 from drivers.chain.case import build_case
 from drivers.engines import codes
 from drivers.limits.refusal import inability
+from drivers.scene.settings import look_up
 from drivers.scene.read_scene import find_scene, lay_over, read_scene, set_value
 from postproc.read.observables import describe
 from validation.calibration.certainty import RISES
-from validation.calibration.data_sets import paper_data, scene_data
-from validation.calibration.free import Free, free_parameter
+from validation.calibration.data_sets import DataSet, gauge_parameters, paper_data, scene_data
+from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
 from validation.calibration.outcome import Outcome, interval_in_words, solve, value_in_words
 from validation.calibration.problem import Problem, pose
 from validation.compare.asked import Asked
 from validation.compare.comparison import compare_scenes
 from validation.studies import write_frame
+
+MEASURED = "measured"
 
 
 @dataclass(frozen=True)
@@ -61,9 +64,11 @@ def problem_of(wanted: Wanted) -> Problem:
         sets = [scene_data(scene, wanted.settings, wanted.measured) for scene in wanted.scenes]
     if not sets:
         raise InputError("fit", "", "no scene", "scenes with [[measured]] data, or --quoted")
-    free = [free_parameter(text, sets[0].scene, sets[0].where) for text in wanted.free]
+    gauges = [text for text in wanted.free if text.startswith(MEASURED)]
+    free = [free_parameter(text, sets[0].scene, sets[0].where) for text in wanted.free if text not in gauges]
     for data in sets:
         free += [free_parameter(text, data.scene, data.where, data.name) for text in (*data.own, *wanted.own)]
+        free += gauge_parameters(data, gauges)
     return pose(tuple(sets), tuple(free))
 
 
@@ -75,8 +80,7 @@ def run_fit(wanted: Wanted, runs: Path, results: Path) -> int:
     """
     outcome = solve(problem_of(wanted), quick=wanted.quick)
     print(*lines(outcome), sep="\n", flush=True)
-    name = f"fit-{wanted.scenes[0] if wanted.scenes else wanted.quoted[0]}"
-    name = Path(name).stem
+    name = f"fit-{Path((*wanted.scenes, *wanted.quoted)[0]).stem}"
     write_frame(results / f"{name}.csv", parameter_table(outcome))
     write_frame(results / f"{name}-data.csv", data_table(outcome))
     sources = wanted.scenes or [data.source for data in outcome.fit.problem.sets]
@@ -104,7 +108,9 @@ def lines(outcome: Outcome) -> Iterator[str]:
     for index, free in enumerate(found.problem.free):
         value, error = free.value(float(found.place[index])), float(outcome.certainty.errors[index])
         profile = outcome.profiles.get(free.label)
-        ends = [interval_in_words(free, profile.interval(rise)) if profile else "" for rise in RISES.values()]
+        ends = [
+            interval_in_words(free, profile.interval(rise), value, error) if profile else "" for rise in RISES.values()
+        ]
         start = quantity(float(f"{free.start:.4g}"), free.unit) if free.unit else f"{free.start:.4g}"
         words = value_in_words(free, value, error)
         yield f"{free.label:<{width}} {words:>24}  " + "  ".join(f"{each:>22}" for each in ends) + f"  {start}"
@@ -172,11 +178,13 @@ def write_fitted(source: str, settings: Sequence[str], outcome: Outcome, results
     for setting in settings:
         lay_over(document, setting)
     for index, free in enumerate(outcome.fit.problem.free):
-        if free.own in ("", path.stem):
+        if free.own in ("", path.stem) and not free.key.startswith(MEASURED):
             set_value(document, free.key, _rounded(free, outcome, index), str(path))
-    for entry in document.get("measured", []):
-        if "file" in entry:
-            entry["file"] = os.path.relpath(path.parent / entry["file"], results)
+            value, error = free.value(float(outcome.fit.place[index])), float(outcome.certainty.errors[index])
+            look_up(document, free.key).comment(f"fitted: {value_in_words(free, value, error)}")
+    for data in outcome.fit.problem.sets:
+        if data.name == path.stem and data.records:
+            document[MEASURED] = _entries(data, outcome, results)
     results.mkdir(parents=True, exist_ok=True)
     fitted = results / f"fit-{path.stem}.toml"
     with whole_file(fitted) as draft:
@@ -188,3 +196,31 @@ def _rounded(free: Free, outcome: Outcome, index: int) -> str | float:
     """A value with three digits more than its error asks for, with its unit."""
     value = float(f"{free.value(float(outcome.fit.place[index])):.6g}")
     return quantity(value, free.unit) if free.unit else value
+
+
+def _entries(data: DataSet, outcome: Outcome, results: Path) -> Any:
+    """The ``[[measured]]`` tables of a data set with fitted gains and triggers, paths as seen from ``results``."""
+    import tomlkit
+
+    found, files = tomlkit.aot(), {record.key: record.measured.file for record in data.records}
+    labels = [free.label for free in outcome.fit.problem.free]
+    for key, entry in data.entries.items():
+        values = entry.model_dump(exclude_none=True, exclude_unset=True)
+        if key in files:
+            values["file"] = os.path.relpath(files[key], results)
+        for end in (TRIGGER, GAIN):
+            label = f"{data.name}: {key}.{end}"
+            if label in labels:
+                index = labels.index(label)
+                fitted = _rounded(outcome.fit.problem.free[index], outcome, index)
+                values[end] = fitted if end == TRIGGER else _scaled(entry.gain, float(fitted), outcome, index)
+        found.append(tomlkit.item({name: values[name] for name in values}))
+    return found
+
+
+def _scaled(gain: str | float | None, fitted: float, outcome: Outcome, index: int) -> str | float:
+    """A fitted gain in the unit in which the scene gives it."""
+    if not isinstance(gain, str):
+        return fitted
+    number, unit = gain.split(None, 1)
+    return f"{float(number) * fitted / outcome.fit.problem.free[index].start:.6g} {unit}"

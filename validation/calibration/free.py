@@ -17,6 +17,7 @@ from drivers.scene.settings import look_up, unit_of
 
 WIDE = 10.0  # ratio of bounds above zero from which on the coordinate is logarithmic
 FACTOR = 10.0  # bounds about a value that has none in ``inputs/calibration.toml``
+GAIN, TRIGGER = "gain", "trigger"  # of a [[measured]] table
 FIXED = ("run", "seed", "title")  # tables of a scene that are no physics
 
 
@@ -89,23 +90,20 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
         InputError: no number of the physics stands at the key, or there is nothing to start from, or the bounds are
             no range.
     """
-    key, given, bounds = text.partition("=")
-    key, known = key.strip(), _ranges()
+    key, known = text.partition("=")[0].strip(), _ranges()
     unit, found = unit_of(key), look_up(scene, key)
     range_ = known.get(key) or known.get(key.rpartition(".")[2])
     physics = key.split(".")[0] not in FIXED and not isinstance(found, (bool, int, str))
     if not physics or not (isinstance(found, float) or (found is None and (unit or range_))):
         raise InputError(where, f"--free {key}", _shown(found), "a key of the scene that holds a number of its physics")
     value = found if isinstance(found, float) and isfinite(found) else None
+    given = bounds_in(text, unit, where)
     if given:
-        low, dots, high = bounds.partition("..")
-        if not dots:
-            raise InputError(where, f"--free {key}", bounds, "bounds, such as 0.5 GPa..2 GPa")
-        ends = tuple(_number(each.strip(), unit, where, key) for each in (low, high))
+        ends = given
     elif range_:
-        ends = tuple(_number(each, unit, where, key) for each in (range_.low, range_.high))
+        ends = _number(range_.low, unit, where, key), _number(range_.high, unit, where, key)
     elif value:
-        ends = tuple(sorted((value / FACTOR, value * FACTOR)))
+        ends = around(value)
     else:
         raise InputError(where, f"--free {key}", "nothing to start from", f"bounds: --free '{key}=LOW..HIGH'")
     if value is None:
@@ -116,6 +114,26 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
         shown = f"{ends[0]:g}..{ends[1]:g} about a start of {value:g}"
         raise InputError(where, f"--free {key}", shown, "a lower bound, then a higher one, and the start between them")
     return Free(key, unit, value, ends[0], ends[1], own)
+
+
+def bounds_in(text: str, unit: str, where: str) -> tuple[float, float] | None:
+    """Bounds of an option such as ``KEY=1 GPa..2 GPa``; None where it names a key alone.
+
+    Raises:
+        InputError: they are no bounds.
+    """
+    key, given, bounds = text.partition("=")
+    if not given:
+        return None
+    low, dots, high = bounds.partition("..")
+    if not dots:
+        raise InputError(where, f"--free {key.strip()}", bounds, "bounds, such as 0.5 GPa..2 GPa")
+    return _number(low.strip(), unit, where, key.strip()), _number(high.strip(), unit, where, key.strip())
+
+
+def around(value: float) -> tuple[float, float]:
+    """Bounds about a value that is not 0: a tenth of it and ten times it."""
+    return min(value / FACTOR, value * FACTOR), max(value / FACTOR, value * FACTOR)
 
 
 def _shown(found: object) -> str:

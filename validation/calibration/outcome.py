@@ -13,6 +13,7 @@ from validation.calibration.fit import Fit, fit
 from validation.calibration.free import Free
 from validation.calibration.problem import Problem
 
+ALIKE = 0.5  # correlation of neighbouring residuals, from which on they are no noise
 UNLIKELY = 0.01  # probability of a chi-square, below which the model does not explain the data
 
 
@@ -46,17 +47,23 @@ class Outcome:
         """Goodness of the fit, other minima, what the data leave open."""
         found = self.fit
         chance = f", probability {self.probability:.2g}" if found.freedom > 0 else ""
-        yield f"chi-square {found.chi_square:.4g} with {found.freedom} degrees of freedom{chance}"
+        counted = f"{found.freedom} degrees of freedom{chance}" if found.freedom >= 0 else "fewer data than parameters"
+        yield f"chi-square {found.chi_square:.3g} with {counted}"
         if self.probability < UNLIKELY:
             times = np.sqrt(found.chi_square / found.freedom)
             yield f"the model does not explain the data; errors would be {times:.2g} times as large by their scatter"
         for datum in found.problem.data:
             if datum.number is not None and datum.number.fitted and not self._shown(datum.name, datum.data_set):
                 yield f"{datum.label} is not seen in the computed motion, and counts as 10 standard errors"
-        for chi_square, place in found.others:
+        for chi_square, place in found.others if not len(self.certainty.open_directions) else ():
             values = ", ".join(f"{label} {value:.4g}" for label, value in found.problem.values(place).items())
             yield f"another minimum, of chi-square {chi_square:.4g}: {values}"
         yield from self.certainty.sentences()
+        for datum in found.problem.data:
+            off = found.residual[datum.rows.start : datum.rows.stop]
+            if datum.number is None and len(off) > 1 and (alike := float(np.corrcoef(off[:-1], off[1:])[0, 1])) > ALIKE:
+                words = f"{datum.label}: neighbouring residuals have a correlation of {alike:.2f}"
+                yield f"{words}: the model leaves more than noise, and errors are larger than stated"
         for label, each in self.profiles.items():
             low, high = each.interval(RISES["95 %"])
             if not (isfinite(low) and isfinite(high)):
@@ -86,22 +93,29 @@ def solve(problem: Problem, *, quick: bool = False, number: int = 1, of: int = 1
 def value_in_words(free: Free, value: float, error: float) -> str:
     """A value with as many digits as its error leaves, in a unit that suits it."""
     if not isfinite(error):
-        return f"not told: {_plain(free, free.low)} to {_plain(free, free.high)}"
-    scale, unit = 1.0, free.unit
-    if unit:
-        amount, unit = quantity(float(f"{value:.3g}"), free.unit).split(" ", 1)
-        scale = float(amount) / float(f"{value:.3g}") if value else 1.0
-    places = int(np.clip(1 - np.floor(np.log10(error * scale)), 0, 12)) if error else 6
+        return f"not told: {_rounded(free, free.low)} to {_rounded(free, free.high)}"
+    scale, places, unit = _digits(free, value, error)
     return f"{value * scale:.{places}f} ± {error * scale:.{places}f} {unit}".strip()
 
 
-def _plain(free: Free, value: float) -> str:
+def interval_in_words(free: Free, ends: tuple[float, float], value: float, error: float) -> str:
+    """An interval with as many digits; a side that the data leave open is the range's end, in brackets."""
+    scale, places, unit = _digits(free, value, error)
+    shown = [
+        f"{end * scale:.{places}f}" if isfinite(end) else f"({limit * scale:.{places}f})"
+        for end, limit in zip(ends, (free.low, free.high), strict=True)
+    ]
+    return f"{shown[0]} .. {shown[1]} {unit}".strip()
+
+
+def _digits(free: Free, value: float, error: float) -> tuple[float, int, str]:
+    """Units in one SI unit, decimal places that an error of two digits has in them, and their name."""
+    scale, unit = 1.0, free.unit
+    if unit and value:
+        amount, unit = quantity(float(f"{value:.3g}"), free.unit).split(" ", 1)
+        scale = float(amount) / float(f"{value:.3g}")
+    return scale, int(np.clip(1 - np.floor(np.log10(error * scale)), 0, 12)) if error > 0 else 6, unit
+
+
+def _rounded(free: Free, value: float) -> str:
     return quantity(float(f"{value:.3g}"), free.unit) if free.unit else f"{value:.3g}"
-
-
-def interval_in_words(free: Free, ends: tuple[float, float]) -> str:
-    """An interval; a side that the data leave open is that of the range."""
-    low, high = ends
-    below = _plain(free, low) if isfinite(low) else f"(bound {_plain(free, free.low)})"
-    above = _plain(free, high) if isfinite(high) else f"(bound {_plain(free, free.high)})"
-    return f"{below} .. {above}"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache
-from math import isfinite
+from math import isfinite, nan
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from drivers.chain.case import build_case
 from drivers.chain.chain import Array
 from drivers.scene.read_scene import make_scene, set_value
 from postproc.paper.simulate import Simulation, exact
+from postproc.read.observables import describe
 from validation.calibration.data_sets import DataSet, Number, library
-from validation.calibration.free import Free
+from validation.calibration.free import GAIN, TRIGGER, Free
+from validation.calibration.records import Record, residual_of
 
 TOLERANCE = 1e-10  # of the exact motion: differences over ``STEP`` of a range are good to about 1e-5
 STEP = 1e-5  # of a parameter's range, over which sensitivities are taken
@@ -81,6 +83,10 @@ def pose(sets: tuple[DataSet, ...], free: tuple[Free, ...]) -> Problem:
                 raise InputError(each.where, number.observable, "no such observable of the scene", ", ".join(seen))
             data.append(Datum(each.name, number.observable, range(first, first + number.fitted), number))
             first += number.fitted
+        for record in each.records:
+            for gauge in record.measured.reading:
+                data.append(Datum(each.name, f"{record.key} {gauge}", range(first, first + record.rows)))
+                first += record.rows
     for parameter in free:
         if parameter.prior:
             data.append(Datum(parameter.own, parameter.key, range(first, first + 1)))
@@ -96,7 +102,7 @@ def own_values(problem: Problem, data: DataSet, place: Array) -> dict[str, float
 
 def predicted(data: DataSet, values: Mapping[str, float]) -> dict[str, float]:
     """Observables of a data set's scene at values of parameters; empty where the motion cannot be followed."""
-    simulation = simulated(data, tuple(values.items()))
+    simulation = simulated(data, of_motion(values))
     return {} if simulation is None else dict(simulation.values)
 
 
@@ -139,13 +145,34 @@ def jacobian(problem: Problem, place: Array) -> Array:
 
 @lru_cache(maxsize=KEPT)
 def _of_set(data: DataSet, values: tuple[tuple[str, float], ...]) -> Array:
-    found = predicted(data, dict(values))
-    return np.array([_off(number, found) for number in data.numbers if number.fitted])
+    known = dict(values)
+    offs = [(shown(data, each, known) - each.value) / each.error for each in data.numbers if each.fitted]
+    seen = [off if isfinite(off) else NOT_SEEN for off in offs]
+    return np.concatenate([seen, *(_of_record(data, record, known) for record in data.records)])
 
 
-def _off(number: Number, found: Mapping[str, float]) -> float:
-    off = (found.get(number.observable, np.nan) - number.value) / number.error
-    return off if isfinite(off) else NOT_SEEN
+def shown(data: DataSet, number: Number, values: Mapping[str, float]) -> float:
+    """What stands for a measured number at values of parameters; NaN where the motion does not show it.
+
+    A force is divided by the gauge's gain, where that is a parameter.
+    """
+    gain = values.get(f"{number.gain}.{GAIN}", 1.0) if describe(number.observable).unit == "N" else 1.0
+    return predicted(data, values).get(number.observable, nan) / gain
+
+
+def _of_record(data: DataSet, record: Record, values: Mapping[str, float]) -> Array:
+    """Residuals of all gauges of a trace. Shape (rows,)."""
+    measured, simulation = record.measured, simulated(data, of_motion(values))
+    if simulation is None:
+        return np.full(record.rows * len(measured.reading), NOT_SEEN)
+    gain = values.get(f"{record.key}.{GAIN}", measured.gain)
+    trigger_s = values.get(f"{record.key}.{TRIGGER}", record.trigger_s)
+    return np.concatenate([residual_of(record, gauge, simulation, gain, trigger_s) for gauge in measured.reading])
+
+
+def of_motion(values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+    """Values without those of gauges' gains and triggers, which leave the motion as it is."""
+    return tuple((key, value) for key, value in values.items() if not key.startswith("measured"))
 
 
 def _priors(problem: Problem, place: Array) -> Array:

@@ -1,18 +1,22 @@
 """Measured traces in a fit: residuals of each gauge, base lines projected out, and where a trace begins."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
+from numpy.typing import NDArray
 
+from drivers.base import paths
+from drivers.base.errors import InputError
 from drivers.chain.chain import Array
 from postproc.paper.simulate import Simulation
 from postproc.read.measured import MeasuredTrace
 from postproc.read.sensors import sensor_signals
 
-LEEWAY = 0.2  # of the run's length, by which a trigger that is found may move either way
-SPREAD = 5.0  # standard errors of a gain, to either side of which it is looked for
-DIGITS = 12 ** -0.5  # standard deviation of rounding over the last digit's step
+LEEWAY = 0.5  # of the run's length, by which a trigger that is found may move either way; motions are that much longer
+LENGTHS = 0.75, 1.5  # of the run's, that a trace may have after the impact
+CLIPPED = 4.0  # standard deviations, from which on a difference is taken for signal
+DIGITS = 12**-0.5  # standard deviation of rounding over the last digit's step
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,14 +25,17 @@ class Record:
 
     Attributes:
         key: of its entry in the scene, such as ``measured.0``.
+        trigger_s: time in the file at which the impact is, given or found; ``leeway_s``: how far off it may be.
         noise: standard deviation of a reading, by gauge.
-        counts: whether a reading is compared: all that lie within the run wherever the trigger is. Shape (samples,).
+        counts: whether a reading is compared: those up to the end of the run. Shape (samples,).
     """
 
     key: str
     measured: MeasuredTrace
+    trigger_s: float
+    leeway_s: float
     noise: dict[str, float]
-    counts: Array
+    counts: NDArray[np.bool_]
 
     @property
     def lines(self) -> int:
@@ -41,15 +48,37 @@ class Record:
         return int(self.counts.sum())
 
 
-def noise_of(reading: Array) -> float:
-    """Standard deviation of a reading's noise, from second differences, which a slow signal leaves out.
+def record_of(key: str, measured: MeasuredTrace, simulation: Simulation) -> Record:
+    """A trace as data of the run that ``simulation`` is.
 
-    Their median serves where noise is finer than the last digit's step, that of rounding where it is not.
+    Raises:
+        InputError: after the impact it is much shorter or longer than the run.
     """
-    differences = np.abs(np.diff(reading, 2))
+    duration_s, time = float(simulation.trace.time_s[-1]), measured.time_s
+    found = measured.trigger_s is None
+    trigger_s = trigger_of(measured, simulation) if measured.trigger_s is None else measured.trigger_s
+    seen_s = float(time[-1]) - trigger_s
+    if not LENGTHS[0] * duration_s <= seen_s <= LENGTHS[1] * duration_s:
+        how = "found" if found else "given"
+        told = f"{max(seen_s, 0.0) * 1e6:.4g} us after an impact {how} at {trigger_s * 1e6:.4g} us"
+        allowed = f"{LENGTHS[0]:g} to {LENGTHS[1]:g} of the run's {duration_s * 1e6:.4g} us (run.duration)"
+        raise InputError(paths.shown(measured.file), "time", told, allowed)
+    counts = time <= trigger_s + duration_s
+    noise = {gauge: measured.noise or noise_of(values) for gauge, values in measured.reading.items()}
+    return Record(key, measured, trigger_s, LEEWAY * duration_s, noise, counts)
+
+
+def noise_of(reading: Array) -> float:
+    """Standard deviation of a reading's noise, from fourth differences, which a slow signal leaves out.
+
+    Steep places are clipped; where noise is finer than the last digit, it is the rounding of that.
+    """
+    from scipy.stats import sigmaclip
+
     steps = np.abs(np.diff(reading))
-    digit = float(steps[steps > 0].min(initial=np.inf))
-    return max(1.4826 * float(np.median(differences)) / 6**0.5, DIGITS * digit)
+    kept = np.asarray(sigmaclip(np.diff(reading, 4), CLIPPED, CLIPPED).clipped)
+    rounding = DIGITS * float(steps[steps > 0].min(initial=np.inf))
+    return max(float(np.std(kept)) / float(np.sqrt(comb(8, 4))), rounding)
 
 
 def residual_of(record: Record, gauge: str, simulation: Simulation, gain: float, trigger_s: float) -> Array:
@@ -61,10 +90,10 @@ def residual_of(record: Record, gauge: str, simulation: Simulation, gain: float,
 
     trace, measured = simulation.trace, record.measured
     signal = sensor_signals(simulation.case.layout, trace)[gauge]
-    time = measured.time_s[record.counts.astype(bool)] - trigger_s
+    time = measured.time_s[record.counts] - trigger_s
     curve = make_interp_spline(trace.time_s, signal - signal[0], k=5)
     force = np.where(time > 0, curve(np.clip(time, 0.0, trace.time_s[-1])), 0.0)
-    reading = measured.reading[gauge][record.counts.astype(bool)] - (measured.baseline or 0.0)
+    reading = measured.reading[gauge][record.counts] - (measured.baseline or 0.0)
     off = (force / gain - reading) / record.noise[gauge]
     powers = [0] * (measured.baseline is None) + [1] * measured.drift
     if not powers:
@@ -74,11 +103,11 @@ def residual_of(record: Record, gauge: str, simulation: Simulation, gain: float,
     return np.asarray(off - basis @ (basis.T @ off))
 
 
-def trigger_of(record: Record, simulation: Simulation) -> float:
-    """Time in the file at which the impact is, by the largest correlation of all gauges with the computed ones, in s."""
+def trigger_of(measured: MeasuredTrace, simulation: Simulation) -> float:
+    """Time in the file at which the impact is, in s, by the largest correlation of all gauges with computed ones."""
     from scipy.signal import correlate
 
-    trace, measured = simulation.trace, record.measured
+    trace = simulation.trace
     spacing = float(trace.time_s[1] - trace.time_s[0])
     grid = np.arange(measured.time_s[0], measured.time_s[-1], spacing)
     signals, total = sensor_signals(simulation.case.layout, trace), np.zeros(0)
@@ -89,11 +118,3 @@ def trigger_of(record: Record, simulation: Simulation) -> float:
         likeness = correlate(reading - np.median(reading), computed, mode="full", method="fft") / scale
         total = likeness if not total.size else total + likeness
     return float(grid[0] + spacing * (int(np.argmax(total)) - (len(trace.time_s) - 1)))
-
-
-def wakes(record: Record, residuals: dict[str, Array]) -> Iterator[str]:
-    """Gauges whose residuals are no noise: neighbours alike, so that errors by noise alone are too small."""
-    for gauge, off in residuals.items():
-        alike = float(np.corrcoef(off[:-1], off[1:])[0, 1])
-        if alike > 0.5:
-            yield f"{gauge}: neighbouring residuals have a correlation of {alike:.2f}: the model leaves more than noise"
