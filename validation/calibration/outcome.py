@@ -77,7 +77,7 @@ class Outcome:
 
 def solve(problem: Problem, *, quick: bool = False, number: int = 1, of: int = 1) -> Outcome:
     """Fits, then profiles each shared parameter and leaves out each datum in turn; ``quick``: neither of these."""
-    with step(f"fit of {len(problem.free)} parameters", number, of):
+    with step(f"fit of {len(problem.free)} parameter{'s' * (len(problem.free) != 1)}", number, of):
         found = fit(problem)
     certainty = Certainty(found)
     asked = [i for i, each in enumerate(problem.free) if not each.own and not certainty.undetermined[i]]
