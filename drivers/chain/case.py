@@ -9,7 +9,6 @@ import numpy as np
 
 from drivers.base.errors import InputProblem, refuse_any
 from drivers.chain.chain import Array, Chain, build_chain, moving_at_start
-from drivers.chain.contact_law import restitution
 from drivers.chain.elements import Element, choose_elements
 from drivers.scene.model import RIGID, Scene
 
@@ -134,7 +133,7 @@ class Case:
             striker=scene.striker is not None,
             load_N=float(chain.load_N.sum()),
             moving_N_s=moving_at_start(chain),
-            damped=chain.damping_ratio > 0,
+            damped=chain.damped,
             slips=chain.slips,
             time_constant_s=scene.sensor.time_constant if scene.sensor else None,
         )
@@ -149,8 +148,8 @@ class Case:
         if striker is not None:
             shape = "flat face" if striker.shape == "flat" else "sphere"
             words += f", struck by a {shape} of {striker.material} at {striker.speed:g} m/s"
-        if chain.damping_ratio:
-            words += f"; impacts have a restitution of {restitution(chain.damping_ratio):.6g}"
+        if chain.damped:
+            words += f"; {chain.dissipation}"
         return words
 
 

@@ -8,12 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from itertools import pairwise
-from math import inf, pi, sqrt
+from math import inf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chain.contact_law import (
+    ALPHA,
     ContactStiffness,
     contact_stiffness,
     damping_coefficient,
@@ -21,10 +22,12 @@ from drivers.chain.contact_law import (
     hertz_force,
     hertz_overlap,
     hertz_stiffness,
+    restitution,
 )
 from drivers.chain.lateral import Bore, Lateral
+from drivers.chain.masses import bead_masses, sphere_mass
 from drivers.scene.model import Contact, Scene
-from validation.reference.hertz_chain import ENERGY_SHARE, HertzChain, TubeChain
+from validation.reference.hertz_chain import ENERGY_SHARE, HertzChain, TubeChain, dissipative_force
 
 Array = NDArray[np.float64]
 LEVEL_M = 10.0  # places 0.1 mm off the axis are level to 1e-5, and heights round to 1e-15 m
@@ -47,7 +50,9 @@ class Chain:
         beads: how many of the bodies are beads.
         wall: the wall's material, None for a free chain.
         wall_height_m: height of the wall (of a free chain: of bead 1's underside).
-        damping_ratio: B of ``drivers.chain.contact_law``; 0 for elastic contacts.
+        damping_ratio: B of ``drivers.chain.contact_law``; 0 for elastic contacts, and where there is a gamma.
+        gamma: of its other law of dissipation, by a power of the closing speed, in N (s/m)^alpha; else 0.
+        alpha: that power; 0 where there is no gamma.
         lateral: what a three-dimensional chain has beside; None for a straight one.
     """
 
@@ -64,6 +69,8 @@ class Chain:
     gravity_m_s2: float
     precompression_N: float
     damping_ratio: float = 0.0
+    gamma: float = 0.0
+    alpha: float = 0.0
     lateral: Lateral | None = None
 
     @property
@@ -77,6 +84,18 @@ class Chain:
         return np.where(np.isinf(self.radius_m), 0.0, self.radius_m)
 
     @property
+    def damped(self) -> bool:
+        """Whether contacts lose energy in impacts."""
+        return self.damping_ratio > 0 or self.gamma > 0
+
+    @property
+    def dissipation(self) -> str:
+        """What contacts lose, in words."""
+        if self.gamma:
+            return f"contacts have {self.gamma:.6g} N (s/m)^a times closing speed^a beside, a = {self.alpha:.6g}"
+        return f"impacts have a restitution of {restitution(self.damping_ratio):.6g}"
+
+    @property
     def slips(self) -> bool:
         """Whether contacts have friction."""
         return self.lateral is not None and self.lateral.slips
@@ -88,13 +107,18 @@ class Chain:
 
     @cached_property
     def height_m(self) -> Array:
-        """Heights of the centres at time 0; of a flat striker: of its face. Shape (bodies,)."""
+        """Heights of the centres at time 0; of a flat striker: of its face. Shape (bodies,).
+
+        Damped bodies that just touch are kept apart by more than rounding, since the force of the one law goes with
+        overlap^(1/4); by the power law those that close overlap by it, since they have a force then.
+        """
         radius = self.sphere_radius_m
         below = np.concatenate([[0.0], radius[:-1]])
         height = np.asarray(self.wall_height_m + np.cumsum((below + radius - self.overlap_m) * self.axial_share))
-        if self.damping_ratio:  # its force goes with overlap^(1/4): rounding must not make one of just touching
-            touching = np.cumsum((self.overlap_m == 0) & (self.stiffness > 0))
-            height = height + 4 * touching * np.spacing(np.abs(height).max())
+        if self.damped:
+            touching = ((self.overlap_m == 0) & (self.stiffness > 0)).astype(int)
+            apart = np.where((self.closing_m_s > 0) & (self.alpha > 0), -touching, touching)
+            height = height + 4 * np.cumsum(apart) * np.spacing(np.abs(height).max())
         return height
 
     @property
@@ -125,15 +149,24 @@ class Chain:
         """The smaller radius of the two bodies at each contact. Shape (bodies,)."""
         return np.asarray(np.minimum(self.radius_m, np.append(np.inf, self.radius_m[:-1])))
 
+    @property
+    def closing_m_s(self) -> Array:
+        """Speeds at which contacts close along the axis at time 0. Shape (bodies,)."""
+        return np.asarray(np.append(0.0, self.velocity_m_s[:-1]) - self.velocity_m_s)
+
     @cached_property
     def force_N(self) -> Array:
-        """Contact forces along the axis at time 0. Shape (bodies,)."""
-        closed = np.maximum(self.overlap_m, 0.0)
-        elastic = np.asarray(hertz_force(self.stiffness, closed) * self.axial_share)
-        if not self.damping_ratio:
+        """Contact forces along the axis at time 0; one that then closes has by the power law the force just after."""
+        elastic = self.elastic_N
+        if not self.damped:
             return elastic
-        closing = np.append(0.0, self.velocity_m_s[:-1]) - self.velocity_m_s
-        return np.asarray(np.maximum(elastic + self.damping * closed**0.25 * closing * self.axial_share, 0.0))
+        lost = dissipative_force(self.damping, self.alpha, self.overlap_m, self.closing_m_s)
+        return np.asarray(np.maximum(elastic + lost * self.axial_share, 0.0))
+
+    @cached_property
+    def elastic_N(self) -> Array:
+        """The elastic share of the contact forces at time 0, which loads are balanced by. Shape (bodies,)."""
+        return np.asarray(hertz_force(self.stiffness, np.maximum(self.overlap_m, 0.0)) * self.axial_share)
 
     @cached_property
     def reduced_mass_kg(self) -> Array:
@@ -143,18 +176,32 @@ class Chain:
 
     @cached_property
     def damping(self) -> Array:
-        """C of each contact in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, N s m^-5/4; 0 if elastic. Shape (bodies,)."""
+        """C of each contact in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, N s m^-5/4; 0 if elastic. Shape (bodies,).
+
+        By the power law it is gamma.
+        """
+        if self.gamma:
+            return np.where(self.stiffness > 0, self.gamma, 0.0)
         return damping_coefficient(self.damping_ratio, self.stiffness, self.reduced_mass_kg)
 
     @cached_property
     def acceleration_m_s2(self) -> Array:
         """At time 0, exactly zero where a bead rests in equilibrium. Shape (bodies,)."""
-        above = np.append(self.force_N[1:], 0.0)
-        net = self.force_N - above + self.load_N
-        rounding = 1e-12 * (self.force_N + above + np.abs(self.load_N))
+        return self._net(self.force_N) / self.mass_kg
+
+    @property
+    def unbalanced_N(self) -> Array:
+        """Each body's load that elastic contacts do not balance at time 0, upwards positive. Shape (bodies,)."""
+        return self._net(self.elastic_N)
+
+    def _net(self, force_N: Array) -> Array:
+        """Sum of contact forces and load of each body, without rounding."""
+        above = np.append(force_N[1:], 0.0)
+        net = force_N - above + self.load_N
+        rounding = 1e-12 * (force_N + above + np.abs(self.load_N))
         if self.lateral is not None:
             rounding = rounding + AT_REST * np.abs(self.load_N).sum()
-        return np.asarray(np.where(np.abs(net) <= rounding, 0.0, net) / self.mass_kg)
+        return np.asarray(np.where(np.abs(net) <= rounding, 0.0, net))
 
 
 def build_chain(scene: Scene) -> Chain:
@@ -175,11 +222,11 @@ def build_chain(scene: Scene) -> Chain:
         velocity[bead.from_wall - 1] = bead.velocity or 0.0
     gaps = {bead.from_wall: bead.gap_below for bead in table.bead if bead.gap_below is not None}
     radii = [*(diameters / 2)]
-    masses = [*_bead_masses(scene, materials, diameters)]
+    masses = [*bead_masses(scene, materials, diameters)]
     if striker is not None:
         materials.append(striker.material)
         radii.append(inf if striker.diameter is None else striker.diameter / 2)
-        masses.append(striker.mass or _sphere_mass(scene, striker.material, 2 * radii[-1]))
+        masses.append(striker.mass or sphere_mass(scene, striker.material, 2 * radii[-1]))
         velocity[-1] = -striker.speed
     mass, radius = np.array(masses), np.array(radii)
 
@@ -201,6 +248,8 @@ def build_chain(scene: Scene) -> Chain:
         gravity_m_s2=scene.gravity,
         precompression_N=table.precompression,
         damping_ratio=_damping_ratio(scene.contact),
+        gamma=scene.contact.gamma or 0.0,
+        alpha=(scene.contact.alpha or ALPHA) if scene.contact.gamma else 0.0,
     )
 
 
@@ -213,7 +262,8 @@ def _damping_ratio(contact: Contact) -> float:
 
 def arrays_of(chain: Chain) -> HertzChain:
     """A straight chain as the integrators take it."""
-    return HertzChain(chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N, chain.damping)
+    arrays = (chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N, chain.damping)
+    return HertzChain(*arrays, chain.alpha)
 
 
 def tube_arrays_of(chain: Chain) -> TubeChain:
@@ -255,7 +305,7 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
         falling = float((_unbalanced(chain) ** 2 / chain.mass_kg).sum()) * duration_s**2 / 2
     else:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
-    hertz = ENERGY_SHARE * float(chain.force_N @ np.maximum(chain.overlap_m, 0.0))
+    hertz = ENERGY_SHARE * float(chain.elastic_N @ np.maximum(chain.overlap_m, 0.0))
     return kinetic + falling + _settling(chain) or hertz
 
 
@@ -297,7 +347,7 @@ def sphere_for_face(scene: Scene, chain: Chain) -> tuple[float, float]:
 
 def _unbalanced(chain: Chain) -> Array:
     """What no contact balances of each body's load, and in a free chain does not make all fall together, in N."""
-    net = chain.acceleration_m_s2 * chain.mass_kg
+    net = chain.unbalanced_N
     if chain.wall is None:
         net = net - chain.mass_kg * free_fall(chain)
         net[np.abs(net) < 1e-12 * np.abs(chain.load_N)] = 0.0  # rounding
@@ -316,33 +366,6 @@ def _settling(chain: Chain) -> float:
         by_hertz = hertz_overlap(stiffness, load)
         by_spring = load / contact_stiffness(stiffness, np.maximum(chain.overlap_m[below], 0.0))
     return load * float(np.where(stiffness > 0, np.fmin(by_hertz, by_spring), 0.0).sum())
-
-
-def _bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:
-    """Masses of the beads: given one by one, or with the scatter those of an ordinary bead or by a bead's material."""
-    table = scene.chain
-    given = {sensor.from_wall: sensor.mass for sensor in table.sensors if sensor.mass is not None}
-    given |= {bead.from_wall: bead.mass for bead in table.bead if bead.mass is not None}
-    masses = np.full(table.count, bead_mass(scene) if table.count else 0.0)
-    for bead in table.bead:
-        unlike = bead.material is not None or bead.diameter is not None
-        if unlike and bead.from_wall not in given:
-            place = bead.from_wall - 1
-            masses[place] = _sphere_mass(scene, materials[place], diameters[place])
-    if table.mass_scatter:  # drawn for every place, so that one bead's own mass does not change its neighbours'
-        masses += np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
-    return np.array([given.get(place, mass) for place, mass in enumerate(masses.tolist(), start=1)])
-
-
-def bead_mass(scene: Scene) -> float:
-    """Mass of an ordinary bead, in kg: the chain's, or that of its material."""
-    return scene.chain.mass or _sphere_mass(scene, scene.chain.material, scene.chain.diameter)
-
-
-def _sphere_mass(scene: Scene, material: str, diameter_m: float) -> float:
-    density = scene.materials[material].density
-    assert density is not None  # read_scene admits no scene without
-    return density * pi / 6 * diameter_m**3
 
 
 def stiffness_by(law: ContactStiffness, scene: Scene, materials: Sequence[str], radius_m: Array) -> Array:

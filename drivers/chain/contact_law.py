@@ -8,8 +8,13 @@ Matter 9:465, 2007, have it for a linear spring). So the restitution depends on 
 
 ``e = exp(-2 a / tan(a))`` with ``cos(a) = zeta``; for zeta > 1 ``e = exp(-2 a / tanh(a))`` with ``cosh(a) = zeta``.
 
-Functions of overlap, force and energy take one contact or arrays of contacts. The compiled kernels have the same law
-in ``validation.reference.contact_kernels``.
+The other law of dissipation is ``F = max(0, k d^(3/2) + gamma sgn(d') |d'|^alpha)`` where d >= 0, with one gamma and
+alpha for all contacts (Carretero-Gonzalez, Khatri, Porter, Kevrekidis and Daraio, Phys. Rev. Lett. 102:024102, 2009,
+who find an alpha of 1.75 for steel, brass and PTFE). Its force jumps by ``gamma v^alpha`` where a contact closes at v,
+and its restitution depends on the speed.
+
+Functions of overlap, force and energy take one contact or arrays of contacts. The forces of both laws are
+``validation.reference.hertz_chain.dissipative_force`` for arrays, ``contact_kernels`` beside it compiled.
 """
 
 from collections.abc import Callable
@@ -27,6 +32,7 @@ Value = TypeVar("Value", float, Array)  # a stiffness of type Any is one or the 
 ContactStiffness = Callable[[Material | None, float, Material | None, float], float]
 
 ZETA_1 = sqrt(5 / 6)  # the damping ratio B at which zeta is 1
+ALPHA = 1.75  # of the law by a power of the closing speed, where a scene gives none
 
 
 def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:

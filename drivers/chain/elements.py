@@ -6,9 +6,9 @@ never touches its tube, never slips and never turns.
 
 from dataclasses import dataclass
 
-from drivers.chain.chain import Chain, bead_mass
-from drivers.chain.contact_law import restitution
+from drivers.chain.chain import Chain
 from drivers.chain.lateral import Lateral
+from drivers.chain.masses import bead_mass
 from drivers.scene.model import RIGID, Scene
 
 # what every engine of a straight chain models, and what one of three dimensions does beside
@@ -29,13 +29,13 @@ class Element:
 def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
     """The modelling elements of a scene, each in or out with its reason."""
     none = "the scene has none"
-    striker, scatter, ratio = scene.striker, scene.chain.mass_scatter, chain.damping_ratio
+    striker, scatter = scene.striker, scene.chain.mass_scatter
     ordinary = bead_mass(scene) if scene.chain.sensors else None
     unlike = len([sensor for sensor in scene.chain.sensors if sensor.mass not in (None, ordinary)])
     wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
     shape = "flat face" if striker and striker.shape == "flat" else "sphere"
     alike = "sensor beads weigh what the others do" if scene.chain.sensors else "no bead carries a sensor"
-    damped = f"impacts have a restitution of {restitution(ratio):.6g}, by a damping ratio of {ratio:.6g}"
+    damped = chain.dissipation + (f", by a damping ratio of {chain.damping_ratio:.6g}" if chain.damping_ratio else "")
     table = [
         ("gravity", scene.gravity, f"{scene.gravity:g} m/s^2", none),
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),
@@ -44,7 +44,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
         ("sensor masses", unlike, f"{unlike} sensor bead(s) of another mass than the beads", alike),
         ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", none),
         *(_straight(scene) if chain.lateral is None else _sideways(scene, chain.lateral)),
-        ("damping", ratio, damped, "restitution 1: contacts are elastic"),
+        ("damping", chain.damped, damped, "restitution 1: contacts are elastic"),
     ]
     return tuple(Element(name, bool(there), str(why if there else why_not)) for name, there, why, why_not in table)
 

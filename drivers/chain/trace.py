@@ -129,7 +129,7 @@ def make_trace(
         else:
             there = chain.stiffness > 0
             kinetic = 0.5 * (upward**2 @ chain.mass_kg)
-            if chain.damping_ratio:
+            if chain.damped:
                 pressed = np.maximum(overlaps(chain, height)[:, there], 0.0)
                 elastic = hertz_energy(chain.stiffness[there], pressed).sum(axis=1)
             else:

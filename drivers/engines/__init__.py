@@ -25,6 +25,7 @@ from drivers.chain.case import Case
 from drivers.chain.elements import STRAIGHT
 from drivers.chain.trace import Trace
 from drivers.engines._entries import Entry, entries
+from drivers.scene.model import VISCOELASTIC
 
 REFERENCE, VERLET = "reference", "verlet"  # this repository's: exact forces, and the codes' scheme
 IN_HEIGHTS = "velocity Verlet in absolute heights"
@@ -94,6 +95,7 @@ class Engine:
         scheme: integration scheme, one of those named above, which its runs are measured against. In velocity Verlet,
             damping has the closing speed of half a step before, and at time 0 that of time 0.
         shear: what its friction keeps in three dimensions, ``TOTAL`` or ``INCREMENTAL``.
+        dissipation: laws by which its contacts can lose energy, as scenes name them.
         models: modelling elements (``drivers.chain.elements``) that it can take.
         variables: environment variables that it needs, with their values.
         refusal: key, what was found and what is allowed, where it cannot take a case; else None.
@@ -120,6 +122,7 @@ class Engine:
     in_repository: bool = False
     scheme: str = IN_HEIGHTS
     shear: str = TOTAL
+    dissipation: frozenset[str] = frozenset({VISCOELASTIC})
     models: frozenset[str] = STRAIGHT
     variables: Mapping[str, str] = field(default_factory=dict)
     refusal: Callable[[Case], InputProblem | None] = lambda case: None

@@ -16,6 +16,7 @@ from drivers.chain.chain import tube_arrays_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
+from drivers.scene.model import POWER, VISCOELASTIC
 from validation.reference.hertz_chain import TUBE_KEYS
 
 COMMAND = ("python", "-m", "validation.reference", "chain.json")
@@ -54,6 +55,7 @@ def render(case: Case, method: str, **timing: float) -> Deck:
         "velocity_m_s": chain.velocity_m_s,
         "load_N": chain.load_N,
         **({"damping_N_s_m-5/4": chain.damping} if chain.damping_ratio else {}),
+        **({"gamma_N_(s/m)^alpha": chain.damping, "alpha": chain.alpha} if chain.gamma else {}),
         "height_m": chain.height_m,  # not integrated, but part of what the run reports
         "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
     }
@@ -89,6 +91,7 @@ def in_repository_engine(kernels: str, **own: Any) -> Engine:
         in_repository=True,
         variables={"PYTHONPATH": str(paths.ROOT)},
         refusal=refusal,
+        dissipation=frozenset({VISCOELASTIC, POWER}),
         server=Deck({}, (*COMMAND[:-1], "-", kernels), raw=()),  # takes requests from stdin
         read=read,
         loop_pattern=r"^completed \d+ samples in ([0-9.]+) s$",

@@ -27,15 +27,19 @@ def deepest_m(overlap_m: Array, closing_m_s: Array, time_step_s: float) -> Array
     return np.asarray(np.maximum(overlap_m, OVERSHOOT * closing_m_s * time_step_s))
 
 
-def late_damping(chain: Chain, spring_N_m: Array, time_step_s: float) -> Array:
-    """``K + 4 B sqrt(m* K) / dt``: springs that are as unstable at a step as damped ones, shape (bodies,), in N/m.
+def late_damping(chain: Chain, spring_N_m: Array, speed_m_s: Array, time_step_s: float) -> Array:
+    """``K + 2 D / dt``: springs that are as unstable at a step as damped ones, shape (bodies,), in N/m.
 
     The codes take the closing speed half a step late, ``M (x+ - 2 x + x-) / dt^2 = -K x - D (x - x-) / dt``, which
     flips from step to step (x+ = -x) at ``4 M / dt^2 = K + 2 D / dt``; a contact has ``D = 2 B sqrt(m* K)``. So a
-    single contact of frequency w is stable up to ``(sqrt(1 + B^2) - B) 2 / w``.
+    single contact of frequency w is stable up to ``(sqrt(1 + B^2) - B) 2 / w``. By a power of the closing speed it has
+    ``D = gamma alpha |d'|^(alpha - 1)``, the slope of the force at the speeds given.
     """
-    if not chain.damping_ratio or not time_step_s:
+    if not chain.damped or not time_step_s:
         return spring_N_m
+    if chain.gamma:
+        damping = np.where(speed_m_s > 0, chain.damping * chain.alpha * speed_m_s ** (chain.alpha - 1), 0.0)
+        return np.asarray(spring_N_m + 2 * damping / time_step_s)
     return np.asarray(spring_N_m + 4 * chain.damping_ratio * np.sqrt(chain.reduced_mass_kg * spring_N_m) / time_step_s)
 
 
@@ -58,13 +62,14 @@ def at_most(chain: Chain, duration_s: float) -> Extremes:
         by_spring = np.sqrt(2 * energy / contact_stiffness(chain.stiffness, resting))
     further = np.where(chain.stiffness > 0, np.fmin(by_hertz, by_spring), 0.0)
     inverse = 1 / chain.mass_kg
-    closing = np.sqrt(2 * energy * (inverse + np.append(0.0, inverse[:-1])))
+    closing = np.sqrt(2 * energy * (inverse + np.append(0.0, inverse[:-1]))) * (chain.stiffness > 0)
     bore = bore_stiffness(chain)
     with np.errstate(divide="ignore", invalid="ignore"):  # a straight chain has no bore, and may have no energy
         deepest = np.where(bore > 0, overlap_of_energy(bore, energy), 0.0)
     return Extremes(
         overlap_m=resting + further,
-        closing_m_s=np.where(chain.stiffness > 0, closing, 0.0),
+        closing_m_s=closing,
+        speed_m_s=closing,
         impacts_J=np.zeros(chain.bodies),
         bore_overlap_m=deepest,
         bore_closing_m_s=np.where(bore > 0, np.sqrt(2 * energy / chain.mass_kg), 0.0),
@@ -89,8 +94,8 @@ def share_at_most(chain: Chain, duration_s: float, time_step_s: float) -> tuple[
     in_bore = float((contact_stiffness(bore_stiffness(chain), bounds.bore_overlap_m) / chain.mass_kg).max())
     highest = float(np.sqrt(_rows(chain, spring).max() + in_bore))
     impacts = duration_s * highest / 4
-    if chain.damping_ratio:  # 1 / limit is where limit^2 (K + b / limit) = 4, row by row
-        late = _rows(chain, late_damping(chain, spring, 1.0) - spring)
+    if chain.damped:  # 1 / limit is where limit^2 (K + b / limit) = 4, row by row
+        late = _rows(chain, late_damping(chain, spring, bounds.speed_m_s, 1.0) - spring)
         highest = float((late + np.sqrt(late**2 + 16 * _rows(chain, spring))).max()) / 4
     return time_step_s * highest / 2 / SAFETY, impacts
 

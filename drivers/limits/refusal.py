@@ -48,6 +48,10 @@ def inability(case: Case, engine: str) -> InputError | None:
         return InputError(
             case.scene.file, "", where, f"an engine that models it: {able}" if able else "nothing: none models it"
         )
+    law = case.scene.contact.dissipation
+    if case.chain.damped and law not in asked.dissipation:
+        allowed = " or ".join(f'"{each}"' for each in sorted(asked.dissipation))
+        return InputError(case.scene.file, "contact.dissipation", f'"{law}"', f"on {engine} {allowed}")
     problem = asked.refusal(case)
     if problem is None:
         return None

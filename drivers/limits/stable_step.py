@@ -95,7 +95,8 @@ def impacts_counted(chain: Chain, reached: Extremes, duration_s: float) -> float
 def _limit(chain: Chain, reached: Extremes, step: float, safety: float) -> float:
     """``2 / omega_max`` of the springs that contacts are with steps of that size."""
     deepest = deepest_m(reached.overlap_m, reached.closing_m_s, step)
-    normal = late_damping(chain, contact_stiffness(chain.stiffness, deepest), step / safety)
+    spring = contact_stiffness(chain.stiffness, deepest)
+    normal = late_damping(chain, spring, reached.speed_m_s, step / safety)
     if chain.lateral is None:
         return linear_limit(chain, normal)
     shear, dragged = np.zeros(chain.bodies), np.zeros(chain.bodies)
@@ -177,7 +178,7 @@ def _follow(chain: Chain, step: float, left: int) -> Extremes:
     """Extremes by velocity Verlet of a straight chain, of which no samples are kept."""
     arrays = arrays_of(chain)
     nothing = np.zeros(chain.bodies)
-    found = Extremes(nothing, nothing, nothing, nothing, nothing)
+    found = Extremes(nothing, nothing, nothing, nothing, nothing, nothing)
     while left:
         steps = min(left, max(1, BODY_STEPS_PER_CHUNK // chain.bodies))
         motion = integrate_verlet(arrays, step, 1, steps + 1)
@@ -185,7 +186,8 @@ def _follow(chain: Chain, step: float, left: int) -> Extremes:
         pressed = arrays.overlap_m + np.column_stack([np.zeros(len(moved)), moved[:, :-1]]) - moved
         more = _extremes(chain, motion.force_N, motion.velocity_m_s, pressed)
         deeper, faster = np.maximum(found.overlap_m, more.overlap_m), np.maximum(found.closing_m_s, more.closing_m_s)
-        found = Extremes(deeper, faster, nothing, nothing, found.impacts_J + more.impacts_J)
+        impacts, speed = found.impacts_J + more.impacts_J, np.maximum(found.speed_m_s, more.speed_m_s)
+        found = Extremes(deeper, faster, nothing, nothing, impacts, speed)
         arrays = replace(arrays, overlap_m=pressed[-1], velocity_m_s=motion.velocity_m_s[-1])
         left -= steps
     return found
@@ -198,10 +200,11 @@ def _extremes(chain: Chain, force_N: Array, velocity_m_s: Array, overlap_m: Arra
     """
     there, nothing = chain.stiffness > 0, np.zeros(chain.bodies)
     closing = np.column_stack([np.zeros(len(velocity_m_s)), velocity_m_s[:, :-1]]) - velocity_m_s
+    speed = np.where((force_N > 0) | (overlap_m <= 0) & (closing > 0), np.abs(closing), 0.0)
     closing = np.where((force_N <= 0) & there, np.maximum(closing, 0.0), 0.0)  # 0 where it is closed or opens
     closes = (force_N[:-1] <= 0) & (force_N[1:] > 0) & (overlap_m[:-1] < 0)  # not what touches at the start
     energies = np.where(closes, 0.5 * chain.reduced_mass_kg * closing[:-1] ** 2, 0.0)
-    largest = np.maximum(overlap_m.max(axis=0), 0.0) if chain.damping_ratio else nothing.copy()
-    if not chain.damping_ratio:
+    largest = np.maximum(overlap_m.max(axis=0), 0.0) if chain.damped else nothing.copy()
+    if not chain.damped:
         largest[there] = hertz_overlap(chain.stiffness[there], np.maximum(force_N.max(axis=0), 0.0)[there])
-    return Extremes(largest, closing.max(axis=0), nothing, nothing, energies.sum(axis=0))
+    return Extremes(largest, closing.max(axis=0), nothing, nothing, energies.sum(axis=0), speed.max(axis=0))

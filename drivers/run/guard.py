@@ -118,7 +118,7 @@ def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]
     yield np.asarray((trace.force_N > through).any(axis=1)), "beads are pressed into each other by more than a radius"
     share, allowed = energy_error(chain, trace), explained_energy(case, trace)
     worst = np.nan_to_num(share, nan=np.inf).max()
-    does = "grows" if chain.damping_ratio or chain.slips else "is off"
+    does = "grows" if chain.damped or chain.slips else "is off"
     words = f"the energy {does} by {worst:.2g} times what the scene puts in, of which this time step explains"
     yield share > allowed, f"{words} {allowed:.2g}"
 
@@ -137,7 +137,7 @@ def not_modelled(chain: Chain, trace: Trace) -> str | None:
 
 def energy_error(chain: Chain, trace: Trace) -> Array:
     """By how much the energy errs (``drivers.chain.trace``) over what the scene puts in. Shape (samples,)."""
-    change = energy_error_J(trace.total_energy_J, damped=chain.damping_ratio > 0, slips=chain.slips)
+    change = energy_error_J(trace.total_energy_J, damped=chain.damped, slips=chain.slips)
     scale = energy_put_in(chain, float(trace.time_s[-1]))
     if scale:
         return np.asarray(change / scale)

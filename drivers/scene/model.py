@@ -6,7 +6,7 @@ the wall, as in the paper: bead 1 rests on the wall.
 
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
 
@@ -14,6 +14,8 @@ from drivers.base import units
 
 MAX_BEADS = 1_000_000
 RIGID = "rigid"
+VISCOELASTIC: Final = "viscoelastic"
+POWER: Final = "power"
 LEAST_RESTITUTION, MAX_DAMPING_RATIO = 1e-4, 50.0  # about the same: beyond, bodies all but stick
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
@@ -137,13 +139,22 @@ class Contact(Part):
     """What contacts do beyond Hertz's law.
 
     They are elastic unless one of ``restitution``, that of an impact, and ``damping_ratio``, B of
-    ``drivers.chain.contact_law``, is given. Without ``rotation`` friction turns no bead: to see what turning does.
+    ``drivers.chain.contact_law``, is given; with a ``dissipation`` of "power" it is ``gamma``, in N (s/m)^alpha, and
+    may be ``alpha``, 1.75 if left out. Without ``rotation`` friction turns no bead: to see what turning does.
     """
 
+    dissipation: Literal["viscoelastic", "power"] = VISCOELASTIC
     restitution: Annotated[float, Field(ge=LEAST_RESTITUTION, le=1, allow_inf_nan=False)] | None = None
     damping_ratio: Annotated[float, Field(ge=0, le=MAX_DAMPING_RATIO)] | None = None
+    gamma: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    alpha: Annotated[float, Field(ge=1, le=3)] | None = None
     friction: Friction = 0.0
     rotation: bool = True
+
+    @property
+    def elastic(self) -> "Contact":
+        """The same without dissipation."""
+        return Contact(friction=self.friction, rotation=self.rotation)
 
 
 class Gauge(Part):

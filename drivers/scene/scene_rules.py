@@ -5,9 +5,10 @@ from math import acos, ceil, pi
 
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
-from drivers.scene.model import RIGID, Bead, Measured, Scene, SceneFile, Sensor
+from drivers.scene.model import POWER, RIGID, VISCOELASTIC, Bead, Contact, Measured, Scene, SceneFile, Sensor
 
 ROUNDED = 1e-6  # of the play, the difference of two diameters
+LAWS = {VISCOELASTIC: ("restitution", "damping_ratio"), POWER: ("gamma", "alpha")}  # of dissipation, and their keys
 
 
 def choices(file: SceneFile) -> Iterator[InputProblem]:
@@ -18,10 +19,23 @@ def choices(file: SceneFile) -> Iterator[InputProblem]:
     if (run.time_step is None) == (run.accuracy is None):
         found = "neither time_step nor accuracy" if run.time_step is None else "both time_step and accuracy"
         yield "run", found, "exactly one of the two"
-    if file.contact.restitution is not None and file.contact.damping_ratio is not None:
-        yield "contact", "both restitution and damping_ratio", "one of the two: either gives the other"
+    yield from _dissipation(file.contact)
     for i, measured in enumerate(file.measured):
         yield from _measured_choices(measured, f"measured.{i}")
+
+
+def _dissipation(contact: Contact) -> Iterator[InputProblem]:
+    """Keys of one law of dissipation beside those of another."""
+    own = {law: [key for key in keys if getattr(contact, key) is not None] for law, keys in LAWS.items()}
+    for law, keys in own.items():
+        if law != contact.dissipation:
+            for key in keys:
+                found = f'{getattr(contact, key):g} with a dissipation that is "{contact.dissipation}"'
+                yield f"contact.{key}", found, f'no such key, or contact.dissipation = "{law}"'
+    if len(own[VISCOELASTIC]) == 2:
+        yield "contact", "both restitution and damping_ratio", "one of the two: either gives the other"
+    if contact.dissipation == POWER and contact.gamma is None:
+        yield "contact.gamma", "nothing", "a number of 0 or more, in N (s/m)^alpha"
 
 
 def _measured_choices(measured: Measured, key: str) -> Iterator[InputProblem]:
@@ -109,6 +123,9 @@ def _striker_contradictions(scene: Scene) -> Iterator[InputProblem]:
 def _tube_contradictions(scene: Scene, widest: float) -> Iterator[InputProblem]:
     """What of a three-dimensional scene does not go together."""
     chain, tube, offset = scene.chain, scene.tube, scene.chain.lateral_offset
+    if scene.contact.gamma:
+        allowed = '"viscoelastic": the power law is for straight chains'
+        yield "contact.dissipation", '"power" for beads that move sideways', allowed
     if scene.run.accuracy is not None:
         allowed = "a run.time_step: the exact motion is known of straight chains only"
         yield "run.accuracy", "an accuracy for beads that move sideways", allowed

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from drivers.chain.chain import Array, Chain, bead_mass
+from drivers.chain.chain import Array, Chain
+from drivers.chain.masses import bead_mass
 from drivers.scene.model import RIGID, Scene
 from postproc.draw.style import COLUMN_IN, FAINT, pyplot
 

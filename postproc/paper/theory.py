@@ -10,8 +10,9 @@ from math import pi, sqrt
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, bead_mass
+from drivers.chain.chain import Array
 from drivers.chain.contact_law import hertz_force, hertz_overlap
+from drivers.chain.masses import bead_mass
 
 
 @dataclass(frozen=True)

@@ -140,7 +140,7 @@ class Baseline:
         """Order of convergence of the scheme."""
         if isinstance(self.truth, Extrapolation):
             return self.truth.order
-        return 1.0 if self.case.chain.damping_ratio else 2.0
+        return 1.0 if self.case.chain.damped else 2.0
 
     @property
     def in_overlaps(self) -> Trace:

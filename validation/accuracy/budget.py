@@ -201,5 +201,5 @@ def predicted_error(case: Case, engine: str) -> Array:
             error = np.zeros(case.scene.samples)
         else:  # it goes with the step squared, or where contacts lose energy with the step
             finer = verlet_of(case.at(2 * case.scene.steps_per_sample))
-            error = residual(baseline.plain, finer) * (2 if case.chain.damping_ratio else 4 / 3)
+            error = residual(baseline.plain, finer) * (2 if case.chain.damped else 4 / 3)
     return np.nan_to_num(error, nan=np.inf)

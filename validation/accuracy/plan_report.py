@@ -111,7 +111,7 @@ def _rows(case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[st
     yield _chosen("ten times less", chooser, asked, TENFOLD)
     yield "this", case, errors, ""
     more = "ten times more"
-    needed = case.scene.steps * TENFOLD ** (1 if case.chain.damping_ratio else 0.5)  # by the scheme's order
+    needed = case.scene.steps * TENFOLD ** (1 if case.chain.damped else 0.5)  # by the scheme's order
     if case.full is not None:
         yield more, None, {}, "what is left out here would come in again: ask for it"
     elif needed * case.chain.bodies > MAX_WORK:

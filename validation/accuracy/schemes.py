@@ -215,9 +215,9 @@ def errors_of(case: Case, trace: Trace, truth: Truth, names: Collection[str]) ->
 
 def energy_change_J(chain: Chain, trace: Trace, exact: Trace | None) -> Array:
     """Error of the energy at each sample; where contacts lose some, from the exact motion's if that is known."""
-    if chain.damping_ratio and exact is not None:
+    if chain.damped and exact is not None:
         return np.asarray(np.abs(trace.total_energy_J - exact.total_energy_J))
-    return energy_error_J(trace.total_energy_J, damped=chain.damping_ratio > 0, slips=chain.slips)
+    return energy_error_J(trace.total_energy_J, damped=chain.damped, slips=chain.slips)
 
 
 def momentum_error(case: Case, trace: Trace, truth: Truth) -> float:

@@ -53,7 +53,7 @@ WITHOUT: dict[str, Callable[[Scene], Scene]] = {
         scene, "chain", sensors=tuple(each.model_copy(update={"mass": None}) for each in scene.chain.sensors)
     ),
     "mass scatter": lambda scene: _with(scene, "chain", mass_scatter=0.0),
-    "damping": lambda scene: _with(scene, "contact", restitution=None, damping_ratio=None),
+    "damping": lambda scene: scene.model_copy(update={"contact": scene.contact.elastic}),
 }
 
 
@@ -181,7 +181,7 @@ class Chooser:
             InputError: no step keeps it; the attainable accuracy is named.
         """
         self._check_attainable(wanted)
-        scene, order = self.case.scene, 1 if self.case.chain.damping_ratio else 2
+        scene, order = self.case.scene, 1 if self.case.chain.damped else 2
         work = self.case.chain.bodies * (scene.samples - 1)
         steps = max(1, ceil(min(scene.run.sample_interval / self.stable_s, 1e15)))  # the largest step that is stable
         refused, taken, tries = steps - 1, 0, 0

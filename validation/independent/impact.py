@@ -36,7 +36,7 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
         raise ValueError("the force has no maximum")
     values = {"peak_force_N": strongest.value, "peak_overlap_m": deepest.value}
     values["restitution"] = -_closing(trace.velocity_m_s[-1], contact) / _closing(trace.velocity_m_s[0], contact)
-    if not case.chain.damping_ratio:
+    if not case.chain.damped:
         values["duration_s"] = _duration(trace.time_s, force)
     return values
 

@@ -37,8 +37,10 @@ def main(deck: Path) -> None:
 
 def _straight(values: dict[str, Any]) -> Integration:
     """The integration of a straight chain, to samples of so many steps each."""
-    keys = ("mass_kg", "stiffness_N_m-3/2", "overlap_m", "velocity_m_s", "load_N", "damping_N_s_m-5/4")
-    chain = HertzChain(*[values.get(key, []) for key in keys])
+    keys = ("mass_kg", "stiffness_N_m-3/2", "overlap_m", "velocity_m_s", "load_N")
+    damping = values.get("gamma_N_(s/m)^alpha", values.get("damping_N_s_m-5/4", []))
+    mass, stiffness, overlap, velocity, load = (values[key] for key in keys)
+    chain = HertzChain(mass, stiffness, overlap, velocity, load, damping, values.get("alpha", 0.0))
 
     def integrate(samples: int, steps_per_sample: int) -> list[Array]:
         if values["method"] == "verlet":

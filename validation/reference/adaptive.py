@@ -3,10 +3,13 @@
 The state is overlaps and velocities, so that nothing cancels; it and the clock carry what rounding leaves out of them.
 Steps are those of ``dop853``: in ``s = (t - t_e)^(1/power)`` after the last event t_e, with a power of 2 of elastic
 chains and of 4 of those that lose energy. A step in which a contact closes, opens or, losing energy, lets go before
-it opens is ended right there; one that ends in an elastic opening runs in ``s = (t_e - t)^(1/2)``.
+it opens is ended right there; one that ends in an elastic opening runs in ``s = (t_e - t)^(1/2)``. By the power law
+(``power_law_events``) a step is also ended where the closing speed of a contact changes its sign, and runs towards
+that in ``s = (t_e - t)^(1/4)``.
 """
 
 from math import sqrt
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +53,9 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAS
     overlap_scale, speed_scale = scales(chain, float(time_s[-1]))
     start, scale = np.concatenate([chain.overlap_m, chain.velocity_m_s]), np.repeat([overlap_scale, speed_scale], n)
     damping = np.zeros(0) if chain.elastic else chain.damping
-    bodies = (1.0 / chain.mass_kg, chain.stiffness, damping, chain.load_N / chain.mass_kg)
+    bodies: tuple[Any, ...] = (1.0 / chain.mass_kg, chain.stiffness, damping, chain.load_N / chain.mass_kg)
+    if chain.alpha:
+        bodies = (*bodies, float(chain.alpha), np.zeros(n))
     first = FIRST_STEP * overlap_scale / speed_scale
     states, done = follow(start, time_s, bodies, LOCAL_SHARE * tolerance, scale, first)
     if not done or not np.isfinite(states).all():

@@ -7,8 +7,19 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import copy
-from validation.reference.dop853 import ROWS, Bodies, error, evaluate_dense, prepare_dense, slope, step, step_factor
+from validation.reference.dop853 import (
+    BY_POWER,
+    ROWS,
+    Bodies,
+    error,
+    evaluate_dense,
+    prepare_dense,
+    slope,
+    step,
+    step_factor,
+)
 from validation.reference.hertz_chain import Array
+from validation.reference.power_law_events import closing_speed, first_holds, first_power_event, passing
 
 DENSE_LIMIT = 1e-9  # local tolerance below which samples of damped contacts are stepped to: their forces rise steeply
 EVENT_OVERLAP = 1e-13  # of the overlap scale: contacts that are open or closed by less are at no event
@@ -43,24 +54,34 @@ def follow(
     copy(start, state[0])
     power = 4.0 if bodies[2].size else 2.0
     dense_enough = power == 2.0 or tolerance >= DENSE_LIMIT
+    if len(bodies) == BY_POWER:
+        first_holds(state[0], bodies)
     slope(state[0], 1.0, state[2], bodies)
     nobody: Any = np.int64(-1)  # no literal: those would compile what takes them once more
-    event, rest = 0.0, 0.0  # the sum is the time of the last event; all else counts from it
+    since, rest = 0.0, 0.0  # the sum is the time of the last event; all else counts from it
     s, h, sample, rejected, last = 0.0, _root(first_step, power), 1, 0, nobody
 
     while sample < times.size:
         if rejected > MAX_REJECTED:
             return samples, False
-        elapsed, final = _raised(s, power), (times[-1] - event) - rest
+        elapsed, final = _raised(s, power), (times[-1] - since) - rest
         s_end = min(s + h, _root(final, power))
         target = final if s_end < s + h else _raised(s_end, power)
         begin, length, stretch = s, s_end - s, power
         step(state, s, length, power, slopes, end, bodies)
-        contact, share = _first_event(state[0], end[0], bodies, scale, last, nobody)
-        if contact >= 0:
+        event, share = _first_event(state[0], end[0], bodies, scale, tolerance, target - elapsed, last, nobody)
+        if share < 0.0:
+            rejected += 1
+            h *= 0.5
+            continue
+        if event >= 0:
             guess = _raised(s + share * length, power)
-            begin, length, stretch, target = _step_to_event(state, s, power, guess, contact, slopes, end, bodies)
-            if length == 0.0 or target > final or _first_event(state[0], end[0], bodies, scale, last, contact)[0] >= 0:
+            begin, length, stretch, target = _step_to_event(state, s, power, guess, event, slopes, end, bodies)
+            another = nobody
+            if length != 0.0 and target <= final:
+                span = target - elapsed
+                another = _first_event(state[0], end[0], bodies, scale, tolerance, span, last, event)[0]
+            if length == 0.0 or target > final or another >= 0:
                 rejected += 1
                 h *= 0.5 if length == 0.0 or target <= final else 0.98
                 continue
@@ -71,11 +92,11 @@ def follow(
             continue
 
         rejected = 0 if target > elapsed else rejected + 1
-        if (times[sample] - event) - rest <= target and dense_enough:
+        if (times[sample] - since) - rest <= target and dense_enough:
             prepare_dense(state[0], end[0], begin, length, stretch, slopes, dense, work[0], bodies)
-        while sample < times.size and (times[sample] - event) - rest <= target:
-            until = (times[sample] - event) - rest
-            part = (_root(until, power) if stretch > 0.0 else sqrt(max(target - until, 0.0))) - begin
+        while sample < times.size and (times[sample] - since) - rest <= target:
+            until = (times[sample] - since) - rest
+            part = (_root(until, power) if stretch > 0.0 else _root(target - until, -stretch)) - begin
             if until == target:
                 copy(end[0], samples[sample])
             elif dense_enough:
@@ -84,29 +105,41 @@ def follow(
                 step(state, begin, part, stretch, spare, work, bodies)
                 copy(work[0], samples[sample])
             sample += 1
-        if contact >= 0:
-            if end[0, contact] <= scale[0] * EVENT_OVERLAP:  # it is 0 but for rounding, which is kept
+        if event >= 0:
+            contact, switches = event, True
+            if len(bodies) == BY_POWER:
+                contact, switches = event % bodies[1].size, state[0, event % bodies[1].size] < 0.0
+                if event < bodies[1].size:
+                    bodies[5][event] = 1.0 - bodies[5][event]
+            if switches and end[0, contact] <= scale[0] * EVENT_OVERLAP:  # it is 0 but for rounding, which is kept
                 end[1, contact] += end[0, contact]
                 end[0, contact] = 0.0
             slope(end[0], 1.0, end[2], bodies)
-            since = target + rest
-            later = event + since
-            kept = later - event
-            rest = (event - (later - kept)) + (since - kept)
-            event = later
+            further = target + rest
+            later = since + further
+            kept = later - since
+            rest = (since - (later - kept)) + (further - kept)
+            since = later
             s, h = 0.0, _root(target - elapsed, power)
         else:
             s, h = s_end, length * step_factor(e)
-        last = contact
+        last = event
         for row in range(len(state)):
             copy(end[row], state[row])
     return samples, True
 
 
 @njit(error_model="numpy")
-def _first_event(start: Array, end: Array, bodies: Bodies, scale: Array, last: int, known: int) -> tuple[int, float]:
-    """The contact that opens, closes or lets go first in a step, by linear interpolation, and where; -1: none does."""
-    _, stiffness, damping, _ = bodies
+def _first_event(
+    start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, span: float, last: int, known: int
+) -> tuple[int, float]:
+    """The contact that opens, closes or lets go first in a step, by linear interpolation, and where; -1: none does.
+
+    By the power law it is an event of ``power_law_events``; a share below 0: the step is to be tried again, shorter.
+    """
+    if len(bodies) == BY_POWER:
+        return first_power_event(start, end, bodies, scale, tolerance, span, last, known)
+    stiffness, damping = bodies[1], bodies[2]
     n = stiffness.size
     first, where = -1, 2.0
     for j in range(n):
@@ -126,45 +159,49 @@ def _first_event(start: Array, end: Array, bodies: Bodies, scale: Array, last: i
 
 
 @njit(error_model="numpy", forceinline=True)
-def _closing(state: Array, contact: int) -> float:
-    velocity = state[state.size // 2 :]
-    return float((velocity[contact - 1] if contact > 0 else 0.0) - velocity[contact])
-
-
-@njit(error_model="numpy", forceinline=True)
 def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float:
     """``k d^(5/4) + C d'``: below 0 a closed contact that loses energy has let go."""
     overlap = max(state[contact], 0.0)
-    return float(stiffness * overlap * sqrt(sqrt(overlap)) + damping * _closing(state, contact))
+    return float(stiffness * overlap * sqrt(sqrt(overlap)) + damping * closing_speed(state, contact))
 
 
 @njit(error_model="numpy")
 def _step_to_event(
-    state: Array, s: float, power: float, guess: float, contact: int, slopes: Array, end: Array, bodies: Bodies
+    state: Array, s: float, power: float, guess: float, event: int, slopes: Array, end: Array, bodies: Bodies
 ) -> tuple[float, float, float, float]:
-    """The step that ends where a contact's overlap or force is zero, found by Newton's method on its end time.
+    """The step that ends at an event, where an overlap, a force or a speed is zero, by Newton's method on its end time.
 
-    An elastic opening is approached in ``s = sqrt(t_e - t)``, where the motion is smooth; before a closing there is no
-    force.
+    An elastic opening is approached in ``s = sqrt(t_e - t)``, where the motion is smooth, and a turning point by the
+    power law in ``s = (t_e - t)^(1/4)``; before a closing there is no force.
 
     Returns:
         Begin and length of the step in s, its power, time of the event; a length of 0 where none was found.
     """
+    n = bodies[1].size
+    contact = event % n
     damped = bodies[2].size > 0 and bodies[2][contact] > 0.0
     closed, elapsed = state[0, contact] > 0.0, _raised(s, power)
+    backwards = 0.0
+    if event >= n:
+        backwards = 4.0
+    elif closed and not damped:
+        backwards = 2.0
     for _ in range(MAX_TRIES):
         begin, length, stretch = s, _root(guess, power) - s, power
-        if closed and not damped:
-            begin, stretch = sqrt(guess - elapsed), -2.0
+        if backwards > 0.0:
+            begin, stretch = _root(guess - elapsed, backwards), -backwards
             length = -begin
         step(state, begin, length, stretch, slopes, end, bodies)
-        value, rate = end[0, contact], _closing(end[0], contact)
-        if closed and damped:
+        value, rate = end[0, contact], closing_speed(end[0], contact)
+        if len(bodies) == BY_POWER:
+            slope(end[0], 1.0, end[2], bodies)
+            value, rate = passing(end[0], end[2], event, state[0, contact] < 0.0, bodies)
+        elif closed and damped:
             stiffness, damping = bodies[1][contact], bodies[2][contact]
             slope(end[0], 1.0, end[2], bodies)
             value = _grip(end[0], contact, stiffness, damping)
             rate *= 1.25 * stiffness * max(end[0, contact], 0.0) ** 0.25
-            rate += damping * _closing(end[2], contact)
+            rate += damping * closing_speed(end[2], contact)
         if rate == 0.0:
             break
         change = -value / rate

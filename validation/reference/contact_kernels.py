@@ -34,6 +34,13 @@ def damped_force(stiffness: float, damping: float, overlap: float, closing: floa
 
 
 @njit(error_model="numpy", forceinline=True)
+def power_force(stiffness: float, gamma: float, alpha: float, overlap: float, closing: float) -> float:
+    """``F = max(0, k d^(3/2) + gamma sgn(d') |d'|^alpha)`` of one closed contact."""
+    rate: float = gamma * abs(closing) ** alpha
+    return max(stiffness * overlap * sqrt(overlap) + (rate if closing > 0.0 else -rate), 0.0)
+
+
+@njit(error_model="numpy", forceinline=True)
 def copy(source: Array, target: Array) -> None:
     """``target[:] = source``, which would compile three seconds long: the message for shapes that do not match."""
     for i in range(target.size):

@@ -3,20 +3,21 @@
 An elastic force goes with overlap^(3/2), so where a contact opens or closes at time t_e the motion is smooth in
 ``s = |t - t_e|^(1/2)`` but not in t; where one closes that loses energy, its force begins with (t - t_e)^(1/4), and all
 is smooth in ``s = (t - t_e)^(1/4)``. Steps therefore run in s: with ``t = t_e + s^power`` the equations are
-``dy/ds = power s^(power - 1) f(y)``, and the method keeps its order through the event. A power of -2 is
-``t = t_e - s^2``.
+``dy/ds = power s^(power - 1) f(y)``, and the method keeps its order through the event. Powers of -2 and -4 are
+``t = t_e - s^2`` and ``t = t_e - s^4``.
 
 Rows of a state: overlaps, then velocities; what rounding has left out of them (Kahan); their slopes dy/dt.
 Coefficients are scipy's.
 """
 
 from math import sqrt
+from typing import Any
 
 import numpy as np
 from numba import njit
 from scipy.integrate import DOP853
 
-from validation.reference.contact_kernels import damped_force, elastic_force
+from validation.reference.contact_kernels import damped_force, elastic_force, power_force
 from validation.reference.hertz_chain import Array
 
 STAGES = 12
@@ -29,14 +30,19 @@ D = np.ascontiguousarray(DOP853.D)
 E3 = np.array(DOP853.E3)
 E5 = np.array(DOP853.E5)
 ROUNDING = 0.5**53  # of a double
-# inverse masses, stiffness, damping (empty of an elastic chain), acceleration by the loads alone
-Bodies = tuple[Array, Array, Array, Array]
+# inverse masses, stiffness, damping (empty of an elastic chain), acceleration by the loads alone; only of the power
+# law its alpha, and for each contact 1 where it may exert a force in the present step, else 0
+Bodies = tuple[Any, ...]
+BY_POWER = 6  # so many: numba compiles kernels for either length, without the branches of the other
 
 
 @njit(error_model="numpy")
 def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     """Writes ``stretch * dy/dt`` to ``result``."""
-    inverse_mass, stiffness, damping, acceleration = bodies
+    if len(bodies) == BY_POWER:
+        _slope_power(state, stretch, result, bodies)
+        return
+    inverse_mass, stiffness, damping, acceleration = bodies[:4]
     n, damped = inverse_mass.size, damping.size > 0
     below, force_below = 0.0, 0.0
     for j in range(n):
@@ -56,10 +62,30 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     result[2 * n - 1] = stretch * (force_below * inverse_mass[n - 1] + acceleration[n - 1])
 
 
+@njit(error_model="numpy")
+def _slope_power(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
+    """As ``slope``, by the power law: which contacts exert a force is held through a step, so that it is smooth."""
+    inverse_mass, stiffness, gamma, acceleration, alpha, holds = bodies
+    n = inverse_mass.size
+    below, force_below = 0.0, 0.0
+    for j in range(n):
+        velocity = state[n + j]
+        closing = below - velocity
+        result[j] = stretch * closing
+        below = velocity
+        force = 0.0
+        if holds[j] > 0.0:
+            force = power_force(stiffness[j], gamma[j], alpha, max(state[j], 0.0), closing)
+        if j > 0:
+            result[n + j - 1] = stretch * ((force_below - force) * inverse_mass[j - 1] + acceleration[j - 1])
+        force_below = force
+    result[2 * n - 1] = stretch * (force_below * inverse_mass[n - 1] + acceleration[n - 1])
+
+
 @njit(error_model="numpy", forceinline=True)
 def _stretch(s: float, power: float) -> float:
     """``dt/ds``."""
-    return 4.0 * s * s * s if power == 4.0 else power * s
+    return power * s * s * s if abs(power) == 4.0 else power * s
 
 
 @njit(error_model="numpy")

@@ -34,9 +34,11 @@ class HertzChain:
         velocity_m_s: at time 0, upwards positive.
         load_N: constant force on each body, upwards positive.
         damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^(1/4) d overlap/dt)``; left out: all 0.
+        alpha: 0, or the exponent of the velocity-power law (``dissipative_force``), whose gamma the damping then is.
 
     Raises:
-        ValueError: an array of another shape, not finite, a mass not above zero, a stiffness or a damping below zero.
+        ValueError: an array of another shape, not finite, a mass not above zero, a stiffness or a damping below zero;
+            an alpha that is neither 0 nor 1 or more, or a contact without gamma beside one that has an alpha.
     """
 
     mass_kg: Array
@@ -45,12 +47,18 @@ class HertzChain:
     velocity_m_s: Array
     load_N: Array
     damping: Array = field(default_factory=lambda: np.zeros(0))
+    alpha: float = 0.0
 
     def __post_init__(self) -> None:
         if not np.size(self.damping):
             object.__setattr__(self, "damping", np.zeros(np.shape(self.mass_kg)))
         for name in self.__dataclass_fields__:
-            object.__setattr__(self, name, _checked(name, getattr(self, name), (np.size(self.mass_kg),)))
+            if name != "alpha":
+                object.__setattr__(self, name, _checked(name, getattr(self, name), (np.size(self.mass_kg),)))
+        if self.alpha and not 1 <= self.alpha < np.inf:
+            raise ValueError(f"alpha: {self.alpha}, expected 0, or 1 or more")
+        if self.alpha and (self.damping[self.stiffness > 0] == 0).any():
+            raise ValueError("damping: 0 at a contact, expected a gamma above zero where there is an alpha")
 
     @property
     def elastic(self) -> bool:
@@ -144,6 +152,7 @@ class Extremes:
         bore_overlap_m: likewise of the bore.
         bore_closing_m_s: likewise.
         impacts_J: of all its closings, the energies ``mu v^2 / 2`` together, mu being the reduced mass.
+        speed_m_s: at which it closes or parts while it has a force; of straight chains only.
     """
 
     overlap_m: Array
@@ -151,6 +160,7 @@ class Extremes:
     bore_overlap_m: Array
     bore_closing_m_s: Array
     impacts_J: Array
+    speed_m_s: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -191,13 +201,29 @@ def hertz_force(stiffness: Array, overlap_m: Array) -> Array:
     return np.asarray(stiffness * closed * np.sqrt(closed))
 
 
+def dissipative_force(damping: Array, alpha: float, overlap_m: Array, closing_m_s: Array) -> Array:
+    """Force of a contact beside Hertz's, which their sum never makes attractive: ``C d^(1/4) d'``, or a power of d'.
+
+    With an alpha it is ``gamma sgn(d') |d'|^alpha`` where d >= 0 (Carretero-Gonzalez et al., Phys. Rev. Lett. 102,
+    024102, 2009), the damping being gamma in N (s/m)^alpha. It jumps where a contact closes; at that instant, d = 0
+    and d' > 0, it is the value just after.
+    """
+    if not alpha:
+        return np.asarray(damping * np.maximum(overlap_m, 0.0) ** 0.25 * closing_m_s)
+    power = np.sign(closing_m_s) * np.abs(closing_m_s) ** alpha
+    return np.asarray(np.where(overlap_m >= 0.0, damping * power, 0.0))
+
+
 def contact_force(chain: HertzChain, overlap_m: Array, velocity_m_s: Array) -> Array:
-    """Forces of contacts that may lose energy, from overlaps and velocities of shape (..., bodies)."""
+    """Forces of contacts that may lose energy, from overlaps and velocities of shape (..., bodies).
+
+    By the power law a sample at the instant at which a contact closes shows the force just after.
+    """
     elastic = hertz_force(chain.stiffness, overlap_m)
     if chain.elastic:
         return elastic
     closing = np.concatenate([np.zeros_like(velocity_m_s[..., :1]), velocity_m_s[..., :-1]], axis=-1) - velocity_m_s
-    return np.asarray(np.maximum(elastic + chain.damping * np.maximum(overlap_m, 0.0) ** 0.25 * closing, 0.0))
+    return np.asarray(np.maximum(elastic + dissipative_force(chain.damping, chain.alpha, overlap_m, closing), 0.0))
 
 
 def displacements(chain: HertzChain, overlap_m: Array) -> Array:

@@ -10,14 +10,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from validation.reference.contact_kernels import copy, elastic_force, overlap_power
+from validation.reference.contact_kernels import copy, elastic_force, overlap_power, power_force
 from validation.reference.hertz_chain import Array
 
 TILE = 2048  # beads: their six numbers each fit the second-level cache
 BLOCK = 128  # steps that a tile takes at a time
 
-# velocity (the wall's first), overlap, force; constants: stiffness, kick, drop, damping (empty where there is none)
-Arrays = tuple[Array, Array, Array, Array, Array, Array, Array]
+# velocity (the wall's first), overlap, force; constants: stiffness, kick, drop, damping (empty where there is none),
+# alpha of the power law (0 of others)
+Arrays = tuple[Array, Array, Array, Array, Array, Array, Array, float]
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -59,13 +60,37 @@ def _sweep_damped(
 
 
 @njit(nogil=True, error_model="numpy")
+def _sweep_power(
+    below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
+    damping: Array, alpha: float, dt: float,
+) -> None:  # fmt: skip
+    """As ``_sweep_damped``, by the law of a power of the closing speed."""
+    under = force[0]
+    for j in range(overlap.size):
+        above = force[j + 1]
+        here = velocity[j] + (kick[j] * (under - above) + drop[j])
+        velocity[j] = here
+        under = above
+        closing = below - here
+        now = overlap[j] + dt * closing
+        below = here
+        overlap[j] = now
+        force[j] = power_force(stiffness[j], damping[j], alpha, now, closing) if now >= 0.0 else 0.0
+
+
+@njit(nogil=True, error_model="numpy")
 def _step_range(
     arrays: Arrays, dt: float, low: int, high: int, below: float, step: int, every: int,
     places: NDArray[np.int64], recorded: Array,
 ) -> None:  # fmt: skip
     """One step of the bodies from ``low`` to below ``high``, and what is to be recorded of it."""
-    velocity, overlap, force, stiffness, kick, drop, damping = arrays
-    if damping.size:
+    velocity, overlap, force, stiffness, kick, drop, damping, alpha = arrays
+    if alpha > 0.0:
+        _sweep_power(
+            below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
+            stiffness[low:high], kick[low:high], drop[low:high], damping[low:high], alpha, dt,
+        )  # fmt: skip
+    elif damping.size:
         _sweep_damped(
             below, velocity[low + 1 : high + 1], overlap[low:high], force[low : high + 1],
             stiffness[low:high], kick[low:high], drop[low:high], damping[low:high], dt,
@@ -100,10 +125,12 @@ def _advance(
     thread's bodies next to it would have to be known for is left to ``fill_between``. A rising range leaves the
     forces at its lower edge, as they were before each step, in ``edge``.
     """
-    velocity, overlap, force, stiffness, kick, drop, damping = arrays
+    velocity, overlap, force, stiffness, kick, drop, damping, alpha = arrays
     if first == 0 and overlap.size == last <= TILE:  # one tile: no need to cut it out at every step
         for step in range(steps):
-            if damping.size:
+            if alpha > 0.0:
+                _sweep_power(0.0, velocity[1:], overlap, force, stiffness, kick, drop, damping, alpha, dt)
+            elif damping.size:
                 _sweep_damped(0.0, velocity[1:], overlap, force, stiffness, kick, drop, damping, dt)
             else:
                 _sweep(0.0, velocity[1:], overlap, force, stiffness, kick, drop, dt)
@@ -169,10 +196,10 @@ def fill_between(
 @njit(cache=True)
 def integrate_absolute(
     mass: Array, stiffness: Array, height: Array, reach: Array, velocity: Array, load: Array, damping: Array,
-    force: Array, net: Array, attraction: bool, local: float, dt: float, every: int, forces: Array, heights: Array,
-    velocities: Array,
+    alpha: float | None, force: Array, net: Array, attraction: bool, local: float, dt: float, every: int,
+    forces: Array, heights: Array, velocities: Array,
 ) -> None:  # fmt: skip
-    """Fills the samples of ``integrate_verlet_absolute``, heights being the state."""
+    """Fills the samples of ``integrate_verlet_absolute``, heights being the state; no alpha: the other law."""
     n, half = mass.size, 0.5 * dt
     for step in range((len(forces) - 1) * every + 1):
         if step:
@@ -186,7 +213,10 @@ def integrate_absolute(
             force[j] = elastic_force(stiffness[j], overlap) if overlap > 0.0 else 0.0
             if overlap > 0.0 and damping[j] > 0.0:
                 closing = (velocity[j - 1] if j > 0 else 0.0) - velocity[j]
-                force[j] += damping[j] * sqrt(sqrt(overlap)) * closing
+                if alpha is None:
+                    force[j] += damping[j] * sqrt(sqrt(overlap)) * closing
+                else:
+                    force[j] += damping[j] * np.sign(closing) * abs(closing) ** alpha
                 if not attraction:
                     force[j] = max(force[j], 0.0)
         for j in range(n):

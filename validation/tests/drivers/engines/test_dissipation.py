@@ -166,7 +166,7 @@ def test_late_damping_lowers_the_limit_of_an_oscillator(ratio: float) -> None:
     chain = case_of("fig4", *ON_WALL, f"contact.damping_ratio={ratio}").chain
     spring = np.array([1e4])
     step = (sqrt(1 + ratio**2) - ratio) * 2 / sqrt(spring[0] / chain.mass_kg[0])
-    assert linear_limit(chain, late_damping(chain, spring, step)) == pytest.approx(step, rel=1e-12)
+    assert linear_limit(chain, late_damping(chain, spring, np.zeros(1), step)) == pytest.approx(step, rel=1e-12)
 
 
 @pytest.mark.parametrize("ratio", [0.03, 0.3, 0.6])

@@ -1,6 +1,7 @@
 """The in-repo integrators against closed formulas, conservation and each other."""
 
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -88,13 +89,14 @@ def test_heights_differ_from_overlaps_by_rounding() -> None:
         ({"stiffness": [1.0, -1.0]}, "stiffness"),
         ({"load_N": [np.nan, 0.0]}, "load_N"),
         ({"velocity_m_s": [[1.0, 0.0]]}, "velocity_m_s"),
+        ({"alpha": 0.5}, "alpha"),
+        ({"alpha": 1.75, "damping": [1.0, 0.0]}, "damping"),
     ],
 )
-def test_wrong_arrays_are_named(change: dict[str, list[float]], named: str) -> None:
+def test_wrong_arrays_are_named(change: dict[str, Any], named: str) -> None:
     names = ("mass_kg", "stiffness", "overlap_m", "velocity_m_s", "load_N")
-    arrays = [np.array(change.get(name, [1.0, 1.0])) for name in names]
     with pytest.raises(ValueError, match=named):
-        HertzChain(*arrays)
+        HertzChain(**{name: np.array([1.0, 1.0]) for name in names} | change)
 
 
 LONG = ("fig6b", "fig6d")  # in high precision

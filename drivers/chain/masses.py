@@ -1,0 +1,38 @@
+"""Masses of beads: given one by one, by their material, or with a scatter."""
+
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.scene.model import Scene
+
+Array = NDArray[np.float64]
+
+
+def bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:
+    """Masses of the beads: given one by one, or with the scatter those of an ordinary bead or by a bead's material."""
+    table = scene.chain
+    given = {sensor.from_wall: sensor.mass for sensor in table.sensors if sensor.mass is not None}
+    given |= {bead.from_wall: bead.mass for bead in table.bead if bead.mass is not None}
+    masses = np.full(table.count, bead_mass(scene) if table.count else 0.0)
+    for bead in table.bead:
+        unlike = bead.material is not None or bead.diameter is not None
+        if unlike and bead.from_wall not in given:
+            place = bead.from_wall - 1
+            masses[place] = sphere_mass(scene, materials[place], diameters[place])
+    if table.mass_scatter:  # drawn for every place, so that one bead's own mass does not change its neighbours'
+        masses += np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
+    return np.array([given.get(place, mass) for place, mass in enumerate(masses.tolist(), start=1)])
+
+
+def bead_mass(scene: Scene) -> float:
+    """Mass of an ordinary bead, in kg: the chain's, or that of its material."""
+    return scene.chain.mass or sphere_mass(scene, scene.chain.material, scene.chain.diameter)
+
+
+def sphere_mass(scene: Scene, material: str, diameter_m: float) -> float:
+    """Mass of a sphere by the density of its material, in kg."""
+    density = scene.materials[material].density
+    assert density is not None  # read_scene admits no scene without
+    return density * pi / 6 * diameter_m**3
