@@ -15,7 +15,7 @@ FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*
 SOURCES := $(shell find inputs templates drivers postproc validation -type f \
   -not -path '*/tests/*' -not -path '*/__pycache__/*')
 MADE_FROM := $(SOURCES) $(ENTRIES) .venv/.ready .venv/.engines
-MEASURED := claims trade stability elements independent
+MEASURED := claims trade stability elements independent calibration
 BUDGET := 300
 AS_ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo),yes))
@@ -47,6 +47,8 @@ trade: ## what accuracy costs on every engine: make trade [BUDGET=300], seconds 
 stability: ## where engines break: limits, extremes, long runs, rounding
 
 elements: ## what each modelling element adds and costs, and what the experiment would have shown
+
+calibration: ## parameters that the paper's experiments ask for: which law fits which data, how surely
 
 independent: ## cases beyond the paper: impacts, exact waves, trains, walls, by published numbers and theory
 

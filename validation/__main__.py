@@ -157,6 +157,7 @@ COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, str]] = {
     "stability": (_study, "limits of the time step, extremes, long runs, rounding", "--quick --results --runs"),
     "elements": (_study, "what each modelling element adds and costs, step by step", "--quick --results --runs"),
     "independent": (_study, "beyond the paper, against published numbers and theory", "--file --results --runs"),
+    "calibration": (_study, "parameters that the paper's experiments ask for, and how surely", "--quick --results"),
     "fit": (
         _fit,
         "find parameters of scenes by measured data, how surely, and let the codes confirm them",

@@ -24,7 +24,7 @@ from postproc.draw.product import write_figure
 from validation.report.page_figures import read_image, stored_or_drawn
 
 Row = TypeVar("Row")
-STUDIES = ("independent", "claims", "trade", "stability", "elements")
+STUDIES = ("independent", "claims", "trade", "stability", "elements", "calibration")
 ORDER_4, ADAPTIVE = "order 4", "adaptive"  # this repository's methods, beside the codes
 DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # what came of a run
 MADE = {"__pycache__", "tests"}  # folders of which no table depends

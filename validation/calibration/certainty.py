@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.chain.chain import Array
 from validation.calibration.fit import Fit, chi_square_at, minimise
-from validation.calibration.problem import Datum, Problem, own_values, shown
+from validation.calibration.problem import STEP, Datum, Problem, own_values, shown
 
 OPEN = 1 / sqrt(12)  # of a range: the standard deviation of a parameter of which only the range is known
 INFLATED = 10.0  # times that an error grows by what the other parameters leave open, from which on that is said
@@ -229,10 +229,11 @@ def _foretold(fit: Fit, datum: Datum, certainty: Certainty) -> tuple[float, floa
     def at(place: Array) -> float:
         return shown(data, number, own_values(problem, data, place))
 
-    value, slope, step = at(fit.place), np.zeros(len(fit.place)), 1e-5
+    value, slope = at(fit.place), np.zeros(len(fit.place))
     for index in range(len(slope)):
-        other = fit.place.copy()
-        other[index] += step if other[index] + step <= 1 else -step
-        slope[index] = (at(other) - value) / (other[index] - fit.place[index])
+        step = np.zeros(len(fit.place))
+        step[index] = STEP if fit.place[index] + STEP <= 1 else -STEP
+        slopes = [(at(fit.place + each) - value) / each[index] for each in (step, -step)]
+        slope[index] = next((each for each in slopes if isfinite(each)), 0.0)
     error = sqrt(max(float(slope @ certainty.covariance @ slope), 0.0))
-    return value, error if isfinite(error) else nan
+    return value, error

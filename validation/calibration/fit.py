@@ -12,10 +12,10 @@ from validation.calibration.problem import Problem, jacobian, of_motion, own_val
 from validation.calibration.records import trigger_of
 
 SCREENED, POLISHED = 32, 3  # places all over the ranges that are looked at, and the best of them that are followed
-CONVERGED = 1e-9  # relative change of chi-square, or of the coordinates
+ROUGH, FINE = 1e-3, 1e-8  # relative change of chi-square, or of the coordinates, at which a descent ends
 EVALUATIONS = 60  # of one descent
 EDGE = 1e-9  # of a range: a descent starts inside of it
-APART = 1e-3  # of a range: minima nearer than that are one
+APART = 2e-2  # of a range: minima nearer than that are one
 WORSE = 1.0  # of chi-square, by which another minimum may be worse and still be told
 
 
@@ -63,7 +63,9 @@ def fit(problem: Problem) -> Fit:
         draws = qmc.Sobol(len(shared), seed=0).random_base2(ceil(log2(SCREENED)))
         places += [aligned(problem, _moved(start, shared, draw)) for draw in draws]
     best = sorted(places[1:], key=lambda place: chi_square_at(problem, place))[:POLISHED]
-    ends = sorted((minimise(problem, place) for place in (start, *best)), key=lambda end: chi_square_at(problem, end))
+    rough = (minimise(problem, place, converged=ROUGH) for place in (start, *best))
+    ends = sorted(rough, key=lambda end: chi_square_at(problem, end))
+    ends[0] = minimise(problem, ends[0])
     others = list[Array]()
     for end in ends[1:]:
         near = chi_square_at(problem, end) < chi_square_at(problem, ends[0]) + WORSE
@@ -93,7 +95,11 @@ def fitted_at(problem: Problem, place: Array, others: tuple[tuple[float, Array],
 
 
 def minimise(
-    problem: Problem, start: Array, held: Mapping[int, float] | None = None, left_out: Collection[int] = ()
+    problem: Problem,
+    start: Array,
+    held: Mapping[int, float] | None = None,
+    left_out: Collection[int] = (),
+    converged: float = FINE,
 ) -> Array:
     """Coordinates of the minimum that a descent from ``start`` ends in.
 
@@ -102,6 +108,7 @@ def minimise(
         start: coordinates, shape (parameters,).
         held: coordinates by index of the parameters that keep them.
         left_out: rows of the residual that do not count.
+        converged: relative change at which it ends.
     """
     from scipy.optimize import least_squares
 
@@ -121,7 +128,7 @@ def minimise(
 
     inside = np.clip(place[moving], EDGE, 1 - EDGE)
     end = least_squares(
-        off, inside, slopes, bounds=(0.0, 1.0), xtol=CONVERGED, ftol=CONVERGED, gtol=None, max_nfev=EVALUATIONS
+        off, inside, slopes, bounds=(0.0, 1.0), xtol=converged, ftol=converged, gtol=None, max_nfev=EVALUATIONS
     )
     return _moved(place, moving, end.x)
 

@@ -13,12 +13,12 @@ from drivers.base.units import quantity
 from drivers.chain.case import build_case
 from drivers.engines import codes
 from drivers.limits.refusal import inability
-from drivers.scene.settings import look_up
 from drivers.scene.read_scene import find_scene, lay_over, read_scene, set_value
+from drivers.scene.settings import look_up
 from postproc.read.observables import describe
 from validation.calibration.certainty import RISES
-from validation.calibration.data_sets import DataSet, gauge_parameters, paper_data, scene_data
-from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
+from validation.calibration.data_sets import DataSet, paper_data, scene_data
+from validation.calibration.free import GAIN, TRIGGER, Free
 from validation.calibration.outcome import Outcome, interval_in_words, solve, value_in_words
 from validation.calibration.problem import Problem, pose
 from validation.compare.asked import Asked
@@ -64,12 +64,7 @@ def problem_of(wanted: Wanted) -> Problem:
         sets = [scene_data(scene, wanted.settings, wanted.measured) for scene in wanted.scenes]
     if not sets:
         raise InputError("fit", "", "no scene", "scenes with [[measured]] data, or --quoted")
-    gauges = [text for text in wanted.free if text.startswith(MEASURED)]
-    free = [free_parameter(text, sets[0].scene, sets[0].where) for text in wanted.free if text not in gauges]
-    for data in sets:
-        free += [free_parameter(text, data.scene, data.where, data.name) for text in (*data.own, *wanted.own)]
-        free += gauge_parameters(data, gauges)
-    return pose(tuple(sets), tuple(free))
+    return pose(sets, wanted.free, wanted.own)
 
 
 def run_fit(wanted: Wanted, runs: Path, results: Path) -> int:

@@ -90,9 +90,9 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
         InputError: no number of the physics stands at the key, or there is nothing to start from, or the bounds are
             no range.
     """
-    key, known = text.partition("=")[0].strip(), _ranges()
+    key = text.partition("=")[0].strip()
     unit, found = unit_of(key), look_up(scene, key)
-    range_ = known.get(key) or known.get(key.rpartition(".")[2])
+    range_ = _range_of(key)
     physics = key.split(".")[0] not in FIXED and not isinstance(found, (bool, int, str))
     if not physics or not (isinstance(found, float) or (found is None and (unit or range_))):
         raise InputError(where, f"--free {key}", _shown(found), "a key of the scene that holds a number of its physics")
@@ -101,7 +101,7 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
     if given:
         ends = given
     elif range_:
-        ends = _number(range_.low, unit, where, key), _number(range_.high, unit, where, key)
+        ends = known_range(key, unit) or around(1.0)
     elif value:
         ends = around(value)
     else:
@@ -114,6 +114,12 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
         shown = f"{ends[0]:g}..{ends[1]:g} about a start of {value:g}"
         raise InputError(where, f"--free {key}", shown, "a lower bound, then a higher one, and the start between them")
     return Free(key, unit, value, ends[0], ends[1], own)
+
+
+def known_range(key: str, unit: str) -> tuple[float, float] | None:
+    """Bounds that ``inputs/calibration.toml`` has for a key."""
+    found, where = _range_of(key), paths.shown(paths.CALIBRATION)
+    return found and (_number(found.low, unit, where, key), _number(found.high, unit, where, key))
 
 
 def bounds_in(text: str, unit: str, where: str) -> tuple[float, float] | None:
@@ -147,6 +153,10 @@ def _number(text: object, unit: str, where: str, key: str) -> float:
     except ValueError as error:
         allowed = f"a quantity in {unit} with its unit" if unit else "a plain number"
         raise InputError(where, f"--free {key}", str(text), allowed) from error
+
+
+def _range_of(key: str) -> Range | None:
+    return _ranges().get(key) or _ranges().get(key.rpartition(".")[2])
 
 
 class _Ranges(Part):

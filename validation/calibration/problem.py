@@ -1,10 +1,10 @@
 """A problem of calibration: free parameters of scenes, what the exact motion predicts with them, and residuals."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache
-from math import isfinite, nan
+from math import nan
 
 import numpy as np
 
@@ -14,11 +14,11 @@ from drivers.chain.chain import Array
 from drivers.scene.read_scene import make_scene, set_value
 from postproc.paper.simulate import Simulation, exact
 from postproc.read.observables import describe
-from validation.calibration.data_sets import DataSet, Number, library
-from validation.calibration.free import GAIN, TRIGGER, Free
+from validation.calibration.data_sets import DataSet, Number, gauge_parameters, library
+from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
 from validation.calibration.records import Record, residual_of
 
-TOLERANCE = 1e-10  # of the exact motion: differences over ``STEP`` of a range are good to about 1e-5
+TOLERANCE = 1e-7  # of the exact motion, whose observables are then good to 1e-10, and sensitivities to 1e-5
 STEP = 1e-5  # of a parameter's range, over which sensitivities are taken
 NOT_SEEN = 10.0  # standard errors that a number counts which the motion does not show
 KEPT = 256  # simulations
@@ -69,12 +69,22 @@ class Problem:
         return {each.label: each.value(float(x)) for each, x in zip(self.free, place, strict=True)}
 
 
-def pose(sets: tuple[DataSet, ...], free: tuple[Free, ...]) -> Problem:
-    """The problem of data sets and free parameters.
+def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) -> Problem:
+    """The problem of data sets and of options that name free parameters, with bounds or without.
+
+    Args:
+        sets: what was measured.
+        free: shared by all data sets, but for those of gauges.
+        own: free in each data set by itself, beside those that are a data set's own anyway.
 
     Raises:
-        InputError: a scene has no observable of a name.
+        InputError: a scene has no observable of a name, or no such parameter.
     """
+    gauges = [text for text in free if text.startswith("measured")]
+    parameters = [free_parameter(text, sets[0].scene, sets[0].where) for text in free if text not in gauges]
+    for each in sets:
+        parameters += [free_parameter(text, each.scene, each.where, each.name) for text in (*each.own, *own)]
+        parameters += gauge_parameters(each, gauges)
     data, first = list[Datum](), 0
     for each in sets:
         seen = predicted(each, {})
@@ -87,11 +97,11 @@ def pose(sets: tuple[DataSet, ...], free: tuple[Free, ...]) -> Problem:
             for gauge in record.measured.reading:
                 data.append(Datum(each.name, f"{record.key} {gauge}", range(first, first + record.rows)))
                 first += record.rows
-    for parameter in free:
+    for parameter in parameters:
         if parameter.prior:
             data.append(Datum(parameter.own, parameter.key, range(first, first + 1)))
             first += 1
-    return Problem(sets, free, tuple(data))
+    return Problem(tuple(sets), tuple(parameters), tuple(data))
 
 
 def own_values(problem: Problem, data: DataSet, place: Array) -> dict[str, float]:
@@ -120,35 +130,44 @@ def simulated(data: DataSet, values: tuple[tuple[str, float], ...]) -> Simulatio
 
 def residual(problem: Problem, place: Array) -> Array:
     """Predicted less measured values in standard errors. Shape (rows,)."""
-    parts = [_of_set(data, tuple(own_values(problem, data, place).items())) for data in problem.sets]
-    return np.concatenate([*parts, _priors(problem, place)])
+    return np.nan_to_num(_offs(problem, place), nan=NOT_SEEN)
 
 
 def jacobian(problem: Problem, place: Array) -> Array:
     """Derivatives of the residual by the coordinates, by differences of the exact motion. Shape (rows, parameters).
 
-    A parameter that is a data set's own is varied in that set alone.
+    A parameter that is a data set's own is varied in that set alone. A number that is lost to one side has the
+    derivative of the other, one that is not seen has none.
     """
-    columns = []
-    for index, parameter in enumerate(problem.free):
-        other = place.copy()
-        other[index] += STEP if place[index] + STEP <= 1 else -STEP
-        parts = []
-        for data in problem.sets:
-            here = tuple(own_values(problem, data, place).items())
-            there = here if parameter.own not in ("", data.name) else tuple(own_values(problem, data, other).items())
-            parts.append(_of_set(data, there) - _of_set(data, here))
-        parts.append(_priors(problem, other) - _priors(problem, place))
-        columns.append(np.concatenate(parts) / (other[index] - place[index]))
-    return np.column_stack(columns)
+    here, columns = _offs(problem, place), np.zeros((problem.rows, len(place)))
+    for index in range(len(place)):
+        first = STEP if place[index] + STEP <= 1 else -STEP
+        slope = _difference(problem, place, here, index, first)
+        lost = np.isnan(slope)
+        if lost.any():
+            slope[lost] = _difference(problem, place, here, index, -first)[lost]
+        columns[:, index] = np.nan_to_num(slope, nan=0.0)
+    return columns
+
+
+def _difference(problem: Problem, place: Array, here: Array, index: int, step: float) -> Array:
+    """Change of the residual over a step of one coordinate, over the step."""
+    other = place.copy()
+    other[index] += step
+    return (_offs(problem, other) - here) / step
+
+
+def _offs(problem: Problem, place: Array) -> Array:
+    """The residual, NaN for what is not seen; what was computed for a data set before is kept."""
+    parts = (_of_set(data, tuple(own_values(problem, data, place).items())) for data in problem.sets)
+    return np.concatenate([*parts, _priors(problem, place)])
 
 
 @lru_cache(maxsize=KEPT)
 def _of_set(data: DataSet, values: tuple[tuple[str, float], ...]) -> Array:
     known = dict(values)
     offs = [(shown(data, each, known) - each.value) / each.error for each in data.numbers if each.fitted]
-    seen = [off if isfinite(off) else NOT_SEEN for off in offs]
-    return np.concatenate([seen, *(_of_record(data, record, known) for record in data.records)])
+    return np.concatenate([offs, *(_of_record(data, record, known) for record in data.records)])
 
 
 def shown(data: DataSet, number: Number, values: Mapping[str, float]) -> float:
@@ -164,7 +183,7 @@ def _of_record(data: DataSet, record: Record, values: Mapping[str, float]) -> Ar
     """Residuals of all gauges of a trace. Shape (rows,)."""
     measured, simulation = record.measured, simulated(data, of_motion(values))
     if simulation is None:
-        return np.full(record.rows * len(measured.reading), NOT_SEEN)
+        return np.full(record.rows * len(measured.reading), nan)
     gain = values.get(f"{record.key}.{GAIN}", measured.gain)
     trigger_s = values.get(f"{record.key}.{TRIGGER}", record.trigger_s)
     return np.concatenate([residual_of(record, gauge, simulation, gain, trigger_s) for gauge in measured.reading])

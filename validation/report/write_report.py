@@ -38,6 +38,7 @@ SECTIONS = {
     "trade": ("Cost of accuracy", "What accuracy costs"),
     "stability": ("Stability", "Where it breaks"),
     "elements": ("Elements", "What each element adds"),
+    "calibration": ("Calibration", "What the experiments ask for"),
 }
 READERS = {"table1": read_table1, "figures": read_figures}  # of sections that are no study's
 
