@@ -113,10 +113,11 @@ def _order(row: DatumRow, rows: Sequence[DatumRow]) -> int:
 
 def figures(tables: Tables) -> dict[str, Picture]:
     """Data with the best fits of each law, and profiles."""
-    return {
-        MAIN: Picture("Measured data, elastic theory and the best fits of each law", lambda: draw_data(tables)),
-        PROFILES: Picture("Profiles of the parameters: what the data leave open", lambda: draw_profiles(tables)),
-    }
+    found = {MAIN: Picture("Measured data, elastic theory and the best fits of each law", lambda: draw_data(tables))}
+    if len(tables[PROFILES]):
+        words = "Profiles of the parameters: what the data leave open"
+        found[PROFILES] = Picture(words, lambda: draw_profiles(tables))
+    return found
 
 
 def _looks() -> dict[str, tuple[str, str]]:

@@ -9,6 +9,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
+from drivers.base.progress import step
 from drivers.base.units import quantity
 from drivers.chain.case import build_case
 from drivers.engines import codes
@@ -73,7 +74,10 @@ def run_fit(wanted: Wanted, runs: Path, results: Path) -> int:
     Raises:
         InputError: the problem is wrong.
     """
-    outcome = solve(problem_of(wanted), quick=wanted.quick)
+    problem = problem_of(wanted)
+    number = len(problem.free)
+    with step(f"fit of {number} parameter{'s' * (number != 1)} to {len(problem.data)} data", unit="fit") as count:
+        outcome = solve(problem, quick=wanted.quick, count=count)
     print(*lines(outcome), sep="\n", flush=True)
     name = f"fit-{Path((*wanted.scenes, *wanted.quoted)[0]).stem}"
     write_frame(results / f"{name}.csv", parameter_table(outcome))

@@ -119,7 +119,7 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
 def known_range(key: str, unit: str) -> tuple[float, float] | None:
     """Bounds that ``inputs/calibration.toml`` has for a key."""
     found, where = _range_of(key), paths.shown(paths.CALIBRATION)
-    return found and (_number(found.low, unit, where, key), _number(found.high, unit, where, key))
+    return None if found is None else (_number(found.low, unit, where, key), _number(found.high, unit, where, key))
 
 
 def bounds_in(text: str, unit: str, where: str) -> tuple[float, float] | None:

@@ -1,12 +1,11 @@
 """A solved problem of calibration: fit, certainty, profiles, predictions; and what they say."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
 
-from drivers.base.progress import counted, step
 from drivers.base.units import quantity
 from validation.calibration.certainty import RISES, Certainty, Prediction, Profile, predictions, profile
 from validation.calibration.fit import Fit, fit
@@ -75,19 +74,18 @@ class Outcome:
         return all(isfinite(each.fitted) for each in own)
 
 
-def solve(problem: Problem, *, quick: bool = False, number: int = 1, of: int = 1) -> Outcome:
-    """Fits, then profiles each shared parameter and leaves out each datum in turn; ``quick``: neither of these."""
-    with step(f"fit of {len(problem.free)} parameter{'s' * (len(problem.free) != 1)}", number, of):
-        found = fit(problem)
-    certainty = Certainty(found)
-    asked = [i for i, each in enumerate(problem.free) if not each.own and not certainty.undetermined[i]]
-    profiles = {}
-    if not quick:
-        with counted("profiles", unit="point") as count:
-            profiles = {problem.free[i].label: profile(found, i, count) for i in asked}
-    with counted("predictions without each datum", len(problem.data), "datum") as count:
-        foretold = predictions(found, leave_out=not quick, count=count)
-    return Outcome(found, certainty, profiles, foretold)
+def solve(problem: Problem, *, quick: bool = False, count: Callable[[], None] = lambda: None) -> Outcome:
+    """Fits, then profiles each shared parameter and leaves out each datum in turn; ``quick``: neither of these.
+
+    ``count`` is called for the fit, for each point of a profile and for each datum.
+    """
+    found = fit(problem)
+    count()
+    certainty, profiles = Certainty(found), {}
+    for index, free in enumerate(problem.free):
+        if not (quick or free.own or certainty.undetermined[index]):
+            profiles[free.label] = profile(found, index, count)
+    return Outcome(found, certainty, profiles, predictions(found, leave_out=not quick, count=count))
 
 
 def value_in_words(free: Free, value: float, error: float) -> str:

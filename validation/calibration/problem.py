@@ -18,8 +18,8 @@ from validation.calibration.data_sets import DataSet, Number, gauge_parameters, 
 from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
 from validation.calibration.records import Record, residual_of
 
-TOLERANCE = 1e-7  # of the exact motion, whose observables are then good to 1e-10, and sensitivities to 1e-5
-STEP = 1e-5  # of a parameter's range, over which sensitivities are taken
+TOLERANCE = 1e-6  # of the exact motion, whose observables are then good to 2e-9, and sensitivities to 1e-4
+STEP = 1e-4  # of a parameter's range, over which sensitivities are taken
 NOT_SEEN = 10.0  # standard errors that a number counts which the motion does not show
 KEPT = 256  # simulations
 
