@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from math import exp, isfinite, log
+from math import exp, log
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -91,29 +91,22 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
             no range.
     """
     key = text.partition("=")[0].strip()
-    unit, found = unit_of(key), look_up(scene, key)
-    range_ = _range_of(key)
+    unit, found, known = unit_of(key), look_up(scene, key), _range_of(key)
     physics = key.split(".")[0] not in FIXED and not isinstance(found, (bool, int, str))
-    if not physics or not (isinstance(found, float) or (found is None and (unit or range_))):
+    if not physics or not (isinstance(found, float) or (found is None and (unit or known))):
         raise InputError(where, f"--free {key}", _shown(found), "a key of the scene that holds a number of its physics")
-    value = found if isinstance(found, float) and isfinite(found) else None
-    given = bounds_in(text, unit, where)
-    if given:
-        ends = given
-    elif range_:
-        ends = known_range(key, unit) or around(1.0)
-    elif value:
-        ends = around(value)
-    else:
+    if found is None and known and known.start is not None:
+        found = _number(known.start, unit, where, key)
+    given, usual = bounds_in(text, unit, where), known_range(key, unit)
+    if usual and found is not None and not usual[0] <= found <= usual[1]:
+        usual = None
+    ends = given or usual or (around(found) if found else None)
+    if ends is None:
         raise InputError(where, f"--free {key}", "nothing to start from", f"bounds: --free '{key}=LOW..HIGH'")
-    if value is None:
-        start = range_.start if range_ and range_.start is not None else None
-        value = _number(start, unit, where, key) if start is not None else sum(ends) / 2
-        value = min(max(value, ends[0]), ends[1]) if given else value
-    if not ends[0] < ends[1] or not ends[0] <= value <= ends[1]:
-        shown = f"{ends[0]:g}..{ends[1]:g} about a start of {value:g}"
-        raise InputError(where, f"--free {key}", shown, "a lower bound, then a higher one, and the start between them")
-    return Free(key, unit, value, ends[0], ends[1], own)
+    low, high = ends
+    if not low < high:
+        raise InputError(where, f"--free {key}", f"{low:g}..{high:g}", "a lower bound, then a higher one")
+    return Free(key, unit, sum(ends) / 2 if found is None else min(max(found, low), high), low, high, own)
 
 
 def known_range(key: str, unit: str) -> tuple[float, float] | None:

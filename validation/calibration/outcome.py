@@ -98,7 +98,7 @@ def value_in_words(free: Free, value: float, error: float) -> str:
 
 def interval_in_words(free: Free, ends: tuple[float, float], value: float, error: float) -> str:
     """An interval with as many digits; a side that the data leave open is the range's end, in brackets."""
-    scale, places, unit = _digits(free, value, error)
+    scale, places, unit = _digits(free, value, min(error, (free.high - free.low) / 10))
     shown = [
         f"{end * scale:.{places}f}" if isfinite(end) else f"({limit * scale:.{places}f})"
         for end, limit in zip(ends, (free.low, free.high), strict=True)

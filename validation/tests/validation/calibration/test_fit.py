@@ -1,0 +1,263 @@
+"""Fits: parameters of made-up data are found, with errors; what data cannot tell is said, wrong data are refused."""
+
+from collections.abc import Sequence
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.scene.read_scene import read_scene
+from postproc.paper.simulate import case_of, exact
+from postproc.read.sensors import sensor_signals
+from validation.calibration.certainty import RISES, Certainty, predictions, profile
+from validation.calibration.data_sets import DataSet, Number, paper_data, scene_data
+from validation.calibration.fit import fit, fitted_at
+from validation.calibration.fit_command import Wanted, write_fitted
+from validation.calibration.free import Free, free_parameter
+from validation.calibration.outcome import interval_in_words, solve, value_in_words
+from validation.calibration.problem import Problem, jacobian, own_values, pose, predicted, residual
+from validation.calibration.records import noise_of
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.scenes import SceneWriter
+
+MODULUS, RESTITUTION = "materials.ptfe.youngs_modulus", "contact.restitution"
+TRUE = {MODULUS: 1.1e9, RESTITUTION: 0.85}
+GAUGES = "sensors = [{ from_wall = 9, mass = '0.116 g' }, { from_wall = 5, mass = '0.116 g' }]"
+
+
+def made_up(
+    path: Path, *, noise: float = 0.02, seed: int = 0, gauges: Sequence[str] = ("bead_9", "bead_5", "wall")
+) -> Path:
+    """A trace of Fig. 4's scene with ``TRUE`` parameters, 40 us of rest before it, offsets, and noise over the peak."""
+    settings = (f"{MODULUS}={TRUE[MODULUS]} Pa", f"{RESTITUTION}={TRUE[RESTITUTION]}")
+    simulation, random = exact(case_of("fig4", *settings)), np.random.default_rng(seed)
+    time, columns = np.arange(0.0, 0.82e-3, 1e-6), []
+    for name, signal in sensor_signals(simulation.case.layout, simulation.trace).items():
+        force = np.interp(time - 40e-6, simulation.trace.time_s, signal - signal[0], left=0.0)
+        columns.append(force + random.normal(0.3, noise * force.max(), len(time)) if name in gauges else None)
+    names = [f"{gauge}_N" for gauge in gauges]
+    table = np.column_stack([time, *(column for column in columns if column is not None)])
+    np.savetxt(path, table, delimiter=",", header=",".join(["time_s", *names]), comments="")
+    return path
+
+
+def two_parameters() -> Problem:
+    """Fig. 4's force and speed, which modulus and restitution meet."""
+    return pose(paper_data(["fig4"], ()), (MODULUS, RESTITUTION))
+
+
+def test_two_parameters_meet_force_and_speed_of_fig_4() -> None:
+    """1008 MPa and 0.73 give 2.002 N and 151.99 m/s, and a width of 5.18 diameters at 4 %."""
+    problem = two_parameters()
+    found = fit(problem)
+    assert found.values[MODULUS] == pytest.approx(1008e6, rel=5e-3)
+    assert found.values[RESTITUTION] == pytest.approx(0.73, rel=5e-3)
+    shown = predicted(problem.sets[0], own_values(problem, problem.sets[0], found.place))
+    assert shown["bead_9_amplitude_N"] == pytest.approx(2.0, rel=1e-6)
+    assert shown["speed_9_to_5_m_s"] == pytest.approx(152, rel=1e-6)
+    assert shown["bead_5_width_4pct_diameters"] == pytest.approx(5.18, rel=5e-3)
+
+
+def test_the_power_law_meets_them_at_another_modulus_and_width() -> None:
+    """By an independent Runge-Kutta integration: 1.02 GPa, a width of 4.93 at 4 %, an envelope of -0.0065 per us."""
+    settings = ("contact.dissipation=power", "contact.gamma=1")
+    problem = pose(paper_data(["fig4"], settings), (MODULUS, "contact.gamma"))
+    found = fit(problem)
+    assert found.values[MODULUS] == pytest.approx(1.02e9, rel=5e-3)
+    values = own_values(problem, problem.sets[0], found.place)
+    assert predicted(problem.sets[0], values)["bead_5_width_4pct_diameters"] == pytest.approx(4.93, rel=2e-3)
+    (train,) = paper_data(["fig5"], settings)
+    assert predicted(train, values)["wall_envelope_per_s"] == pytest.approx(-0.0065e6, rel=1e-2)
+
+
+def test_sensitivities_are_those_of_wider_central_differences() -> None:
+    problem = two_parameters()
+    place = fit(problem).place
+    for index in range(2):
+        step = np.zeros(2)
+        step[index] = 1e-3
+        central = (residual(problem, place + step) - residual(problem, place - step)) / 2e-3
+        np.testing.assert_allclose(jacobian(problem, place)[:, index], central, rtol=2e-3)
+
+
+def test_a_trace_gives_its_parameters_back(tmp_path: Path) -> None:
+    data = scene_data("fig4", (), made_up(tmp_path / "trace.csv"))
+    outcome = solve(pose([data], (MODULUS, RESTITUTION)))
+    found = dict(zip([free.key for free in outcome.fit.problem.free], outcome.certainty.errors, strict=True))
+    for key, true in (TRUE | {"measured.trigger": 40e-6}).items():
+        value = next(value for label, value in outcome.fit.values.items() if label.endswith(key))
+        assert abs(value - true) < 3 * found[key], key
+    assert found[MODULUS] < 3e-3 * TRUE[MODULUS]
+    assert 0.01 < outcome.probability < 0.99
+    low, high = outcome.profiles[MODULUS].interval(RISES["95 %"])
+    assert (high - low) / 2 == pytest.approx(1.96 * found[MODULUS], rel=0.05)
+
+
+@pytest.mark.long
+def test_errors_of_synthetic_data_are_met_in_95_of_100_repeats(tmp_path: Path) -> None:
+    """Of 100 draws of noise, two parameters each: within 1.96 standard errors in 95 %, give or take counting."""
+    inside = {MODULUS: 0, RESTITUTION: 0}
+    for seed in range(100):
+        data = scene_data("fig4", (), made_up(tmp_path / "trace.csv", seed=seed))
+        problem = pose([data], (MODULUS, RESTITUTION))
+        found = fit(problem)
+        errors = Certainty(found).errors
+        for index, key in enumerate(inside):
+            inside[key] += bool(abs(found.values[key] - TRUE[key]) < 1.96 * errors[index])
+    assert min(inside.values()) >= 95, inside
+
+
+def quoting(scene_file: SceneWriter, values: str, errors: str) -> Path:
+    path = scene_file(count=21, chain=GAUGES, duration="0.8 ms")
+    path.write_text(path.read_text() + f"[[measured]]\nvalues = {{ {values} }}\nerrors = {{ {errors} }}\n")
+    return path
+
+
+def test_gain_and_modulus_cannot_be_told_from_one_gauge(scene_file: SceneWriter) -> None:
+    path = quoting(scene_file, "bead_9_amplitude = '1 N'", "bead_9_amplitude = 0.05")
+    outcome = solve(pose([scene_data(str(path), (), None)], (MODULUS, "measured.0.gain")))
+    said = [*outcome.sentences()]
+    assert any(f"cannot tell {MODULUS} from scene: measured.0.gain apart" in line for line in said), said
+    along = next(line for line in said if "trade off" in line)
+    assert f"{MODULUS} +10 %" in along
+    assert float(along.rpartition("gain +")[2].rstrip(" %")) == pytest.approx(
+        100 * (1.1**0.4 - 1), rel=0.05
+    )  # F ~ E^(2/5)
+    assert (outcome.certainty.errors == inf).all()
+    assert not outcome.profiles
+
+
+def test_the_shape_of_one_trace_hardly_tells_gain_modulus_and_strike(tmp_path: Path) -> None:
+    """But for gravity, force and time can be scaled by all three without a change."""
+    data = scene_data("fig4", (), made_up(tmp_path / "trace.csv", gauges=["bead_9"]))
+    keys = (MODULUS, "striker.speed", "measured.gain")
+    outcome = solve(pose([data], keys), quick=True)
+    assert any("hardly tell" in line and all(key in line for key in keys) for line in outcome.sentences())
+
+
+def test_what_one_datum_says_enters_no_prediction_of_it() -> None:
+    (data,) = paper_data(["fig4"], ())
+    numbers = [Number("bead_9_amplitude_N", 2.0, 0.1), Number("speed_9_to_5_m_s", 152.0, 5.0)]
+    numbers.append(Number("bead_5_duration_4pct_s", 164e-6, 8e-6))
+
+    def foretold(speed: float) -> tuple[float, float]:
+        numbers[1] = Number("speed_9_to_5_m_s", speed, 5.0)
+        sets = [DataSet("fig4", "fig4", data.tables, "here", tuple(numbers))]
+        _, line, _ = predictions(fit(pose(sets, (MODULUS, RESTITUTION))))
+        return line.without, line.fitted
+
+    (first, fitted), (second, moved) = foretold(152.0), foretold(140.0)
+    assert second == pytest.approx(first, rel=1e-4)
+    assert abs(moved - fitted) > 1.0
+
+
+def test_without_a_datum_that_is_needed_nothing_is_foretold() -> None:
+    for line in predictions(fit(two_parameters())):
+        assert np.isnan(line.without)
+
+
+def test_a_profile_that_stays_low_at_the_end_of_a_range_has_no_end_there() -> None:
+    problem = pose(paper_data(["fig4"], ()), (f"{MODULUS}=0.9 GPa..1.1 GPa", RESTITUTION))
+    found = fit(problem)
+    low, high = profile(found, 0).interval(1.0)
+    assert (low, high) == (-inf, inf)
+    free, error = problem.free[0], float(Certainty(found).errors[0])
+    assert interval_in_words(free, (low, high), 1e9, error) == "(0.900) .. (1.100) GPa"
+
+
+def test_a_fit_at_a_minimum_is_that_fit() -> None:
+    problem = two_parameters()
+    found = fit(problem)
+    assert fitted_at(problem, found.place).chi_square == found.chi_square < 1e-12
+
+
+def test_noise_is_that_of_the_readings_whatever_the_signal() -> None:
+    random, time = np.random.default_rng(1), np.linspace(0, 1, 4000)
+    signal = 5 * np.exp(-(((time - 0.5) / 0.02) ** 2))
+    assert noise_of(signal + random.normal(0, 0.05, 4000)) == pytest.approx(0.05, rel=0.05)
+    assert noise_of(np.round(signal, 1)) == pytest.approx(0.1 / 12**0.5, rel=0.3)
+
+
+def test_values_are_told_with_the_digits_that_their_errors_leave() -> None:
+    free = Free(MODULUS, "Pa", 1e9, 1e8, 1e10)
+    assert value_in_words(free, 1.008603e9, 2.9e8) == "1.01 ± 0.29 GPa"
+    assert value_in_words(free, 1.1014e9, 1.4e6) == "1.1014 ± 0.0014 GPa"
+    assert value_in_words(free, 1e9, inf) == "not told: 0.1 GPa to 10 GPa"
+
+
+def test_a_fitted_scene_keeps_its_comments_and_holds_what_was_found(tmp_path: Path) -> None:
+    trace = made_up(tmp_path / "trace.csv")
+    outcome = solve(
+        pose([scene_data("table1", ("chain.count=21", "run.duration=0.8 ms"), trace)], (RESTITUTION,)), quick=True
+    )
+    path = write_fitted("table1", ("chain.count=21",), outcome, tmp_path / "results")
+    assert "# the table's amplitudes ask for" in path.read_text()
+    scene = read_scene(path)
+    assert (scene.name, scene.chain.count) == ("fit-table1", 21)
+    assert scene.contact.restitution == pytest.approx(outcome.fit.values[RESTITUTION], rel=1e-5)
+    (entry,) = scene.measured
+    assert (scene.folder / str(entry.file)).samefile(trace)
+    assert entry.trigger == pytest.approx(outcome.fit.values["table1: measured.trigger"], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("free", "found"),
+    [
+        ("chain.count", "21"),
+        ("run.duration", "0.0014"),
+        ("wall.material", "brass"),
+        ("contact.bounce", "no such number"),
+        (f"{MODULUS}=1 GPa", "1 GPa"),
+        (f"{MODULUS}=2 GPa..1 GPa", "2e+09..1e+09"),
+        (f"{MODULUS}=1 N..2 N", "1 N"),
+        ("measured.0.gain", "no such gauge parameter"),
+    ],
+)
+def test_what_cannot_be_free_is_refused(free: str, found: str) -> None:
+    with pytest.raises(InputError) as refused:
+        pose(paper_data(["fig4"], ()), (free,))
+    assert found in str(refused.value)
+    assert "allowed:" in str(refused.value)
+
+
+def test_a_parameter_without_a_value_or_a_range_needs_bounds() -> None:
+    scene = read_scene("fig4", ("tube=",))
+    with pytest.raises(InputError, match="nothing to start from"):
+        free_parameter("chain.precompression", scene, "here")
+    assert free_parameter("chain.precompression=0 N..1 N", scene, "here").value(0.5) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["fig4"], "--free"),
+        (["--free", RESTITUTION], "no scene"),
+        (["fig4", "--free", RESTITUTION], "[[measured]] data, --measured FILE.csv or --quoted"),
+        (["fig4", "--free", RESTITUTION, "--quoted", "fig9"], "fig4, table1, fig5"),
+        (["fig4", "--free", RESTITUTION, "--quoted", "fig4", "--measured", "x.csv"], "one of the two"),
+        (["fig4", "--free", RESTITUTION, "--measured", "nowhere.csv"], "no such file"),
+    ],
+)
+def test_wrong_requests_end_in_one_line(words: list[str], told: str, tmp_path: Path) -> None:
+    done = command_line("validation", "fit", *words, "--results", tmp_path / "results")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert told in done.stderr
+
+
+def test_a_record_of_another_length_than_the_run_is_refused(tmp_path: Path) -> None:
+    trace = made_up(tmp_path / "trace.csv")
+    for duration in ("0.4 ms", "1.6 ms"):
+        with pytest.raises(InputError, match=r"run\.duration"):
+            scene_data("fig4", (f"run.duration={duration}",), trace)
+
+
+def test_the_command_writes_its_tables_and_the_scene(tmp_path: Path) -> None:
+    free = ("--free", MODULUS, "--free", RESTITUTION)
+    done = command_line("validation", "fit", "fig4", *free, "--quoted", "fig4", "--quick", "--results", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "1.01 ± 0.29 GPa" in done.stdout
+    assert {path.name for path in tmp_path.iterdir()} == {"fit-fig4.csv", "fit-fig4-data.csv", "fit-fig4.toml"}
+    assert Wanted(("fig4",), free).quoted == ()
