@@ -97,7 +97,7 @@ def test_a_trace_gives_its_parameters_back(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_errors_of_synthetic_data_are_met_in_95_of_100_repeats(tmp_path: Path) -> None:
-    """Of 100 draws of noise, two parameters each: within 1.96 standard errors in 95 %, give or take counting."""
+    """Within 1.96 standard errors in 95 of 100 draws of noise, give or take two and a half times what counting does."""
     inside = {MODULUS: 0, RESTITUTION: 0}
     for seed in range(100):
         data = scene_data("fig4", (), made_up(tmp_path / "trace.csv", seed=seed))
@@ -106,7 +106,7 @@ def test_errors_of_synthetic_data_are_met_in_95_of_100_repeats(tmp_path: Path) -
         errors = Certainty(found).errors
         for index, key in enumerate(inside):
             inside[key] += bool(abs(found.values[key] - TRUE[key]) < 1.96 * errors[index])
-    assert min(inside.values()) >= 95, inside
+    assert 89.5 < min(inside.values()) <= max(inside.values()) < 100, inside
 
 
 def quoting(scene_file: SceneWriter, values: str, errors: str) -> Path:
