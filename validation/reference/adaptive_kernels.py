@@ -24,6 +24,7 @@ from validation.reference.power_law_events import closing_speed, first_holds, fi
 DENSE_LIMIT = 1e-9  # local tolerance below which samples of damped contacts are stepped to: their forces rise steeply
 EVENT_OVERLAP = 1e-13  # of the overlap scale: contacts that are open or closed by less are at no event
 MAX_TRIES = 12  # of Newton's method for the time of an event
+MAX_TRIES_BETWEEN = 60  # likewise where it may halve
 MAX_REJECTED = 200  # in a row
 
 
@@ -71,12 +72,13 @@ def follow(
         step(state, s, length, power, slopes, end, bodies)
         event, share = _first_event(state[0], end[0], bodies, scale, tolerance, target - elapsed, last, nobody)
         if share < 0.0:
+            slope(state[0], 1.0, state[2], bodies)
             rejected += 1
             h *= 0.5
             continue
         if event >= 0:
             guess = _raised(s + share * length, power)
-            begin, length, stretch, target = _step_to_event(state, s, power, guess, event, slopes, end, bodies)
+            begin, length, stretch, target = _step_to_event(state, s, power, guess, target, event, slopes, end, bodies)
             another = nobody
             if length != 0.0 and target <= final:
                 span = target - elapsed
@@ -167,12 +169,14 @@ def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float
 
 @njit(error_model="numpy")
 def _step_to_event(
-    state: Array, s: float, power: float, guess: float, event: int, slopes: Array, end: Array, bodies: Bodies
-) -> tuple[float, float, float, float]:
+    state: Array, s: float, power: float, guess: float, limit: float, event: int, slopes: Array, end: Array,
+    bodies: Bodies,
+) -> tuple[float, float, float, float]:  # fmt: skip
     """The step that ends at an event, where an overlap, a force or a speed is zero, by Newton's method on its end time.
 
     An elastic opening is approached in ``s = sqrt(t_e - t)``, where the motion is smooth, and a turning point by the
-    power law in ``s = (t_e - t)^(1/4)``; before a closing there is no force.
+    power law in ``s = (t_e - t)^(1/4)``; before a closing there is no force. ``guess`` and ``limit``, beyond the event,
+    are times.
 
     Returns:
         Begin and length of the step in s, its power, time of the event; a length of 0 where none was found.
@@ -186,7 +190,11 @@ def _step_to_event(
         backwards = 4.0
     elif closed and not damped:
         backwards = 2.0
-    for _ in range(MAX_TRIES):
+    low, high, past, tries = elapsed, 0.0, 0.0, MAX_TRIES
+    if len(bodies) == BY_POWER:  # a force that has let go tells nothing of when: the event is kept between two times
+        high, tries = limit, MAX_TRIES_BETWEEN
+        past = passing(end[0], end[2], event, state[0, contact] < 0.0, bodies)[0]
+    for _ in range(tries):
         begin, length, stretch = s, _root(guess, power) - s, power
         if backwards > 0.0:
             begin, stretch = _root(guess - elapsed, backwards), -backwards
@@ -202,10 +210,14 @@ def _step_to_event(
             value = _grip(end[0], contact, stiffness, damping)
             rate *= 1.25 * stiffness * max(end[0, contact], 0.0) ** 0.25
             rate += damping * closing_speed(end[2], contact)
-        if rate == 0.0:
+        if rate == 0.0 and len(bodies) != BY_POWER:
             break
         change = -value / rate
         if abs(change) <= 4e-16 * guess + 1e-14 * (guess - elapsed):
             return begin, length, stretch, guess
-        guess = guess + change if guess + change > elapsed else 0.5 * (guess + elapsed)
+        if len(bodies) == BY_POWER:
+            low, high = (low, guess) if value * past > 0.0 else (guess, high)
+            guess = guess + change if low < guess + change < high else 0.5 * (low + high)
+        else:
+            guess = guess + change if guess + change > elapsed else 0.5 * (guess + elapsed)
     return 0.0, 0.0, power, guess

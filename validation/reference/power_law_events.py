@@ -65,9 +65,11 @@ def first_power_event(
             else:
                 sign = 1.0 if holds[j] > 0.0 else -1.0  # of a grip that goes on as it is
                 before, after = sign * _grip(start, j, bodies), sign * _grip(end, j, bodies)
-                if holds[j] > 0.0 and end[j] < -dead and after >= -tiny:
-                    return NOT_YET
                 passed, at_once = after < -tiny and (holds[j] > 0.0 or end[j] > 0.0), before <= tiny
+                if holds[j] > 0.0 and end[j] < -dead and not passed:
+                    if start[j] > dead:
+                        return NOT_YET
+                    passed, at_once = True, True
             if passed and at_once:
                 if known < 0:
                     holds[j] = 1.0 - holds[j]
