@@ -70,7 +70,7 @@ def follow(
         target = final if s_end < s + h else _raised(s_end, power)
         begin, length, stretch = s, s_end - s, power
         step(state, s, length, power, slopes, end, bodies)
-        event, share = _first_event(state[0], end[0], bodies, scale, tolerance, target - elapsed, last, nobody)
+        event, share = _first_event(state[0], end[0], bodies, scale, tolerance, elapsed, target, last, nobody)
         if share < 0.0:
             slope(state[0], 1.0, state[2], bodies)
             rejected += 1
@@ -81,8 +81,7 @@ def follow(
             begin, length, stretch, target = _step_to_event(state, s, power, guess, target, event, slopes, end, bodies)
             another = nobody
             if length != 0.0 and target <= final:
-                span = target - elapsed
-                another = _first_event(state[0], end[0], bodies, scale, tolerance, span, last, event)[0]
+                another = _first_event(state[0], end[0], bodies, scale, tolerance, elapsed, target, last, event)[0]
             if length == 0.0 or target > final or another >= 0:
                 rejected += 1
                 h *= 0.5 if length == 0.0 or target <= final else 0.98
@@ -122,7 +121,7 @@ def follow(
             kept = later - since
             rest = (since - (later - kept)) + (further - kept)
             since = later
-            s, h = 0.0, _root(target - elapsed, power)
+            s, h = 0.0, _root(target - elapsed, power) if target > elapsed else h
         else:
             s, h = s_end, length * step_factor(e)
         last = event
@@ -133,14 +132,15 @@ def follow(
 
 @njit(error_model="numpy")
 def _first_event(
-    start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, span: float, last: int, known: int
-) -> tuple[int, float]:
+    start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, elapsed: float, until: float, last: int,
+    known: int,
+) -> tuple[int, float]:  # fmt: skip
     """The contact that opens, closes or lets go first in a step, by linear interpolation, and where; -1: none does.
 
     By the power law it is an event of ``power_law_events``; a share below 0: the step is to be tried again, shorter.
     """
     if len(bodies) == BY_POWER:
-        return first_power_event(start, end, bodies, scale, tolerance, span, last, known)
+        return first_power_event(start, end, bodies, scale, tolerance, elapsed, until, last, known)
     stiffness, damping = bodies[1], bodies[2]
     n = stiffness.size
     first, where = -1, 2.0

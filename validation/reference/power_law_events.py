@@ -14,6 +14,7 @@ from validation.reference.dop853 import Bodies
 from validation.reference.hertz_chain import Array
 
 DEAD = 1e-13  # of the scales of overlap and speed: events that are passed by less are none
+NEAR = 1e-14  # of the time since the last event: an event so soon is at once
 NO_EVENT = (-1, 2.0)
 NOT_YET = (0, -1.0)  # to be tried again with a shorter step
 
@@ -43,17 +44,20 @@ def first_holds(start: Array, bodies: Bodies) -> None:
 
 @njit(error_model="numpy")
 def first_power_event(
-    start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, span: float, last: int, known: int,
+    start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, elapsed: float, until: float,
+    last: int, known: int,
 ) -> tuple[int, float]:  # fmt: skip
     """The first event of a step by linear interpolation, and where; none but the ``known`` one: ``NO_EVENT``.
 
-    Where a contact does not hold as its state at the start has it, by rounding, that is put right, and the step is to
-    be tried again, shorter: a share below 0, as where several events of one contact fall into the step.
+    Where a contact does not hold as its state at the start has it, but for rounding of state and time, that is put
+    right, and the step is to be tried again, shorter: a share below 0, as where several events of one contact fall into
+    the step. It goes from ``elapsed`` to ``until``.
     """
     inverse_mass, stiffness, gamma, _, alpha, holds = bodies
     n = stiffness.size
     first, where = NO_EVENT
     dead, still = DEAD * scale[0], DEAD * scale[n]
+    span = until - elapsed
     kinked = alpha != 1.0 and alpha != 3.0
     for j in range(n):
         if stiffness[j] == 0.0:
@@ -82,6 +86,9 @@ def first_power_event(
             turns = before * after < 0.0 and abs(before) > still and kick > tolerance * scale[n]
             if turns and before / (before - after) < where:
                 first, where = n + j, before / (before - after)
+    if 0 <= first < n and known < 0 and where * span <= NEAR * elapsed:
+        holds[first] = 1.0 - holds[first]
+        return NOT_YET
     return first, where
 
 
