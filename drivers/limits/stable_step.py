@@ -201,7 +201,8 @@ def _extremes(chain: Chain, force_N: Array, velocity_m_s: Array, overlap_m: Arra
     there, nothing = chain.stiffness > 0, np.zeros(chain.bodies)
     closing = np.column_stack([np.zeros(len(velocity_m_s)), velocity_m_s[:, :-1]]) - velocity_m_s
     speed = np.where((force_N > 0) | (overlap_m <= 0) & (closing > 0), np.abs(closing), 0.0)
-    closing = np.where((force_N <= 0) & there, np.maximum(closing, 0.0), 0.0)  # 0 where it is closed or opens
+    parted = (force_N <= 0) | (overlap_m <= 0)  # by the power law what just touches may have a force
+    closing = np.where(parted & there, np.maximum(closing, 0.0), 0.0)  # 0 where it is closed or opens
     closes = (force_N[:-1] <= 0) & (force_N[1:] > 0) & (overlap_m[:-1] < 0)  # not what touches at the start
     energies = np.where(closes, 0.5 * chain.reduced_mass_kg * closing[:-1] ** 2, 0.0)
     largest = np.maximum(overlap_m.max(axis=0), 0.0) if chain.damped else nothing.copy()

@@ -39,7 +39,7 @@ def scene(candidate: Candidate, variant: Variant) -> Iterator[Measured]:
     baseline = baseline_of(case, name)
     beside = ""
     if candidate.steps and not baseline.unknown:
-        quantity = "truncation_damped" if case.chain.damping_ratio else "truncation"
+        quantity = "truncation_damped" if case.chain.damped else "truncation"
         exact = baseline.exact
         off = deviation(until(trace, len(exact.time_s)), exact, baseline.samples)
         beside = f"; {off.share:.1e} from the exact motion"
