@@ -19,6 +19,7 @@ from postproc.figures import figures, make_figure
 
 if TYPE_CHECKING:
     from drivers.run.finished import EndedRun
+    from drivers.scene.model import Measured, Scene
     from postproc.draw.product import Product
 
 Action = Callable[[argparse.Namespace], Iterable[Path]]  # does what a command says, and names the files it has written
@@ -136,6 +137,69 @@ def _spacetime(arguments: argparse.Namespace) -> Iterable[Path]:
     return _write(arguments, draw_spacetime({title: run.trace}, width_in=6.4), name)
 
 
+def _overlay(arguments: argparse.Namespace) -> Iterable[Path]:
+    """Lays measured traces over a run, or over the exact motion of a scene, and prints the misfits."""
+    from drivers.engines import REFERENCE
+    from drivers.limits.refusal import refuse
+    from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
+    from postproc.paper.simulate import exact
+    from postproc.read.misfit import lay_over
+    from validation.accuracy.plan import planned_case
+
+    if _names_run(arguments.run):
+        if arguments.settings:
+            raise InputError(f"--set {arguments.settings[0]}", "", "settings for a run", "settings for a scene")
+        run, name, _ = _open(arguments)
+        scene, layout, trace, engine = _scene_of(run, arguments.run), run.layout, run.trace, run.record.engine
+    else:
+        case = planned_case(arguments.run, *arguments.settings)
+        refuse(case, REFERENCE)
+        scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
+        name = f"overlay-{scene.name}"
+    entries, folder, where = _measured(scene, arguments.measured, arguments.run)
+    curves, found = lay_over(entries, folder, where, layout, trace)
+    written = _write(arguments, draw_overlay(layout, trace, engine, curves, found), name)
+    rows = [HEADINGS, *misfit_rows(found)]
+    widths = [max(len(row[place]) for row in rows) for place in range(len(HEADINGS))]
+    for row in rows:
+        print("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+    return written
+
+
+def _names_run(source: str) -> bool:
+    """Whether a command's argument is a run folder or ``ENGINE:SCENE`` rather than a scene."""
+    return Path(source).is_dir() or (":" in source and not Path(source).exists())
+
+
+def _scene_of(run: "EndedRun", source: str) -> "Scene | None":
+    """The scene of a run as its file is now; None where that is gone or wrong."""
+    from drivers.scene.read_scene import read_scene
+
+    _, _, named = source.partition(":")
+    for path in (named, run.record.scene_name, f"{run.record.scene_name}.toml"):
+        with suppress(InputError):
+            return read_scene(path)
+    return None
+
+
+def _measured(scene: "Scene | None", file: Path | None, source: str) -> tuple[dict[str, "Measured"], Path, str]:
+    """Entries by key, the folder from which their paths are seen, and where they stand, in words.
+
+    Those of a scene, of which only those for a file that is given; an entry of headings alone where there is none.
+    """
+    from drivers.scene.model import Measured
+
+    own = {f"measured.{place}": entry for place, entry in enumerate(scene.measured)} if scene else {}
+    if scene and file:
+        asked = file.resolve()
+        own = {key: each for key, each in own.items() if each.file and (scene.folder / each.file).resolve() == asked}
+    if scene and own:
+        return own, scene.folder, scene.file
+    if file is None:
+        raise InputError(source, "measured", "nothing", "a [[measured]] table in the scene file, or --measured FILE")
+    return {"measured": Measured(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
+
+
 def _open(arguments: argparse.Namespace) -> tuple["EndedRun", str, str]:
     """A command's run, the name of what is made of it, after its engine and its folder, and its title."""
     from drivers.inventory.run_folders import run_folder
@@ -170,6 +234,13 @@ SCENE: Options = {
     "scene": {"metavar": "SCENE", "help": "a scene file, or the name of one in inputs/scenes"},
     "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "dest": "settings"},
 }
+OVER: Options = {
+    "run": {"metavar": "SCENE|RUN", "help": "a scene, for its exact motion, or a run as other commands take it"},
+    "--set": SCENE["--set"],
+    "--measured": {"type": Path, "metavar": "FILE", "help": "a CSV file (default: [[measured]] of the scene)"},
+    **FROM,
+    **OUT,
+}
 STUDY: Options = {
     "study": {"metavar": "STUDY", "help": "a study file, or the name of one in inputs/studies"},
     "--results": {**FOLDER, "help": "where its table is (default: results/)"},
@@ -191,6 +262,7 @@ SHOWN: Options = {
 COMMANDS: dict[str, tuple[str, Action, Options]] = {
     "observables": ("peaks, speeds, widths, reflections, energies of a run", _observables, RUN | SHOWN),
     "draw": ("a scene drawn to scale", _draw, SCENE | OUT),
+    "overlay": ("measured traces over computed ones, and how far off they are", _overlay, OVER),
     "study": ("the figure of a study that has been run: curves, or a tornado chart", _study, STUDY | ENGINES | OUT),
     "vtk": ("a run as a ParaView series; it has to keep positions (run.record)", _vtk, RUN | FRAMES | OUT),
     "film": ("a run's chain at some times: a contact sheet and an animation", _film, RUN | FRAMES | SIDEWAYS | OUT),

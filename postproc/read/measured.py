@@ -38,6 +38,7 @@ class MeasuredTrace:
         trigger_s: time in the file at which the striker meets the chain; None: to be found.
         baseline: reading at rest; None: to be found; ``drift``: that is a straight line.
         noise: standard deviation of a reading; None: to be found.
+        unit: of the readings.
     """
 
     file: Path
@@ -49,6 +50,7 @@ class MeasuredTrace:
     baseline: float | None = None
     drift: bool = False
     noise: float | None = None
+    unit: str = FORCE
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,7 @@ def read_measured(
         baseline=None if entry.baseline is None else _in_unit(entry.baseline, unit, where, f"{key}.baseline"),
         drift=entry.drift,
         noise=noise,
+        unit=unit,
     )
 
 

@@ -1,0 +1,111 @@
+"""Measured forces laid over computed ones, a panel a gauge with what is left between them, and the table of misfits."""
+
+from collections.abc import Sequence
+from math import isnan
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from drivers.chain.case import Layout
+from drivers.chain.trace import Trace
+from postproc.draw.product import Product
+from postproc.draw.stack import GAUGE_IN, gauge_title
+from postproc.draw.style import COLUMN_IN, MICRO, line_of, pyplot
+from postproc.read.misfit import Misfit, SmoothForce
+from postproc.read.sensors import gauges_of, sensor_signals
+
+STRIP_IN = 0.62  # height of a panel of residuals
+HEAD_IN, FOOT_IN = 0.45, 0.4
+BAND = 2.0  # standard errors to either side
+MOST = 4000  # readings drawn
+COLOURS = ("#333333", "#88572c", "#5b3a8c", "#2c6e49")  # of files, in their order
+
+
+def draw_overlay(
+    layout: Layout, run: Trace, engine: str, curves: Sequence[SmoothForce], found: Sequence[Misfit]
+) -> Product:
+    """Readings as forces above rest over those of a run; below, smoothed readings less computed forces.
+
+    Args:
+        layout: of the run.
+        run: computed.
+        engine: that computed it.
+        curves: measured gauges on its clock.
+        found: misfits, which become the table.
+    """
+    measured = {curve.gauge.gauge for curve in curves}
+    gauges = [gauge for gauge in gauges_of(layout) if gauge in measured]
+    heights = [GAUGE_IN, STRIP_IN] * len(gauges)
+    figure, grid = pyplot().subplots(
+        len(heights), 1, sharex=True, figsize=(COLUMN_IN, HEAD_IN + FOOT_IN + sum(heights)), height_ratios=heights,
+        squeeze=False, layout="constrained",
+    )  # fmt: skip
+    files = list(dict.fromkeys(curve.gauge.file for curve in curves))
+    signals, line = sensor_signals(layout, run), line_of(engine)
+    for place, gauge in enumerate(gauges):
+        force, strip = grid[2 * place, 0], grid[2 * place + 1, 0]
+        computed = signals[gauge] - signals[gauge][0]
+        for curve in (curve for curve in curves if curve.gauge.gauge == gauge):
+            colour = COLOURS[files.index(curve.gauge.file) % len(COLOURS)]
+            _draw_gauge(force, strip, curve, np.interp(curve.time_s, run.time_s, computed), colour)
+        force.plot(run.time_s * MICRO, computed, color=line.colour, lw=1.3, label=f"computed ({engine})")
+        force.set_title(gauge_title(layout, gauge), loc="left")
+        force.set(ylabel="force (N)", xlim=(0, float(run.time_s[-1]) * MICRO))
+        strip.axhline(0, color=line.colour, lw=0.8)
+        strip.set_ylabel("residual (N)", fontsize=7)
+        strip.margins(y=0.15)
+    grid[-1, 0].set_xlabel("time since impact (µs)")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))
+    figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=1 if len(named) > 2 else 2)
+    figure.align_ylabels()
+    return Product(figure, misfit_table(found))
+
+
+def _draw_gauge(force: Any, strip: Any, curve: SmoothForce, computed_N: Any, colour: str) -> None:
+    """Readings of a gauge, and its residual with a band of ``BAND`` standard errors by noise and baseline."""
+    gauge, every = curve.gauge, -(-len(curve.gauge.time_s) // MOST)
+    force.plot(
+        gauge.time_s[::every] * MICRO, gauge.force_N[::every], ls="none", marker=".", ms=1.6, mew=0, alpha=0.75,
+        color=colour, label=f"measured ({gauge.file.name})",
+    )  # fmt: skip
+    left_N, time_us = curve.force_N - computed_N, curve.time_s * MICRO
+    band_N = BAND * curve.error_N
+    strip.fill_between(time_us, left_N - band_N, left_N + band_N, color=colour, alpha=0.25, lw=0)
+    strip.plot(time_us, left_N, color=colour, lw=0.8)
+
+
+def misfit_table(found: Sequence[Misfit]) -> pd.DataFrame:
+    """A row for each quantity; units are in the names of quantities."""
+    return pd.DataFrame(
+        {
+            "quantity": [each.name for each in found],
+            "source": [each.source for each in found],
+            "measured": [each.measured for each in found],
+            "standard_error": [each.error for each in found],
+            "error_by_noise": [each.noise_error for each in found],
+            "error_by_gain": [each.gain_error for each in found],
+            "computed": [each.computed for each in found],
+            "difference": [each.difference for each in found],
+            "difference_in_errors": [each.errors_off for each in found],
+        }
+    )
+
+
+HEADINGS = ("quantity", "source", "measured", "± error", "computed", "difference", "in errors")
+
+
+def misfit_rows(found: Sequence[Misfit]) -> list[tuple[str, ...]]:
+    """The table for people, a row for each quantity, with a dash for what is not seen or not asked."""
+    return [
+        (
+            each.name, each.source, _number(each.measured, 5), _number(each.error, 2), _number(each.computed, 5),
+            _number(each.difference, 3), _number(each.errors_off, 2),
+        )
+        for each in found
+    ]  # fmt: skip
+
+
+def _number(value: float, digits: int) -> str:
+    return "–" if isnan(value) else f"{value:.{digits}g}"

@@ -1,0 +1,329 @@
+"""Measured traces laid on the clock of a computed one, as forces above rest with their noise.
+
+The model of a gauge's reading y at the time t of its file is
+
+    gain (y(t) - b(t)) = F(t - t0) - F(0) + noise,
+
+with F what the computed gauge shows, t0 the trigger, b the baseline, constant or a straight line, and white noise.
+Baseline and noise are those of quiet samples: where the computed gauge is below ``QUIET`` of its peak, or before the
+impact, less outliers, since a measured pulse may be where the computed one is not. A trigger that is not given is the
+same for all gauges of a file: the best of their cross-correlation with the computed signals on a common grid, refined
+by least squares weighted by noise. Its standard error is that of noise alone: where shapes differ, no shift is the
+true one, and arrival times are only as good as the model.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.optimize import minimize_scalar
+from scipy.signal import correlate
+from scipy.stats import siegelslopes
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.chain.case import Layout
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace
+from postproc.read.measured import LEAST_SAMPLES, NORMAL, MeasuredTrace
+from postproc.read.sensors import sensor_signals
+
+QUIET = 0.01  # of the computed peak
+LEAST_QUIET = 8  # samples that give a baseline
+CLIP = 3.5  # standard deviations off the baseline, from which on a quiet reading, or a mean of some, is none
+MEANS = 200  # of quiet readings, at most, that a first line goes through
+ROUNDS = 30  # at most
+REACH = 2  # widths of a pulse around what stands out of quiet readings, in which none is quiet
+PASSES = 3  # baseline and trigger, each by the other
+NEAR = 20  # grid steps around the best correlation that least squares look at
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class AlignedGauge:
+    """One gauge of a file on the clock of a run; forces are those above rest.
+
+    Finer samples than half of the run's are averaged in blocks.
+
+    Attributes:
+        time_s: since the impact, of the readings within the run. Shape (readings,).
+        force_N: readings as forces, without baseline and with gain. Shape (readings,).
+        computed_N: the run's force at these times. Shape (readings,).
+        noise_N: standard deviation of one of these readings.
+        rest_error_N: standard error of the baseline at each of them. Shape (readings,).
+        gain_uncertainty: relative standard error of all forces together.
+        baseline: the reading at rest at time 0, in its ``unit``; ``baseline_error``: its standard error.
+        trigger_s: time in the file of the impact; ``trigger_error_s``: its standard error, 0 where it is given.
+    """
+
+    file: Path
+    gauge: str
+    time_s: Array
+    force_N: Array
+    computed_N: Array
+    noise_N: float
+    rest_error_N: Array
+    gain_uncertainty: float
+    unit: str
+    baseline: float
+    baseline_error: float
+    trigger_s: float
+    trigger_error_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Channel:
+    """A gauge of a file, in blocks."""
+
+    trace: MeasuredTrace
+    gauge: str
+    time_s: Array
+    reading: Array
+    noise: float | None  # of a block
+    resolution: float  # of a reading
+    width_s: float  # of the computed pulse, at half of its peak
+    curve: BSpline  # the computed change of its force
+
+
+@dataclass(frozen=True, eq=False)
+class _Rest:
+    """A baseline and the noise about it; arrays of shape (readings,)."""
+
+    level: Array
+    error: Array
+    noise: float
+
+
+def align(traces: Sequence[MeasuredTrace], layout: Layout, run: Trace) -> list[AlignedGauge]:
+    """All gauges of all files, those of a file with one trigger.
+
+    Args:
+        traces: measured, of gauges of the run.
+        layout: of the run.
+        run: computed.
+
+    Raises:
+        InputError: a record has too few readings within the run, ends before the first pulse, states two triggers, or
+            has no quiet samples for a baseline that is not given.
+    """
+    signals = {name: signal - signal[0] for name, signal in sensor_signals(layout, run).items()}
+    curves = {name: make_interp_spline(run.time_s, signal, k=5) for name, signal in signals.items()}
+    step_s, end_s = float(run.time_s[1]), float(run.time_s[-1])
+    files: dict[Path, list[_Channel]] = defaultdict(list)
+    for trace in traces:
+        for gauge in trace.reading:
+            if not np.ptp(signals[gauge]):
+                raise InputError(
+                    paths.shown(trace.file), gauge, "a gauge at rest in the run", "one that a wave reaches"
+                )
+            width_s = _width(np.abs(signals[gauge])) * step_s
+            files[trace.file.resolve()].append(_channel(trace, gauge, curves[gauge], width_s, step_s))
+    return [aligned for channels in files.values() for aligned in _aligned(channels, step_s, end_s)]
+
+
+def _width(signal: Array) -> int:
+    """Samples for which a signal is above half of its maximum, around that."""
+    place, below = int(np.argmax(signal)), signal <= signal.max() / 2
+    before, after = np.flatnonzero(below[:place]), np.flatnonzero(below[place:])
+    return (place + int(after[0]) if after.size else len(signal)) - (int(before[-1]) if before.size else 0)
+
+
+def _channel(trace: MeasuredTrace, gauge: str, curve: BSpline, width_s: float, step_s: float) -> _Channel:
+    """A gauge's readings, averaged in blocks where there are more than two in a sample interval of the run."""
+    time_s, reading = trace.time_s, trace.reading[gauge]
+    block = max(1, int(step_s / 2 / float(np.median(np.diff(time_s)))))
+    whole = len(time_s) // block * block
+    levels = np.diff(np.unique(reading))
+    return _Channel(
+        trace,
+        gauge,
+        time_s[:whole].reshape(-1, block).mean(axis=1),
+        reading[:whole].reshape(-1, block).mean(axis=1),
+        None if trace.noise is None else trace.noise / float(np.sqrt(block)),
+        float(levels.min()) / float(np.sqrt(12 * block)),
+        width_s,
+        curve,
+    )
+
+
+def _aligned(channels: list[_Channel], step_s: float, end_s: float) -> list[AlignedGauge]:
+    """The gauges of one file."""
+    first, shown = channels[0], paths.shown(channels[0].trace.file)
+    interval_s = float(np.median(np.diff(first.time_s)))
+    if end_s < LEAST_SAMPLES * interval_s:
+        found, allowed = f"readings every {interval_s:.3g} s", f"at least {LEAST_SAMPLES} in the run's {end_s:.3g} s"
+        raise InputError(shown, "", found, allowed)
+    given = {channel.trace.trigger_s for channel in channels} - {None}
+    if len(given) > 1:
+        raise InputError(shown, "", f"triggers {' and '.join(f'{each:g} s' for each in given)}", "one trigger a file")
+    trigger_s, error_s = given.pop() if given else None, 0.0
+    if trigger_s is None:
+        rests = [_rest(c, np.ones(len(c.time_s), dtype=bool), np.zeros(len(c.time_s))) for c in channels]
+        trigger_s = _correlated(channels, rests, step_s, end_s)
+        for _ in range(PASSES):
+            rests = [_rest(channel, *_quiet(channel, trigger_s, end_s)) for channel in channels]
+            trigger_s, error_s = _refined(channels, rests, trigger_s, step_s, end_s)
+    _must_overlap(channels, trigger_s, end_s)
+    rests = [_rest(channel, *_quiet(channel, trigger_s, end_s)) for channel in channels]
+    return [_gauge(channel, rest, trigger_s, error_s, end_s) for channel, rest in zip(channels, rests, strict=True)]
+
+
+def _gauge(channel: _Channel, rest: _Rest, trigger_s: float, error_s: float, end_s: float) -> AlignedGauge:
+    trace, clock_s = channel.trace, channel.time_s - trigger_s
+    inside = (clock_s >= 0) & (clock_s <= end_s)
+    return AlignedGauge(
+        file=trace.file,
+        gauge=channel.gauge,
+        time_s=clock_s[inside],
+        force_N=trace.gain * (channel.reading - rest.level)[inside],
+        computed_N=channel.curve(clock_s[inside]),
+        noise_N=abs(trace.gain) * rest.noise,
+        rest_error_N=abs(trace.gain) * rest.error[inside],
+        gain_uncertainty=trace.gain_uncertainty,
+        unit=trace.unit,
+        baseline=float(np.interp(trigger_s, channel.time_s, rest.level)),
+        baseline_error=float(np.interp(trigger_s, channel.time_s, rest.error)),
+        trigger_s=trigger_s,
+        trigger_error_s=error_s,
+    )
+
+
+def _change(channel: _Channel, clock_s: Array, end_s: float, derivative: int = 0) -> Array:
+    """The computed change of force, 0 before the impact; as at the end beyond it. Shape (readings,)."""
+    value = channel.curve(np.clip(clock_s, 0, end_s), derivative)
+    return np.where((clock_s < 0) | ((clock_s > end_s) & (derivative > 0)), 0.0, value)
+
+
+def _quiet(channel: _Channel, trigger_s: float, end_s: float) -> tuple[Mask, Array]:
+    """Which readings the computed gauge says are quiet, and its reading above rest. Both of shape (readings,)."""
+    clock_s = channel.time_s - trigger_s
+    change = _change(channel, clock_s, end_s)
+    return (np.abs(change) < QUIET * _peak(channel, end_s)) & (clock_s <= end_s), change / channel.trace.gain
+
+
+def _peak(channel: _Channel, end_s: float) -> float:
+    """The computed gauge's largest change."""
+    knots = channel.curve.t
+    return float(np.abs(channel.curve(knots[(knots >= 0) & (knots <= end_s)])).max())
+
+
+def _rest(channel: _Channel, quiet: Mask, computed: Array) -> _Rest:
+    """Baseline and noise of quiet readings by least squares, those beyond ``CLIP`` left out until none is.
+
+    What little the computed gauge reads there is taken off, and its mean size is an error of the baseline.
+
+    Raises:
+        InputError: there are too few of them.
+    """
+    trace, time_s, reading = channel.trace, channel.time_s, channel.reading - computed
+    if quiet.sum() < LEAST_QUIET and (trace.baseline is None or channel.noise is None):
+        few = f"{int(quiet.sum())} quiet readings of {channel.gauge}"
+        allowed = f"{LEAST_QUIET} before the pulse, or baseline and noise in the scene"
+        raise InputError(paths.shown(trace.file), "", few, allowed)
+    powers = 1 + (trace.drift and trace.baseline is None)
+    design = np.vander((time_s - time_s.mean()) / float(np.ptp(time_s)), powers, increasing=True)
+    width = max(2, round(channel.width_s / float(np.median(np.diff(time_s)))))
+    level, kept = _first_level(trace, time_s, reading, quiet), quiet
+    for _ in range(ROUNDS):
+        off = reading - level
+        running, deviation = uniform_filter1d(off, width // 2), _deviation(off, kept, channel.resolution)
+        pulse = np.abs(running) > CLIP * _deviation(running, kept, deviation / float(np.sqrt(width // 2)))
+        now = quiet & (np.abs(off) <= CLIP * deviation) & ~maximum_filter1d(pulse, 2 * REACH * width + 1)
+        if np.array_equal(now, kept) or now.sum() < max(LEAST_QUIET, kept.sum() / 3):
+            break
+        kept = now
+        if trace.baseline is None:
+            level = design @ np.linalg.lstsq(design[kept], reading[kept], rcond=None)[0]
+    samples = int(kept.sum())
+    found = float(np.sqrt(np.sum((reading - level)[kept] ** 2) / max(samples - powers, 1)))
+    noise = channel.noise if channel.noise is not None else max(found, channel.resolution)
+    error = np.zeros(len(time_s))
+    if trace.baseline is None and samples > powers:
+        inverse = np.linalg.inv(design[kept].T @ design[kept])
+        error = noise * np.sqrt(np.einsum("ij,jk,ik->i", design, inverse, design))
+        error = np.hypot(error, float(np.abs(computed[kept]).mean()))
+    return _Rest(level, error, noise)
+
+
+def _first_level(trace: MeasuredTrace, time_s: Array, reading: Array, quiet: Mask) -> Array:
+    """A baseline that pulses in less than half of the quiet readings hardly change. Shape (readings,)."""
+    if trace.baseline is not None or not quiet.any():
+        return np.full(len(time_s), trace.baseline or 0.0)
+    if not trace.drift:
+        return np.full(len(time_s), np.median(reading[quiet]))
+    places = np.array_split(np.flatnonzero(quiet), min(MEANS, int(quiet.sum())))
+    means = np.array([(time_s[place].mean(), reading[place].mean()) for place in places])
+    slope, start = siegelslopes(means[:, 1], means[:, 0])
+    return np.asarray(start + slope * time_s)
+
+
+def _deviation(values: Array, kept: Mask, least: float) -> float:
+    """Standard deviation of those kept about zero, by their median: outliers among them do not count."""
+    return max(NORMAL * float(np.median(np.abs(values[kept]))) if kept.any() else 0.0, least)
+
+
+def _correlated(channels: list[_Channel], rests: list[_Rest], step_s: float, end_s: float) -> float:
+    """The trigger that gives the largest cross-correlation, on a grid of the run's sample interval."""
+    start_s = min(float(channel.time_s[0]) for channel in channels)
+    stop_s = max(float(channel.time_s[-1]) for channel in channels)
+    grid_s, run_s = np.arange(start_s, stop_s + step_s / 2, step_s), np.arange(0, end_s + step_s / 2, step_s)
+    total: Array | None = None
+    for channel, rest in zip(channels, rests, strict=True):
+        measured = np.interp(grid_s, channel.time_s, channel.trace.gain * (channel.reading - rest.level))
+        weighted = _change(channel, run_s, end_s) / (channel.trace.gain * rest.noise) ** 2
+        found = correlate(measured, weighted, mode="full", method="fft")
+        total = found if total is None else total + found
+    assert total is not None
+    return start_s + (int(np.argmax(total)) - (len(run_s) - 1)) * step_s
+
+
+def _refined(
+    channels: list[_Channel], rests: list[_Rest], near_s: float, step_s: float, end_s: float
+) -> tuple[float, float]:
+    """The trigger by least squares next to a guess, with its standard error by noise.
+
+    With S the weighted sum of squares the error is that of ``S'``, ``2 sqrt(sum (F'/noise)^2)``, over ``S''``.
+    """
+    both = [*zip(channels, rests, strict=True)]
+    forces = [(c.trace.gain * (c.reading - rest.level), abs(c.trace.gain) * rest.noise) for c, rest in both]
+    compared = [c.time_s - near_s <= end_s - NEAR * step_s for c in channels]
+
+    def squares(trigger_s: float) -> float:
+        return sum(
+            float(np.sum(((force - _change(c, c.time_s - trigger_s, end_s)) / noise)[inside] ** 2))
+            for c, (force, noise), inside in zip(channels, forces, compared, strict=True)
+        )
+
+    tried = near_s + np.arange(-NEAR, NEAR + 1) * step_s
+    best = float(tried[int(np.argmin([squares(float(each)) for each in tried]))])
+    bounds = (best - step_s, best + step_s)
+    trigger_s = float(minimize_scalar(squares, bounds=bounds, method="bounded", options={"xatol": 1e-7 * step_s}).x)
+    variance, curvature = 0.0, 0.0
+    for c, (force, noise), inside in zip(channels, forces, compared, strict=True):
+        change, slope, bend = (_change(c, c.time_s - trigger_s, end_s, order)[inside] / noise for order in (0, 1, 2))
+        variance += float(np.sum(slope**2))
+        curvature += float(np.sum(slope**2 - (force[inside] / noise - change) * bend))
+    return trigger_s, float(np.sqrt(variance)) / curvature if curvature > 0 else float("nan")
+
+
+def _must_overlap(channels: list[_Channel], trigger_s: float, end_s: float) -> None:
+    """Refuses a record with too few readings within the run, or none where the first computed pulse is at a gauge."""
+    for channel in channels:
+        clock_s, shown = channel.time_s - trigger_s, paths.shown(channel.trace.file)
+        inside = int(np.sum((clock_s >= 0) & (clock_s <= end_s)))
+        spanned = f"from {clock_s[0] * 1e6:.6g} to {clock_s[-1] * 1e6:.6g} us after the trigger"
+        if inside < LEAST_SAMPLES:
+            allowed = f"at least {LEAST_SAMPLES} readings within the run, 0 to {end_s * 1e6:.6g} us"
+            raise InputError(shown, "", f"{inside} readings {spanned}", allowed)
+        times = np.linspace(0, end_s, 4 * len(channel.curve.t))
+        risen = np.abs(channel.curve(times)) > QUIET * _peak(channel, end_s)
+        onset_s = float(times[int(np.argmax(risen))])
+        if clock_s[-1] <= onset_s:
+            allowed = f"readings beyond {onset_s * 1e6:.6g} us, when the wave reaches {channel.gauge}"
+            raise InputError(shown, "", f"readings {spanned}", allowed)
