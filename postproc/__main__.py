@@ -158,7 +158,7 @@ def _overlay(arguments: argparse.Namespace) -> Iterable[Path]:
         name = f"overlay-{scene.name}"
     entries, folder, where = _measured(scene, arguments.measured, arguments.run)
     curves, found = lay_over(entries, folder, where, layout, trace)
-    written = _write(arguments, draw_overlay(layout, trace, engine, curves, found), name)
+    written = _write(arguments, draw_overlay(layout, trace, engine, curves, found), name) if curves else ()
     rows = [HEADINGS, *misfit_rows(found)]
     widths = [max(len(row[place]) for row in rows) for place in range(len(HEADINGS))]
     for row in rows:

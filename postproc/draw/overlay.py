@@ -51,14 +51,14 @@ def draw_overlay(
             _draw_gauge(force, strip, curve, np.interp(curve.time_s, run.time_s, computed), colour)
         force.plot(run.time_s * MICRO, computed, color=line.colour, lw=1.3, label=f"computed ({engine})")
         force.set_title(gauge_title(layout, gauge), loc="left")
-        force.set(ylabel="force (N)", xlim=(0, float(run.time_s[-1]) * MICRO))
+        force.set(ylabel="force above\nrest (N)", xlim=(0, float(run.time_s[-1]) * MICRO))
         strip.axhline(0, color=line.colour, lw=0.8)
-        strip.set_ylabel("residual (N)", fontsize=7)
+        strip.set_ylabel("residual\n(N)")
         strip.margins(y=0.15)
     grid[-1, 0].set_xlabel("time since impact (µs)")
     handles, labels = grid[0, 0].get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))
-    figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=1 if len(named) > 2 else 2)
+    figure.legend(named.values(), named.keys(), loc="outside upper left", markerscale=4, ncols=1)
     figure.align_ylabels()
     return Product(figure, misfit_table(found))
 
@@ -67,7 +67,7 @@ def _draw_gauge(force: Any, strip: Any, curve: SmoothForce, computed_N: Any, col
     """Readings of a gauge, and its residual with a band of ``BAND`` standard errors by noise and baseline."""
     gauge, every = curve.gauge, -(-len(curve.gauge.time_s) // MOST)
     force.plot(
-        gauge.time_s[::every] * MICRO, gauge.force_N[::every], ls="none", marker=".", ms=1.6, mew=0, alpha=0.75,
+        gauge.time_s[::every] * MICRO, gauge.force_N[::every], ls="none", marker=".", ms=2.0, mew=0, alpha=0.75,
         color=colour, label=f"measured ({gauge.file.name})",
     )  # fmt: skip
     left_N, time_us = curve.force_N - computed_N, curve.time_s * MICRO

@@ -35,7 +35,7 @@ from postproc.read.sensors import sensor_signals
 
 QUIET = 0.01  # of the computed peak
 LEAST_QUIET = 8  # samples that give a baseline
-CLIP = 3.5  # standard deviations off the baseline, from which on a quiet reading, or a mean of some, is none
+CLIP = 4.0  # standard deviations off the baseline, from which on a quiet reading, or a mean of some, is none
 MEANS = 200  # of quiet readings, at most, that a first line goes through
 ROUNDS = 30  # at most
 REACH = 2  # widths of a pulse around what stands out of quiet readings, in which none is quiet
@@ -235,11 +235,13 @@ def _rest(channel: _Channel, quiet: Mask, computed: Array) -> _Rest:
         running, deviation = uniform_filter1d(off, width // 2), _deviation(off, kept, channel.resolution)
         pulse = np.abs(running) > CLIP * _deviation(running, kept, deviation / float(np.sqrt(width // 2)))
         now = quiet & (np.abs(off) <= CLIP * deviation) & ~maximum_filter1d(pulse, 2 * REACH * width + 1)
-        if np.array_equal(now, kept) or now.sum() < max(LEAST_QUIET, kept.sum() / 3):
+        if now.sum() < max(LEAST_QUIET, kept.sum() / 3):  # the rest is no baseline
             break
-        kept = now
+        settled, kept = np.array_equal(now, kept), now
         if trace.baseline is None:
             level = design @ np.linalg.lstsq(design[kept], reading[kept], rcond=None)[0]
+        if settled:
+            break
     samples = int(kept.sum())
     found = float(np.sqrt(np.sum((reading - level)[kept] ** 2) / max(samples - powers, 1)))
     noise = channel.noise if channel.noise is not None else max(found, channel.resolution)

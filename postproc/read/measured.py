@@ -15,7 +15,7 @@ from drivers.base.messages import shorten
 from drivers.base.units import to_si
 from drivers.batch.axes import HEADING
 from drivers.chain.chain import Array
-from drivers.scene.model import Measured
+from drivers.scene.model import Measured, Scene
 from postproc.read.observables import PLACEHOLDERS, describe, without_unit
 
 TIME, FORCE = "s", "N"
@@ -122,6 +122,12 @@ def read_measured(
         noise=noise,
         unit=unit,
     )
+
+
+def read_traces(scene: Scene, gauges: Collection[str]) -> list[MeasuredTrace]:
+    """The traces of all entries of a scene that name a file; ``read_measured`` says what is refused."""
+    entries = [(f"measured.{place}", entry) for place, entry in enumerate(scene.measured) if entry.file]
+    return [read_measured(entry, scene.folder, gauges, scene.file, key) for key, entry in entries]
 
 
 def read_quoted(entry: Measured, names: Collection[str], where: str, key: str = "measured") -> dict[str, Quoted]:

@@ -12,14 +12,17 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.command_line import engines_again
+from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, in_order, load_engine
 from drivers.run.finished import EndedRun
 from drivers.scene.model import Scene
+from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
 from postproc.draw.product import draw_spacetime
 from postproc.draw.style import svg_of
+from postproc.read.misfit import lay_over
 from postproc.read.observables import observe
 from validation.accuracy.budget import PARTS
 from validation.compare.comparison import ComparedScene
@@ -155,6 +158,34 @@ def _cell(engine: str, own: list[Verdict], note: str, wall_s: float, cost: str =
     return Cell(engine, verdict, worst_of(own), note, own, cost, diagnosis, wall_s)
 
 
+@dataclass(frozen=True)
+class MeasuredOverlay:
+    """A scene's measured traces over computed ones: the picture, and a row for each quantity.
+
+    Attributes:
+        image: None where only values are quoted.
+        problem: why the traces cannot be laid over the computed ones, in words; empty where they can.
+    """
+
+    engine: str
+    image: Image | None
+    headings: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    problem: str = ""
+
+
+def overlay_of(case: Case, engine: str, trace: Trace) -> MeasuredOverlay:
+    """The overlay of a scene that has measured traces or quoted values, on an engine's run."""
+    scene = case.scene
+    entries = {f"measured.{place}": entry for place, entry in enumerate(scene.measured)}
+    try:
+        curves, found = lay_over(entries, scene.folder, scene.file, case.layout, trace)
+    except InputError as error:  # what is wrong with the file alone is said before anything runs
+        return MeasuredOverlay(engine, None, HEADINGS, [], str(error))
+    drawn = draw_overlay(case.layout, trace, engine, curves, found) if curves else None
+    return MeasuredOverlay(engine, image_of(svg_of(drawn.figure)) if drawn else None, HEADINGS, misfit_rows(found))
+
+
 FORCE_RANGE = 2.0  # times the largest force of the runs that finished: what is larger would flatten their curves
 
 
@@ -165,6 +196,7 @@ class SceneSection:
     Attributes:
         row: of the verdict table.
         runs: those that finished.
+        overlay: measured traces over the exact motion, or over that of the first engine; None without any.
         chart: None where there is no trace, or neither a gauge nor a second engine; ``chain``: where none finished.
         judged: of every verdict on a finished run: quantity in words, then by engine the verdict or None.
         budget: quantity, engine, the whole error and its parts, which add up to it.
@@ -178,6 +210,7 @@ class SceneSection:
     timing: str
     judged: list[tuple[str, list[Any]]]
     chart: Chart | None
+    overlay: MeasuredOverlay | None
     chain: Image | None
     departures: list[tuple[str, str]]
     budget: list[tuple[str, str, list[str]]]
@@ -215,6 +248,7 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
         timing=timing,
         judged=[(QUANTITIES.get(name, name), [own.get((name, e)) for e in engines]) for name in judged],
         chart=chart if chart and chart.panels else None,
+        overlay=overlay_of(case, shown, traces[shown]) if traces and case.scene.measured else None,
         chain=image_of(svg_of(draw_spacetime({shown: traces[shown]}).figure)) if traces else None,
         departures=_departures(scene),
         budget=sorted(budget, key=lambda line: order.index(line[0])),

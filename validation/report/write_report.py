@@ -13,8 +13,11 @@ from drivers.base.command_line import engines_again
 from drivers.base.errors import InputError, RunError
 from drivers.base.files import whole_file
 from drivers.base.progress import say, step
+from drivers.chain.case import build_case
 from drivers.engines import in_order
 from drivers.scene.read_scene import read_scene
+from postproc.read.measured import read_traces
+from postproc.read.sensors import gauges_of
 from validation.compare.asked import Asked, print_unmet
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
@@ -56,9 +59,13 @@ def report(sources: list[str], out: Path | None, runs: Path | None, asked: Asked
     page, folder = out or paths.RESULTS / "report.html", runs or paths.RUNS
     if page.suffix in (".json", ".xml"):
         raise InputError(f"--out {page}", "", page.suffix, "another ending: JSON and XML are written beside the page")
-    names = Counter(read_scene(source).name for source in sources or PAPER)
+    scenes = [read_scene(source) for source in sources or PAPER]
+    names = Counter(scene.name for scene in scenes)
     for name in (name for name, count in names.items() if count > 1):
         raise InputError("report", "", f"two scenes named {name}", "scenes of different names")
+    for scene in scenes:
+        if scene.measured:  # wrong files are named before anything runs
+            read_traces(scene, gauges_of(build_case(scene).layout))
     to_come = [name for name in STUDIES if studies and not _made(name, page.parent)]
     steps, command = 1 + len(to_come), _command(sources, out, runs, asked, studies=studies)
     with step("scenes on all engines, compared", 1, steps):

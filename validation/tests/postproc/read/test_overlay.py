@@ -1,0 +1,281 @@
+"""Measured traces laid over computed ones: triggers, baselines, pulses with their errors, what cannot be compared."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.interpolate import make_interp_spline
+
+from drivers.base.errors import InputError
+from drivers.chain.trace import FORCES, Trace
+from postproc.paper.simulate import Simulation, case_of, exact
+from postproc.read.alignment import AlignedGauge, align
+from postproc.read.measured import MeasuredTrace
+from postproc.read.misfit import Misfit, misfits, smooth
+from postproc.read.observables import observe
+from postproc.read.sensors import sensor_signals
+from validation.tests.helpers import made_up_trace
+from validation.tests.helpers.commands import command_line
+
+TRIGGER_S = 123.456e-6
+OWN = ("materials.ptfe.youngs_modulus=1.2 GPa", "contact.restitution=0.95")  # of the motion that is measured
+GAIN, BASELINE, DRIFT = 2.1, 0.3, 400.0  # N/V, V, V/s
+SEEDS = 50
+WITHIN = 2.0  # standard errors, which hold 95 of 100 normal deviates
+
+
+@pytest.fixture(scope="module")
+def base() -> Simulation:
+    return exact(case_of("fig4"))
+
+
+@pytest.fixture(scope="module")
+def other() -> Simulation:
+    return exact(case_of("fig4", *OWN))
+
+
+def measured(
+    made: Simulation,
+    noise: float = 0.0,
+    seed: int = 0,
+    interval_us: float = 1.0,
+    times_s: np.ndarray[tuple[int], np.dtype[np.float64]] | None = None,
+) -> MeasuredTrace:
+    """Readings in V of a motion, with white noise over each gauge's amplitude, an offset and a drift."""
+    end_s = float(made.trace.time_s[-1])
+    if times_s is None:
+        times_s = np.arange(0, TRIGGER_S + end_s, interval_us * 1e-6)
+    random, reading = np.random.default_rng(seed), {}
+    for gauge, signal in sensor_signals(made.case.layout, made.trace).items():
+        force_N = make_interp_spline(made.trace.time_s, signal - signal[0], k=5)(np.clip(times_s - TRIGGER_S, 0, end_s))
+        force_N = force_N + random.normal(0.0, noise * made.values[f"{gauge}_amplitude_N"], len(times_s))
+        reading[gauge] = force_N / GAIN + BASELINE + DRIFT * times_s
+    return MeasuredTrace(Path("shot.csv"), times_s, reading, gain=GAIN, drift=True, unit="V")
+
+
+def found_in(trace: MeasuredTrace, base: Simulation) -> tuple[list[AlignedGauge], dict[str, Misfit]]:
+    gauges = align([trace], base.case.layout, base.trace)
+    rows = misfits([smooth(gauge, base.trace) for gauge in gauges], base.case.layout, base.trace)
+    return gauges, {row.name: row for row in rows}
+
+
+def truth_of(made: Simulation, gauges: list[AlignedGauge]) -> dict[str, float]:
+    """Observables of the motion that was measured, with the impulses over the readings that are compared."""
+    values = observe(made.case.layout, made.trace)
+    for gauge in gauges:
+        signal = sensor_signals(made.case.layout, made.trace)[gauge.gauge]
+        force_N = make_interp_spline(made.trace.time_s, signal - signal[0], k=5)(gauge.time_s)
+        values[f"{gauge.gauge}_impulse_N_s"] = float(np.trapezoid(force_N, gauge.time_s))
+        values[f"{gauge.gauge}_baseline_V"] = BASELINE + DRIFT * TRIGGER_S
+    return values | {"trigger_s": TRIGGER_S}
+
+
+@pytest.mark.parametrize(("noise", "alike", "given"), [(0.01, False, True), (0.03, True, False), (0.05, True, True)])
+def test_measured_values_are_within_their_errors(
+    base: Simulation, other: Simulation, noise: float, alike: bool, given: bool
+) -> None:
+    """Of 50 seeds, 95 of 100 within two standard errors, and none of the quantities often beyond."""
+    made = base if alike else other
+    within: dict[str, list[bool]] = {}
+    for seed in range(SEEDS):
+        trace = measured(made, noise, seed)
+        gauges, rows = found_in(replace(trace, trigger_s=TRIGGER_S) if given else trace, base)
+        truth = truth_of(made, gauges)
+        for name, row in rows.items():
+            if name in truth and not (given and name == "trigger_s"):
+                within.setdefault(name, []).append(abs(row.measured - truth[name]) <= WITHIN * row.error)
+    assert len(within) == 17 - given
+    shares = {name: np.mean(each) for name, each in within.items()}
+    print(np.mean([*shares.values()]), shares)
+    assert np.mean([*shares.values()]) >= 0.94, shares
+    assert min(shares.values()) >= 0.8, shares
+
+
+def test_errors_are_no_larger_than_they_need_to_be(base: Simulation) -> None:
+    """At noise of 1 % peaks to half a per cent, the speed to one, the trigger to 50 ns."""
+    _, rows = found_in(measured(base, 0.01), base)
+    for name, share in (("bead_9_amplitude_N", 5e-3), ("wall_amplitude_N", 5e-3), ("speed_9_to_5_m_s", 0.01)):
+        assert rows[name].error < share * rows[name].measured, name
+    assert 0 < rows["trigger_s"].error < 5e-8
+    for gauge in ("bead_9", "bead_5", "wall"):
+        noise_N = 0.01 * base.values[f"{gauge}_amplitude_N"]
+        assert rows[f"{gauge}_residual_rms_N"].measured == pytest.approx(noise_N, rel=0.15)
+        assert rows[f"{gauge}_residual_rms_N"].error == pytest.approx(noise_N, rel=0.1)
+        assert rows[f"{gauge}_correlation"].measured > 0.998
+
+
+def test_readings_without_noise_give_the_observables_of_the_run(base: Simulation) -> None:
+    gauges, rows = found_in(measured(base), base)
+    assert rows["trigger_s"].measured == pytest.approx(TRIGGER_S, abs=1e-9)
+    for name, row in rows.items():
+        if name in base.values:
+            assert row.computed == base.values[name]
+            assert row.measured == pytest.approx(row.computed, rel=2e-3), name
+    for gauge in gauges:
+        assert np.abs(gauge.force_N - gauge.computed_N).max() < 2e-3 * gauge.computed_N.max()
+
+
+def test_what_is_given_is_taken(base: Simulation) -> None:
+    trace = replace(measured(base, 0.01), trigger_s=TRIGGER_S + 5e-6, noise=0.02, gain_uncertainty=0.1)
+    gauges, rows = found_in(trace, base)
+    assert (rows["trigger_s"].measured, rows["trigger_s"].error) == (TRIGGER_S + 5e-6, 0.0)
+    assert [gauge.noise_N for gauge in gauges] == pytest.approx([0.02 * GAIN] * 3)
+    assert rows["bead_9_arrival_s"].difference == pytest.approx(-5e-6, abs=1e-6)
+    assert rows["wall_amplitude_N"].gain_error == pytest.approx(0.1 * rows["wall_amplitude_N"].measured)
+    assert rows["wall_amplitude_N"].error > rows["wall_amplitude_N"].gain_error
+    flat = {name: reading - DRIFT * trace.time_s for name, reading in trace.reading.items()}
+    rested, _ = found_in(replace(trace, reading=flat, drift=False, baseline=BASELINE), base)
+    assert [gauge.baseline for gauge in rested] == pytest.approx([BASELINE] * 3)
+    assert not any(gauge.rest_error_N.any() for gauge in rested)
+
+
+def test_readings_may_be_irregular_few_or_many(base: Simulation) -> None:
+    end_s = TRIGGER_S + float(base.trace.time_s[-1])
+    random = np.random.default_rng(3)
+    for times_s in (
+        np.sort(random.uniform(0, end_s, 700)),
+        np.arange(0, end_s, 8e-6),
+        np.arange(0, 3 * end_s, 3e-9),
+    ):
+        gauges, rows = found_in(measured(base, 0.02, times_s=times_s), base)
+        for name in ("bead_9_amplitude_N", "bead_5_arrival_s", "wall_amplitude_N", "speed_9_to_5_m_s", "trigger_s"):
+            truth = truth_of(base, gauges)[name]
+            assert abs(rows[name].measured - truth) < 4 * rows[name].error, (name, len(times_s))
+        assert max(len(gauge.time_s) for gauge in gauges) <= 2.1 * len(base.trace.time_s)
+
+
+def test_gauges_of_one_file_have_one_trigger(base: Simulation) -> None:
+    """Each gauge in an entry of its own: as if they were in one."""
+    whole = measured(base, 0.02)
+    parts = [replace(whole, reading={name: reading}) for name, reading in whole.reading.items()]
+    together, apart = (align(traces, base.case.layout, base.trace) for traces in ([whole], parts))
+    assert [gauge.trigger_s for gauge in apart] == [gauge.trigger_s for gauge in together]
+    for one, two in zip(together, apart, strict=True):
+        assert np.array_equal(one.force_N, two.force_N)
+    with pytest.raises(InputError, match="one trigger a file"):
+        align([replace(part, trigger_s=i * 1e-6) for i, part in enumerate(parts)], base.case.layout, base.trace)
+
+
+def cut(trace: MeasuredTrace, start_s: float, stop_s: float) -> MeasuredTrace:
+    kept = (trace.time_s >= start_s) & (trace.time_s <= stop_s)
+    reading = {name: values[kept] for name, values in trace.reading.items()}
+    return replace(trace, time_s=trace.time_s[kept], reading=reading)
+
+
+@pytest.mark.parametrize(
+    ("start_us", "stop_us", "interval_us", "trigger_us", "found"),
+    [
+        (0, 900, 1, 2000, "0 readings from -2000"),
+        (0, 900, 1, -1000, "0 readings from 1000"),
+        (0, 900, 1, 890, "11 readings from -890"),
+        (0, 300, 1, 123.456, "us after the trigger"),
+        (0, 900, 60, None, "readings every 6e-05 s"),
+        (400, 900, 1, 123.456, "0 quiet readings of bead_9"),
+    ],
+)
+def test_what_cannot_be_compared_is_named(
+    base: Simulation, start_us: float, stop_us: float, interval_us: float, trigger_us: float | None, found: str
+) -> None:
+    trace = cut(measured(base, 0.01, interval_us=interval_us), start_us * 1e-6, stop_us * 1e-6)
+    if start_us:  # one gauge, in the middle of its pulse
+        trace = cut(replace(trace, reading={"bead_9": trace.reading["bead_9"]}), 430e-6, 490e-6)
+    with pytest.raises(InputError) as caught:
+        align([replace(trace, trigger_s=trigger_us and trigger_us * 1e-6)], base.case.layout, base.trace)
+    assert caught.value.args[0].endswith("shot.csv")
+    assert found in caught.value.args[2]
+    assert "\n" not in str(caught.value)
+
+
+def test_a_gauge_that_no_wave_reaches_is_named(base: Simulation) -> None:
+    still = Trace(**{**vars(base.trace), "force_N": np.zeros_like(base.trace.force_N)})
+    with pytest.raises(InputError, match="at rest in the run"):
+        align([measured(base)], base.case.layout, still)
+
+
+def test_the_example_is_what_it_says() -> None:
+    made = made_up_trace.made_up_trace()
+    lines = made_up_trace.FILE.read_text().splitlines(keepends=True)
+    assert lines[0] == made_up_trace.HEAD
+    assert lines[0].startswith("# MADE UP, no experiment")
+    pd.testing.assert_frame_equal(pd.read_csv(made_up_trace.FILE, comment="#"), made, rtol=0, atol=0.1001)
+
+
+def overlay(*words: str | Path) -> tuple[int, str, str]:
+    done = command_line("postproc", "overlay", *words)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_the_command_lays_the_example_over_the_exact_motion(tmp_path: Path) -> None:
+    code, said, wrong = overlay("example-measured", "--out", tmp_path)
+    assert (code, wrong) == (0, "")
+    table = pd.read_csv(tmp_path / "overlay-example-measured.csv")
+    rows: Mapping[tuple[str, str], pd.Series] = {(row["quantity"], row["source"]): row for _, row in table.iterrows()}
+    truth = made_up_trace.true_values()
+    source = made_up_trace.FILE.name
+    for gauge in ("bead_9", "bead_5", "wall"):
+        for name in (f"{gauge}_amplitude_N", f"{gauge}_arrival_s"):
+            row = rows[name, source]
+            assert abs(row["measured"] - truth[name]) < 3 * row["error_by_noise"], name
+            assert abs(row["difference_in_errors"]) > 2, name
+            assert name in said
+    assert rows["speed_9_to_5_m_s", "quoted"]["measured"] == 184.0
+    assert rows["speed_9_to_5_m_s", "quoted"]["standard_error"] == pytest.approx(3.68)
+    assert {path.suffix for path in tmp_path.iterdir()} == {".csv", ".png", ".svg"}
+    closer = overlay("example-measured", "--out", tmp_path, *(f"--set={each}" for each in made_up_trace.SETTINGS))
+    table = pd.read_csv(tmp_path / "overlay-example-measured.csv")
+    judged = table[table["source"] == source]["difference_in_errors"].dropna().abs()
+    assert closer[0] == 0
+    assert judged.max() < 4.0
+
+
+def test_the_command_takes_runs_and_files(tmp_path: Path) -> None:
+    runs, out = tmp_path / "runs", tmp_path / "out"
+    ran = command_line("drivers", "run", "example-measured", "--engine", "verlet", "--runs", runs)
+    folder = ran.stdout.split()[-1]
+    code, said, wrong = overlay("verlet:example-measured", "--runs", runs, "--out", out)
+    assert (code, wrong) == (0, "")
+    assert "184" in said
+    (by_name,) = out.glob("*.csv")
+    own = Path(folder) / "sensors.csv"  # as if measured: no noise, no offset
+    assert (Path(folder) / FORCES).is_file()
+    code, said, wrong = overlay(folder, "--measured", own, "--out", tmp_path / "own")
+    assert (code, wrong) == (0, "")
+    table = pd.read_csv(next((tmp_path / "own").glob("*.csv"))).set_index("quantity")
+    assert abs(table.loc["wall_amplitude_N", "difference"]) < 1e-3 * table.loc["wall_amplitude_N", "computed"]
+    assert by_name.name == next((tmp_path / "own").glob("*.csv")).name
+    code, said, wrong = overlay("example-measured", "--measured", made_up_trace.FILE, "--out", tmp_path / "again")
+    assert (code, wrong) == (0, "")
+    assert "quoted" not in said
+    assert "bead_9_baseline_V" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("fig4",), "fig4: measured: found nothing; allowed: a [[measured]] table"),
+        (("fig4", "--measured", "none.csv"), "no such file"),
+        (("fig4", "--measured", made_up_trace.FILE), "measured.gauges: found headings"),
+        (("example-measured", "--set", "measured.0.gain=2 V/N"), "measured.0.gain: found"),
+        (("example-measured", "--set", "measured.0.trigger=9 ms"), "triggers"),
+        (("fig4-tube", "--set", "measured=[{file='x.csv'}]"), "allowed: an engine that models it"),
+        (("verlet:example-measured", "--set", "chain.count=9"), "settings for a run"),
+        (("nonsense",), "no such scene"),
+    ],
+)
+def test_the_command_names_what_is_wrong(tmp_path: Path, words: tuple[str | Path, ...], told: str) -> None:
+    code, said, wrong = overlay(*words, "--out", tmp_path)
+    assert (code, said) == (2, "")
+    assert told in wrong
+    assert len(wrong.splitlines()) == 1
+
+
+def test_quoted_values_alone_need_no_file(tmp_path: Path) -> None:
+    """They make a table and no picture."""
+    entry = "measured=[{values={bead_9_amplitude='2 N'}, errors={bead_9_amplitude=0.18}}]"
+    code, said, wrong = overlay("fig4", "--set", entry, "--out", tmp_path)
+    assert (code, wrong) == (0, "")
+    assert said.splitlines()[1].split() == ["bead_9_amplitude_N", "quoted", "2", "0.36", "5.3272", "-3.33", "-9.2"]
+    assert not [*tmp_path.iterdir()]
