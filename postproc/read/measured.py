@@ -3,7 +3,7 @@
 import csv
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -128,6 +128,19 @@ def read_traces(scene: Scene, gauges: Collection[str]) -> list[MeasuredTrace]:
     """The traces of all entries of a scene that name a file; ``read_measured`` says what is refused."""
     entries = [(f"measured.{place}", entry) for place, entry in enumerate(scene.measured) if entry.file]
     return [read_measured(entry, scene.folder, gauges, scene.file, key) for key, entry in entries]
+
+
+def averaged(trace: MeasuredTrace, step_s: float) -> MeasuredTrace:
+    """The trace with the means of blocks, where there are more than two readings in a time; noise is that of a mean."""
+    block = max(1, int(step_s / 2 / float(np.median(np.diff(trace.time_s)))))
+    whole = len(trace.time_s) // block * block
+
+    def means(values: Array) -> Array:
+        return np.asarray(values[:whole].reshape(-1, block).mean(axis=1))
+
+    reading = {gauge: means(values) for gauge, values in trace.reading.items()}
+    noise = None if trace.noise is None else trace.noise / block**0.5
+    return replace(trace, time_s=means(trace.time_s), reading=reading, noise=noise)
 
 
 def read_quoted(entry: Measured, names: Collection[str], where: str, key: str = "measured") -> dict[str, Quoted]:

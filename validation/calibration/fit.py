@@ -1,15 +1,17 @@
 """Least squares: the parameters at which predictions come nearest to the data, from several starts."""
 
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil, log2
 
 import numpy as np
 
+from drivers.base.errors import InputError
 from drivers.chain.chain import Array
+from postproc.read.alignment import align
 from validation.calibration.free import TRIGGER
 from validation.calibration.problem import Problem, jacobian, of_motion, own_values, residual, simulated
-from validation.calibration.records import trigger_of
 
 SCREENED, POLISHED = 32, 3  # places all over the ranges that are looked at, and the best of them that are followed
 ROUGH, FINE = 1e-3, 1e-8  # relative change of chi-square, or of the coordinates, at which a descent ends
@@ -75,17 +77,18 @@ def fit(problem: Problem) -> Fit:
 
 
 def aligned(problem: Problem, place: Array) -> Array:
-    """A place with the triggers at which the motion there is most like the traces."""
+    """A place with the triggers at which the motion there is most like the traces; as it is where none can be found."""
     moved = place.copy()
     for data in problem.sets:
-        simulation = simulated(data, of_motion(own_values(problem, data, place)))
+        simulation = simulated(data, of_motion(own_values(problem, data, place))) if data.records else None
         if simulation is None:
             continue
         for record in data.records:
             for index, free in enumerate(problem.free):
                 if (free.own, free.key) == (data.name, f"{record.key}.{TRIGGER}"):
-                    trigger_s = trigger_of(record.measured, simulation)
-                    moved[index] = min(max(free.coordinate(trigger_s), 0.0), 1.0)
+                    with suppress(InputError):
+                        gauges = align([record.measured], simulation.case.layout, simulation.trace)
+                        moved[index] = min(max(free.coordinate(gauges[0].trigger_s), 0.0), 1.0)
     return moved
 
 

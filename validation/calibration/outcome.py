@@ -13,6 +13,7 @@ from validation.calibration.free import Free
 from validation.calibration.problem import Problem
 
 ALIKE = 0.5  # correlation of neighbouring residuals, from which on they are no noise
+NOISE = 0.1  # relative: twice the standard error of a noise by a hundred quiet readings or so
 UNLIKELY = 0.01  # probability of a chi-square, below which the model does not explain the data
 
 
@@ -33,9 +34,18 @@ class Outcome:
     @property
     def probability(self) -> float:
         """Probability of a chi-square as large by chance; NaN without degrees of freedom."""
+        return self._probability(self.fit.chi_square)
+
+    @property
+    def explained(self) -> bool:
+        """Whether chance may leave what the model does; noise that was found in traces is known to ``NOISE`` only."""
+        found = any(record.found for data in self.fit.problem.sets for record in data.records)
+        return not self._probability(self.fit.chi_square / ((1 + NOISE) ** 2 if found else 1.0)) < UNLIKELY
+
+    def _probability(self, chi_square: float) -> float:
         from scipy.stats import chi2
 
-        return float(chi2.sf(self.fit.chi_square, self.fit.freedom)) if self.fit.freedom > 0 else float("nan")
+        return float(chi2.sf(chi_square, self.fit.freedom)) if self.fit.freedom > 0 else float("nan")
 
     def error(self, label: str) -> float:
         """Standard error of a parameter; inf where the data do not tell it."""
@@ -48,7 +58,7 @@ class Outcome:
         chance = f", probability {self.probability:.2g}" if found.freedom > 0 else ""
         counted = f"{found.freedom} degrees of freedom{chance}" if found.freedom >= 0 else "fewer data than parameters"
         yield f"chi-square {found.chi_square:.3g} with {counted}"
-        if self.probability < UNLIKELY:
+        if not self.explained:
             times = np.sqrt(found.chi_square / found.freedom)
             yield f"the model does not explain the data; errors would be {times:.2g} times as large by their scatter"
         for datum in found.problem.data:

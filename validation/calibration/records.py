@@ -1,7 +1,6 @@
-"""Measured traces in a fit: residuals of each gauge, base lines projected out, and where a trace begins."""
+"""Measured traces in a fit: residuals of each gauge, base lines projected out."""
 
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +9,12 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.chain import Array
 from postproc.paper.simulate import Simulation
-from postproc.read.measured import MeasuredTrace
+from postproc.read.alignment import align
+from postproc.read.measured import MeasuredTrace, averaged
 from postproc.read.sensors import sensor_signals
 
 LEEWAY = 0.5  # of the run's length, by which a trigger that is found may move either way; motions are that much longer
 LENGTHS = 0.75, 1.5  # of the run's, that a trace may have after the impact
-CLIPPED = 4.0  # standard deviations, from which on a difference is taken for signal
-DIGITS = 12**-0.5  # standard deviation of rounding over the last digit's step
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,42 +41,33 @@ class Record:
         return (self.measured.baseline is None) + self.measured.drift
 
     @property
+    def found(self) -> bool:
+        """Whether its noise was found, not given."""
+        return self.measured.noise is None
+
+    @property
     def rows(self) -> int:
         """Readings of each gauge that are compared."""
         return int(self.counts.sum())
 
 
 def record_of(key: str, measured: MeasuredTrace, simulation: Simulation) -> Record:
-    """A trace as data of the run that ``simulation`` is.
+    """A trace as data of the run that ``simulation`` is, aligned with it.
 
     Raises:
-        InputError: after the impact it is much shorter or longer than the run.
+        InputError: after the impact it is much shorter or longer than the run, or it cannot be aligned.
     """
-    duration_s, time = float(simulation.trace.time_s[-1]), measured.time_s
-    found = measured.trigger_s is None
-    trigger_s = trigger_of(measured, simulation) if measured.trigger_s is None else measured.trigger_s
-    seen_s = float(time[-1]) - trigger_s
+    trace = simulation.trace
+    duration_s, coarse = float(trace.time_s[-1]), averaged(measured, float(trace.time_s[1]))
+    gauges = align([coarse], simulation.case.layout, trace)
+    trigger_s, how = gauges[0].trigger_s, "given" if measured.trigger_s is not None else "found"
+    seen_s = float(measured.time_s[-1]) - trigger_s
     if not LENGTHS[0] * duration_s <= seen_s <= LENGTHS[1] * duration_s:
-        how = "found" if found else "given"
         told = f"{max(seen_s, 0.0) * 1e6:.4g} us after an impact {how} at {trigger_s * 1e6:.4g} us"
         allowed = f"{LENGTHS[0]:g} to {LENGTHS[1]:g} of the run's {duration_s * 1e6:.4g} us (run.duration)"
         raise InputError(paths.shown(measured.file), "time", told, allowed)
-    counts = time <= trigger_s + duration_s
-    noise = {gauge: measured.noise or noise_of(values) for gauge, values in measured.reading.items()}
-    return Record(key, measured, trigger_s, LEEWAY * duration_s, noise, counts)
-
-
-def noise_of(reading: Array) -> float:
-    """Standard deviation of a reading's noise, from fourth differences, which a slow signal leaves out.
-
-    Steep places are clipped; where noise is finer than the last digit, it is the rounding of that.
-    """
-    from scipy.stats import sigmaclip
-
-    steps = np.abs(np.diff(reading))
-    kept = np.asarray(sigmaclip(np.diff(reading, 4), CLIPPED, CLIPPED).clipped)
-    rounding = DIGITS * float(steps[steps > 0].min(initial=np.inf))
-    return max(float(np.std(kept)) / float(np.sqrt(comb(8, 4))), rounding)
+    noise = {each.gauge: each.noise_N / abs(measured.gain) for each in gauges}
+    return Record(key, coarse, trigger_s, LEEWAY * duration_s, noise, coarse.time_s <= trigger_s + duration_s)
 
 
 def residual_of(record: Record, gauge: str, simulation: Simulation, gain: float, trigger_s: float) -> Array:
@@ -101,20 +90,3 @@ def residual_of(record: Record, gauge: str, simulation: Simulation, gain: float,
     span = np.linspace(-1.0, 1.0, len(off))
     basis, _ = np.linalg.qr(np.column_stack([span**power for power in powers]))
     return np.asarray(off - basis @ (basis.T @ off))
-
-
-def trigger_of(measured: MeasuredTrace, simulation: Simulation) -> float:
-    """Time in the file at which the impact is, in s, by the largest correlation of all gauges with computed ones."""
-    from scipy.signal import correlate
-
-    trace = simulation.trace
-    spacing = float(trace.time_s[1] - trace.time_s[0])
-    grid = np.arange(measured.time_s[0], measured.time_s[-1], spacing)
-    signals, total = sensor_signals(simulation.case.layout, trace), np.zeros(0)
-    for gauge, values in measured.reading.items():
-        reading = np.interp(grid, measured.time_s, values) * np.sign(measured.gain)
-        computed = signals[gauge] - signals[gauge][0]
-        scale = float(np.std(reading) * np.std(computed)) or 1.0
-        likeness = correlate(reading - np.median(reading), computed, mode="full", method="fft") / scale
-        total = likeness if not total.size else total + likeness
-    return float(grid[0] + spacing * (int(np.argmax(total)) - (len(trace.time_s) - 1)))

@@ -1,6 +1,7 @@
 """Fits: parameters of made-up data are found, with errors; what data cannot tell is said, wrong data are refused."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.scene.read_scene import read_scene
 from postproc.paper.simulate import case_of, exact
+from postproc.read.measured import averaged
 from postproc.read.sensors import sensor_signals
 from validation.calibration.certainty import RISES, Certainty, predictions, profile
 from validation.calibration.data_sets import DataSet, Number, paper_data, scene_data
@@ -18,7 +20,6 @@ from validation.calibration.fit_command import Wanted, write_fitted
 from validation.calibration.free import Free, free_parameter
 from validation.calibration.outcome import interval_in_words, solve, value_in_words
 from validation.calibration.problem import Problem, jacobian, own_values, pose, predicted, residual
-from validation.calibration.records import noise_of
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.scenes import SceneWriter
 
@@ -90,7 +91,8 @@ def test_a_trace_gives_its_parameters_back(tmp_path: Path) -> None:
         value = next(value for label, value in outcome.fit.values.items() if label.endswith(key))
         assert abs(value - true) < 3 * found[key], key
     assert found[MODULUS] < 3e-3 * TRUE[MODULUS]
-    assert 0.01 < outcome.probability < 0.99
+    assert outcome.explained
+    assert outcome.fit.chi_square == pytest.approx(outcome.fit.freedom, rel=0.2)
     low, high = outcome.profiles[MODULUS].interval(RISES["95 %"])
     assert (high - low) / 2 == pytest.approx(1.96 * found[MODULUS], rel=0.05)
 
@@ -173,11 +175,12 @@ def test_a_fit_at_a_minimum_is_that_fit() -> None:
     assert fitted_at(problem, found.place).chi_square == found.chi_square < 1e-12
 
 
-def test_noise_is_that_of_the_readings_whatever_the_signal() -> None:
-    random, time = np.random.default_rng(1), np.linspace(0, 1, 4000)
-    signal = 5 * np.exp(-(((time - 0.5) / 0.02) ** 2))
-    assert noise_of(signal + random.normal(0, 0.05, 4000)) == pytest.approx(0.05, rel=0.05)
-    assert noise_of(np.round(signal, 1)) == pytest.approx(0.1 / 12**0.5, rel=0.3)
+def test_finer_readings_are_averaged_with_their_noise(tmp_path: Path) -> None:
+    fine = replace(scene_data("fig4", (), made_up(tmp_path / "trace.csv")).records[0].measured, noise=0.4)
+    coarse = averaged(fine, 16.1e-6)
+    assert len(coarse.time_s) == len(fine.time_s) // 8
+    assert coarse.noise == pytest.approx(0.4 / 8**0.5)
+    assert coarse.reading["wall"][3] == pytest.approx(fine.reading["wall"][24:32].mean())
 
 
 def test_values_are_told_with_the_digits_that_their_errors_leave() -> None:
