@@ -135,8 +135,8 @@ def plain_variants(model: Model, engine: str) -> Iterator[Variant]:
     for ahead, place in ((0.5, "ahead"), (-0.5, "behind")):
         words = f"velocities that start half a step {place}, as symplectic Euler has them"
         yield _plain(model, "velocity shift", f"{words}; a step is {number(dt * 1e6)} us", ahead=ahead)
-    if chain.damping_ratio:
-        yield _plain(model, "damping", "contacts that lose no energy", damping_ratio=0.0)
+    if chain.damped:
+        yield _plain(model, "damping", "contacts that lose no energy", damping_ratio=0.0, gamma=0.0, alpha=0.0)
     for other in sorted({every * 2, every * 10} | {every // n for n in (2, 10) if every % n == 0}):
         step = dt * every / other
         words = f"a time step of {number(step * 1e6)} us (the scene has {number(dt * 1e6)})"
@@ -204,7 +204,9 @@ def families(model: Model, engine: str) -> Iterator[Variant]:
             told = f"a coefficientRestitution of {number(restitution_with_attraction(ratio))}"
             return f"contacts of damping ratio {number(ratio)}, {law} (the scene has {number(own)}; {told})"
 
-        return Variant("damping", words, lambda t: model.having(damping_ratio=t, attraction=pulls), RATIOS)
+        return Variant(
+            "damping", words, lambda t: model.having(damping_ratio=t, gamma=0.0, alpha=0.0, attraction=pulls), RATIOS
+        )
 
     if chain.wall:
         yield Variant(

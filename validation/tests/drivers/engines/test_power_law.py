@@ -193,14 +193,18 @@ def random_limits(numbers: range) -> list[float]:
         alpha, chain = float(draw.choice([1, 1.1, 1.25, 1.5, 1.75, 2, 2.5, 3])), case.chain
         speed = np.abs(chain.velocity_m_s).max()
         impact_N = (1.25 * chain.reduced_mass_kg.min() * speed**2) ** 0.6 * chain.stiffness.max() ** 0.4
-        gamma = float(impact_N * 10 ** draw.uniform(-3, 1) / speed**alpha)
+        gamma = float(impact_N * 10 ** draw.uniform(-3, 0.3) / speed**alpha)
         subjects.append(Subject(RANDOM, case.scene.name, replace(case, chain=replace(chain, gamma=gamma, alpha=alpha))))
     return [limit.ratio for limit in measure_limits(subjects, ())]
 
 
-@pytest.mark.parametrize("numbers", [range(30), pytest.param(range(30, 300), marks=pytest.mark.long)])
+MORE = [pytest.param(range(first, first + 60), marks=pytest.mark.long) for first in (30, 90, 150)]
+
+
+@pytest.mark.parametrize("numbers", [range(30), *MORE])
 def test_no_random_scene_blows_up_below_the_limit_predicted(numbers: range) -> None:
     ratios = np.array(random_limits(numbers))
+    print(f"{np.isfinite(ratios).mean():.2f} of {ratios.size} blow up, from {np.nanmin(ratios):.4f} of the limit on")
     assert np.isfinite(ratios).mean() > 0.5  # others end well at all steps tried: what is damped much cannot gain
     assert np.nanmin(ratios) >= 1
     assert np.nanquantile(ratios, 0.2) <= 1.25
