@@ -1,8 +1,8 @@
 """Measured traces laid over computed ones: triggers, baselines, pulses with their errors, what cannot be compared."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -73,25 +73,23 @@ def truth_of(made: Simulation, gauges: list[AlignedGauge]) -> dict[str, float]:
     return values | {"trigger_s": TRIGGER_S}
 
 
-@pytest.mark.parametrize(("noise", "alike", "given"), [(0.01, False, True), (0.03, True, False), (0.05, True, True)])
-def test_measured_values_are_within_their_errors(
-    base: Simulation, other: Simulation, noise: float, alike: bool, given: bool
-) -> None:
-    """Of 50 seeds, 95 of 100 within two standard errors, and none of the quantities often beyond."""
-    made = base if alike else other
+@pytest.mark.long
+def test_measured_values_are_within_their_errors(base: Simulation, other: Simulation) -> None:
+    """Of 50 seeds each at 1, 3 and 5 %, 95 of 100 within two standard errors, and no quantity often beyond."""
     within: dict[str, list[bool]] = {}
-    for seed in range(SEEDS):
-        trace = measured(made, noise, seed)
-        gauges, rows = found_in(replace(trace, trigger_s=TRIGGER_S) if given else trace, base)
-        truth = truth_of(made, gauges)
-        for name, row in rows.items():
-            if name in truth and not (given and name == "trigger_s"):
-                within.setdefault(name, []).append(abs(row.measured - truth[name]) <= WITHIN * row.error)
-    assert len(within) == 17 - given
+    for made, noise, given in ((other, 0.01, True), (base, 0.03, False), (base, 0.05, True)):
+        for seed in range(SEEDS):
+            trace = measured(made, noise, seed)
+            gauges, rows = found_in(replace(trace, trigger_s=TRIGGER_S) if given else trace, base)
+            truth = truth_of(made, gauges)
+            for name, row in rows.items():
+                if name in truth and row.error > 0:
+                    within.setdefault(name, []).append(abs(row.measured - truth[name]) <= WITHIN * row.error)
+    assert len(within) == 17
+    assert {len(each) for each in within.values()} == {SEEDS, 3 * SEEDS}
     shares = {name: np.mean(each) for name, each in within.items()}
-    print(np.mean([*shares.values()]), shares)
-    assert np.mean([*shares.values()]) >= 0.94, shares
-    assert min(shares.values()) >= 0.8, shares
+    assert np.mean([np.mean(each) for each in within.values()]) >= 0.95, shares
+    assert min(shares.values()) >= 0.88, shares
 
 
 def test_errors_are_no_larger_than_they_need_to_be(base: Simulation) -> None:
@@ -208,11 +206,16 @@ def overlay(*words: str | Path) -> tuple[int, str, str]:
     return done.returncode, done.stdout, done.stderr
 
 
+def rows_of(path: Path) -> dict[tuple[str, str], dict[str, Any]]:
+    """Rows of a table of misfits by quantity and source."""
+    rows: list[dict[Any, Any]] = pd.read_csv(path).to_dict("records")
+    return {(row["quantity"], row["source"]): row for row in rows}
+
+
 def test_the_command_lays_the_example_over_the_exact_motion(tmp_path: Path) -> None:
     code, said, wrong = overlay("example-measured", "--out", tmp_path)
     assert (code, wrong) == (0, "")
-    table = pd.read_csv(tmp_path / "overlay-example-measured.csv")
-    rows: Mapping[tuple[str, str], pd.Series] = {(row["quantity"], row["source"]): row for _, row in table.iterrows()}
+    rows = rows_of(tmp_path / "overlay-example-measured.csv")
     truth = made_up_trace.true_values()
     source = made_up_trace.FILE.name
     for gauge in ("bead_9", "bead_5", "wall"):
@@ -225,10 +228,11 @@ def test_the_command_lays_the_example_over_the_exact_motion(tmp_path: Path) -> N
     assert rows["speed_9_to_5_m_s", "quoted"]["standard_error"] == pytest.approx(3.68)
     assert {path.suffix for path in tmp_path.iterdir()} == {".csv", ".png", ".svg"}
     closer = overlay("example-measured", "--out", tmp_path, *(f"--set={each}" for each in made_up_trace.SETTINGS))
-    table = pd.read_csv(tmp_path / "overlay-example-measured.csv")
-    judged = table[table["source"] == source]["difference_in_errors"].dropna().abs()
     assert closer[0] == 0
-    assert judged.max() < 4.0
+    now = rows_of(tmp_path / "overlay-example-measured.csv")
+    judged = [row["difference_in_errors"] for (_, origin), row in now.items() if origin == source]
+    assert np.nanmax(np.abs(judged)) < 4.0
+    assert np.isfinite(judged).sum() == 13
 
 
 def test_the_command_takes_runs_and_files(tmp_path: Path) -> None:
@@ -243,8 +247,8 @@ def test_the_command_takes_runs_and_files(tmp_path: Path) -> None:
     assert (Path(folder) / FORCES).is_file()
     code, said, wrong = overlay(folder, "--measured", own, "--out", tmp_path / "own")
     assert (code, wrong) == (0, "")
-    table = pd.read_csv(next((tmp_path / "own").glob("*.csv"))).set_index("quantity")
-    assert abs(table.loc["wall_amplitude_N", "difference"]) < 1e-3 * table.loc["wall_amplitude_N", "computed"]
+    peak = rows_of(next((tmp_path / "own").glob("*.csv")))["wall_amplitude_N", own.name]
+    assert abs(peak["difference"]) < 1e-3 * peak["computed"]
     assert by_name.name == next((tmp_path / "own").glob("*.csv")).name
     code, said, wrong = overlay("example-measured", "--measured", made_up_trace.FILE, "--out", tmp_path / "again")
     assert (code, wrong) == (0, "")
