@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import cache
 from math import nan
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import Annotated
 
 from pydantic import Field
@@ -135,14 +135,19 @@ def fit_all(*, quick: bool = False) -> Rows:
     found: dict[int, Rows] = {}
     context = get_context("forkserver")
     context.set_forkserver_preload(["drivers.base.ends_with_parent", __name__])
-    with (
-        ProcessPoolExecutor(min(len(jobs), os.cpu_count() or 1), context) as pool,
-        counted("fits", len(jobs), "fit") as count,
-    ):
-        places = {pool.submit(fit_one, *jobs[place]): place for place in by_length}
-        for future in as_completed(places):
-            found[places[future]] = future.result()
-            count()
+    pool = ProcessPoolExecutor(min(len(jobs), os.cpu_count() or 1), context)
+    try:
+        with counted("fits", len(jobs), "fit") as count:
+            places = {pool.submit(fit_one, *jobs[place]): place for place in by_length}
+            for future in as_completed(places):
+                found[places[future]] = future.result()
+                count()
+    except BaseException:
+        for process in active_children():  # else an interrupt waits for fits that are under way
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
     parts = zip(*(found[place] for place in range(len(jobs))), strict=True)
     parameters, data, points, remarks = ([row for rows in part for row in rows] for part in parts)
     return parameters, data, points, remarks
