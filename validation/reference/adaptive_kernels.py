@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import copy
-from validation.reference.dop853 import ROWS, Bodies, error, evaluate_dense, prepare_dense, slope, step, step_factor
+from validation.reference.dop853 import COMPILED, ROWS, Bodies, error, evaluate_dense, prepare_dense, slope, step, step_factor
 from validation.reference.hertz_chain import Array
 
 DENSE_LIMIT = 1e-9  # local tolerance below which samples of damped contacts are stepped to: their forces rise steeply
@@ -16,12 +16,12 @@ MAX_TRIES = 12  # of Newton's method for the time of an event
 MAX_REJECTED = 200  # in a row
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**COMPILED, forceinline=True)
 def _raised(s: float, power: float) -> float:
     return s * s * s * s if power == 4.0 else s * s
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**COMPILED, forceinline=True)
 def _root(elapsed: float, power: float) -> float:
     root = sqrt(max(elapsed, 0.0))
     return sqrt(root) if power == 4.0 else root
@@ -35,12 +35,23 @@ def follow(
 
     Local errors of each step stay below ``tolerance`` times ``scale``, shape (2 bodies,).
     """
-    size = start.size  # arrays are made here, where they are known to be apart: loops over them are faster
+    size = start.size
     state, end, work = np.zeros((3, size)), np.zeros((3, size)), np.zeros((3, size))
     slopes, spare, dense = np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
     samples = np.empty((times.size, size))
     copy(start, samples[0])
     copy(start, state[0])
+    return samples, _fill(
+        samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step
+    )
+
+
+@njit(**COMPILED)
+def _fill(
+    samples: Array, state: Array, end: Array, work: Array, slopes: Array, spare: Array, dense: Array, times: Array,
+    bodies: Bodies, tolerance: float, scale: Array, first_step: float,
+) -> bool:  # fmt: skip
+    """Fills all samples but the first, which is the state; whether it got to the end."""
     power = 4.0 if bodies[2].size else 2.0
     dense_enough = power == 2.0 or tolerance >= DENSE_LIMIT
     slope(state[0], 1.0, state[2], bodies)
@@ -50,7 +61,7 @@ def follow(
 
     while sample < times.size:
         if rejected > MAX_REJECTED:
-            return samples, False
+            return False
         elapsed, final = _raised(s, power), (times[-1] - event) - rest
         s_end = min(s + h, _root(final, power))
         target = final if s_end < s + h else _raised(s_end, power)
@@ -100,10 +111,10 @@ def follow(
         last = contact
         for row in range(len(state)):
             copy(end[row], state[row])
-    return samples, True
+    return True
 
 
-@njit(error_model="numpy")
+@njit(**COMPILED)
 def _first_event(start: Array, end: Array, bodies: Bodies, scale: Array, last: int, known: int) -> tuple[int, float]:
     """The contact that opens, closes or lets go first in a step, by linear interpolation, and where; -1: none does."""
     _, stiffness, damping, _ = bodies
@@ -125,20 +136,20 @@ def _first_event(start: Array, end: Array, bodies: Bodies, scale: Array, last: i
     return first, where
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**COMPILED, forceinline=True)
 def _closing(state: Array, contact: int) -> float:
     velocity = state[state.size // 2 :]
     return float((velocity[contact - 1] if contact > 0 else 0.0) - velocity[contact])
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(**COMPILED, forceinline=True)
 def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float:
     """``k d^(5/4) + C d'``: below 0 a closed contact that loses energy has let go."""
     overlap = max(state[contact], 0.0)
     return float(stiffness * overlap * sqrt(sqrt(overlap)) + damping * _closing(state, contact))
 
 
-@njit(error_model="numpy")
+@njit(**COMPILED)
 def _step_to_event(
     state: Array, s: float, power: float, guess: float, contact: int, slopes: Array, end: Array, bodies: Bodies
 ) -> tuple[float, float, float, float]:
