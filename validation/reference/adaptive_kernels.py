@@ -7,7 +7,17 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import copy
-from validation.reference.dop853 import COMPILED, ROWS, Bodies, error, evaluate_dense, prepare_dense, slope, step, step_factor
+from validation.reference.dop853 import (
+    COMPILED,
+    ROWS,
+    Bodies,
+    error,
+    evaluate_dense,
+    prepare_dense,
+    slope,
+    step,
+    step_factor,
+)
 from validation.reference.hertz_chain import Array
 
 DENSE_LIMIT = 1e-9  # local tolerance below which samples of damped contacts are stepped to: their forces rise steeply
@@ -41,9 +51,7 @@ def follow(
     samples = np.empty((times.size, size))
     copy(start, samples[0])
     copy(start, state[0])
-    return samples, _fill(
-        samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step
-    )
+    return samples, _fill(samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step)
 
 
 @njit(**COMPILED)
