@@ -8,7 +8,6 @@ from numba import njit
 
 from validation.reference.contact_kernels import copy
 from validation.reference.dop853 import (
-    COMPILED,
     ROWS,
     Bodies,
     error,
@@ -17,6 +16,7 @@ from validation.reference.dop853 import (
     slope,
     step,
     step_factor,
+    uncounted,
 )
 from validation.reference.hertz_chain import Array
 
@@ -26,12 +26,12 @@ MAX_TRIES = 12  # of Newton's method for the time of an event
 MAX_REJECTED = 200  # in a row
 
 
-@njit(**COMPILED, forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _raised(s: float, power: float) -> float:
     return s * s * s * s if power == 4.0 else s * s
 
 
-@njit(**COMPILED, forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _root(elapsed: float, power: float) -> float:
     root = sqrt(max(elapsed, 0.0))
     return sqrt(root) if power == 4.0 else root
@@ -54,7 +54,7 @@ def follow(
     return samples, _fill(samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step)
 
 
-@njit(**COMPILED)
+@uncounted
 def _fill(
     samples: Array, state: Array, end: Array, work: Array, slopes: Array, spare: Array, dense: Array, times: Array,
     bodies: Bodies, tolerance: float, scale: Array, first_step: float,
@@ -122,7 +122,7 @@ def _fill(
     return True
 
 
-@njit(**COMPILED)
+@uncounted
 def _first_event(start: Array, end: Array, bodies: Bodies, scale: Array, last: int, known: int) -> tuple[int, float]:
     """The contact that opens, closes or lets go first in a step, by linear interpolation, and where; -1: none does."""
     _, stiffness, damping, _ = bodies
@@ -144,20 +144,20 @@ def _first_event(start: Array, end: Array, bodies: Bodies, scale: Array, last: i
     return first, where
 
 
-@njit(**COMPILED, forceinline=True)
+@uncounted
 def _closing(state: Array, contact: int) -> float:
     velocity = state[state.size // 2 :]
     return float((velocity[contact - 1] if contact > 0 else 0.0) - velocity[contact])
 
 
-@njit(**COMPILED, forceinline=True)
+@uncounted
 def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float:
     """``k d^(5/4) + C d'``: below 0 a closed contact that loses energy has let go."""
     overlap = max(state[contact], 0.0)
     return float(stiffness * overlap * sqrt(sqrt(overlap)) + damping * _closing(state, contact))
 
 
-@njit(**COMPILED)
+@uncounted
 def _step_to_event(
     state: Array, s: float, power: float, guess: float, contact: int, slopes: Array, end: Array, bodies: Bodies
 ) -> tuple[float, float, float, float]:

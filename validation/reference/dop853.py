@@ -10,8 +10,9 @@ Rows of a state: overlaps, then velocities; what rounding has left out of them (
 Coefficients are scipy's.
 """
 
+from collections.abc import Callable
 from math import sqrt
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit
@@ -23,23 +24,30 @@ from validation.reference.hertz_chain import Array
 STAGES = 12
 ROWS = 16  # stages, the slope at the end, and three more for dense output
 C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
-# formulas, by what they weigh slopes for: each stage, the end of the step, each stage of dense output; errors; the latter
+# formulas by what they give: each stage, the end of the step, stages of dense output, two errors, dense output
 END, FIFTH, THIRD, DENSE = STAGES, ROWS, ROWS + 1, ROWS + 2
 FORMULAS = np.zeros((DENSE + 4, ROWS))
 FORMULAS[:STAGES, :STAGES], FORMULAS[END, :STAGES], FORMULAS[STAGES + 1 : ROWS] = DOP853.A, DOP853.B, DOP853.A_EXTRA
 FORMULAS[FIFTH, : STAGES + 1], FORMULAS[THIRD, : STAGES + 1], FORMULAS[DENSE:] = DOP853.E5, DOP853.E3, DOP853.D
-# of each the rows that count, first; the rest are zeros
+# of each formula: weights that are not 0, first; their slopes (those of others may not be finite); how many they are
 TERMS = np.argsort(FORMULAS == 0, axis=1, kind="stable")
 WEIGHTS = np.take_along_axis(FORMULAS, TERMS, axis=1)
+TERMS[WEIGHTS == 0] = 0
 COUNTS = np.count_nonzero(FORMULAS, axis=1)
 ROUNDING = 0.5**53  # of a double
-# references to arrays are not counted here, which took half of the time: whoever calls keeps the arrays
-COMPILED: dict[str, Any] = {"_nrt": False, "error_model": "numpy"}
 # inverse masses, stiffness, damping (empty of an elastic chain), acceleration by the loads alone
 Bodies = tuple[Array, Array, Array, Array]
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
-@njit(**COMPILED)
+def uncounted(kernel: Kernel) -> Kernel:
+    """Compiles a function that makes no array, without reference counts: they take half of a small chain's time."""
+    options: dict[str, Any] = {"_nrt": False, "error_model": "numpy"}  # numba's stubs do not have the first
+    compiled: Kernel = njit(**options)(kernel)
+    return compiled
+
+
+@uncounted
 def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     """Writes ``stretch * dy/dt`` to ``result``; each of its loops compiles to vector instructions."""
     inverse_mass, stiffness, damping, acceleration = bodies
@@ -61,13 +69,13 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
         closing[j] *= stretch
 
 
-@njit(**COMPILED, forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def _stretch(s: float, power: float) -> float:
     """``dt/ds``."""
     return 4.0 * s * s * s if power == 4.0 else power * s
 
 
-@njit(**COMPILED)
+@uncounted
 def weigh(formula: int, h: float, slopes: Array, result: Array) -> None:
     """Writes ``h * FORMULAS[formula] @ slopes`` to ``result``, four rows at a time."""
     row, weight = TERMS[formula], WEIGHTS[formula]
@@ -80,7 +88,7 @@ def weigh(formula: int, h: float, slopes: Array, result: Array) -> None:
             result[i] = result[i] + a * one[i] + b * two[i] + c * three[i] + d * four[i]
 
 
-@njit(**COMPILED)
+@uncounted
 def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Array, bodies: Bodies) -> None:
     """One step from s to s + h; writes values and what rounding left out of them, and fills the stages."""
     start, result = state[0], end[0]
@@ -100,7 +108,7 @@ def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Arr
         end[1, i] = (start[i] - (result[i] - kept)) + (change - kept)
 
 
-@njit(**COMPILED)
+@uncounted
 def error(
     end: Array, s_end: float, h: float, power: float, slopes: Array, scale: Array, tolerance: float, work: Array,
     bodies: Bodies,
@@ -135,7 +143,7 @@ def error(
     return largest / tolerance
 
 
-@njit(**COMPILED)
+@uncounted
 def step_factor(error: float) -> float:
     """Next step over this one, by this one's error over the tolerance: below 1 where it is to be repeated."""
     if not error < 1e300:
@@ -145,7 +153,7 @@ def step_factor(error: float) -> float:
     return float(min(6.0, max(0.333, 0.9 * error**-0.125))) if error > 0.0 else 6.0
 
 
-@njit(**COMPILED)
+@uncounted
 def prepare_dense(
     start: Array, end: Array, s: float, h: float, power: float, slopes: Array, dense: Array, work: Array, bodies: Bodies
 ) -> None:
@@ -164,7 +172,7 @@ def prepare_dense(
         weigh(DENSE + row, h, slopes, dense[3 + row])
 
 
-@njit(**COMPILED)
+@uncounted
 def evaluate_dense(start: Array, dense: Array, x: float, result: Array) -> None:
     """Writes the state at the share x of the step to ``result``; the interpolant is of order 7."""
     for i in range(start.size):
