@@ -125,7 +125,7 @@ def error(
         slopes[STAGES, i] = stretch * end[2, i]
     weigh(FIFTH, 1.0, slopes, work[0])
     weigh(THIRD, 1.0, slopes, work[1])
-    inverse_mass, stiffness, _, _ = bodies
+    inverse_mass, stiffness = bodies[0], bodies[1]
     fifth, third, estimate, force, rounded = work[0], work[1], work[1], work[2, :n], work[2, n:]
     for j in range(n):
         force[j] = elastic_force(stiffness[j], end[0, j] if end[0, j] > 0.0 else 0.0)
