@@ -58,7 +58,8 @@ class Session:
         if self._process is None or not self.served:
             shutil.rmtree(self.case, ignore_errors=True)  # nothing of a case that ended badly stays
             self.case.mkdir(parents=True)
-        for name in deck.raw:
+        # what is overwritten in place is waited for by some file systems, ext4 among them, until it is on the disk
+        for name in (*deck.raw, *deck.files, "stdout.txt", STDERR):
             (self.case / name).unlink(missing_ok=True)
         deck.write(self.case)
         began = time.perf_counter()

@@ -17,6 +17,7 @@ from validation.reference.dop853 import (
     slope,
     step,
     step_factor,
+    uncounted,
 )
 from validation.reference.hertz_chain import Array
 from validation.reference.power_law_events import closing_speed, first_holds, first_power_event, passing
@@ -47,12 +48,21 @@ def follow(
 
     Local errors of each step stay below ``tolerance`` times ``scale``, shape (2 bodies,).
     """
-    size = start.size  # arrays are made here, where they are known to be apart: loops over them are faster
+    size = start.size
     state, end, work = np.zeros((3, size)), np.zeros((3, size)), np.zeros((3, size))
     slopes, spare, dense = np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
     samples = np.empty((times.size, size))
     copy(start, samples[0])
     copy(start, state[0])
+    return samples, _fill(samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step)
+
+
+@uncounted
+def _fill(
+    samples: Array, state: Array, end: Array, work: Array, slopes: Array, spare: Array, dense: Array, times: Array,
+    bodies: Bodies, tolerance: float, scale: Array, first_step: float,
+) -> bool:  # fmt: skip
+    """Fills all samples but the first, which is the state; whether it got to the end."""
     power = 4.0 if bodies[2].size else 2.0
     dense_enough = power == 2.0 or tolerance >= DENSE_LIMIT
     if len(bodies) == BY_POWER:
@@ -64,7 +74,7 @@ def follow(
 
     while sample < times.size:
         if rejected > MAX_REJECTED:
-            return samples, False
+            return False
         elapsed, final = _raised(s, power), (times[-1] - since) - rest
         s_end = min(s + h, _root(final, power))
         target = final if s_end < s + h else _raised(s_end, power)
@@ -127,10 +137,10 @@ def follow(
         last = event
         for row in range(len(state)):
             copy(end[row], state[row])
-    return samples, True
+    return True
 
 
-@njit(error_model="numpy")
+@uncounted
 def _first_event(
     start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, elapsed: float, until: float, last: int,
     known: int,
@@ -160,14 +170,14 @@ def _first_event(
     return first, where
 
 
-@njit(error_model="numpy", forceinline=True)
+@uncounted
 def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float:
     """``k d^(5/4) + C d'``: below 0 a closed contact that loses energy has let go."""
     overlap = max(state[contact], 0.0)
     return float(stiffness * overlap * sqrt(sqrt(overlap)) + damping * closing_speed(state, contact))
 
 
-@njit(error_model="numpy")
+@uncounted
 def _step_to_event(
     state: Array, s: float, power: float, guess: float, limit: float, event: int, slopes: Array, end: Array,
     bodies: Bodies,

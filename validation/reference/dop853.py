@@ -10,8 +10,9 @@ Rows of a state: overlaps, then velocities; what rounding has left out of them (
 Coefficients are scipy's.
 """
 
+from collections.abc import Callable
 from math import sqrt
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit
@@ -22,47 +23,58 @@ from validation.reference.hertz_chain import Array
 
 STAGES = 12
 ROWS = 16  # stages, the slope at the end, and three more for dense output
-A = np.zeros((ROWS, ROWS))
-A[:STAGES, :STAGES], A[STAGES, :STAGES], A[STAGES + 1 :] = DOP853.A, DOP853.B, DOP853.A_EXTRA
-B = np.array(DOP853.B)
 C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
-D = np.ascontiguousarray(DOP853.D)
-E3 = np.array(DOP853.E3)
-E5 = np.array(DOP853.E5)
+# formulas by what they give: each stage, the end of the step, stages of dense output, two errors, dense output
+END, FIFTH, THIRD, DENSE = STAGES, ROWS, ROWS + 1, ROWS + 2
+FORMULAS = np.zeros((DENSE + 4, ROWS))
+FORMULAS[:STAGES, :STAGES], FORMULAS[END, :STAGES], FORMULAS[STAGES + 1 : ROWS] = DOP853.A, DOP853.B, DOP853.A_EXTRA
+FORMULAS[FIFTH, : STAGES + 1], FORMULAS[THIRD, : STAGES + 1], FORMULAS[DENSE:] = DOP853.E5, DOP853.E3, DOP853.D
+# of each formula: weights that are not 0, first; their slopes (those of others may not be finite); how many they are
+TERMS = np.argsort(FORMULAS == 0, axis=1, kind="stable")
+WEIGHTS = np.take_along_axis(FORMULAS, TERMS, axis=1)
+TERMS[WEIGHTS == 0] = 0
+COUNTS = np.count_nonzero(FORMULAS, axis=1)
 ROUNDING = 0.5**53  # of a double
 # inverse masses, stiffness, damping (empty of an elastic chain), acceleration by the loads alone; only of the power
 # law its alpha, and for each contact 1 where it may exert a force in the present step, else 0
 Bodies = tuple[Any, ...]
 BY_POWER = 6  # so many: numba compiles kernels for either length, without the branches of the other
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
-@njit(error_model="numpy")
+def uncounted(kernel: Kernel) -> Kernel:
+    """Compiles a function that makes no array, without reference counts: they take half of a small chain's time."""
+    options: dict[str, Any] = {"_nrt": False, "error_model": "numpy"}  # numba's stubs do not have the first
+    compiled: Kernel = njit(**options)(kernel)
+    return compiled
+
+
+@uncounted
 def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
-    """Writes ``stretch * dy/dt`` to ``result``."""
+    """Writes ``stretch * dy/dt`` to ``result``; each of its loops compiles to vector instructions."""
     if len(bodies) == BY_POWER:
         _slope_power(state, stretch, result, bodies)
         return
     inverse_mass, stiffness, damping, acceleration = bodies[:4]
-    n, damped = inverse_mass.size, damping.size > 0
-    below, force_below = 0.0, 0.0
+    n = inverse_mass.size
+    velocity, closing, force = state[n:], result[:n], result[n:]
+    closing[0] = -velocity[0]
+    for j in range(1, n):
+        closing[j] = velocity[j - 1] - velocity[j]
+    if damping.size:
+        for j in range(n):
+            force[j] = damped_force(stiffness[j], damping[j], state[j], closing[j]) if state[j] > 0.0 else 0.0
+    else:
+        for j in range(n):
+            force[j] = elastic_force(stiffness[j], state[j] if state[j] > 0.0 else 0.0)
+    for j in range(n - 1):
+        force[j] = stretch * ((force[j] - force[j + 1]) * inverse_mass[j] + acceleration[j])
+    force[n - 1] = stretch * (force[n - 1] * inverse_mass[n - 1] + acceleration[n - 1])
     for j in range(n):
-        overlap, velocity = state[j], state[n + j]
-        closing = below - velocity
-        result[j] = stretch * closing
-        below = velocity
-        force = 0.0
-        if overlap > 0.0:
-            if damped:
-                force = damped_force(stiffness[j], damping[j], overlap, closing)
-            else:
-                force = elastic_force(stiffness[j], overlap)
-        if j > 0:
-            result[n + j - 1] = stretch * ((force_below - force) * inverse_mass[j - 1] + acceleration[j - 1])
-        force_below = force
-    result[2 * n - 1] = stretch * (force_below * inverse_mass[n - 1] + acceleration[n - 1])
+        closing[j] *= stretch
 
 
-@njit(error_model="numpy")
+@uncounted
 def _slope_power(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     """As ``slope``, by the power law: which contacts exert a force is held through a step, so that it is smooth."""
     inverse_mass, stiffness, gamma, acceleration, alpha, holds = bodies
@@ -88,18 +100,20 @@ def _stretch(s: float, power: float) -> float:
     return power * s * s * s if abs(power) == 4.0 else power * s
 
 
-@njit(error_model="numpy")
-def weigh(h: float, weights: Array, slopes: Array, result: Array) -> None:
-    """Writes ``h * weights @ slopes`` to ``result``."""
-    result[:] = 0.0
-    for row in range(weights.size):
-        weight = h * weights[row]
-        if weight != 0.0:
-            for i in range(result.size):
-                result[i] += weight * slopes[row, i]
+@uncounted
+def weigh(formula: int, h: float, slopes: Array, result: Array) -> None:
+    """Writes ``h * FORMULAS[formula] @ slopes`` to ``result``, four rows at a time."""
+    row, weight = TERMS[formula], WEIGHTS[formula]
+    for i in range(result.size):
+        result[i] = 0.0
+    for k in range(0, COUNTS[formula], 4):
+        a, b, c, d = h * weight[k], h * weight[k + 1], h * weight[k + 2], h * weight[k + 3]
+        one, two, three, four = slopes[row[k]], slopes[row[k + 1]], slopes[row[k + 2]], slopes[row[k + 3]]
+        for i in range(result.size):
+            result[i] = result[i] + a * one[i] + b * two[i] + c * three[i] + d * four[i]
 
 
-@njit(error_model="numpy")
+@uncounted
 def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Array, bodies: Bodies) -> None:
     """One step from s to s + h; writes values and what rounding left out of them, and fills the stages."""
     start, result = state[0], end[0]
@@ -107,11 +121,11 @@ def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Arr
     for i in range(start.size):
         slopes[0, i] = stretch * state[2, i]
     for stage in range(1, STAGES):
-        weigh(h, A[stage, :stage], slopes, result)
+        weigh(stage, h, slopes, result)
         for i in range(start.size):
             result[i] += start[i]
         slope(result, _stretch(s + C[stage] * h, power), slopes[stage], bodies)
-    weigh(h, B, slopes, end[1])
+    weigh(END, h, slopes, end[1])
     for i in range(start.size):
         change = end[1, i] + state[1, i]
         result[i] = start[i] + change
@@ -119,7 +133,7 @@ def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Arr
         end[1, i] = (start[i] - (result[i] - kept)) + (change - kept)
 
 
-@njit(error_model="numpy")
+@uncounted
 def error(
     end: Array, s_end: float, h: float, power: float, slopes: Array, scale: Array, tolerance: float, work: Array,
     bodies: Bodies,
@@ -134,28 +148,27 @@ def error(
     rounding = ROUNDING * abs(h * stretch) / tolerance
     for i in range(scale.size):
         slopes[STAGES, i] = stretch * end[2, i]
-    weigh(1.0, E5, slopes, work[0])
-    weigh(1.0, E3, slopes, work[1])
+    weigh(FIFTH, 1.0, slopes, work[0])
+    weigh(THIRD, 1.0, slopes, work[1])
+    inverse_mass, stiffness = bodies[0], bodies[1]
+    fifth, third, estimate, force, rounded = work[0], work[1], work[1], work[2, :n], work[2, n:]
+    for j in range(n):
+        force[j] = elastic_force(stiffness[j], end[0, j] if end[0, j] > 0.0 else 0.0)
+    for j in range(n - 1):
+        rounded[j] = rounding * (force[j + 1] + force[j]) * inverse_mass[j]
+    rounded[n - 1] = rounding * force[n - 1] * inverse_mass[n - 1]
+    for j in range(n):
+        force[j] = 0.0  # overlaps have no such allowance
     for i in range(scale.size):
-        fifth, third = work[0, i], work[1, i]
-        if fifth != 0.0:
-            ratio = third / fifth  # squares of what a wave has barely reached underflow
-            rounded = rounding * _pressing(i - n, end[0], bodies) * bodies[0][i - n] if i >= n else 0.0
-            estimate = abs(h * fifth) / sqrt(1.0 + 0.01 * ratio * ratio) / max(scale[i], rounded)
-            if not estimate <= largest:  # a NaN counts as largest
-                largest = estimate
+        ratio = third[i] / fifth[i]  # squares of what a wave has barely reached underflow
+        estimate[i] = abs(h * fifth[i]) / sqrt(1.0 + 0.01 * ratio * ratio) / max(scale[i], work[2, i])
+    for i in range(scale.size):
+        if fifth[i] != 0.0 and not estimate[i] <= largest:  # a NaN counts as largest
+            largest = estimate[i]
     return largest / tolerance
 
 
-@njit(error_model="numpy", forceinline=True)
-def _pressing(body: int, overlap: Array, bodies: Bodies) -> float:
-    """Sum of the elastic forces on a body."""
-    stiffness = bodies[1]
-    above = elastic_force(stiffness[body + 1], max(overlap[body + 1], 0.0)) if body + 1 < stiffness.size else 0.0
-    return above + elastic_force(stiffness[body], max(overlap[body], 0.0))
-
-
-@njit(error_model="numpy")
+@uncounted
 def step_factor(error: float) -> float:
     """Next step over this one, by this one's error over the tolerance: below 1 where it is to be repeated."""
     if not error < 1e300:
@@ -165,13 +178,13 @@ def step_factor(error: float) -> float:
     return float(min(6.0, max(0.333, 0.9 * error**-0.125))) if error > 0.0 else 6.0
 
 
-@njit(error_model="numpy")
+@uncounted
 def prepare_dense(
     start: Array, end: Array, s: float, h: float, power: float, slopes: Array, dense: Array, work: Array, bodies: Bodies
 ) -> None:
     """Fills the seven rows of ``dense`` for a step whose stages and end slope stand in ``slopes``."""
     for row in range(STAGES + 1, ROWS):
-        weigh(h, A[row, :row], slopes, work)
+        weigh(row, h, slopes, work)
         for i in range(start.size):
             work[i] += start[i]
         slope(work, _stretch(s + C[row] * h, power), slopes[row], bodies)
@@ -181,10 +194,10 @@ def prepare_dense(
         dense[1, i] = h * slopes[0, i] - change
         dense[2, i] = 2.0 * change - h * (slopes[STAGES, i] + slopes[0, i])
     for row in range(4):
-        weigh(h, D[row], slopes, dense[3 + row])
+        weigh(DENSE + row, h, slopes, dense[3 + row])
 
 
-@njit(error_model="numpy")
+@uncounted
 def evaluate_dense(start: Array, dense: Array, x: float, result: Array) -> None:
     """Writes the state at the share x of the step to ``result``; the interpolant is of order 7."""
     for i in range(start.size):

@@ -8,9 +8,7 @@ the state. Events are numbered by contact, and turning points by contact plus th
 
 from math import sqrt
 
-from numba import njit
-
-from validation.reference.dop853 import Bodies
+from validation.reference.dop853 import Bodies, uncounted
 from validation.reference.hertz_chain import Array
 
 DEAD = 1e-13  # of the scales of overlap and speed: events that are passed by less are none
@@ -22,14 +20,14 @@ NO_EVENT = (-1, 2.0)
 NOT_YET = (0, -1.0)  # to be tried again with a shorter step
 
 
-@njit(error_model="numpy", forceinline=True)
+@uncounted
 def closing_speed(state: Array, contact: int) -> float:
     """``d'`` of a contact, in a state or in its slope."""
     velocity = state[state.size // 2 :]
     return float((velocity[contact - 1] if contact > 0 else 0.0) - velocity[contact])
 
 
-@njit(error_model="numpy", forceinline=True)
+@uncounted
 def _grip(state: Array, contact: int, bodies: Bodies) -> float:
     """``(k d^(3/2))^(1/alpha) + gamma^(1/alpha) d'``: below 0 a closed contact has let go."""
     overlap, inverse = max(state[contact], 0.0), 1.0 / bodies[4]
@@ -37,7 +35,7 @@ def _grip(state: Array, contact: int, bodies: Bodies) -> float:
     return float(spring + bodies[2][contact] ** inverse * closing_speed(state, contact))
 
 
-@njit(error_model="numpy")
+@uncounted
 def first_holds(start: Array, bodies: Bodies) -> None:
     """Contacts that hold at time 0: they overlap, or just touch and do not part, and are not let go."""
     stiffness, holds = bodies[1], bodies[5]
@@ -45,7 +43,7 @@ def first_holds(start: Array, bodies: Bodies) -> None:
         holds[j] = 1.0 if stiffness[j] > 0.0 and start[j] >= 0.0 and _grip(start, j, bodies) >= 0.0 else 0.0
 
 
-@njit(error_model="numpy")
+@uncounted
 def first_power_event(
     start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, elapsed: float, until: float,
     last: int, known: int,
@@ -95,7 +93,7 @@ def first_power_event(
     return first, where
 
 
-@njit(error_model="numpy")
+@uncounted
 def passing(state: Array, slope: Array, event: int, closes: bool, bodies: Bodies) -> tuple[float, float]:
     """The number that is 0 at an event, and its rate of change, in a state that has this slope."""
     n = bodies[1].size
