@@ -1,0 +1,66 @@
+"""The page's section on measured traces: there for scenes that have some, and only for these."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.scenes import SceneWriter
+
+HEADING = "Measured over computed (reference)"
+ENTRY = '[[measured]]\nfile = "shot.csv"\n'
+QUOTED = "[[measured]]\nvalues = { wall_peak = '9 N' }\nerrors = { wall_peak = 0.1 }\n"
+
+
+def report(scene: Path, runs: Path) -> tuple[int, str, str]:
+    """Exit code, page and messages of a report on the in-repository engines."""
+    page = scene.with_suffix(".html")
+    engines = ("--engine", "verlet", "--allow-missing")
+    done = command_line("validation", "report", scene, "--out", page, "--runs", runs, *engines)
+    return done.returncode, page.read_text() if page.exists() else "", done.stderr
+
+
+@pytest.fixture
+def scene(scene_file: SceneWriter) -> Path:
+    times_us = np.arange(0.0, 320.0)
+    readings = 20 * np.exp(-(((times_us - 150) / 12) ** 2)) + np.random.default_rng(1).normal(0.0, 0.2, len(times_us))
+    path = scene_file(chain="sensors = [{ from_wall = 3 }]")
+    pd.DataFrame({"time_us": times_us, "wall_N": readings}).to_csv(path.parent / "shot.csv", index=False)
+    return path
+
+
+def test_a_scene_with_measured_traces_shows_them(scene: Path, tmp_path: Path) -> None:
+    text, runs = scene.read_text(), tmp_path / "runs"
+    code, without, _ = report(scene, runs)
+    assert code == 0
+    assert HEADING not in without
+    assert "wall_impulse_N_s" not in without
+    scene.write_text(text + ENTRY + QUOTED)
+    code, page, _ = report(scene, runs)
+    assert code == 0
+    assert page.count(HEADING) == 1
+    assert page.count("data:image/svg") == without.count("data:image/svg") + 1
+    for words in ("wall_amplitude_N", "wall_impulse_N_s", "shot.csv", "quoted"):
+        assert words in page.split(HEADING)[1].split("</section>")[0]
+    scene.write_text(text + QUOTED)
+    code, page, _ = report(scene, runs)
+    assert HEADING in page
+    assert page.count("data:image/svg") == without.count("data:image/svg")
+
+
+def test_a_wrong_file_is_named_before_anything_runs(scene: Path, tmp_path: Path) -> None:
+    scene.write_text(scene.read_text() + ENTRY)
+    (scene.parent / "shot.csv").write_text("time_us,wall_N\n1,x\n")
+    code, page, said = report(scene, tmp_path / "runs")
+    assert (code, page) == (2, "")
+    assert 'line 2, wall_N: found "x"' in said
+    assert not (tmp_path / "runs").exists()
+
+
+def test_what_cannot_be_laid_over_the_run_is_said_on_the_page(scene: Path, tmp_path: Path) -> None:
+    scene.write_text(f'{scene.read_text()}{ENTRY}trigger = "1 s"\n')
+    code, page, _ = report(scene, tmp_path / "runs")
+    assert code == 0
+    assert "0 readings from" in page.split(HEADING)[1]
