@@ -19,7 +19,7 @@ from postproc.figures import figures, make_figure
 
 if TYPE_CHECKING:
     from drivers.run.finished import EndedRun
-    from drivers.scene.model import Measured, Scene
+    from drivers.scene.model import Scene
     from postproc.draw.product import Product
 
 Action = Callable[[argparse.Namespace], Iterable[Path]]  # does what a command says, and names the files it has written
@@ -143,6 +143,7 @@ def _overlay(arguments: argparse.Namespace) -> Iterable[Path]:
     from drivers.limits.refusal import refuse
     from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
     from postproc.paper.simulate import exact
+    from postproc.read.measured import entries_of
     from postproc.read.misfit import lay_over
     from validation.accuracy.plan import planned_case
 
@@ -156,7 +157,7 @@ def _overlay(arguments: argparse.Namespace) -> Iterable[Path]:
         refuse(case, REFERENCE)
         scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
         name = f"overlay-{scene.name}"
-    entries, folder, where = _measured(scene, arguments.measured, arguments.run)
+    entries, folder, where = entries_of(scene, arguments.measured, arguments.run)
     curves, found = lay_over(entries, folder, where, layout, trace)
     written = _write(arguments, draw_overlay(layout, trace, engine, curves, found), name) if curves else ()
     rows = [HEADINGS, *misfit_rows(found)]
@@ -180,24 +181,6 @@ def _scene_of(run: "EndedRun", source: str) -> "Scene | None":
         with suppress(InputError):
             return read_scene(path)
     return None
-
-
-def _measured(scene: "Scene | None", file: Path | None, source: str) -> tuple[dict[str, "Measured"], Path, str]:
-    """Entries by key, the folder from which their paths are seen, and where they stand, in words.
-
-    Those of a scene, of which only those for a file that is given; an entry of headings alone where there is none.
-    """
-    from drivers.scene.model import Measured
-
-    own = {f"measured.{place}": entry for place, entry in enumerate(scene.measured)} if scene else {}
-    if scene and file:
-        asked = file.resolve()
-        own = {key: each for key, each in own.items() if each.file and (scene.folder / each.file).resolve() == asked}
-    if scene and own:
-        return own, scene.folder, scene.file
-    if file is None:
-        raise InputError(source, "measured", "nothing", "a [[measured]] table in the scene file, or --measured FILE")
-    return {"measured": Measured(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
 
 
 def _open(arguments: argparse.Namespace) -> tuple["EndedRun", str, str]:

@@ -30,7 +30,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
-from postproc.read.measured import LEAST_SAMPLES, NORMAL, MeasuredTrace
+from postproc.read.measured import LEAST_SAMPLES, NORMAL, MeasuredTrace, averaged
 from postproc.read.sensors import sensor_signals
 
 QUIET = 0.01  # of the computed peak
@@ -40,6 +40,7 @@ MEANS = 200  # of quiet readings, at most, that a first line goes through
 ROUNDS = 30  # at most
 REACH = 2  # widths of a pulse around what stands out of quiet readings, in which none is quiet
 PASSES = 3  # baseline and trigger, each by the other
+LENGTHS = 0.75, 1.5  # of the run's, that a record may have after the impact
 NEAR = 20  # grid steps around the best correlation that least squares look at
 
 Mask = NDArray[np.bool_]
@@ -127,6 +128,20 @@ def align(traces: Sequence[MeasuredTrace], layout: Layout, run: Trace) -> list[A
     return [aligned for channels in files.values() for aligned in _aligned(channels, step_s, end_s)]
 
 
+def must_last(trace: MeasuredTrace, trigger_s: float, end_s: float) -> None:
+    """Refuses a record that goes on after the impact for much less or more than the run does.
+
+    Raises:
+        InputError: it does; a wrong unit of time is the usual cause.
+    """
+    seen_s, (least, most) = float(trace.time_s[-1]) - trigger_s, LENGTHS
+    if not least * end_s <= seen_s <= most * end_s:
+        how = "found" if trace.trigger_s is None else "given"
+        found = f"{max(seen_s, 0.0) * 1e6:.4g} us after an impact {how} at {trigger_s * 1e6:.4g} us"
+        allowed = f"{least:g} to {most:g} times the run's {end_s * 1e6:.4g} us (run.duration)"
+        raise InputError(paths.shown(trace.file), "time", found, allowed)
+
+
 def _width(signal: Array) -> int:
     """Samples for which a signal is above half of its maximum, around that."""
     place, below = int(np.argmax(signal)), signal <= signal.max() / 2
@@ -136,20 +151,10 @@ def _width(signal: Array) -> int:
 
 def _channel(trace: MeasuredTrace, gauge: str, curve: BSpline, width_s: float, step_s: float) -> _Channel:
     """A gauge's readings, averaged in blocks where there are more than two in a sample interval of the run."""
-    time_s, reading = trace.time_s, trace.reading[gauge]
-    block = max(1, int(step_s / 2 / float(np.median(np.diff(time_s)))))
-    whole = len(time_s) // block * block
-    levels = np.diff(np.unique(reading))
-    return _Channel(
-        trace,
-        gauge,
-        time_s[:whole].reshape(-1, block).mean(axis=1),
-        reading[:whole].reshape(-1, block).mean(axis=1),
-        None if trace.noise is None else trace.noise / float(np.sqrt(block)),
-        float(levels.min()) / float(np.sqrt(12 * block)),
-        width_s,
-        curve,
-    )
+    coarse, levels = averaged(trace, step_s), np.diff(np.unique(trace.reading[gauge]))
+    block = len(trace.time_s) // len(coarse.time_s)
+    resolution = float(levels.min()) / float(np.sqrt(12 * block))
+    return _Channel(trace, gauge, coarse.time_s, coarse.reading[gauge], coarse.noise, resolution, width_s, curve)
 
 
 def _aligned(channels: list[_Channel], step_s: float, end_s: float) -> list[AlignedGauge]:

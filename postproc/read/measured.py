@@ -69,6 +69,32 @@ class _Column:
     unit: str  # empty where the heading names none
 
 
+def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dict[str, Measured], Path, str]:
+    """``[[measured]]`` entries by key, the folder from which their paths are seen, and where they stand, in words.
+
+    Those of a scene, of which only those for a file that is given; an entry of headings alone where there is none.
+
+    Args:
+        scene: as its file has it; None where that is gone.
+        file: in place of the scene's files.
+        source: what is asked about, as messages name it.
+
+    Raises:
+        InputError: nothing was measured.
+    """
+    own = {f"measured.{place}": entry for place, entry in enumerate(scene.measured)} if scene else {}
+    if scene and file:
+        asked = file.resolve()
+        own = {key: each for key, each in own.items() if each.file and (scene.folder / each.file).resolve() == asked}
+    if scene and own:
+        return own, scene.folder, scene.file
+    if file is None:
+        raise InputError(
+            source, "measured", "nothing", "a [[measured]] table in the scene file, or --measured FILE.csv"
+        )
+    return {"measured": Measured(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
+
+
 def read_measured(
     entry: Measured, folder: Path, gauges: Collection[str], where: str, key: str = "measured"
 ) -> MeasuredTrace:

@@ -24,7 +24,7 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.scene.model import Measured
-from postproc.read.alignment import AlignedGauge, align
+from postproc.read.alignment import AlignedGauge, align, must_last
 from postproc.read.measured import Quoted, read_measured, read_quoted
 from postproc.read.observables import LEVELS, observe
 from postproc.read.sensors import gauges_of
@@ -153,7 +153,11 @@ def lay_over(
         if entry.values
         for name, value in read_quoted(entry, names, where, key).items()
     }
-    curves = [smooth(gauge, run) for gauge in align(traces, layout, run)]
+    aligned = align(traces, layout, run)
+    triggers = {each.file: each.trigger_s for each in aligned}
+    for trace in traces:
+        must_last(trace, triggers[trace.file], float(run.time_s[-1]))
+    curves = [smooth(gauge, run) for gauge in aligned]
     return curves, misfits(curves, layout, run, quoted)
 
 

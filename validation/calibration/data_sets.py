@@ -18,7 +18,7 @@ from drivers.scene.read_scene import find_scene, lay_over, make_scene, read_scen
 from drivers.scene.settings import look_up, unit_of
 from postproc.paper.quoted import force_accuracy, quoted
 from postproc.paper.simulate import exact
-from postproc.read.measured import read_measured, read_quoted
+from postproc.read.measured import entries_of, read_measured, read_quoted
 from postproc.read.sensors import gauges_of
 from validation.calibration.free import GAIN, TRIGGER, Free, around, bounds_in
 from validation.calibration.records import LEEWAY, Record, record_of
@@ -197,20 +197,14 @@ def scene_data(source: str, settings: Sequence[str], file: Path | None) -> DataS
     """
     name, tables, where = scene_tables(source, settings)
     scene = read_scene(source, tuple(settings))
-    entries = {f"measured.{place}": entry for place, entry in enumerate(scene.measured)}
-    folder = scene.folder
-    if file is not None:
-        own = {key: entry for key, entry in entries.items() if entry.file and (folder / entry.file).samefile(file)}
-        entries, folder = own or {"measured": Measured(file=str(file.resolve()))}, folder if own else Path()
-    if not entries:
-        raise InputError(where, "measured", "nothing", "[[measured]] data, --measured FILE.csv or --quoted")
+    entries, folder, source_of_data = entries_of(scene, file, where)
     simulation = exact(build_case(scene))
     gauges, names = gauges_of(simulation.case.layout), [*simulation.values]
     numbers, records = list[Number](), list[Record]()
     for key, entry in entries.items():
         if entry.file is not None:
-            records.append(record_of(key, read_measured(entry, folder, gauges, where, key), simulation))
-        for observable, quoted_ in read_quoted(entry, names, where, key).items():
+            records.append(record_of(key, read_measured(entry, folder, gauges, source_of_data, key), simulation))
+        for observable, quoted_ in read_quoted(entry, names, source_of_data, key).items():
             error = abs(quoted_.value) * quoted_.error_share
             numbers.append(Number(observable, quoted_.value, error, gain=key))
     tables.pop("measured", None)

@@ -5,16 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.base import paths
-from drivers.base.errors import InputError
 from drivers.chain.chain import Array
 from postproc.paper.simulate import Simulation
-from postproc.read.alignment import align
+from postproc.read.alignment import align, must_last
 from postproc.read.measured import MeasuredTrace, averaged
 from postproc.read.sensors import sensor_signals
 
 LEEWAY = 0.5  # of the run's length, by which a trigger that is found may move either way; motions are that much longer
-LENGTHS = 0.75, 1.5  # of the run's, that a trace may have after the impact
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +56,9 @@ def record_of(key: str, measured: MeasuredTrace, simulation: Simulation) -> Reco
     """
     trace = simulation.trace
     duration_s, coarse = float(trace.time_s[-1]), averaged(measured, float(trace.time_s[1]))
-    gauges = align([coarse], simulation.case.layout, trace)
-    trigger_s, how = gauges[0].trigger_s, "given" if measured.trigger_s is not None else "found"
-    seen_s = float(measured.time_s[-1]) - trigger_s
-    if not LENGTHS[0] * duration_s <= seen_s <= LENGTHS[1] * duration_s:
-        told = f"{max(seen_s, 0.0) * 1e6:.4g} us after an impact {how} at {trigger_s * 1e6:.4g} us"
-        allowed = f"{LENGTHS[0]:g} to {LENGTHS[1]:g} of the run's {duration_s * 1e6:.4g} us (run.duration)"
-        raise InputError(paths.shown(measured.file), "time", told, allowed)
+    gauges = align([measured], simulation.case.layout, trace)
+    trigger_s = gauges[0].trigger_s
+    must_last(measured, trigger_s, duration_s)
     noise = {each.gauge: each.noise_N / abs(measured.gain) for each in gauges}
     return Record(key, coarse, trigger_s, LEEWAY * duration_s, noise, coarse.time_s <= trigger_s + duration_s)
 
