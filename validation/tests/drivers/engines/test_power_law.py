@@ -28,8 +28,9 @@ POWER = 'contact.dissipation="power"'
 EXACT = 1e-10  # of the largest force
 SAMPLES = 40
 LASTS_S = {"fig4": 8e-4, "fig5": 1.2e-3, "fig6b": 6e-4}
-RUNS = [("fig4", 1.75, 1), ("fig4", 1.75, 10), ("fig4", 1, 3), ("fig4", 1.25, 3), ("fig4", 2, 3), ("fig4", 3, 3)]
-LONG_RUNS = [(scene, alpha, gamma) for scene in ("fig5", "fig6b") for _, alpha, gamma in RUNS]
+LAWS = [(1.75, 1), (1.75, 10), (1, 3), (1.25, 3), (2, 3), (3, 3)]
+RUNS = [*(("fig4", *law) for law in LAWS), ("fig6b", 1.75, 1)]
+LONG_RUNS = [run for run in ((scene, *law) for scene in ("fig5", "fig6b") for law in LAWS) if run not in RUNS]
 FITTED = ("contact.gamma=1.2515069300612442", "materials.ptfe.youngs_modulus=1020235658.0736736 Pa")
 
 
@@ -55,7 +56,7 @@ def test_the_reference_is_exact_and_its_energy_never_grows(scene: str, alpha: fl
     case = by_power(scene, gamma, alpha)
     times = np.linspace(0, LASTS_S[scene], SAMPLES + 1)
     exact = forces_at(arrays_of(case.chain), times)
-    for tolerance_asked in (LEAST_TOLERANCE, 1e-10, 1e-6):
+    for tolerance_asked in (LEAST_TOLERANCE, 1e-9, 1e-6):
         motion = integrate_adaptive(arrays_of(case.chain), times, tolerance_asked)
         error = np.abs(motion.force_N - exact).max() / exact.max()
         assert error <= max(tolerance_asked, EXACT)
