@@ -45,8 +45,8 @@ def _measured_choices(measured: Measured, key: str) -> Iterator[InputProblem]:
     if measured.file is not None and measured.errors is not None:
         yield f"{key}.errors", "errors of a file's readings", "gain_uncertainty and noise, or values in place of file"
     if measured.values is not None:
-        for strange in sorted(measured.model_fields_set - {"values", "errors", "gain", "gain_uncertainty", "source"}):
-            yield f"{key}.{strange}", "a key of a file beside values", "values, errors, gain, gain_uncertainty, source"
+        for strange in sorted(measured.model_fields_set - {"values", "errors", "gain_uncertainty", "source"}):
+            yield f"{key}.{strange}", "a key of a file beside values", "values, errors, gain_uncertainty, source"
         if not measured.values:
             yield f"{key}.values", "nothing", "one or more observables"
         errors = measured.errors or {}

@@ -207,7 +207,7 @@ def _entries(data: DataSet, outcome: Outcome, results: Path) -> Any:
         values = entry.model_dump(exclude_none=True, exclude_unset=True)
         if key in files:
             values["file"] = os.path.relpath(files[key], results)
-        for end in (TRIGGER, GAIN):
+        for end in (TRIGGER, GAIN) if key in files else ():
             label = f"{data.name}: {key}.{end}"
             if label in labels:
                 index = labels.index(label)

@@ -237,7 +237,7 @@ def test_a_parameter_without_a_value_or_a_range_needs_bounds() -> None:
     [
         (["fig4"], "--free"),
         (["--free", RESTITUTION], "no scene"),
-        (["fig4", "--free", RESTITUTION], "[[measured]] data, --measured FILE.csv or --quoted"),
+        (["fig4", "--free", RESTITUTION], "a [[measured]] table in the scene file, or --measured"),
         (["fig4", "--free", RESTITUTION, "--quoted", "fig9"], "fig4, table1, fig5"),
         (["fig4", "--free", RESTITUTION, "--quoted", "fig4", "--measured", "x.csv"], "one of the two"),
         (["fig4", "--free", RESTITUTION, "--measured", "nowhere.csv"], "no such file"),
