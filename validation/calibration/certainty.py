@@ -108,12 +108,14 @@ class Profile:
 
     Attributes:
         coordinate, chi_square: shape (points,), in the order of the coordinate.
+        places: of all parameters there, shape (points, parameters).
     """
 
     problem: Problem
     index: int
     coordinate: Array
     chi_square: Array
+    places: Array
 
     @property
     def value(self) -> Array:
@@ -144,7 +146,7 @@ def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> P
     certainty = Certainty(fit)
     stride = min(STRIDE * sqrt(certainty.covariance[index, index]), 1 / POINTS)
     along = certainty.covariance[index] / certainty.covariance[index, index]
-    points = [(float(fit.place[index]), fit.chi_square)]
+    points = [(float(fit.place[index]), fit.chi_square, fit.place)]
     for sign in (-1, 1):
         place = fit.place
         for number in range(1, POINTS + 1):
@@ -154,12 +156,13 @@ def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> P
                 break
             guess = place + along * (target - place[index])
             place = minimise(fit.problem, guess, {index: target})
-            points.append((target, chi_square_at(fit.problem, place)))
+            points.append((target, chi_square_at(fit.problem, place), place))
             count()
             if points[-1][1] - fit.chi_square > FURTHEST:
                 break
-    coordinate, chi_square = np.array(sorted(points)).T
-    return Profile(fit.problem, index, coordinate, chi_square)
+    points.sort(key=lambda point: point[0])
+    coordinate, chi_square, places = (np.array(column) for column in zip(*points, strict=True))
+    return Profile(fit.problem, index, coordinate, chi_square, places)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil, log2
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +12,12 @@ from drivers.base.errors import InputError
 from drivers.chain.chain import Array
 from postproc.read.alignment import align
 from validation.calibration.free import TRIGGER
-from validation.calibration.problem import Problem, jacobian, of_motion, own_values, residual, simulated
+from validation.calibration.problem import Problem, jacobian, of_motion, offs, own_values, residual, simulated
 
-SCREENED, POLISHED = 32, 3  # places all over the ranges that are looked at, and the best of them that are followed
+SCREENED, POLISHED = 16, 3  # places all over the ranges that are looked at, and the best of them that are followed
 ROUGH, FINE = 1e-3, 1e-8  # relative change of chi-square, or of the coordinates, at which a descent ends
-EVALUATIONS = 60  # of one descent
+EVALUATIONS, FEW = 60, 5  # of one descent, of a rough one
+SIMPLEX = 0.02  # of a range: first size of a simplex, and how near an edge is
 EDGE = 1e-9  # of a range: a descent starts inside of it
 APART = 2e-2  # of a range: minima nearer than that are one
 WORSE = 1.0  # of chi-square, by which another minimum may be worse and still be told
@@ -55,25 +57,78 @@ class Fit:
 
 
 def fit(problem: Problem) -> Fit:
-    """The best of the minima that are found from the scene's own values and from places all over the ranges."""
+    """The best of the minima that are found from the scene's own values and from places all over the ranges.
+
+    Places are looked at with the parameters of single data sets fitted to them.
+    """
     from scipy.stats import qmc
 
     start = problem.start
-    shared = [index for index, each in enumerate(problem.free) if not each.own]
-    places = [start]
+    shared, places = _shared(problem), [start]
     if shared:
         draws = qmc.Sobol(len(shared), seed=0).random_base2(ceil(log2(SCREENED)))
-        places += [aligned(problem, _moved(start, shared, draw)) for draw in draws]
+        places += [_with_own(problem, _moved(start, shared, draw), shared) for draw in draws]
     best = sorted(places[1:], key=lambda place: chi_square_at(problem, place))[:POLISHED]
     rough = (minimise(problem, place, converged=ROUGH) for place in (start, *best))
     ends = sorted(rough, key=lambda end: chi_square_at(problem, end))
-    ends[0] = minimise(problem, ends[0])
+    ends[0] = settled(problem, minimise(problem, ends[0]))
     others = list[Array]()
     for end in ends[1:]:
         near = chi_square_at(problem, end) < chi_square_at(problem, ends[0]) + WORSE
         if near and all(np.abs(end - each).max() > APART for each in (ends[0], *others)):
             others.append(end)
     return fitted_at(problem, ends[0], tuple((chi_square_at(problem, each), each) for each in others))
+
+
+def _shared(problem: Problem) -> list[int]:
+    """Places of the parameters that all data sets share."""
+    return [index for index, each in enumerate(problem.free) if not each.own]
+
+
+def settled(problem: Problem, place: Array) -> Array:
+    """The minimum near a place by a simplex, where a datum is lost next to it: a descent comes to rest at such an edge.
+
+    The simplex goes over the shared parameters, with those of single data sets fitted to each of its points.
+    """
+    from scipy.optimize import minimize
+
+    shared, latest = _shared(problem), place
+    if not at_edge(problem, place):
+        return place
+
+    def fitted(coordinates: Array) -> Array:
+        held = dict(zip(shared, np.clip(coordinates, 0.0, 1.0).tolist(), strict=True))
+        return minimise(problem, latest, held, converged=ROUGH)
+
+    def height(coordinates: Array) -> float:
+        nonlocal latest
+        here = fitted(coordinates)
+        found = chi_square_at(problem, here)
+        latest = here if found <= chi_square_at(problem, latest) else latest
+        return found
+
+    corners = np.vstack([place[shared], place[shared] + SIMPLEX * np.eye(len(shared))])
+    options: Any = {"initial_simplex": corners, "xatol": 1e-3 * SIMPLEX, "fatol": 1e-3, "maxfev": 60 * len(shared)}
+    minimize(height, place[shared], method="Nelder-Mead", options=options)
+    return latest
+
+
+def at_edge(problem: Problem, place: Array) -> bool:
+    """Whether a number that is seen at a place is not seen a little beside it."""
+    seen = ~np.isnan(offs(problem, place))
+    for index in _shared(problem):
+        for step in (-SIMPLEX, SIMPLEX):
+            other = place.copy()
+            other[index] = min(max(other[index] + step, 0.0), 1.0)
+            if (seen & np.isnan(offs(problem, other))).any():
+                return True
+    return False
+
+
+def _with_own(problem: Problem, place: Array, shared: list[int]) -> Array:
+    """A place with the parameters of single data sets fitted roughly, those that are shared held."""
+    held = {index: float(place[index]) for index in shared}
+    return minimise(problem, aligned(problem, place), held, converged=ROUGH, tries=FEW)
 
 
 def aligned(problem: Problem, place: Array) -> Array:
@@ -103,6 +158,7 @@ def minimise(
     held: Mapping[int, float] | None = None,
     left_out: Collection[int] = (),
     converged: float = FINE,
+    tries: int = EVALUATIONS,
 ) -> Array:
     """Coordinates of the minimum that a descent from ``start`` ends in.
 
@@ -111,7 +167,7 @@ def minimise(
         start: coordinates, shape (parameters,).
         held: coordinates by index of the parameters that keep them.
         left_out: rows of the residual that do not count.
-        converged: relative change at which it ends.
+        converged: relative change at which it ends, or after so many ``tries``.
     """
     from scipy.optimize import least_squares
 
@@ -127,11 +183,11 @@ def minimise(
         return np.asarray(residual(problem, _moved(place, moving, x))[counting])
 
     def slopes(x: Array) -> Array:
-        return np.asarray(jacobian(problem, _moved(place, moving, x))[counting][:, moving])
+        return np.asarray(jacobian(problem, _moved(place, moving, x), moving)[counting])
 
     inside = np.clip(place[moving], EDGE, 1 - EDGE)
     end = least_squares(
-        off, inside, slopes, bounds=(0.0, 1.0), xtol=converged, ftol=converged, gtol=None, max_nfev=EVALUATIONS
+        off, inside, slopes, bounds=(0.0, 1.0), xtol=converged, ftol=converged, gtol=None, max_nfev=tries
     )
     return _moved(place, moving, end.x)
 

@@ -8,12 +8,14 @@ import numpy as np
 
 from drivers.base.units import quantity
 from validation.calibration.certainty import RISES, Certainty, Prediction, Profile, predictions, profile
-from validation.calibration.fit import Fit, fit
+from validation.calibration.fit import Fit, at_edge, fit, fitted_at, minimise, settled
 from validation.calibration.free import Free
 from validation.calibration.problem import Problem
 
 ALIKE = 0.5  # correlation of neighbouring residuals, from which on they are no noise
 NOISE = 0.1  # relative: twice the standard error of a noise by a hundred quiet readings or so
+BETTER = 0.01  # lower chi-square, which makes another minimum the better one
+REFITS = 3  # at most
 UNLIKELY = 0.01  # probability of a chi-square, below which the model does not explain the data
 
 
@@ -64,6 +66,8 @@ class Outcome:
         for datum in found.problem.data:
             if datum.number is not None and datum.number.fitted and not self._shown(datum.name, datum.data_set):
                 yield f"{datum.label} is not seen in the computed motion, and counts as 10 standard errors"
+        if at_edge(found.problem, found.place):
+            yield "next to these values a datum is no longer seen: the fit rests at that edge, and intervals may end there"
         for chi_square, place in found.others if not len(self.certainty.open_directions) else ():
             values = ", ".join(f"{label} {value:.4g}" for label, value in found.problem.values(place).items())
             yield f"another minimum, of chi-square {chi_square:.4g}: {values}"
@@ -87,15 +91,27 @@ class Outcome:
 def solve(problem: Problem, *, quick: bool = False, count: Callable[[], None] = lambda: None) -> Outcome:
     """Fits, then profiles each shared parameter and leaves out each datum in turn; ``quick``: neither of these.
 
-    ``count`` is called for the fit, for each point of a profile and for each datum.
+    A profile that comes upon a better minimum is where the fit begins anew. ``count`` is called for each fit, for each
+    point of a profile and for each datum.
     """
     found = fit(problem)
     count()
-    certainty, profiles = Certainty(found), {}
-    for index, free in enumerate(problem.free):
-        if not (quick or free.own or certainty.undetermined[index]):
-            profiles[free.label] = profile(found, index, count)
-    return Outcome(found, certainty, profiles, predictions(found, leave_out=not quick, count=count))
+    for _ in range(REFITS):
+        profiles = {} if quick else _profiles(found, count)
+        best = min(profiles.values(), key=lambda each: each.chi_square.min(), default=None)
+        if best is None or best.chi_square.min() > found.chi_square - BETTER:
+            break
+        place = minimise(problem, best.places[int(np.argmin(best.chi_square))])
+        found = fitted_at(problem, settled(problem, place), found.others)
+        count()
+    return Outcome(found, Certainty(found), profiles, predictions(found, leave_out=not quick, count=count))
+
+
+def _profiles(found: Fit, count: Callable[[], None]) -> dict[str, Profile]:
+    """Profiles of the shared parameters that the data tell, by label."""
+    undetermined, free = Certainty(found).undetermined, found.problem.free
+    asked = [index for index, each in enumerate(free) if not (each.own or undetermined[index])]
+    return {free[index].label: profile(found, index, count) for index in asked}
 
 
 def value_in_words(free: Free, value: float, error: float) -> str:

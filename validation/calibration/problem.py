@@ -130,23 +130,24 @@ def simulated(data: DataSet, values: tuple[tuple[str, float], ...]) -> Simulatio
 
 def residual(problem: Problem, place: Array) -> Array:
     """Predicted less measured values in standard errors. Shape (rows,)."""
-    return np.nan_to_num(_offs(problem, place), nan=NOT_SEEN)
+    return np.nan_to_num(offs(problem, place), nan=NOT_SEEN)
 
 
-def jacobian(problem: Problem, place: Array) -> Array:
-    """Derivatives of the residual by the coordinates, by differences of the exact motion. Shape (rows, parameters).
+def jacobian(problem: Problem, place: Array, moving: Sequence[int] | None = None) -> Array:
+    """Derivatives of the residual by some coordinates, by differences of the exact motion. Shape (rows, moving).
 
     A parameter that is a data set's own is varied in that set alone. A number that is lost to one side has the
     derivative of the other, one that is not seen has none.
     """
-    here, columns = _offs(problem, place), np.zeros((problem.rows, len(place)))
-    for index in range(len(place)):
+    moving = range(len(place)) if moving is None else moving
+    here, columns = offs(problem, place), np.zeros((problem.rows, len(moving)))
+    for column, index in enumerate(moving):
         first = STEP if place[index] + STEP <= 1 else -STEP
         slope = _difference(problem, place, here, index, first)
         lost = np.isnan(slope)
         if lost.any():
             slope[lost] = _difference(problem, place, here, index, -first)[lost]
-        columns[:, index] = np.nan_to_num(slope, nan=0.0)
+        columns[:, column] = np.nan_to_num(slope, nan=0.0)
     return columns
 
 
@@ -154,10 +155,10 @@ def _difference(problem: Problem, place: Array, here: Array, index: int, step: f
     """Change of the residual over a step of one coordinate, over the step."""
     other = place.copy()
     other[index] += step
-    return (_offs(problem, other) - here) / step
+    return (offs(problem, other) - here) / step
 
 
-def _offs(problem: Problem, place: Array) -> Array:
+def offs(problem: Problem, place: Array) -> Array:
     """The residual, NaN for what is not seen; what was computed for a data set before is kept."""
     parts = (_of_set(data, tuple(own_values(problem, data, place).items())) for data in problem.sets)
     return np.concatenate([*parts, _priors(problem, place)])
