@@ -167,7 +167,8 @@ def minimise(
         start: coordinates, shape (parameters,).
         held: coordinates by index of the parameters that keep them.
         left_out: rows of the residual that do not count.
-        converged: relative change at which it ends, or after so many ``tries``.
+        converged: relative change at which it ends.
+        tries: evaluations at most.
     """
     from scipy.optimize import least_squares
 
@@ -186,9 +187,9 @@ def minimise(
         return np.asarray(jacobian(problem, _moved(place, moving, x), moving)[counting])
 
     inside = np.clip(place[moving], EDGE, 1 - EDGE)
-    end = least_squares(
-        off, inside, slopes, bounds=(0.0, 1.0), xtol=converged, ftol=converged, gtol=None, max_nfev=tries
-    )
+    ends: Any = {"xtol": converged, "ftol": converged, "gtol": None, "max_nfev": tries}
+    with np.errstate(invalid="ignore"):  # where nothing is seen there is no slope
+        end = least_squares(off, inside, slopes, bounds=(0.0, 1.0), **ends)
     return _moved(place, moving, end.x)
 
 

@@ -67,7 +67,7 @@ class Outcome:
             if datum.number is not None and datum.number.fitted and not self._shown(datum.name, datum.data_set):
                 yield f"{datum.label} is not seen in the computed motion, and counts as 10 standard errors"
         if at_edge(found.problem, found.place):
-            yield "next to these values a datum is no longer seen: the fit rests at that edge, and intervals may end there"
+            yield "next to these values a datum is no longer seen: the fit rests at that edge, where intervals may end"
         for chi_square, place in found.others if not len(self.certainty.open_directions) else ():
             values = ", ".join(f"{label} {value:.4g}" for label, value in found.problem.values(place).items())
             yield f"another minimum, of chi-square {chi_square:.4g}: {values}"
