@@ -227,7 +227,7 @@ BAD_ENTRIES = [
     ("values = { a = 1 }", "measured.0.errors.a", "nothing", "relative standard error"),
     ("values = { a = 1 }\nerrors = { a = 0 }", "measured.0.errors.a", "0", "above 0"),
     ("values = { a = 1 }\nerrors = { a = 1, b = 1 }", "measured.0.errors.b", "without a value", "a"),
-    ('values = { a = 1 }\nerrors = { a = 1 }\ngain = 2', "measured.0.gain", "beside values", "errors, gain_uncertainty, source"),
+    ('values = { a = 1 }\nerrors = { a = 1 }\ngain = 2', "measured.0.gain", "beside values", "errors, gain_uncert"),
 ]  # fmt: skip
 
 
