@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chain.chain import Array
-from validation.calibration.fit import Fit, chi_square_at, minimise
+from validation.calibration.fit import CLOSE, Fit, chi_square_at, minimise
 from validation.calibration.problem import STEP, Datum, Problem, own_values, shown
 
 OPEN = 1 / sqrt(12)  # of a range: the standard deviation of a parameter of which only the range is known
@@ -155,7 +155,7 @@ def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> P
             if target == place[index]:
                 break
             guess = place + along * (target - place[index])
-            place = minimise(fit.problem, guess, {index: target})
+            place = minimise(fit.problem, guess, {index: target}, converged=CLOSE)
             points.append((target, chi_square_at(fit.problem, place), place))
             count()
             if points[-1][1] - fit.chi_square > FURTHEST:
@@ -196,7 +196,7 @@ def predictions(fit: Fit, *, leave_out: bool = True, count: Callable[[], None] =
         if not leave_out or not datum.rows:
             found.append(Prediction(datum, value, error, off))
             continue
-        place = minimise(fit.problem, fit.place, left_out=datum.rows)
+        place = minimise(fit.problem, fit.place, left_out=datum.rows, converged=CLOSE)
         rest = Fit(fit.problem, place, fit.residual, _without(fit, datum))
         others, number = Certainty(rest), datum.number
         if number is None or len(others.open_directions):

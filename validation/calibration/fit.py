@@ -15,7 +15,7 @@ from validation.calibration.free import TRIGGER
 from validation.calibration.problem import Problem, jacobian, of_motion, offs, own_values, residual, simulated
 
 SCREENED, POLISHED = 16, 3  # places all over the ranges that are looked at, and the best of them that are followed
-ROUGH, FINE = 1e-3, 1e-8  # relative change of chi-square, or of the coordinates, at which a descent ends
+ROUGH, CLOSE, FINE = 1e-3, 1e-5, 1e-8  # relative change of chi-square, or of coordinates, at which a descent ends
 EVALUATIONS, FEW = 60, 5  # of one descent, of a rough one
 SIMPLEX = 0.02  # of a range: first size of a simplex, and how near an edge is
 EDGE = 1e-9  # of a range: a descent starts inside of it
@@ -188,7 +188,7 @@ def minimise(
 
     inside = np.clip(place[moving], EDGE, 1 - EDGE)
     ends: Any = {"xtol": converged, "ftol": converged, "gtol": None, "max_nfev": tries}
-    with np.errstate(invalid="ignore"):  # where nothing is seen there is no slope
+    with np.errstate(invalid="ignore", divide="ignore"):  # where nothing is seen there is no slope
         end = least_squares(off, inside, slopes, bounds=(0.0, 1.0), **ends)
     return _moved(place, moving, end.x)
 
