@@ -128,7 +128,9 @@ def _looks() -> dict[str, tuple[str, str]]:
 def draw_data(tables: Tables) -> Any:
     """Speed and duration against force, and by how much each datum is missed, all data fitted together."""
     shown, looks = _last(tables), _looks()
-    figure, (above, below) = pyplot().subplots(2, 2, figsize=(6.8, 6.4), layout="constrained", height_ratios=(1, 1.3))
+    figure = pyplot().figure(figsize=(6.8, 6.6), layout="constrained")
+    upper, lower = figure.subfigures(2, 1, height_ratios=(1, 1.2))
+    above, below = upper.subplots(1, 2), lower.subplots(1, 2)
     for axis, datum, scale, label in zip(
         above, (SPEED, DURATION), (1.0, 1e6), ("speed (m/s)", "duration at 4 % (µs)"), strict=True
     ):
@@ -145,7 +147,7 @@ def draw_data(tables: Tables) -> Any:
         look = {"xerr": next(errors), "yerr": [each * scale for each in next(errors)], "fmt": "k.", "lw": 0.7, "ms": 7}
         axis.errorbar(x, [each * scale for each in y], **look, label="measured")
         axis.set(xscale="log", xlabel="force at bead 9 (N)", ylabel=label)
-    above[0].legend(fontsize=6)
+    upper.legend(*above[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=6)
     for axis, counts in zip(below, (True, False), strict=True):
         own = [row for row in shown if row.counts == counts and not isnan(row.measured)]
         names = list(dict.fromkeys(_name(row) for row in own))
@@ -165,10 +167,10 @@ def draw_profiles(tables: Tables) -> Any:
     names, selections = (
         list(dict.fromkeys(values)) for values in zip(*((p.parameter, p.data) for p in points), strict=True)
     )
-    size = (1.2 + 2.6 * len(names), 3.6)
-    figure, axes = pyplot().subplots(1, len(names), figsize=size, squeeze=False, layout="constrained")
+    rows = -(-len(names) // 2)
+    figure, axes = pyplot().subplots(rows, 2, figsize=(6.8, 1.4 + 2.2 * rows), squeeze=False, layout="constrained")
     lines = {}
-    for axis, name in zip(axes[0], names, strict=True):
+    for axis, name in zip(axes.flat, names, strict=False):
         scale, label = (1e-9, "Young's modulus (GPa)") if "modulus" in name else (1.0, name.removeprefix("contact."))
         own = [point for point in points if point.parameter == name]
         for (law, data), curve in groupby(own, lambda point: (point.law, point.data)):
@@ -178,7 +180,9 @@ def draw_profiles(tables: Tables) -> Any:
         for rise in (1.0, 3.84):
             axis.axhline(rise, color=FAINT, lw=0.5)
         axis.set(ylim=(0, 6), xlabel=label)
-    axes[0, 0].set_ylabel("rise of chi-square (68 % at 1, 95 % at 3.84)")
+    for axis in axes.flat[len(names) :]:
+        axis.remove()
+    figure.supylabel("rise of chi-square (68 % at 1, 95 % at 3.84)", fontsize=8)
     figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=2, fontsize=6)
     return figure
 

@@ -3,12 +3,13 @@
 import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from math import nan
 from multiprocessing import active_children, get_context
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 
 from drivers.base import paths
@@ -18,16 +19,15 @@ from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation
-from postproc.read.observables import describe
+from postproc.read.observables import LATER, describe
 from postproc.read.sensors import sensor_signals
-from postproc.read.signals import envelope, incident_pulse, peaks
+from postproc.read.signals import UNLIKE, envelope, incident_pulse, peaks
 from validation.calibration.certainty import RISES
 from validation.calibration.data_sets import paper_data
 from validation.calibration.outcome import Outcome, solve
 from validation.calibration.problem import of_motion, own_values, pose, simulated
 
 MAXIMA = (2, 3, 4)  # that an envelope is drawn through
-ENVELOPE = 0.01  # of its range, by which maxima of the wall's force stand out
 TOP = "chain.sensors=[{ from_wall = 11 }, { from_wall = 10 }]"  # of Fig. 5, where the pulse enters
 NOT_QUOTED = "no error is quoted"
 REFLECTED = "run.duration=1.6 ms"  # of Fig. 4, until the reflected wave has come by
@@ -210,16 +210,19 @@ Number = tuple[str, str, float, float]  # name, unit, measured (NaN where no num
 
 
 def _fig5(simulation: Simulation) -> Iterator[Number]:
-    """Fig. 5: the envelope at the wall through several numbers of maxima, and the pulse that enters at the top bead."""
+    """Fig. 5: the envelope at the wall through several numbers of maxima of its train, and the pulse that enters."""
     time, signals, paper = (
         simulation.trace.time_s,
         sensor_signals(simulation.case.layout, simulation.trace),
         quoted().fig5,
     )
-    wall = signals["wall"] - signals["wall"][0]
-    maxima = peaks(time, wall, ENVELOPE)
+    wall = signals["wall"]
+    maxima = peaks(time, wall - wall[0], LATER)
+    leading = [replace(peak, value=peak.value + float(wall[0])) for peak in maxima]
     for count in MAXIMA:
-        rate = envelope(maxima[:count]).rate_per_s if len(maxima) >= count else nan
+        intervals = np.diff([peak.time_s for peak in leading[:count]])
+        train = len(leading) >= count and intervals.max() <= UNLIKE * intervals.min()
+        rate = envelope(leading[:count]).rate_per_s if train else nan
         yield f"wall envelope through {count} maxima", "1/us", paper.measured_envelope_per_us, rate * 1e-6
     reading = signals["bead_11"]
     shape = incident_pulse(time, reading - reading[0])
