@@ -12,7 +12,9 @@ from pydantic import Field
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import validate
-from drivers.chain.case import build_case
+from drivers.chain.case import Case, build_case
+from drivers.engines import REFERENCE
+from drivers.limits.refusal import inability
 from drivers.scene.model import Measured, Part, Scene
 from drivers.scene.read_scene import find_scene, lay_over, make_scene, read_scene, read_toml
 from drivers.scene.settings import look_up, unit_of
@@ -141,6 +143,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str]) -> list[DataSet]:
         columns = [_column(number) for number in each.number]
         skipped = {row for other, row in each.also.items() if other in names}
         _, tables, where = scene_tables(each.scene, (*each.set, *settings))
+        _case(read_scene(each.scene, (*each.set, *settings)))
         for row in range(max(map(len, columns))):
             if row not in skipped:
                 numbers = tuple(column[min(row, len(column) - 1)] for column in columns)
@@ -198,7 +201,7 @@ def scene_data(source: str, settings: Sequence[str], file: Path | None) -> DataS
     name, tables, where = scene_tables(source, settings)
     scene = read_scene(source, tuple(settings))
     entries, folder, source_of_data = entries_of(scene, file, where)
-    simulation = exact(build_case(scene))
+    simulation = exact(_case(scene))
     gauges, names = gauges_of(simulation.case.layout), [*simulation.values]
     numbers, records = list[Number](), list[Record]()
     for key, entry in entries.items():
@@ -211,6 +214,14 @@ def scene_data(source: str, settings: Sequence[str], file: Path | None) -> DataS
     if any(record.measured.trigger_s is None for record in records):
         lay_over(tables, f"run.duration={(1 + LEEWAY) * scene.run.duration!r} s")
     return DataSet(name, source, tables, where, tuple(numbers), (), tuple(records), entries)
+
+
+def _case(scene: Scene) -> Case:
+    """The case of a scene whose exact motion is known; InputError of another."""
+    case = build_case(scene)
+    if (cannot := inability(case, REFERENCE)) is not None:
+        raise cannot
+    return case
 
 
 def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:

@@ -78,16 +78,20 @@ def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) 
         own: free in each data set by itself, beside those that are a data set's own anyway.
 
     Raises:
-        InputError: a scene has no observable of a name, or no such parameter.
+        InputError: a scene has no observable of a name, no such parameter, or one is named twice.
     """
     gauges = [text for text in free if text.startswith("measured")]
     parameters = [free_parameter(text, sets[0].scene, sets[0].where) for text in free if text not in gauges]
     for each in sets:
         parameters += [free_parameter(text, each.scene, each.where, each.name) for text in (*each.own, *own)]
         parameters += gauge_parameters(each, gauges)
+    labels = [parameter.label for parameter in parameters]
+    for label in labels:
+        if labels.count(label) > 1:
+            raise InputError(sets[0].where, f"--free {label}", "twice", "each parameter once")
     data, first = list[Datum](), 0
     for each in sets:
-        seen = predicted(each, {})
+        seen = predicted(each, {free.key: free.start for free in parameters if free.own in ("", each.name)})
         for number in each.numbers:
             if number.observable not in seen:
                 raise InputError(each.where, number.observable, "no such observable of the scene", ", ".join(seen))

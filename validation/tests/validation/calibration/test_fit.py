@@ -216,6 +216,7 @@ def test_a_fitted_scene_keeps_its_comments_and_holds_what_was_found(tmp_path: Pa
         (f"{MODULUS}=2 GPa..1 GPa", "2e+09..1e+09"),
         (f"{MODULUS}=1 N..2 N", "1 N"),
         ("measured.0.gain", "no such gauge parameter"),
+        ("contact.alpha", 'a dissipation that is "viscoelastic"'),
     ],
 )
 def test_what_cannot_be_free_is_refused(free: str, found: str) -> None:
@@ -223,6 +224,13 @@ def test_what_cannot_be_free_is_refused(free: str, found: str) -> None:
         pose(paper_data(["fig4"], ()), (free,))
     assert found in str(refused.value)
     assert "allowed:" in str(refused.value)
+
+
+def test_a_key_is_free_once_and_a_scene_is_straight() -> None:
+    with pytest.raises(InputError, match="twice"):
+        pose(paper_data(["fig4"], ()), (RESTITUTION, RESTITUTION))
+    with pytest.raises(InputError, match="models it"):
+        paper_data(["fig4"], ("chain.lateral_offset=10 um",))
 
 
 def test_a_parameter_without_a_value_or_a_range_needs_bounds() -> None:
