@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from math import exp, log
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field
 
@@ -75,10 +75,6 @@ class Free:
         if self.logarithmic:
             return self.value(coordinate) * log(self.high / self.low)
         return self.high - self.low
-
-    def text(self, value: float) -> Any:
-        """A value as a scene file holds it: with its unit, or a plain number."""
-        return f"{value!r} {self.unit}" if self.unit else value
 
 
 def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
