@@ -59,7 +59,8 @@ def _name(row: DatumRow) -> str:
 
 def _fit_in_words(row: Parameter) -> str:
     """Goodness of a fit."""
-    text = f"chi-square {row.chi_square:.3g} with {row.freedom} degrees of freedom"
+    freedom = f"{row.freedom} degrees of freedom" if row.freedom >= 0 else "fewer data than parameters"
+    text = f"chi-square {row.chi_square:.3g} with {freedom}"
     return text + (f", probability {row.probability:.2g}" if row.freedom > 0 else "")
 
 
