@@ -1,0 +1,43 @@
+"""The calibration study: laws fitted to what the paper quotes, its tables, sentences, figures and section."""
+
+from pathlib import Path
+
+import pytest
+
+from validation.calibration import calibration_study
+from validation.calibration.calibration_study import DATA, MAIN, PROFILES, REMARKS, STUDY, sentences
+from validation.calibration.data_sets import paper_data
+from validation.calibration.laws import fit_one, plan
+from validation.studies import read_section, write_study
+
+
+def test_laws_on_fig_4_are_written_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = plan()
+    monkeypatch.setattr(calibration_study, "plan", lambda: whole.model_copy(update={"selections": ("fig4",)}))
+    laws = [law for law in whole.law if law.name in ("elastic theory", "viscoelastic")]
+    parts = zip(*(fit_one(law, "fig4", False) for law in laws), strict=True)
+    rows = {name: [row for each in part for row in each] for name, part in zip(STUDY.tables, parts, strict=True)}
+    assert [*rows] == [MAIN, DATA, PROFILES, REMARKS]
+    theory, fitted = sentences(write_study(STUDY, rows, tmp_path))
+    assert "missed, in standard errors: fig4: force by +9.2, fig4: speed by +2.7" in theory
+    assert "ptfe.youngs_modulus 1.01 ± 0.29 GPa (95 %: 0.54 .. 1.70 GPa); contact.restitution 0.729 ± 0.096" in fitted
+    section = read_section("calibration", tmp_path)
+    assert [fit["verdict"] for fit in section["summary"]] == ["no fit", "no test"]
+    assert len(section["figures"]) == 2
+    envelopes = {line["name"]: line["cells"][0][0] for line in section["data"] if "envelope through" in line["name"]}
+    assert [float(value) for value in envelopes.values()] == pytest.approx([-0.0065, -0.0060, -0.0049], abs=6e-5)
+
+
+def test_an_experiment_counts_once() -> None:
+    """The second row of Table 1 is the wave of Fig. 4."""
+    assert len(paper_data(["table1"], ())) == 5
+    names = [each.name for each in paper_data(["fig4", "table1"], ())]
+    assert names == ["fig4", "table1 row 1", "table1 row 3", "table1 row 4", "table1 row 5"]
+
+
+def test_what_is_quoted_has_an_error_with_a_reason() -> None:
+    """Stated by the paper, or assumed because of something."""
+    for data in paper_data(["fig4", "table1", "fig5"], ()):
+        for number in data.numbers:
+            assert number.error > 0
+            assert number.because or number.observable in ("bead_9_amplitude_N", "speed_9_to_5_m_s")
