@@ -1,10 +1,12 @@
-"""``python -m validation.tests.bench``: what integrators, engines, batches and the report cost, measured in one run."""
+"""``python -m validation.tests.bench``: what integrators, engines, batches, fits and the report cost, in one run."""
 
 from validation.tests.bench.bench import bench
 from validation.tests.bench.bench_batch import bench_batch
+from validation.tests.bench.bench_fit import bench_fit
 from validation.tests.bench.bench_report import bench_report
 
 if __name__ == "__main__":
     bench()
     bench_batch()
+    bench_fit()
     bench_report()
