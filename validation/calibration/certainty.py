@@ -83,19 +83,21 @@ class Certainty:
             if len(named) == 1:
                 yield f"the data do not tell {free[named[0]].label}"
             else:
-                names = " from ".join(free[i].label for i in named)
+                names = " and ".join(free[i].label for i in named)
                 yield f"the data cannot tell {names} apart: they trade off along {self._along(direction, named)}"
         told = np.flatnonzero((self.inflation > INFLATED) & ~self.undetermined)
         if len(told) > 1:
             weakest = self._directions[1][int(np.argmin(self._directions[0]))]
-            names, times = " from ".join(free[i].label for i in told), float(self.inflation[told].min())
+            names, times = " and ".join(free[i].label for i in told), float(self.inflation[told].min())
             words = f"the data hardly tell {names} apart: they trade off along {self._along(weakest, told)}"
             yield f"{words}, and would be known {times:.0f} times better if the others were known"
 
     def _along(self, direction: Array, named: NDArray[np.intp]) -> str:
         """Changes of some parameters along a direction, the largest by 10 %."""
         free, place = self.fit.problem.free, self.fit.place
-        changes = [direction[i] * free[i].slope(float(place[i])) / free[i].value(float(place[i])) for i in named]
+        values = [free[i].value(float(place[i])) or free[i].high for i in named]
+        slopes = [free[i].slope(float(place[i])) for i in named]
+        changes = [direction[i] * slope / value for i, slope, value in zip(named, slopes, values, strict=True)]
         largest = changes[int(np.argmax(np.abs(changes)))]
         return ", ".join(
             f"{free[i].label} {10 * each / largest:+.3g} %" for i, each in zip(named, changes, strict=True)

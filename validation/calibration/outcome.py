@@ -12,6 +12,7 @@ from validation.calibration.fit import Fit, at_edge, fit, fitted_at, minimise, s
 from validation.calibration.free import Free
 from validation.calibration.problem import Problem
 
+AT_END = 1e-6  # of a range
 ALIKE = 0.5  # correlation of neighbouring residuals, from which on they are no noise
 NOISE = 0.1  # relative: twice the standard error of a noise by a hundred quiet readings or so
 BETTER = 0.01  # lower chi-square, which makes another minimum the better one
@@ -66,6 +67,9 @@ class Outcome:
         for datum in found.problem.data:
             if datum.number is not None and datum.number.fitted and not self._shown(datum.name, datum.data_set):
                 yield f"{datum.label} is not seen in the computed motion, and counts as 10 standard errors"
+        for free, x in zip(found.problem.free, found.place, strict=True):
+            if not AT_END < x < 1 - AT_END:
+                yield f"{free.label} is at the end of its range, {_rounded(free, free.value(float(x)))}"
         if at_edge(found.problem, found.place):
             yield "next to these values a datum is no longer seen: the fit rests at that edge, where intervals may end"
         for chi_square, place in found.others if not len(self.certainty.open_directions) else ():

@@ -121,7 +121,7 @@ def test_gain_and_modulus_cannot_be_told_from_one_gauge(scene_file: SceneWriter)
     path = quoting(scene_file, "bead_9_amplitude = '1 N'", "bead_9_amplitude = 0.05")
     outcome = solve(pose([scene_data(str(path), (), None)], (MODULUS, "measured.0.gain")))
     said = [*outcome.sentences()]
-    assert any(f"cannot tell {MODULUS} from scene: measured.0.gain apart" in line for line in said), said
+    assert any(f"cannot tell {MODULUS} and scene: measured.0.gain apart" in line for line in said), said
     along = next(line for line in said if "trade off" in line)
     assert f"{MODULUS} +10 %" in along
     assert float(along.rpartition("gain +")[2].rstrip(" %")) == pytest.approx(
@@ -167,6 +167,11 @@ def test_a_profile_that_stays_low_at_the_end_of_a_range_has_no_end_there() -> No
     assert (low, high) == (-inf, inf)
     free, error = problem.free[0], float(Certainty(found).errors[0])
     assert interval_in_words(free, (low, high), 1e9, error) == "(0.900) .. (1.100) GPa"
+
+
+def test_a_parameter_at_the_end_of_its_range_is_told() -> None:
+    outcome = solve(pose(paper_data(["fig4"], ()), (f"{RESTITUTION}=0.9..0.95",)), quick=True)
+    assert f"{RESTITUTION} is at the end of its range, 0.9" in [*outcome.sentences()]
 
 
 def test_a_fit_at_a_minimum_is_that_fit() -> None:
