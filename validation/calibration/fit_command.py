@@ -1,6 +1,7 @@
 """``python -m validation fit``: finds free parameters of scenes by measured data, and has codes confirm the scene."""
 
 import os
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,6 +66,9 @@ def problem_of(wanted: Wanted) -> Problem:
         sets = [scene_data(scene, wanted.settings, wanted.measured) for scene in wanted.scenes]
     if not sets:
         raise InputError("fit", "", "no scene", "scenes with [[measured]] data, or --quoted")
+    for name, count in Counter(data.name for data in sets).items():
+        if count > 1:
+            raise InputError("fit", "", f"{name} {count} times", "each data set once, scenes of different names")
     return pose(sets, wanted.free, wanted.own)
 
 
@@ -180,7 +184,10 @@ def write_fitted(source: str, settings: Sequence[str], outcome: Outcome, results
         if free.own in ("", path.stem) and not free.key.startswith(MEASURED):
             set_value(document, free.key, _rounded(free, outcome, index), str(path))
             value, error = free.value(float(outcome.fit.place[index])), float(outcome.certainty.errors[index])
-            look_up(document, free.key).comment(f"fitted: {value_in_words(free, value, error)}")
+            if not isinstance(
+                look_up(document, free.key.rpartition(".")[0]), tomlkit.items.InlineTable
+            ):  # has no lines
+                look_up(document, free.key).comment(f"fitted: {value_in_words(free, value, error)}")
     for data in outcome.fit.problem.sets:
         if data.name == path.stem and data.records:
             document[MEASURED] = _entries(data, outcome, results)

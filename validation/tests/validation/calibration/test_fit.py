@@ -210,6 +210,13 @@ def test_a_fitted_scene_keeps_its_comments_and_holds_what_was_found(tmp_path: Pa
     assert entry.trigger == pytest.approx(outcome.fit.values["table1: measured.trigger"], rel=1e-5)
 
 
+def test_a_value_in_an_inline_table_is_written_where_it_stands(tmp_path: Path) -> None:
+    """A comment there would make the file no TOML."""
+    outcome = solve(pose(paper_data(["fig4"], ()), ("chain.sensors.0.mass", RESTITUTION)), quick=True)
+    scene = read_scene(write_fitted("fig4", (), outcome, tmp_path))
+    assert scene.chain.sensors[0].mass == pytest.approx(outcome.fit.values["chain.sensors.0.mass"], rel=1e-5)
+
+
 @pytest.mark.parametrize(
     ("free", "found"),
     [
@@ -252,6 +259,7 @@ def test_a_parameter_without_a_value_or_a_range_needs_bounds() -> None:
         (["--free", RESTITUTION], "no scene"),
         (["fig4", "--free", RESTITUTION], "a [[measured]] table in the scene file, or --measured"),
         (["fig4", "--free", RESTITUTION, "--quoted", "fig9"], "fig4, table1, fig5"),
+        (["fig4", "--free", RESTITUTION, "--quoted", "fig4,fig4"], "each data set once"),
         (["fig4", "--free", RESTITUTION, "--quoted", "fig4", "--measured", "x.csv"], "one of the two"),
         (["fig4", "--free", RESTITUTION, "--measured", "nowhere.csv"], "no such file"),
     ],
