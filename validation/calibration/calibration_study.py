@@ -7,8 +7,9 @@ from typing import Any
 
 from postproc.draw.style import FAINT, pyplot
 from validation.calibration.free import FACTOR, Free, known_range
-from validation.calibration.laws import DatumRow, Parameter, Point, Remark, fit_all, plan
+from validation.calibration.laws import Point, Remark, fit_all, plan
 from validation.calibration.outcome import interval_in_words, value_in_words
+from validation.calibration.rows import DatumRow, Parameter
 from validation.studies import Options, Picture, Study, Tables, rows_in
 
 MAIN, DATA, PROFILES, REMARKS = "calibration", "calibration-data", "calibration-profiles", "calibration-remarks"

@@ -17,15 +17,15 @@ from drivers.engines import codes
 from drivers.limits.refusal import inability
 from drivers.scene.read_scene import find_scene, lay_over, read_scene, set_value
 from drivers.scene.settings import look_up
-from postproc.read.observables import describe
 from validation.calibration.certainty import RISES
 from validation.calibration.data_sets import DataSet, paper_data, scene_data
 from validation.calibration.free import GAIN, TRIGGER, Free
 from validation.calibration.outcome import Outcome, interval_in_words, solve, value_in_words
 from validation.calibration.problem import Problem, pose
+from validation.calibration.rows import DatumRow, Parameter, datum_rows, parameter_rows
 from validation.compare.asked import Asked
 from validation.compare.comparison import compare_scenes
-from validation.studies import write_frame
+from validation.studies import write_table
 
 MEASURED = "measured"
 
@@ -84,8 +84,9 @@ def run_fit(wanted: Wanted, runs: Path, results: Path) -> int:
         outcome = solve(problem, quick=wanted.quick, count=count)
     print(*lines(outcome), sep="\n", flush=True)
     name = f"fit-{Path((*wanted.scenes, *wanted.quoted)[0]).stem}"
-    write_frame(results / f"{name}.csv", parameter_table(outcome))
-    write_frame(results / f"{name}-data.csv", data_table(outcome))
+    law, data = " ".join(wanted.settings), ", ".join(each.name for each in problem.sets)
+    write_table(results / f"{name}.csv", Parameter, parameter_rows(law, data, outcome))
+    write_table(results / f"{name}-data.csv", DatumRow, datum_rows(law, data, outcome))
     sources = wanted.scenes or [data.source for data in outcome.fit.problem.sets]
     fitted = [write_fitted(source, wanted.settings, outcome, results) for source in dict.fromkeys(sources)]
     print(*(paths.shown(results / f"{name}{end}") for end in (".csv", "-data.csv")), sep="\n")
@@ -135,41 +136,6 @@ def _datum_in_words(line: Any) -> str:
     off = f"{line.without_off:6.2f}" if line.without_off == line.without_off else ""
     words = f"{measured:>20} {line.fitted:11.5g} {line.off:6.2f}  {others:>22} {off}"
     return words if number.fitted else f"{words.rstrip()}  (not fitted)"
-
-
-def parameter_table(outcome: Outcome) -> Any:
-    """A row for each parameter, values in SI units."""
-    import pandas as pd
-
-    rows = []
-    for index, free in enumerate(outcome.fit.problem.free):
-        profile = outcome.profiles.get(free.label)
-        row: dict[str, Any] = {"parameter": free.label, "unit": free.unit, "start": free.start}
-        row |= {"low": free.low, "high": free.high, "value": free.value(float(outcome.fit.place[index]))}
-        row["standard_error"] = float(outcome.certainty.errors[index])
-        for name, rise in RISES.items():
-            ends = profile.interval(rise) if profile else (float("nan"),) * 2
-            row |= dict(zip((f"low_{name[:2]}pct", f"high_{name[:2]}pct"), ends, strict=True))
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
-def data_table(outcome: Outcome) -> Any:
-    """A row for each datum, in its observable's unit."""
-    import pandas as pd
-
-    rows = []
-    for line in outcome.predictions:
-        number = line.datum.number
-        rows.append({
-            "data_set": line.datum.data_set, "datum": line.datum.name, "unit": describe(line.datum.name).unit,
-            "measured": number.value if number else float("nan"), "error": number.error if number else float("nan"),
-            "fitted": line.fitted, "fitted_error": line.error, "off": line.off,
-            "by_the_others": line.without, "by_the_others_error": line.without_error,
-            "by_the_others_off": line.without_off,
-            "counts": bool(number is None or number.fitted), "because": number.because if number else "",
-        })  # fmt: skip
-    return pd.DataFrame(rows)
 
 
 def write_fitted(source: str, settings: Sequence[str], outcome: Outcome, results: Path) -> Path:

@@ -19,13 +19,13 @@ from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation
-from postproc.read.observables import LATER, describe
+from postproc.read.observables import LATER
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import UNLIKE, envelope, incident_pulse, peaks
-from validation.calibration.certainty import RISES
 from validation.calibration.data_sets import paper_data
 from validation.calibration.outcome import Outcome, solve
 from validation.calibration.problem import of_motion, own_values, pose, simulated
+from validation.calibration.rows import DatumRow, Parameter, datum_rows, parameter_rows
 
 MAXIMA = (2, 3, 4)  # that an envelope is drawn through
 TOP = "chain.sensors=[{ from_wall = 11 }, { from_wall = 10 }]"  # of Fig. 5, where the pulse enters
@@ -47,46 +47,6 @@ class Plan(Part):
     selections: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
     quick: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
     law: Annotated[tuple[Law, ...], Field(strict=False, min_length=1)]
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of one fit, in the SI unit of its key; inf is the standard error of one that the data do not tell."""
-
-    law: str
-    data: str
-    parameter: str
-    unit: str
-    value: float
-    error: float
-    low_68pct: float
-    high_68pct: float
-    low_95pct: float
-    high_95pct: float
-    chi_square: float
-    freedom: int
-    probability: float
-
-
-@dataclass(frozen=True)
-class DatumRow:
-    """A datum beside what one fit gives for it and what a fit without it foretells; NaN where there is no number."""
-
-    law: str
-    data: str
-    data_set: str
-    datum: str
-    unit: str
-    measured: float
-    error: float
-    fitted: float
-    fitted_error: float
-    off: float
-    by_the_others: float
-    by_the_others_error: float
-    by_the_others_off: float
-    counts: bool
-    because: str
 
 
 @dataclass(frozen=True)
@@ -157,40 +117,14 @@ def fit_one(law: Law, data: str, quick: bool) -> Rows:
     """One law fitted to one selection, as rows."""
     sets = paper_data([name.strip() for name in data.split(",")], law.set)
     outcome = solve(pose(sets, law.free), quick=quick)
-    parameters = [*_parameters(law.name, data, outcome)]
-    rows = [*_data(law.name, data, outcome), *_beyond(law, data, outcome)]
+    parameters = [*parameter_rows(law.name, data, outcome)]
+    rows = [*datum_rows(law.name, data, outcome), *_beyond(law, data, outcome)]
     points = [
         Point(law.name, data, label, float(value), float(rise))
         for label, each in outcome.profiles.items()
         for value, rise in zip(each.value, each.chi_square - each.chi_square.min(), strict=True)
     ]
     return parameters, rows, points, [Remark(law.name, data, sentence) for sentence in outcome.sentences()]
-
-
-def _parameters(law: str, data: str, outcome: Outcome) -> Iterator[Parameter]:
-    found = outcome.fit
-    for index, free in enumerate(found.problem.free):
-        profile = outcome.profiles.get(free.label)
-        (low, high), (lower, higher) = (profile.interval(rise) if profile else (nan, nan) for rise in RISES.values())
-        value, error = free.value(float(found.place[index])), float(outcome.certainty.errors[index])
-        yield Parameter(
-            law, data, free.label, free.unit, value, error, low, high, lower, higher,
-            found.chi_square, found.freedom, outcome.probability,
-        )  # fmt: skip
-    if not found.problem.free:
-        none = (nan, nan, nan, nan, nan, nan)
-        yield Parameter(law, data, "none", "", *none, found.chi_square, found.freedom, outcome.probability)
-
-
-def _data(law: str, data: str, outcome: Outcome) -> Iterator[DatumRow]:
-    for line in outcome.predictions:
-        number = line.datum.number
-        if number is not None:
-            unit = describe(number.observable).unit
-            yield DatumRow(
-                law, data, line.datum.data_set, number.observable, unit, number.value, number.error, line.fitted,
-                line.error, line.off, line.without, line.without_error, line.without_off, number.fitted, number.because,
-            )  # fmt: skip
 
 
 def _beyond(law: Law, data: str, outcome: Outcome) -> Iterator[DatumRow]:
