@@ -150,9 +150,8 @@ def write_fitted(source: str, settings: Sequence[str], outcome: Outcome, results
         if free.own in ("", path.stem) and not free.key.startswith(MEASURED):
             set_value(document, free.key, _rounded(free, outcome, index), str(path))
             value, error = free.value(float(outcome.fit.place[index])), float(outcome.certainty.errors[index])
-            if not isinstance(
-                look_up(document, free.key.rpartition(".")[0]), tomlkit.items.InlineTable
-            ):  # has no lines
+            parent = look_up(document, free.key.rpartition(".")[0])
+            if not isinstance(parent, tomlkit.items.InlineTable):  # a comment would hide the rest of its line
                 look_up(document, free.key).comment(f"fitted: {value_in_words(free, value, error)}")
     for data in outcome.fit.problem.sets:
         if data.name == path.stem and data.records:
