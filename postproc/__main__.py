@@ -15,7 +15,7 @@ from drivers.base import paths
 from drivers.base.command_line import Parser, engines_file, must_be_folder, run_main
 from drivers.base.errors import InputError, RunError
 from drivers.base.progress import step
-from postproc.figures import figures, make_figure
+from postproc.figures import captions, make_figure
 
 if TYPE_CHECKING:
     from drivers.run.finished import EndedRun
@@ -32,7 +32,7 @@ def main() -> int:
         prog="python -m postproc", description="Figures, scenes drawn to scale, numbers from finished runs."
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    drawn = {name: (words, _figures, RUNS) for name, words in figures().items()}
+    drawn = {name: (caption.title, _figures, RUNS) for name, caption in captions().items()}
     for name, (words, action, options) in (COMMANDS | drawn).items():
         command = commands.add_parser(name, help=words)
         for option, look in options.items():
@@ -93,7 +93,7 @@ def _figures(arguments: argparse.Namespace) -> Iterator[Path]:
     """Makes one figure, or all: one that cannot be made leaves the others."""
     from drivers.engines import missing_codes
 
-    titles, code = figures(), 0
+    titles, code = {name: caption.title for name, caption in captions().items()}, 0
     names = [*titles] if arguments.command == "figures" else [arguments.command]
     for number, name in enumerate(names, 1):
         try:

@@ -6,12 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from drivers.engines import Style, engine_names, load_engine
+from drivers.engines import REFERENCE, Style, engine_names, load_engine
 
 MICRO = 1e6
 COLUMN_IN = 3.5  # a journal's column
+PAGE_IN = 7.1  # its page of two columns
 FAINT = "#555555"
 OPEN = "#e4e7ea"  # where there is no contact
+# quantities of the paper's figures, told apart in grey by their lines
+FIRST: dict[str, Any] = {"color": "#0072b2", "ls": (0, (5, 1.5)), "lw": 1.0}  # F_1, the contact that a wave meets first
+SECOND: dict[str, Any] = {"color": "#d55e00", "ls": (0, (4, 1, 1, 1)), "lw": 1.0}  # F_2
+AVERAGE: dict[str, Any] = {"color": "black", "ls": "-", "lw": 1.2}  # of both; any force that a gauge shows
+DAMPED: dict[str, Any] = {"color": "#009e73", "ls": (0, (3, 1)), "lw": 1.2}  # the same with dissipation
+QUOTED: dict[str, Any] = {"color": "#a34800", "ls": (0, (1, 1.2)), "lw": 1.0}  # levels and rates that the paper states
+GREYS = ("#222222", "#666666", "#999999")  # codes, where a figure is of quantities
 # engines without a style of their own, and further builds of a code, get these in the order of their names
 SPARE = (
     Style("#882255", dashes=(0, (5, 1, 1, 1, 1, 1)), marker="p"),
@@ -41,6 +49,18 @@ def marker_of(engine: str) -> dict[str, Any]:
     """Plot keywords for an engine's points: nested, so that equal points stay visible."""
     style = line_of(engine)
     return {"marker": style.marker, "ms": style.size, "mew": 1.1, "mfc": "none", "color": style.colour}
+
+
+def grey_of(engine: str) -> dict[str, Any]:
+    """Plot keywords for an engine's points where colours stand for quantities: its own marker, in grey."""
+    codes = [name for name in engine_names() if name != REFERENCE]
+    level = GREYS[codes.index(engine) % len(GREYS)] if engine in codes else GREYS[0]
+    return marker_of(engine) | {"color": level, "ls": "none"}
+
+
+def letter_panel(axis: Any, letter: str, words: str = "") -> None:
+    """Letters a panel as the paper does, with a few words: above its upper left corner, in line with the axis."""
+    axis.set_title(f"({letter})  {words}".rstrip(), loc="left")
 
 
 def drawing_order(engines: list[str]) -> list[str]:

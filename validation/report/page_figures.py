@@ -17,7 +17,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from postproc.draw.product import SPACETIME
 from postproc.draw.style import svg_of
-from postproc.figures import figures
+from postproc.figures import captions
 from postproc.paper.strikes import COLUMNS, engines_of
 
 TABLE = "table1.csv"
@@ -79,19 +79,19 @@ def stored_or_drawn(path: Path, table: Path, draw: Callable[[], Any]) -> Image:
 
 
 def read_figures(results: Path) -> dict[str, Any]:
-    """``made``: title and image of each of the paper's figures, and its chains ``beside`` it; ``missing``: names.
-
-    A figure's title is the first line of its module.
+    """``made``: caption and image of each of the paper's figures, and its chains ``beside`` it; ``missing``: names.
 
     Raises:
         InputError: one is damaged.
     """
     made, missing = [], []
-    for name, title in figures().items():
+    for name, caption in captions().items():
         if f"{name}.csv" == TABLE:
             continue
         if image := read_image(results / f"{name}.svg"):
-            made.append({"title": title, "image": image, "beside": read_beside(results, name)})
+            made.append(
+                {"title": caption.title, "text": caption.text, "image": image, "beside": read_beside(results, name)}
+            )
         else:
             missing.append(name)
     return {"made": made, "missing": missing}

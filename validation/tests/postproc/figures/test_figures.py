@@ -12,7 +12,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.engines import codes, installed_codes, missing_codes
 from postproc.draw.product import Product, write_product
-from postproc.figures import figures, make_figure
+from postproc.figures import captions, make_figure
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import contact_peak, strike_for
 from postproc.read.signals import Peak, envelope, incident_pulse
@@ -29,18 +29,18 @@ def made(shared_runs: Path) -> dict[str, Product]:
     """Every product, made once."""
     for code in CODES:
         need(code)
-    return {name: make_figure(name, shared_runs) for name in figures()}
+    return {name: make_figure(name, shared_runs) for name in captions()}
 
 
 def test_a_figure_is_known_by_its_file() -> None:
     """``make help`` and the command line take its first line."""
-    assert list(figures()) == sorted(file.stem for file in (paths.ROOT / "postproc" / "figures").glob("[a-z]*.py"))
+    assert list(captions()) == sorted(file.stem for file in (paths.ROOT / "postproc" / "figures").glob("[a-z]*.py"))
     said = command_line("postproc", "--help").stdout.split()
     listed = subprocess.run(["make", "help"], cwd=paths.ROOT, capture_output=True, text=True, check=True).stdout
-    for name, words in figures().items():
+    for name, caption in captions().items():
         assert name in said
-        assert words.split()[0] in ("Fig.", "Table")
-        assert re.search(f"make {name} +{re.escape(words)}\n", listed)
+        assert caption.title.split()[0] in ("Fig.", "Table")
+        assert re.search(f"make {name} +{re.escape(caption.title)}\n", listed)
 
 
 @pytest.mark.long
