@@ -82,6 +82,12 @@ class Ptfe(Part):
     ultrasound_m_s: Positive
 
 
+class Smallest(Part):
+    """The smallest wave that was measured."""
+
+    force_N: Positive
+
+
 class Quoted(Part):
     """The file."""
 
@@ -90,6 +96,7 @@ class Quoted(Part):
     fig4: Fig4
     fig5: Fig5
     sensor: SensorParts
+    smallest: Smallest
     ptfe: Ptfe
 
 

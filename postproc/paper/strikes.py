@@ -7,7 +7,7 @@ sensors' average.
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from math import exp, log
@@ -139,13 +139,13 @@ def _root(excess: Callable[[float], float], start: float) -> float | None:
     return float(brentq(excess, *ends, xtol=FOUND)) if excess(ends[0]) < 0 < excess(ends[1]) else None
 
 
-def solve_table1(runs: Path) -> pd.DataFrame:
+def solve_table1(runs: Path, *settings: str) -> pd.DataFrame:
     """A row per amplitude: the paper's columns, then the striker speed and the three numbers by each engine.
 
     Codes start from the reference's speeds, corrected by their own amplitudes; RunError if one's do not settle.
     """
-    paper, forces = quoted().table1.frame, quoted().table1.force_N
-    exact_ones = [strike_for(force, sensor_amplitude) for force in forces]
+    forces = quoted().table1.force_N
+    exact_ones = [strike_for(force, sensor_amplitude, *settings) for force in forces]
     solved = run_codes_on([simulation.case for simulation in exact_ones], runs)
     for _ in range(MAX_CORRECTIONS):
         cases = {code: [*map(_corrected, own, forces)] for code, own in solved.items()}
@@ -155,7 +155,17 @@ def solve_table1(runs: Path) -> pd.DataFrame:
         solved = run_codes(cases, runs)  # settled ones are found again by content
     else:
         raise RunError(f"{SCENE}: the striker speed of {', '.join(unsettled)} does not settle on the amplitude wanted")
-    for engine, simulations in ({REFERENCE: exact_ones} | solved).items():
+    return _table1({REFERENCE: exact_ones} | solved)
+
+
+def exact_table1(amplitude: Amplitude, *settings: str) -> pd.DataFrame:
+    """Table 1 by the reference alone, the amplitude read in one of the ways of ``READINGS``."""
+    return _table1({REFERENCE: [strike_for(force, amplitude, *settings) for force in quoted().table1.force_N]})
+
+
+def _table1(solved: Mapping[str, Sequence[Simulation]]) -> pd.DataFrame:
+    paper = quoted().table1.frame
+    for engine, simulations in solved.items():
         lower = f"bead_{sensor_pair(simulations[0].case)[1]}"
         paper[engine + STRIKER] = [striker_speed(simulation) for simulation in simulations]
         paper[f"{engine}_speed_m_s"] = [speed_between_sensors(simulation) for simulation in simulations]

@@ -92,19 +92,25 @@ def solitary_strain(particles: Particles, speed_m_s: float, place_m: Array) -> A
     return np.asarray(np.where(np.abs(angle) < pi / 2, amplitude * np.cos(angle) ** 4, 0.0))
 
 
-def stationary_residual(particles: Particles, speed_m_s: float, points: int = 64) -> float:
-    """Largest violation of Eq. (1) by the hump of Eq. (2), over the largest value of its terms.
+def stationary_residual(power: float = 1.5, stretch: float = 1.0, points: int = 64) -> float:
+    """Largest violation of the long-wave equation by its periodic solution, over the largest of its terms.
 
-    A wave of speed V satisfies, once integrated, ``V^2 xi = c^2 { xi^(3/2) + (a^2/10) xi^(1/4) (xi^(5/4))_xx }``.
-    With ``xi^(1/4)`` a plain cosine, ``xi^(5/4)`` is band-limited and its Fourier derivative exact.
+    Of a chain with ``F ~ overlap^n`` (n = 3/2: Eq. (1)) a wave of speed V satisfies, once integrated,
+    ``V^2 xi = c_n^2 { xi^n + n a^2 / (6 (n+1)) xi^((n-1)/2) (xi^((n+1)/2))_xx }``, solved by
+    ``xi^((n-1)/2) = cos(k x)`` with ``k a = (n-1) (6 / (n (n+1)))^(1/2)`` and ``V^2 = 2 c_n^2 / (n+1)``: Eq. (2) for
+    n = 3/2, a plain harmonic wave for n = 3. Where (n+1)/(n-1) is whole, all is band-limited and its derivatives exact.
+
+    Parameters:
+        stretch: of the wave length; another than 1 solves nothing.
     """
-    a, c = particles.diameter_m, particles.speed_constant_m_s
-    period = 2 * HUMP_LENGTH * a
-    place = (np.arange(points) / points - 0.5) * period
-    root = (5 * speed_m_s**2 / (4 * c**2)) ** 0.5 * np.cos(HUMP_WAVE_NUMBER * place / a)  # xi^(1/4), with its sign
-    right = c**2 * (root**6 + a**2 / 10 * root * _derivative(root**5, period, 2))
-    left = speed_m_s**2 * root**4
-    return float(np.abs(left - right).max() / left.max())
+    n = power
+    wave_number = (n - 1) * sqrt(6 / (n * (n + 1))) / stretch
+    period = 2 * pi / wave_number
+    root = np.cos(2 * pi * np.arange(points) / points)  # xi^((n-1)/2), with its sign
+    curvature = _derivative(root ** ((n + 1) / (n - 1)), period, 2)
+    right = root ** (2 * n / (n - 1)) + n / (6 * (n + 1)) * root * curvature
+    left = 2 / (n + 1) * root ** (2 / (n - 1))
+    return float(np.abs(left - right).max() / np.abs(left).max())
 
 
 def speed_from_strain(particles: Particles, strain: float) -> float:

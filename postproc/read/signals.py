@@ -163,24 +163,28 @@ def train_envelope(maxima: list[Peak]) -> Envelope | None:
 class PulseShape:
     """An incident pulse at one place."""
 
-    rise_s: float  # from ``ONSET`` of the first maximum to it
+    rise_s: float  # from the onset to the first maximum
     decay_per_s: float  # rate of the exponential from the maximum to half of it; NaN if it never falls so far
-    duration_s: float  # from ``ONSET`` until it first falls below that again, or until the reflected wave arrives
+    duration_s: float  # from the onset until it first falls below that level again, or until the reflected wave arrives
 
 
-def incident_pulse(time_s: Array, signal: Array) -> PulseShape | None:
-    """The shape of a signal's first pulse; None without a later maximum, the largest of which is the reflected wave."""
+def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> PulseShape | None:
+    """The shape of a signal's first pulse; None without a later maximum, the largest of which is the reflected wave.
+
+    Parameters:
+        onset_share: of the first maximum, from which on the pulse counts as begun, and below which as ended.
+    """
     from scipy.interpolate import make_interp_spline
 
     found = peaks(time_s, signal)
     if len(found) < 2:
         return None
     first, reflected = found[0], max(found[1:], key=lambda peak: peak.value)
-    onset = rising_crossing(time_s, signal, ONSET * first.value, first)
+    onset = rising_crossing(time_s, signal, onset_share * first.value, first)
     after = np.linspace(first.time_s, reflected.time_s, FINER * (reflected.sample - first.sample))
     falling = np.asarray(make_interp_spline(time_s, signal, k=5)(after))
     half = int(np.argmax(falling < first.value / 2))
     rate = np.polyfit(after[:half], np.log(falling[:half]), 1)[0] if half > 1 else np.nan
-    quiet = falling < ONSET * first.value
+    quiet = falling < onset_share * first.value
     end = int(np.argmax(quiet)) if quiet.any() else int(np.argmin(falling))
     return PulseShape(first.time_s - onset, float(rate), float(after[end]) - onset)

@@ -1,6 +1,6 @@
-"""Claims that no simulation enters: equations (1) to (7), exact solitary waves; materials, masses and contacts."""
+"""Claims on equations (1) to (7) and on exact solitary waves."""
 
-from math import pi, sqrt
+from math import sqrt
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -8,34 +8,31 @@ from scipy.interpolate import CubicSpline
 from postproc.paper import theory
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
+from validation.claims.chains import ptfe_beads
 from validation.reference import travelling_wave
 from validation.reference.travelling_wave import fixed_point, solve_travelling_wave
 
 STATIC_N = 0.02  # any static force: the statements depend at most on the amplitude over it
 AMPLITUDES = (1.0, 10.0, 100.0)
-FORCE_N = 5.0
-
-
-def _particles() -> theory.Particles:
-    return theory.particles_of(case_of("table1"))
+SWEPT_AMPLITUDES = (0.1, 1.0, 10.0, 100.0, 1e3, 1e4)
 
 
 def speed_constant() -> float:
     """Speed constant c of the discrete chain, ``c^2 = k a^(5/2) / m``, over that of the formula."""
-    p = _particles()
+    p = ptfe_beads()
     return sqrt(p.stiffness * p.diameter_m**2.5 / p.mass_kg) / p.speed_constant_m_s
 
 
 def sound_speed() -> float:
     """Long-wave sound speed of the discrete chain over ``c xi_0^(1/4)``."""
-    p = _particles()
+    p = ptfe_beads()
     beads_per_s = travelling_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N)
     return float(beads_per_s * p.diameter_m / (p.speed_constant_m_s * p.strain(STATIC_N) ** 0.25))
 
 
 def convergence_order() -> float:
     """Order in a/L at which the lattice's accelerations tend to Eq. (1)'s, the beads over a wave doubled twice."""
-    p, mean, swing = _particles(), 0.01, 0.006
+    p, mean, swing = ptfe_beads(), 0.01, 0.006
     errors = []
     # the largest difference of accelerations over the largest, for one period of a strongly modulated strain
     for beads in (64, 256):
@@ -50,9 +47,9 @@ def convergence_order() -> float:
     return float(np.log(errors[0] / errors[1]) / np.log(4))
 
 
-def stationary_residual() -> float:
-    """Largest violation of Eq. (1) by Eq. (2)."""
-    return theory.stationary_residual(_particles(), 150.0)
+def stationary_residual(power: float) -> float:
+    """Largest violation of the long-wave equation of a chain with ``F ~ overlap^power`` by its periodic solution."""
+    return theory.stationary_residual(power)
 
 
 def hump_length() -> float:
@@ -62,7 +59,7 @@ def hump_length() -> float:
 
 def amplitude_power() -> float:
     """Power of ``5 V^2 / 4 c^2`` in the strain of a wave that obeys Eq. (1): from the first form of Eq. (3)."""
-    p = _particles()
+    p = ptfe_beads()
     strains = [0.01, 0.02]
     speeds = [theory.speed_from_strain(p, strain) for strain in strains]
     return float(np.log(strains[1] / strains[0]) / np.log(speeds[1] ** 2 / speeds[0] ** 2))
@@ -81,53 +78,53 @@ def wavelength(multiple: float) -> float:
 
 def strain_coefficient() -> float:
     """``V_s / (c xi_m^(1/4))`` of the hump of Eq. (2)."""
-    p, speed = _particles(), 150.0
+    p, speed = ptfe_beads(), 150.0
     peak = float(theory.solitary_strain(p, speed, np.zeros(1))[0])
     return float(speed / (p.speed_constant_m_s * peak**0.25))
 
 
 def velocity_coefficient() -> float:
     """``V_s / (c^(4/5) v_m^(1/5))`` of the hump of Eq. (2), whose particles move with ``v = V_s xi``."""
-    p, speed = _particles(), 150.0
+    p, speed = ptfe_beads(), 150.0
     velocity = speed * float(theory.solitary_strain(p, speed, np.zeros(1))[0])
     return float(speed / (p.speed_constant_m_s**0.8 * velocity**0.2))
 
 
 def force_coefficient() -> float:
     """The coefficient of the last form of Eq. (3), from its first form and Eq. (7)."""
-    p, strain = _particles(), 0.01
+    p, strain = ptfe_beads(), 0.01
     return theory.force_coefficient(p, theory.speed_from_strain(p, strain), p.force_N(strain))
 
 
 def discrete_force_coefficient() -> float:
     """The coefficient of the last form of Eq. (3) for the exact solitary wave of the discrete chain."""
-    p, wave = _particles(), solve_travelling_wave()
+    p, wave = ptfe_beads(), solve_travelling_wave()
     speed = wave.speed_by_force * p.stiffness ** (1 / 3) * p.mass_kg**-0.5 * p.diameter_m  # at 1 N
     return theory.force_coefficient(p, speed, 1.0)
 
 
 def sound_coefficient() -> float:
     """The coefficient of Eq. (4), from c_0 of Eq. (1) and Eq. (7)."""
-    return theory.force_coefficient(_particles(), theory.sound_speed(_particles(), STATIC_N), STATIC_N)
+    return theory.force_coefficient(ptfe_beads(), theory.sound_speed(ptfe_beads(), STATIC_N), STATIC_N)
 
 
 def weak_limit() -> float:
     """Eq. (4) over c_0 for a wave of 1e-4 of the static force."""
-    p = _particles()
+    p = ptfe_beads()
     return theory.precompressed_speed(p, (1 + 1e-4) * STATIC_N, STATIC_N) / theory.sound_speed(p, STATIC_N)
 
 
 def strong_limit() -> float:
     """Eq. (4) over Eq. (3) for a wave of 1e12 times the static force."""
-    p = _particles()
+    p = ptfe_beads()
     return theory.precompressed_speed(p, 1e12 * STATIC_N, STATIC_N) / theory.speed_from_force(p, 1e12 * STATIC_N)
 
 
 def precompressed_discrete() -> float:
     """Largest deviation of Eq. (4) from the exact wave of the discrete chain, amplitudes 0.1 to 1e4 of the static."""
-    p = _particles()
+    p = ptfe_beads()
     found = []
-    for amplitude in (0.1, 1.0, 10.0, 100.0, 1e3, 1e4):
+    for amplitude in SWEPT_AMPLITUDES:
         wave = travelling_wave.solve_at_amplitude(p.stiffness, p.mass_kg, STATIC_N, amplitude)
         long_wave = theory.precompressed_speed(p, (1 + amplitude) * STATIC_N, STATIC_N)
         found.append(abs(long_wave / (wave.speed * p.diameter_m) - 1))
@@ -136,17 +133,21 @@ def precompressed_discrete() -> float:
 
 def sensor_share() -> float:
     """``(F_3 - F_4) / (F_1 - F_2)`` from Newton's law for two caps and a gauge that move as one body."""
+    third, fourth = _faces(3.0, 1.0)
+    return (third - fourth) / 2.0
+
+
+def _faces(first_N: float, second_N: float) -> tuple[float, float]:
+    """F_3 and F_4 by the momentum of each part: the unknowns are the two forces and the acceleration."""
     caps, gauge = quoted().sensor.caps_g, quoted().sensor.gauge_g
-    first, second = 3.0, 1.0
-    # unknowns: F_3, F_4, acceleration; one row a part
     parts = np.array([[1.0, 0.0, caps / 2], [1.0, -1.0, -gauge], [0.0, 1.0, -caps / 2]])
-    third, fourth, _ = np.linalg.solve(parts, [first, 0.0, second])
-    return float((third - fourth) / (first - second))
+    third, fourth, _ = np.linalg.solve(parts, [first_N, 0.0, second_N])
+    return float(third), float(fourth)
 
 
 def contact_law() -> float:
     """The stiffness that decks are rendered with, over Eq. (7)'s."""
-    return float(case_of("table1").chain.stiffness[1]) / _particles().stiffness
+    return float(case_of("table1").chain.stiffness[1]) / ptfe_beads().stiffness
 
 
 def beta(amplitude: float, modulus_MPa: float = 1460) -> float:
@@ -161,31 +162,66 @@ def averaged_width() -> float:
     return solve_travelling_wave().width(0.002, averaged=True)
 
 
-def energy_in_five() -> float:
+def energy_in_five(outer_share: float) -> float:
     """Share of the energy in five neighbouring beads, in per cent, at the moment when it is largest.
 
-    Kinetic energy of the five, and the energy of their six contacts, of the outer two one half.
+    Kinetic energy of the five, energy of the four contacts between them, and a share of that of the two outer contacts.
     """
     wave = solve_travelling_wave()
     velocity, force = CubicSpline(wave.place, wave.velocity), CubicSpline(wave.place, wave.force)
 
-    def share(centre: float, beads: int) -> float:
+    def energy(centre: float, beads: int) -> float:
         # bead j at place j, contacts half a bead to either side
         place = np.arange(beads) - (beads - 1) / 2 + centre
         contact = np.arange(beads + 1) - beads / 2 + centre
         weight = np.ones(beads + 1)
-        weight[[0, -1]] = 0.5
+        weight[[0, -1]] = outer_share
         kinetic = 0.5 * (velocity(place) ** 2).sum()
         return float(kinetic + 0.4 * (weight * np.maximum(force(contact), 0.0) ** (5 / 3)).sum())
 
     centres = np.linspace(-0.5, 0.5, 101)
-    return 100 * max(share(centre, 5) / share(centre, 15) for centre in centres)
+    return 100 * max(energy(centre, 5) / energy(centre, 15) for centre in centres)
 
 
-def power_three() -> float:
-    """Power of the speed in the peak overlap of exact waves of a chain with F ~ overlap^3, at two speeds."""
-    slow, fast = (float(fixed_point(3.0, speed)[1].max()) for speed in (1.0, 2.0))
+def strain_power(power: float) -> float:
+    """Power of the speed in the peak overlap of exact waves of a chain with ``F ~ overlap^power``, at two speeds."""
+    slow, fast = (float(fixed_point(power, speed)[1].max()) for speed in (1.0, 2.0))
     return float(np.log2(fast / slow))
+
+
+def least_mach() -> float:
+    """Least speed over that of sound of exact waves on a static force, amplitudes 0.1 to 1e4 of it."""
+    p = ptfe_beads()
+    sound = travelling_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N)
+    waves = (travelling_wave.solve_at_amplitude(p.stiffness, p.mass_kg, STATIC_N, a) for a in SWEPT_AMPLITUDES)
+    return min(wave.speed for wave in waves) / sound
+
+
+def weakly_nonlinear() -> float:
+    """Speed above that of sound of an exact wave of 5 % of the static force, over that of the KdV soliton.
+
+    The soliton of this chain's KdV equation has ``V = c_0 [1 + (xi_m - xi_0) / (12 xi_0)]``, as Eq. (4) to first order.
+    """
+    p, amplitude = ptfe_beads(), 0.05
+    wave = travelling_wave.solve_at_amplitude(p.stiffness, p.mass_kg, STATIC_N, amplitude)
+    excess = wave.speed / travelling_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N) - 1
+    strain_above = (1 + amplitude) ** (2 / 3) - 1  # over the static one
+    return float(excess / (strain_above / 12))
+
+
+def narrow_interval() -> float:
+    """Largest change of Eq. (4)'s speed where the relative amplitude grows by a tenth, from 2 to 1000, per cent."""
+    p, found = ptfe_beads(), []
+    for f in (2.0, 10.0, 100.0, 1000.0):
+        speeds = [theory.precompressed_speed(p, each * STATIC_N, STATIC_N) for each in (f, 1.1 * f)]
+        found.append(100 * (speeds[1] / speeds[0] - 1))
+    return max(found)
+
+
+def face_average() -> float:
+    """``(F_3 + F_4) / (F_1 + F_2)`` from Newton's law for two caps and a gauge that move as one body."""
+    third, fourth = _faces(3.0, 1.0)
+    return (third + fourth) / 4.0
 
 
 def beta_spread() -> float:
@@ -203,90 +239,3 @@ def averaging_widens() -> float:
     """Width of the averaged force at 0.2 % over that of the contact force."""
     wave = solve_travelling_wave()
     return wave.width(0.002, averaged=True) / wave.width(0.002, averaged=False)
-
-
-def _density(material: str = "ptfe") -> float:
-    """The nominal one, in ``inputs/materials.toml``."""
-    density = case_of("fig6b").scene.materials[material].density
-    assert density is not None
-    return density
-
-
-def modulus(bulk_speed_m_s: float, unit_Pa: float) -> float:
-    """Young's modulus behind a bulk speed at the nominal density."""
-    return theory.bulk_modulus_to_youngs(bulk_speed_m_s, _particles().poisson_ratio, _density()) / unit_Pa
-
-
-def modulus_ratio() -> float:
-    """The ratio of the two moduli, in which the density cancels: that of the speeds squared."""
-    return (quoted().ptfe.hugoniot_m_s / quoted().ptfe.ultrasound_m_s) ** 2
-
-
-def peak_stress() -> float:
-    """Hertz's peak pressure at 5 N, MPa."""
-    return theory.hertz_contact(_particles(), FORCE_N)[1] / 1e6
-
-
-def strain() -> float:
-    """The peak pressure over Young's modulus."""
-    p = _particles()
-    return theory.hertz_contact(p, FORCE_N)[1] / p.youngs_modulus_Pa
-
-
-def strain_depth() -> float:
-    """Radius of the contact at 5 N, over which strains die out, micrometres."""
-    return theory.hertz_contact(_particles(), FORCE_N)[0] * 1e6
-
-
-def strain_rate() -> float:
-    """The strain over the measured duration at 5 N, 1/s."""
-    return strain() / (quoted().table1.measured_duration_us[0] * 1e-6)
-
-
-def slow_wave() -> float:
-    """Speed by Eq. (3) at a particle velocity of 0.2 m/s, 600 MPa and the nominal density, m/s."""
-    p = theory.Particles(600e6, _particles().poisson_ratio, _density(), _particles().diameter_m)
-    return theory.speed_from_velocity(p, 0.2)
-
-
-def over_slowest(speed_m_s: float) -> float:
-    """A speed over the slowest measured wave's."""
-    return speed_m_s / min(quoted().table1.measured_speed_m_s)
-
-
-def sensor_mass() -> float:
-    """Mass of two caps and a gauge, g."""
-    return quoted().sensor.mass_g
-
-
-def ball(material: str, diameter_m: float) -> float:
-    """Mass of a ball of the material's nominal density, g."""
-    return 1e3 * _density(material) * pi / 6 * diameter_m**3
-
-
-def nylon_amplitude() -> float:
-    """1 N over 0.03 N."""
-    return 1.0 / 0.03
-
-
-def speed_accuracy() -> float:
-    """Independent errors of 1 mm in each of two sensors over their distance of four beads, per cent."""
-    return 100 * sqrt(2) * quoted().accuracy.sensor_position_m / (4 * _particles().diameter_m)
-
-
-def bulk_speed() -> float:
-    """C of Eq. (1) over the bulk sound speed of 1.68 km/s."""
-    return _particles().speed_constant_m_s / quoted().ptfe.hugoniot_m_s
-
-
-def mass_ratio(scene: str) -> float:
-    """Striker over bead of a scene."""
-    chain = case_of(scene).chain
-    return float(chain.mass_kg[-1] / chain.mass_kg[0])
-
-
-def measured_widths() -> float:
-    """Largest difference between the table's measured L/2R and its duration times speed over 2R."""
-    table = quoted().table1
-    columns = zip(table.measured_duration_us, table.measured_speed_m_s, table.measured_width_diameters, strict=True)
-    return max(abs(1e-6 * time * speed / _particles().diameter_m - width) for time, speed, width in columns)

@@ -1,27 +1,22 @@
 """The paper's statements: the list, the judgement, the numbers."""
 
+import html
 import inspect
-from importlib import import_module
+import re
+from collections import Counter
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import codes
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS
-from validation.claims.claims_study import (
-    DIFFERS,
-    EXPERIMENT_ONLY,
-    REPRODUCED,
-    Claim,
-    Judged,
-    Row,
-    judge_all,
-    read_claims,
-    row_of,
-)
+from validation.claims.claim import KINDS, MODULES, Claim, Reading, read_claims
+from validation.claims.claims_study import ReadingRow, Row, rows_of
+from validation.claims.judge import DIFFERS, REPRODUCED, Judged, Read, judge_all
 from validation.report.write_report import write_report
 from validation.studies import read_section, read_table, rows_in, write_table
 from validation.tests.helpers.runs import need
@@ -41,35 +36,65 @@ ONE = """[[claim]]
 id = "eq1-c"
 where = "a"
 quote = "b"
+kind = "physics"
 compute = "equations.speed_constant"
 quoted = 1
 within = 1
 because = "c"
 """
-SOLVED = ONE.replace("equations.speed_constant", "simulated.solved")
+SOLVED = ONE.replace("equations.speed_constant", "single_waves.solved")
+READ = """readings = [
+  { words = "one way", favoured = "it says so" },
+  { words = "another" },
+]
+"""
 
 
 def claim(**values: object) -> Claim:
-    return Claim.model_validate({"id": "x", "where": "here", "quote": "words", "quoted": 2.0} | values)
+    plain = {"id": "x", "where": "here", "quote": "words", "kind": "physics", "compute": "a.b", "quoted": 2.0}
+    return Claim.model_validate(plain | values)
 
 
-def test_there_are_enough_and_each_has_its_reason() -> None:
-    claims = read_claims()
-    assert len(claims) >= 30
-    assert len({each.id for each in claims}) == len(claims)
-    for each in claims:
-        assert each.note if each.experiment else each.because, each.id
+def write_tables(judged: list[Judged], folder: Path) -> None:
+    rows = rows_of(judged)
+    write_table(folder / "claims.csv", Row, rows["claims"])
+    write_table(folder / "claims-readings.csv", ReadingRow, rows["claims-readings"])
+
+
+def read_both_ways(value: float, other: float, **values: object) -> Judged:
+    """A claim within 0.1 of 2.0, the favoured reading first."""
+    ways = (Reading(words="one way", favoured="it says so"), Reading(words="another"))
+    whole = claim(within=0.1, readings=ways, **values)
+    read = [
+        Read(way, v, REPRODUCED if whole.holds_for(v) else DIFFERS) for way, v in zip(ways, (value, other), strict=True)
+    ]
+    return Judged(whole, {"reference": value}, "", tuple(read))
+
+
+def test_there_are_enough_of_each_kind_and_each_has_its_reason() -> None:
+    file = read_claims()
+    kinds = Counter(each.kind for each in file.claim)
+    assert kinds["physics"] >= 49
+    assert set(kinds) == set(KINDS)
+    for each in file.claim:
+        assert each.because or all(reading.because for reading in each.readings), each.id
+
+
+def test_an_untested_statement_names_only_claims_and_commands_that_there_are() -> None:
+    file = read_claims()
+    ids, studies = {each.id for each in file.claim}, {path.stem for path in (paths.INPUTS / "studies").glob("*.toml")}
+    for untested in file.untested:
+        for word in re.findall(r"[a-z0-9]+(?:-[a-z0-9]+)+", untested.reason):
+            assert word in ids | studies, word
 
 
 def test_everything_that_is_computed_is_a_claim() -> None:
-    named = {each.compute for each in read_claims() if each.compute}
-    modules = {name.partition(".")[0] for name in named}
-    assert len(modules) == 2
+    named = {each.compute for each in read_claims().claim}
     computed = {
         f"{module}.{name}"
-        for module in modules
-        for name, function in vars(import_module(f"validation.claims.{module}")).items()
-        if inspect.isfunction(function) and function.__module__.endswith(module) and not name.startswith("_")
+        for module, room in MODULES.items()
+        for name, function in vars(room).items()
+        if inspect.isfunction(function) and function.__module__.endswith(f".{module}") and not name.startswith("_")
     }
     assert computed == named
 
@@ -81,16 +106,18 @@ def test_no_claim_is_at_fault(judged: list[Judged]) -> None:
 
 def test_what_differs_is_what_was_explained(judged: list[Judged]) -> None:
     assert {each.claim.id for each in judged if each.verdict == DIFFERS} == {
-        each.id for each in read_claims() if each.explained
+        each.id for each in read_claims().claim if each.explained
     }
 
 
 def test_codes_agree_with_the_reference_on_every_simulated_claim(judged: list[Judged]) -> None:
     simulated = [each for each in judged if len(each.computed) > 1]
-    assert len(simulated) >= 40
+    assert len(simulated) >= 60
     for each in simulated:
+        # with dissipation a step is of first order: forces are off by up to 1.4e-3, a valley between waves by more
+        off = 5e-3 if each.claim.compute.startswith("dissipation.") else 5e-4
         for code in codes():
-            assert each.computed[code] == pytest.approx(each.value, rel=5e-4, abs=1e-9), each.claim.id
+            assert each.computed[code] == pytest.approx(each.value, rel=off, abs=1e-9), each.claim.id
 
 
 @pytest.mark.parametrize(
@@ -103,7 +130,6 @@ def test_codes_agree_with_the_reference_on_every_simulated_claim(judged: list[Ju
         ({"relation": "at least"}, 1.9, DIFFERS),
         ({"within": 0.1}, float("nan"), DIFFERS),
         ({"relation": "at least"}, float("nan"), DIFFERS),
-        ({"experiment": True}, 7.0, EXPERIMENT_ONLY),
     ],
 )
 def test_verdicts(values: dict[str, object], computed: float, verdict: str) -> None:
@@ -120,6 +146,13 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
     ("text", "complaint"),
     [
         ("claim = []\n", "at least 1 item"),
+        (ONE + READ.replace('favoured = "it says so"', 'favoured = ""'), "0 favoured"),
+        (ONE + READ.replace('"another"', '"another", favoured = "too"'), "2 favoured"),
+        (ONE + READ.replace('"another"', '"another", arguments = { force_N = 5 }'), "unexpected keyword argument"),
+        (ONE + READ.replace('  { words = "another" },\n', ""), "at least 2 items"),
+        (ONE + 'shared_readings = "table2"\n', "table2"),
+        (ONE.replace('kind = "physics"', 'kind = "magic"'), "magic"),
+        (ONE + '[[untested]]\nwhere = "a"\nquote = "b"\n', "reason"),
         (ONE + ONE, "twice"),
         (ONE.replace("within = 1", "within = -1"), "above 0"),
         (ONE.replace("within = 1", "within = inf"), "finite"),
@@ -132,7 +165,7 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
         (ONE.replace("speed_constant", "quoted"), "equations.quoted"),
         (ONE.replace("equations.", "os."), "os.speed_constant"),
         (ONE.replace('because = "c"', ""), "no because"),
-        ('[[claim]]\nid = "nobody"\nwhere = "a"\nquote = "b"\nquoted = 1\nwithin = 1\n', "nobody"),
+        (ONE.replace('compute = "equations.speed_constant"\n', ""), "compute"),
         (ONE.replace("within = 1\n", ""), "no within"),
         (ONE.replace("quoted = 1", 'quoted = "one"'), "quoted"),
         (ONE.replace("within", "withn"), "withn"),
@@ -159,7 +192,7 @@ def test_what_was_computed_is_told_in_full(judged: list[Judged]) -> None:
 
 
 def test_numbers_quoted_twice_are_the_same() -> None:
-    claims, table = {each.id: each.quoted for each in read_claims()}, quoted().table1.frame
+    claims, table = {each.id: each.quoted for each in read_claims().claim}, quoted().table1.frame
     for _, row in table.iterrows():
         for name, column in zip(("speed", "width-0.2", "width-4"), COLUMNS, strict=True):
             assert claims[f"table1-{row['force_N']:g}N-{name}"] == row[f"computed_{column}"]
@@ -173,8 +206,33 @@ def test_numbers_quoted_twice_are_the_same() -> None:
     assert claims["fig5-duration"] == paper.fig5.incident_duration_us
 
 
+def test_a_verdict_is_that_of_the_favoured_reading_and_hangs_where_another_differs() -> None:
+    assert read_both_ways(2.0, 2.01).verdict == REPRODUCED
+    assert not read_both_ways(2.0, 2.01).hangs
+    assert read_both_ways(2.0, 3.0).verdict == REPRODUCED
+    assert read_both_ways(2.0, 3.0).hangs
+    assert read_both_ways(3.0, 2.0).verdict == DIFFERS
+    assert "without an explanation" in read_both_ways(3.0, 2.0).fault
+
+
+def test_readings_are_shown_where_the_verdict_hangs_on_them(judged: list[Judged]) -> None:
+    by_id = {each.claim.id: each for each in judged}
+    envelope = {read.reading.words: read for read in by_id["fig5-envelope"].readings}
+    assert [round(read.value, 4) for read in envelope.values()] == [-0.0049, -0.006, -0.0065]
+    assert [read.verdict for read in envelope.values()] == [DIFFERS, REPRODUCED, DIFFERS]
+    speeds = by_id["table1-5N-speed"].readings
+    assert [read.verdict for read in speeds] == [REPRODUCED, REPRODUCED, DIFFERS, DIFFERS]
+    assert by_id["modulus-large"].hangs
+    assert by_id["speed-accuracy"].hangs
+    collision = [round(read.value, 3) for read in by_id["collision-secondary"].readings]
+    assert collision == pytest.approx([0.030, 0.008, 0.054, 0.019], abs=1.1e-3)
+    for each in judged:
+        for read in each.readings:
+            assert (read.value == each.value) == bool(read.reading.favoured) or not read.reading.favoured
+
+
 def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], tmp_path: Path) -> None:
-    write_table(tmp_path / "claims.csv", Row, map(row_of, judged))
+    write_tables(judged, tmp_path)
     table = pd.read_csv(tmp_path / "claims.csv").set_index("id")
     assert len(table) == len(judged)
     assert {"reference", *codes()} <= set(table.columns)
@@ -183,6 +241,8 @@ def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], 
     section = read_section("claims", tmp_path)
     assert sum(len(rows) for rows in section["rows"].values()) == len(judged)
     assert section["engines"] == [*codes(), "reference"]
+    assert sum(row["hangs"] for rows in section["rows"].values() for row in rows) == sum(each.hangs for each in judged)
+    assert len(section["untested"]) == len(read_claims().untested)
     assert [row.how for row in rows_in(read_table(tmp_path / "claims.csv", Row, "claims"), Row)] == [
         each.how for each in judged
     ]
@@ -191,7 +251,7 @@ def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], 
 @pytest.mark.parametrize("damage", ["", "id,where\n", "\x00\xff", "cut", "verdict"])
 def test_a_damaged_table_is_not_shown_as_if_whole(damage: str, judged: list[Judged], tmp_path: Path) -> None:
     path = tmp_path / "claims.csv"
-    write_table(path, Row, map(row_of, judged))
+    write_tables(judged, tmp_path)
     whole = path.read_text()
     damaged = {"cut": whole[: len(whole) // 2], "verdict": whole.replace(",reproduced,", ",great,")}.get(damage, damage)
     path.write_bytes(damaged.encode("latin-1", errors="replace") if damage == "\x00\xff" else damaged.encode())
@@ -202,9 +262,12 @@ def test_a_damaged_table_is_not_shown_as_if_whole(damage: str, judged: list[Judg
 
 
 def test_the_page_shows_every_verdict(judged: list[Judged], tmp_path: Path) -> None:
-    write_table(tmp_path / "claims.csv", Row, map(row_of, judged))
+    write_tables(judged, tmp_path)
     write_report([], tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     for each in judged:
         assert f">{each.claim.id}<" in page
     assert "our criterion" in page
+    assert "hangs on the reading" in page
+    for untested in read_claims().untested:
+        assert untested.reason in html.unescape(page)

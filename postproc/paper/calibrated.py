@@ -1,0 +1,44 @@
+"""Parameters of the chains with dissipation, from ``inputs/paper/calibrated.toml``."""
+
+from functools import cache
+from typing import Annotated
+
+from pydantic import Field
+
+from drivers.base import paths
+from drivers.base.messages import validate
+from drivers.scene.model import Part
+from drivers.scene.read_scene import read_toml
+from postproc.paper.quoted import Positive
+
+
+class Parameter(Part):
+    """A key of a scene with its fitted value and standard error, in the SI unit of the key."""
+
+    key: str
+    unit: str = ""
+    value: Positive
+    error: Positive
+
+
+class Calibrated(Part):
+    """The file: a law of dissipation, the data sets it was fitted to, and the parameters found."""
+
+    law: str
+    data: str
+    parameter: Annotated[tuple[Parameter, ...], Field(strict=False, min_length=1)]
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Settings to be laid over a scene."""
+        return tuple(f"{each.key}={each.value!r} {each.unit}".rstrip() for each in self.parameter)
+
+
+@cache
+def calibrated() -> Calibrated:
+    """The content of the file.
+
+    Raises:
+        InputError: the file is wrong.
+    """
+    return validate(Calibrated, read_toml(paths.CALIBRATED), paths.shown(paths.CALIBRATED))

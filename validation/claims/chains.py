@@ -1,0 +1,78 @@
+"""Chains that claims are computed from: ``run`` stands for any engine."""
+
+from collections.abc import Callable, Mapping
+from functools import cache
+
+import pandas as pd
+
+from drivers.base.errors import InputError
+from drivers.chain.case import Case
+from postproc.paper import theory
+from postproc.paper.simulate import Simulation, case_of
+from postproc.paper.strikes import READINGS, exact_table1, sensor_amplitude, strike_for, striker_speed
+from postproc.read.signals import Peak, envelope, peaks
+
+Run = Callable[[Case], Simulation]
+SolvedTable = Callable[[str, str], pd.DataFrame]  # Table 1 for a setting of its scene and a reading of its force
+
+BARE = ("gravity=", "wall=")  # a chain that nothing compresses
+LONG = "run.duration=2 ms"
+PROMINENCE = 0.005  # of a force's range: by so much a wave of a train stands out
+MICRO = 1e6
+
+
+def waves(simulation: Simulation, contact: int, at_least: int = 1, prominence: float = PROMINENCE) -> list[Peak]:
+    """The waves that pass a contact.
+
+    Raises:
+        InputError: fewer than ``at_least`` within the scene's duration.
+    """
+    trace = simulation.trace
+    found = peaks(trace.time_s, trace.force_N[:, contact - 1], prominence=prominence)
+    if len(found) < at_least:
+        words = f"{len(found)} waves at contact {contact} within it"
+        raise InputError(simulation.case.scene.file, "run.duration", words, f"long enough for {at_least}")
+    return found
+
+
+def struck(run: Run, force_N: float, *settings: str) -> Simulation:
+    """Table 1's chain under the strike that gives one of its amplitudes, or the same strike on a changed chain."""
+    return run(case_of("table1", strike_of(force_N), *settings))
+
+
+def strike_of(force_N: float) -> str:
+    """The setting of the strike that gives an amplitude of Table 1."""
+    return f"striker.speed={striker_speed_for(force_N)!r} m/s"
+
+
+@cache
+def striker_speed_for(force_N: float) -> float:
+    """The striker speed that gives an amplitude of Table 1, m/s."""
+    return striker_speed(strike_for(force_N, sensor_amplitude))
+
+
+def heavy_strike(run: Run, *settings: str) -> Simulation:
+    """Fig. 5's striker on sixty beads without gravity."""
+    chain = ("gravity=", "chain.count=60", "run.duration=2.4 ms", "run.time_step=0.2 us")
+    return run(case_of("fig5", *chain, *settings))
+
+
+def ptfe_beads() -> theory.Particles:
+    """The paper's beads of 4.76 mm, E = 1.46 GPa."""
+    return theory.particles_of(case_of("table1"))
+
+
+def rate_through(train: list[Peak], maxima: float) -> float:
+    """Rate of the exponential through a train's first maxima, per microsecond."""
+    return envelope(train[: round(maxima)]).rate_per_s / MICRO
+
+
+@cache
+def exact_solutions(setting: str, force_is: str) -> pd.DataFrame:
+    """Table 1 by the reference alone."""
+    return exact_table1(READINGS[force_is], setting)
+
+
+def ratio_of(values: Mapping[str, float], observable: str, over: str) -> float:
+    """An observable, over another if one is named."""
+    return values[observable] / (values[over] if over else 1.0)

@@ -1,0 +1,173 @@
+"""The paper's statements as data: claims, the readings of their sentences, and statements that nothing here tests."""
+
+import inspect
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.messages import shorten, validate
+from drivers.scene.model import Part
+from drivers.scene.read_scene import read_toml
+from postproc.paper.quoted import quoted
+from validation.claims import dissipation, equations, materials, single_waves, trains
+
+MODULES = {
+    "equations": equations,
+    "materials": materials,
+    "single_waves": single_waves,
+    "trains": trains,
+    "dissipation": dissipation,
+}
+KINDS = {  # in the order in which they are told
+    "physics": "can fail on physics",
+    "exact": "exact by similarity or by construction",
+    "arithmetic": "arithmetic of the paper's own numbers",
+}
+
+Arguments = dict[str, float | str]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Tolerance = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class Reading(Part):
+    """One way to read a sentence.
+
+    Attributes:
+        words: the reading.
+        arguments: of the claim's function, beside the claim's own.
+        favoured: why the text favours this one; empty for the others.
+        within, because: as of a claim, where this reading has a tolerance of its own.
+    """
+
+    words: str
+    arguments: Arguments = Field(default_factory=dict)
+    favoured: str = ""
+    within: Tolerance | None = None
+    because: str = ""
+
+
+Readings = Annotated[tuple[Reading, ...], Field(strict=False, min_length=2)]  # of a sentence that has several
+
+
+SOLE = Reading(words="")  # of a sentence that can be read in one way only
+
+
+class Claim(Part):
+    """A statement of the paper; see the head of the file for the keys."""
+
+    id: str
+    where: str
+    quote: str
+    kind: Literal["physics", "exact", "arithmetic"]
+    compute: str
+    arguments: Arguments = Field(default_factory=dict)
+    how: str = ""
+    quoted: Finite
+    unit: str = ""
+    relation: Literal["equals", "at most", "at least"] = "equals"
+    within: Tolerance | None = None
+    because: str = ""
+    explained: str = ""
+    ours: bool = False
+    readings: Readings = ()
+    shared_readings: str = ""
+
+    def holds_for(self, value: float, within: float | None = None) -> bool:
+        """Whether a computed value agrees with the statement, maybe within another tolerance; NaN does not."""
+        if self.relation == "at most":
+            return value <= self.quoted
+        if self.relation == "at least":
+            return value >= self.quoted
+        return abs(value - self.quoted) <= (within or self.within or 0.0)
+
+
+class Untested(Part):
+    """A statement that nothing here tests, and the reason."""
+
+    where: str
+    quote: str
+    reason: str
+
+
+class ClaimsFile(Part):
+    """The file: readings that several claims share, claims, and what is not tested."""
+
+    readings: dict[str, Readings] = Field(default_factory=dict)
+    claim: Annotated[tuple[Claim, ...], Field(strict=False, min_length=1)]
+    untested: Annotated[tuple[Untested, ...], Field(strict=False)] = ()
+
+
+def read_claims(path: Path = paths.CLAIMS) -> ClaimsFile:
+    """The file, each claim with its own readings.
+
+    Raises:
+        InputError: anything wrong with it, a claim that nothing computes included.
+    """
+    where = paths.shown(path)
+    file = validate(ClaimsFile, read_toml(path), where)
+    counts = Counter(claim.id for claim in file.claim)
+    for claim in file.claim:
+        if counts[claim.id] > 1:
+            raise InputError(where, f"claim {claim.id}", "the same id twice", "an id of its own for each claim")
+        if claim.shared_readings not in {"", *file.readings}:
+            allowed = f"one of [readings]: {', '.join(file.readings) or 'none'}"
+            raise InputError(
+                where, f"claim {claim.id}: shared_readings", f'"{shorten(claim.shared_readings)}"', allowed
+            )
+    claims = tuple(
+        claim.model_copy(update={"readings": file.readings.get(claim.shared_readings, claim.readings)})
+        for claim in file.claim
+    )
+    for claim in claims:
+        _check(claim, where)
+    return file.model_copy(update={"claim": claims})
+
+
+def _check(claim: Claim, where: str) -> None:
+    """Raises an InputError where a claim cannot be computed or judged."""
+    key = f"claim {claim.id}"
+    if function_of(claim) is None:
+        raise InputError(where, f"{key}: compute", shorten(claim.compute), f"module.function of {', '.join(MODULES)}")
+    for reading in claim.readings or (SOLE,):
+        _check_arguments(claim, claim.arguments | reading.arguments, where)
+        if claim.relation == "equals" and claim.within is None and reading.within is None:
+            raise InputError(where, key, "no within", "a tolerance")
+        if not (claim.because or reading.because):
+            raise InputError(where, key, "no because", "the reason of the tolerance")
+    favoured = sum(bool(reading.favoured) for reading in claim.readings)
+    if claim.readings and favoured != 1:
+        raise InputError(
+            where, f"{key}: readings", f"{favoured} favoured", "one that the text favours, with the reason"
+        )
+
+
+def _check_arguments(claim: Claim, arguments: Arguments, where: str) -> None:
+    function, key = function_of(claim), f"claim {claim.id}"
+    amplitude, amplitudes = arguments.get("force_N"), quoted().table1.force_N
+    if amplitude is not None and amplitude not in amplitudes:
+        allowed = ", ".join(f"{each:g}" for each in amplitudes)
+        raise InputError(where, f"{key}: arguments.force_N", str(amplitude), allowed)
+    given = parameters_of(function) & {"run", "table"}  # whose arguments are not the claim's
+    try:
+        if function:
+            inspect.signature(function).bind(*given, **arguments)
+    except TypeError as error:
+        raise InputError(where, f"{key}: arguments", str(error), f"those of {claim.compute}") from error
+
+
+def function_of(claim: Claim) -> Callable[..., Any] | None:
+    """The function that computes a claim; None where there is none of that name."""
+    module, _, name = claim.compute.partition(".")
+    function = getattr(MODULES.get(module), name, None)
+    public = inspect.isfunction(function) and function.__module__.endswith(f".{module}") and not name.startswith("_")
+    return function if public else None
+
+
+def parameters_of(function: Callable[..., Any] | None) -> set[str]:
+    """Names of a function's parameters; none of no function."""
+    return set(inspect.signature(function).parameters) if function else set()

@@ -1,0 +1,156 @@
+"""Claims judged: each computed by every engine that its function asks for, as the text favours to read it."""
+
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache, partial
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from drivers.base import paths
+from drivers.chain.case import Case
+from drivers.engines import REFERENCE
+from postproc.paper.simulate import Simulation, exact, run_codes_on
+from postproc.paper.strikes import READINGS, sensor_amplitude, solve_table1
+from validation.claims.chains import Run, exact_solutions
+from validation.claims.claim import SOLE, Claim, Reading, function_of, parameters_of, read_claims
+
+REPRODUCED, DIFFERS = "reproduced", "differs"
+
+
+@dataclass(frozen=True)
+class Read:
+    """One reading of a claim's sentence, computed."""
+
+    reading: Reading
+    value: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A claim with the values computed for it.
+
+    Attributes:
+        computed: by engine, for the favoured reading; under ``reference`` alone where no simulated chain enters.
+        how: the computed quantity in words.
+        readings: every reading, by the reference; empty where there is one alone.
+    """
+
+    claim: Claim
+    computed: Mapping[str, float]
+    how: str
+    readings: tuple[Read, ...] = ()
+
+    @property
+    def value(self) -> float:
+        """The reference's value."""
+        return self.computed.get(REFERENCE, nan)
+
+    @property
+    def favoured(self) -> Reading:
+        """The reading that is judged."""
+        return next((each.reading for each in self.readings if each.reading.favoured), SOLE)
+
+    @property
+    def verdict(self) -> str:
+        """By the reference's value."""
+        return verdict_of(self.claim, self.favoured, self.value)
+
+    @property
+    def hangs(self) -> bool:
+        """Whether another reading of the sentence gives another verdict."""
+        return len({each.verdict for each in self.readings}) > 1
+
+    @property
+    def fault(self) -> str:
+        """The reason why this cannot stand: a difference without an explanation or the reverse, engines apart."""
+        if self.verdict == DIFFERS and not self.claim.explained:
+            return f"differs without an explanation: {self.value:.6g}, quoted {self.claim.quoted:g}"
+        if self.verdict == REPRODUCED and self.claim.explained:
+            return "is reproduced, but a difference is explained"
+        other = [e for e, v in self.computed.items() if verdict_of(self.claim, self.favoured, v) != self.verdict]
+        return f"{', '.join(other)} disagree with the reference" if other else ""
+
+
+def verdict_of(claim: Claim, reading: Reading, value: float) -> str:
+    """The verdict on a value under a reading."""
+    return REPRODUCED if claim.holds_for(value, reading.within) else DIFFERS
+
+
+def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
+    """Computes and judges every claim; what simulations enter by every engine, the codes side by side.
+
+    Raises:
+        RunError: a run failed.
+    """
+    claims = read_claims().claim
+    favoured = {claim.id: next((each for each in claim.readings if each.favoured), SOLE) for claim in claims}
+    simulated = [claim for claim in claims if "run" in parameters_of(function_of(claim))]
+    asked: dict[str, Case] = {}
+
+    def noted(case: Case) -> Simulation:
+        asked[_key(case)] = case
+        return exact(case)
+
+    def values_by(run: Run) -> dict[str, float]:
+        return {claim.id: float(_call(claim, favoured[claim.id], run=run)) for claim in simulated}
+
+    found = {REFERENCE: values_by(noted)}
+    for code, simulations in run_codes_on([*asked.values()], runs).items():
+        done = dict(zip(asked, simulations, strict=True))
+        found[code] = values_by(partial(_done, done))
+
+    @cache
+    def solved(setting: str, force_is: str) -> pd.DataFrame:
+        if READINGS[force_is] is not sensor_amplitude:
+            return exact_solutions(setting, force_is)
+        return solve_table1(runs, setting)
+
+    judged = []
+    for claim in claims:
+        names, reading = parameters_of(function_of(claim)), favoured[claim.id]
+        if "table" in names:
+            computed = _call(claim, reading, table=solved)
+        elif "run" in names:
+            computed = {engine: values[claim.id] for engine, values in found.items()}
+        else:
+            computed = {REFERENCE: _call(claim, reading)}
+        judged.append(Judged(claim, computed, _how(claim), _readings(claim, computed[REFERENCE])))
+    return judged
+
+
+def _done(done: Mapping[str, Simulation], case: Case) -> Simulation:
+    """The simulation of a case among those that are done."""
+    return done[_key(case)]
+
+
+def _key(case: Case) -> str:
+    """The case's scene, as text."""
+    return case.scene.model_dump_json()
+
+
+def _call(claim: Claim, reading: Reading, **given: Any) -> Any:
+    """The claim's function on one reading, with ``run`` or ``table`` if it takes them."""
+    function = function_of(claim)
+    assert function is not None
+    taken = {name: each for name, each in given.items() if name in parameters_of(function)}
+    return function(**taken, **(claim.arguments | reading.arguments))
+
+
+def _readings(claim: Claim, favoured: float) -> tuple[Read, ...]:
+    """Every reading by the reference, of which that of the favoured one is known."""
+    found = []
+    for reading in claim.readings:
+        value = favoured if reading.favoured else _call(claim, reading, run=exact, table=exact_solutions)
+        value = value[REFERENCE] if isinstance(value, dict) else float(value)
+        found.append(Read(reading, value, verdict_of(claim, reading, value)))
+    return tuple(found)
+
+
+def _how(claim: Claim) -> str:
+    text = claim.how or inspect.getdoc(function_of(claim)) or ""
+    return " ".join(text.partition("\n\n")[0].replace("``", "").split())

@@ -1,0 +1,117 @@
+"""Claims on trains of waves: Fig. 5's striker, the pulse that enters and its envelope, Fig. 6, static forces."""
+
+from drivers.base.errors import InputError
+from postproc.paper import theory
+from postproc.paper.simulate import Simulation, case_of
+from postproc.paper.strikes import speed_between_sensors
+from postproc.read.observables import observe
+from postproc.read.sensors import sensor_average
+from postproc.read.signals import ONSET, Peak, incident_pulse, peaks
+from validation.claims.chains import MICRO, Run, heavy_strike, rate_through, waves
+from validation.reference.travelling_wave import solve_travelling_wave
+
+
+def _significant(train: list[Peak], share: float) -> float:
+    """How many waves of a train exceed a share of its first, before one rises again: a reflected wave."""
+    rising = next((i for i in range(1, len(train)) if train[i].value > train[i - 1].value), len(train))
+    return float(sum(peak.value > share * train[0].value for peak in train[:rising]))
+
+
+def train_count(run: Run, share: float) -> float:
+    """Waves above a share of the first, thirty beads below Fig. 5's striker, no gravity."""
+    return _significant(waves(heavy_strike(run), 31), share)
+
+
+def small_waves(run: Run, share: float) -> float:
+    """Waves above a share of the first over those above 5 %, thirty beads below Fig. 5's striker, no gravity."""
+    train = waves(heavy_strike(run, "chain.count=100", "run.duration=6 ms", "run.time_step=1 us"), 71, prominence=1e-3)
+    return _significant(train, share) / _significant(train, 0.05)
+
+
+def splitting(run: Run, below: float) -> float:
+    """Valley between the first two waves over the second, some beads below Fig. 5's striker, no gravity."""
+    one, contact = heavy_strike(run), 61 - round(below)
+    first, second = waves(one, contact, at_least=2)[:2]
+    return float(one.trace.force_N[first.sample : second.sample, contact - 1].min() / second.value)
+
+
+def count_at_wall(run: Run, scene: str, share: float) -> float:
+    """Waves that reach the wall, above a share of the first, before the reflected one."""
+    return _significant(waves(run(case_of(scene)), 1), share)
+
+
+def _piston(run: Run) -> tuple[Simulation, Simulation]:
+    """Fig. 5's striker on a chain without and with a static force of 0.5 N."""
+    gauges = "chain.sensors=[{ from_wall = 50 }, { from_wall = 45 }]"
+    return heavy_strike(run, gauges), heavy_strike(run, gauges, "chain.precompression=0.5 N")
+
+
+def precompression_speed(run: Run) -> float:
+    """Speed of the leading wave under 0.5 N over that without, ten to fifteen beads below the striker."""
+    bare, pressed = _piston(run)
+    return speed_between_sensors(pressed) / speed_between_sensors(bare)
+
+
+def precompression_splitting(run: Run) -> float:
+    """Depth of the valley after the first wave over its height, under 0.5 N over that without."""
+    depths = []
+    for one in _piston(run):
+        reading = sensor_average(one.trace.force_N, 45)
+        dynamic = reading - reading[0]
+        first, second = peaks(one.trace.time_s, dynamic, prominence=1e-3)[:2]
+        depths.append(1 - dynamic[first.sample : second.sample].min() / first.value)
+    return float(depths[1] / depths[0])
+
+
+def precompression_width(run: Run) -> float:
+    """Width of the leading wave at half its peak in diameters, under 0.5 N over that without."""
+    found = [observe(one.case.layout, one.trace, (0.5,))["bead_45_width_50pct_diameters"] for one in _piston(run)]
+    return found[1] / found[0]
+
+
+def envelope_rate(run: Run, maxima: float) -> float:
+    """Rate of the exponential through the first maxima at the wall in Fig. 5, per microsecond."""
+    return rate_through(waves(run(case_of("fig5")), 1), maxima)
+
+
+def envelope_by_place(run: Run, bead: float) -> float:
+    """Rate through the first two maxima in a bead of Fig. 5 over that at the wall."""
+    one = run(case_of("fig5"))
+    reading = sensor_average(one.trace.force_N, round(bead))
+    found = peaks(one.trace.time_s, reading - reading[0])
+    return rate_through(found, 2) / envelope_rate(run, 2)
+
+
+def entrance(run: Run, number: str, times: float, bead: float, onset: float = ONSET) -> float:
+    """A number of the averaged force in a bead of Fig. 5 as the pulse enters, in SI times a factor."""
+    one = run(case_of("fig5"))
+    reading = sensor_average(one.trace.force_N, round(bead))
+    shape = incident_pulse(one.trace.time_s, reading - reading[0], onset)
+    if shape is None:
+        raise InputError(one.case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
+    return float(getattr(shape, number) * times)
+
+
+def decay_ratio(run: Run, bead: float, maxima: float) -> float:
+    """Rate of decay of the pulse that enters at a bead over that of the envelope at the wall."""
+    return entrance(run, "decay_per_s", 1 / MICRO, bead) / envelope_rate(run, maxima)
+
+
+def _long_impact(run: Run) -> Simulation:
+    """Sixty beads under a striker of 1 kg, 8000 of their masses, no gravity."""
+    return heavy_strike(run, "striker.mass=1 kg")
+
+
+def oscillations(run: Run) -> float:
+    """Maxima behind the front of a long impact, thirty beads below the striker, 2.4 ms after it."""
+    return float(len(waves(_long_impact(run), 30)))
+
+
+def leading_speed(run: Run) -> float:
+    """Speed of the front of a long impact over that of the solitary wave of its peak force, ten beads on."""
+    one = _long_impact(run)
+    above, below = (waves(one, contact)[0] for contact in (35, 25))
+    particles, wave = theory.particles_of(one.case), solve_travelling_wave()
+    solitary = wave.speed_by_force * particles.stiffness ** (1 / 3) * particles.mass_kg**-0.5
+    peak = (above.value * below.value) ** 0.5
+    return float(10 / (below.time_s - above.time_s) / (solitary * peak ** (1 / 6)))
