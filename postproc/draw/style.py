@@ -110,6 +110,7 @@ def pyplot() -> Any:
     matplotlib.rc("legend", frameon=False)
     matplotlib.rc("svg", fonttype="none")
     matplotlib.rc("path", simplify_threshold=0.2)
+    matplotlib.rc("savefig", pad_inches=0.02)
     return plt
 
 
