@@ -26,7 +26,7 @@ from postproc.paper.simulate import case_of
 
 MM_PER_IN = 25.4
 LOW, HIGH, LEFT, TITLE = -29.0, 116.0, -30.0, 5.0  # mm: edges of (a) about wall and axis; room for its letter
-SIDE, MAGNIFIED = 48.0, 6.5  # (b) on paper: its side, its scale over that of (a)
+SIDE, MAGNIFIED = 50.0, 6.5  # (b) on paper: its side, its scale over that of (a)
 GAUGE, STEEL = "#e69f00", "#b8c0c8"
 COLOURS = {"striker": STRIKER, "tube": TUBE, "gauge": GAUGE, "wall gauge": GAUGE, "brass plate": "#c9b27c",
            "steel rod": STEEL, "steel block": "#98a2ac", "oscilloscope": "white"}  # fmt: skip
