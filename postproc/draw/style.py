@@ -85,16 +85,6 @@ def finish_bar(bar: Any, label: str) -> None:
     bar.ax.grid(visible=False)
 
 
-def draw_table(axis: Any, rows: list[list[str]], headings: list[str], fontsize: float, **look: Any) -> None:
-    """Fills axes with a table of words, thinly ruled."""
-    axis.axis("off")
-    drawn = axis.table(rows, colLabels=headings, cellLoc="center", **look)
-    drawn.auto_set_font_size(False)
-    drawn.set_fontsize(fontsize)
-    for cell in drawn.get_celld().values():
-        cell.set_linewidth(0.3)
-
-
 @cache
 def pyplot() -> Any:
     """Matplotlib's pyplot, set up once: no display, text as text, thin axes."""
@@ -110,6 +100,7 @@ def pyplot() -> Any:
     matplotlib.rc("legend", frameon=False)
     matplotlib.rc("svg", fonttype="none")
     matplotlib.rc("path", simplify_threshold=0.2)
+    matplotlib.rc("savefig", pad_inches=0.02)
     return plt
 
 

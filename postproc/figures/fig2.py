@@ -1,9 +1,14 @@
-"""Fig. 2: a sensor bead: free body, forces, the coefficient β.
+"""Fig. 2: a particle with an embedded sensor: free body, contact forces, coefficient β.
 
-(a) is the bead as a free body, (b) shows its contact forces and their average, (c) the coefficient beta: that of the
-solitary wave on a chain under a static force F_0, from its exact travelling wave, with points from full simulations
-of a striker on such a chain. A point counts as a solitary wave if its amplitude no longer changes from one sensor to
-the next, ten beads on.
+(a) Forces on the parts of the particle: F_1 and F_2 on its contacts, F_3 and F_4 on the faces of the gauge of mass m
+between two caps of mass M. (b) Forces against time in the solitary wave that passes bead 5 of Fig. 4's chain (E = 1.46
+GPa): contact above (F_1, dashed), contact below (F_2, dash-dotted) and their average (solid), which is what the gauge
+reads. (c) Coefficient β of Eq. (6), peak of the dynamic contact force over peak of the dynamic average, against the
+amplitude F_m (static part included) over the static force F_0. Solid line: exact travelling wave of the discrete
+chain; dashed line: its limit without static force; β is 1 for linear waves. In (b) and (c) lines are computed by the
+reference and grey markers by the codes. Those of (c) are strikes on 60 beads under Table 1's static force with E = 600,
+1000 and 1460 MPa, which coincide; pale ones mark pulses whose amplitude still changes by more than 0.1 % over ten beads
+and which are no solitary waves yet. The paper prints these panels without numbers to compare with.
 """
 
 from pathlib import Path
@@ -14,36 +19,51 @@ import pandas as pd
 
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import draw_lines
-from postproc.draw.style import COLUMN_IN, FAINT, MICRO, drawing_order, marker_of, pyplot
+from postproc.draw.style import (
+    AVERAGE,
+    COLUMN_IN,
+    FAINT,
+    FIRST,
+    MICRO,
+    SECOND,
+    drawing_order,
+    grey_of,
+    letter_panel,
+    pyplot,
+)
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, simulate, simulate_one
-from postproc.paper.strikes import contact_peak, sensor_pair, static_force, strike_for
+from postproc.paper.simulate import UNTIL_REFLECTED, case_of, simulate, simulate_one
+from postproc.paper.strikes import contact_peak, sensor_amplitude, sensor_pair, static_force, strike_for
 from postproc.read.sensors import sensor_average
 from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave
 
-CURVE = np.geomspace(0.1, 1e4, 31)
-STRIKES = (1.0, 10.0, 100.0, 1e3, 1e4)  # amplitudes (F_m - F_0)/F_0 of the simulations
+CURVE = np.geomspace(1.1, 1e4, 31)  # F_m / F_0 of the travelling waves
+STRIKES = (2.0, 10.0, 100.0, 1e3, 1e4)  # of the simulations
 CHAIN = ("chain.count=60", "chain.sensors=[{ from_wall = 20 }, { from_wall = 10 }]", "gravity=")
 STEADY = 1e-3  # relative change of the amplitude between the sensors
-FACE, FACE_WORDS = "#d55e00", "#a34800"  # colours of the forces on the gauge's faces, and of their names
 ARROW = {"arrowstyle": "-|>"}
 SENSOR = 5  # bead of Fig. 4's chain shown in (b)
+NEAR_S = 90e-6  # of the peak: shown in (b)
+APART = 27  # samples from one marker of a code to its next
+FORCES = {"F1_N": FIRST, "F2_N": SECOND, "average_N": AVERAGE}
+PALE = 0.15  # three of them lie over each other
 
 
 def make(runs: Path) -> Product:
     """Runs Fig. 4's scene for (b) and strikes on a precompressed chain for (c)."""
-    figure, axes = pyplot().subplots(3, 1, figsize=(COLUMN_IN, 7.2), height_ratios=[0.95, 1.25, 1.6])
+    figure, axes = pyplot().subplots(
+        3, 1, figsize=(COLUMN_IN, 6.3), height_ratios=[0.8, 1.25, 1.4], layout="constrained"
+    )
     _draw_free_body(axes[0])
-    forces = _draw_forces(axes[1], runs)
-    waves = _waves()
-    points = _points(runs)
+    forces, waves, points = _forces(runs), _waves(), _points(runs)
+    _draw_forces(axes[1], forces)
     _draw_beta(axes[2], waves, points)
-    figure.subplots_adjust(hspace=0.42)
-    # how much beta depends on the modulus: (largest - smallest) / mean over the moduli, per engine and amplitude
+    for axis, letter in zip(axes, "abc", strict=True):
+        letter_panel(axis, letter)
+    # dependence on the modulus: (largest - smallest) / mean over the moduli, per engine and amplitude
     both = pd.concat([waves, points], ignore_index=True)
-    both["amplitude_over_static"] = both["amplitude_over_static"].map(lambda value: float(f"{value:.2g}"))
-    beta = both.groupby(["engine", "amplitude_over_static"], sort=False)["beta"]
+    both["force_over_static"] = both["force_over_static"].map(lambda value: float(f"{value:.3g}"))
+    beta = both.groupby(["engine", "force_over_static"], sort=False)["beta"]
     spread = ((beta.max() - beta.min()) / beta.mean()).reset_index(name="beta_spread_over_moduli_share")
     tables = [forces, waves, points, spread.assign(panel="c, all moduli")]
     return Product(figure, pd.concat(tables, ignore_index=True))
@@ -59,49 +79,56 @@ def _draw_free_body(axis: Any) -> None:
     """Caps of mass M, a gauge of mass m between them, contact forces outside, F_3 and F_4 on the gauge's faces."""
     from matplotlib.patches import Rectangle, Wedge
 
-    sensor = quoted().sensor
-    axis.set(xlim=(-3.4, 3.4), ylim=(-1.15, 1.3), aspect="equal")
+    axis.set(xlim=(-3.0, 3.0), ylim=(-1.1, 1.1), aspect="equal")
     axis.axis("off")
-    axis.set_title("(a) the sensor bead", loc="left")
     for side, outer, inner in ((-1, "$F_1$", "$F_3$"), (1, "$F_2$", "$F_4$")):
         centre = 0.12 * side
         cap = Wedge((centre, 0), 1, -90 * side, -90 * side + 180, facecolor="#f2f2f2", edgecolor="black", lw=0.8)
         axis.add_patch(cap)
-        axis.text(centre + 0.45 * side, 0.2, "M", ha="center", va="center")
-        axis.annotate("", (centre + side, 0), (centre + 2.1 * side, 0), arrowprops=ARROW | {"color": "black"})
+        axis.text(centre + 0.45 * side, 0.2, "$M$", ha="center", va="center")
+        axis.annotate("", (centre + side, 0), (centre + 2.1 * side, 0), arrowprops=ARROW)
         axis.text(centre + 1.8 * side, 0.14, outer, ha="center")
-        axis.annotate("", (0.14 * side, -0.5), (0.75 * side, -0.5), arrowprops=ARROW | {"color": FACE})
-        axis.text(0.6 * side, -0.45, inner, color=FACE_WORDS, ha="center", va="bottom")
+        axis.annotate("", (0.14 * side, -0.5), (0.75 * side, -0.5), arrowprops=ARROW)
+        axis.text(0.6 * side, -0.45, inner, color="black", ha="center", va="bottom")
     axis.add_patch(Rectangle((-0.12, -0.85), 0.24, 1.7, facecolor="#e69f00", edgecolor="black", lw=0.8))
-    axis.text(0, 1.08, f"gauge, m = {sensor.gauge_g:g} g; caps, 2M = {sensor.caps_g:g} g", ha="center", va="bottom")
+    axis.annotate("$m$", (0, 0.85), (0, 0.98), ha="center", va="bottom", annotation_clip=False)
 
 
-def _draw_forces(axis: Any, runs: Path) -> pd.DataFrame:
+def _forces(runs: Path) -> pd.DataFrame:
+    """Contact forces of the sensor bead and their average by every engine, about the time of the wave."""
     found = simulate_one(case_of("fig4", UNTIL_REFLECTED), runs)
-    time = found[REFERENCE].trace.time_s
-    near = np.abs(time - found[REFERENCE].values[f"bead_{SENSOR}_arrival_s"]) < 90e-6
-    forces = {}
-    for engine, one in found.items():  # above, below, and what the gauge reads
+    time_s = found[REFERENCE].trace.time_s
+    near = np.abs(time_s - found[REFERENCE].values[f"bead_{SENSOR}_arrival_s"]) < NEAR_S
+    tables = []
+    for engine, one in found.items():
         force_N = one.trace.force_N[near]
-        forces[engine] = np.column_stack([force_N[:, SENSOR], force_N[:, SENSOR - 1], sensor_average(force_N, SENSOR)])
-    draw_lines(axis, time[near], forces)
-    first, second, average = forces[REFERENCE].T
-    time_us = time[near] * MICRO
-    for force, label, side in ((first, "$F_1$", -1), (second, "$F_2$", 1)):
-        top = int(np.argmax(force))
-        axis.annotate(label, (time_us[top], force[top]), xytext=(12 * side, 1), textcoords="offset points",
-                      ha="center", va="bottom")  # fmt: skip
-    rise = int(np.argmax(average > 0.4 * average.max()))
-    axis.annotate("average", (time_us[rise], average[rise]), xytext=(-10, 4), textcoords="offset points",
-                  ha="right", arrowprops={"arrowstyle": "-", "lw": 0.5})  # fmt: skip
-    axis.set(xlabel="time since impact (µs)", ylabel="force (N)")
-    axis.set_ylim(top=1.18 * float(first.max()))
-    axis.set_title(f"(b) contact forces of bead {SENSOR}, Fig. 4's scene", loc="left")
-    axis.legend(loc="upper right", handlelength=1.6)
-    names = ["F1_N", "F2_N", "average_N"]
-    tables = [pd.DataFrame(columns, columns=names).assign(panel="b", engine=engine, time_s=time[near])
-              for engine, columns in forces.items()]  # fmt: skip
+        above, below, average = force_N[:, SENSOR], force_N[:, SENSOR - 1], sensor_average(force_N, SENSOR)
+        columns = {"panel": "b", "engine": engine, "time_s": time_s[near]}
+        tables.append(pd.DataFrame(columns | dict(zip(FORCES, (above, below, average), strict=True))))
     return pd.concat(tables, ignore_index=True)
+
+
+def _draw_forces(axis: Any, forces: pd.DataFrame) -> None:
+    """Lines by the reference, labelled, and markers of each code at every so many-th sample, the codes in turn."""
+    exact = forces[forces["engine"] == REFERENCE]
+    time_us = exact["time_s"].to_numpy() * MICRO
+    for name, look in FORCES.items():
+        axis.plot(time_us, exact[name], **look)
+    codes = drawing_order([str(name) for name in forces["engine"].unique() if name != REFERENCE])
+    for place, code in enumerate(codes):
+        own = forces[forces["engine"] == code].iloc[place * APART // len(codes) :: APART]
+        for name in FORCES:
+            drawn = axis.plot(own["time_s"] * MICRO, own[name], **grey_of(code))
+        drawn[0].set_label(code)
+    for name, label, side in (("F1_N", "$F_1$", -1), ("F2_N", "$F_2$", 1)):
+        top = int(np.argmax(exact[name]))
+        axis.annotate(label, (time_us[top], exact[name].iloc[top]), xytext=(9 * side, 2), textcoords="offset points",
+                      ha="center", va="bottom")  # fmt: skip
+    rise = int(np.argmax(exact["average_N"] > 0.3 * exact["average_N"].max()))
+    axis.annotate(r"$(F_1 + F_2)/2$", (time_us[rise], exact["average_N"].iloc[rise]), xytext=(-24, 8), ha="right",
+                  textcoords="offset points", arrowprops={"arrowstyle": "-", "lw": 0.5, "shrinkB": 0})  # fmt: skip
+    axis.set(xlabel="time since impact (µs)", ylabel="force (N)", ylim=(-0.4, 1.18 * float(exact["F1_N"].max())))
+    axis.legend(loc="upper right", handlelength=1.0)
 
 
 def _waves() -> pd.DataFrame:
@@ -109,15 +136,13 @@ def _waves() -> pd.DataFrame:
     tables = []
     for modulus, settings in _chains().items():
         chain = case_of("table1", *settings).chain
-        stiffness, mass = float(chain.stiffness[1]), float(chain.mass_kg[0])
-        beta = [solve_at_amplitude(stiffness, mass, chain.precompression_N, amplitude).beta for amplitude in CURVE]
+        stiffness, mass, static = float(chain.stiffness[1]), float(chain.mass_kg[0]), chain.precompression_N
+        beta = [solve_at_amplitude(stiffness, mass, static, ratio - 1).beta for ratio in CURVE]
         columns = {"panel": "c", "engine": "travelling wave", "modulus_MPa": modulus}
-        tables.append(pd.DataFrame(columns | {"amplitude_over_static": CURVE, "beta": beta}))
-    return pd.concat(tables, ignore_index=True)
-
-
-def _dynamic_peak(simulation: Simulation) -> float:
-    return contact_peak(simulation) - static_force(simulation.case)
+        tables.append(pd.DataFrame(columns | {"force_over_static": CURVE, "beta": beta}))
+    limit = {"panel": "c", "engine": "travelling wave without static force"}
+    ends = pd.DataFrame({"force_over_static": CURVE[[0, -1]], "beta": solve_travelling_wave().contact_over_average})
+    return pd.concat([*tables, ends.assign(**limit)], ignore_index=True)
 
 
 def _points(runs: Path) -> pd.DataFrame:
@@ -125,41 +150,30 @@ def _points(runs: Path) -> pd.DataFrame:
     cases = {}
     for modulus, settings in _chains().items():
         static = static_force(case_of("table1", *settings))
-        for amplitude in STRIKES:
-            cases[modulus, amplitude] = strike_for(amplitude * static, _dynamic_peak, *settings).case
+        for ratio in STRIKES:
+            cases[modulus, ratio] = strike_for(ratio * static, contact_peak, *settings).case
     rows = []
     for engine, simulations in simulate(list(cases.values()), runs).items():
-        for (modulus, _), simulation in zip(cases, simulations, strict=True):
-            beads = sensor_pair(simulation.case)
-            upper, lower = (simulation.values[f"bead_{bead}_amplitude_N"] for bead in beads)
-            peak = _dynamic_peak(simulation)
+        for (modulus, _), one in zip(cases, simulations, strict=True):
+            upper, lower = (one.values[f"bead_{bead}_amplitude_N"] for bead in sensor_pair(one.case))
+            peak, static = contact_peak(one), static_force(one.case)
             rows.append({
-                "panel": "c", "engine": engine, "modulus_MPa": modulus,
-                "amplitude_over_static": peak / static_force(simulation.case),
-                "beta": peak / ((upper + lower) / 2), "change_between_sensors": lower / upper - 1,
+                "panel": "c", "engine": engine, "modulus_MPa": modulus, "force_over_static": peak / static,
+                "beta": (peak - static) / sensor_amplitude(one), "change_between_sensors": lower / upper - 1,
                 "solitary": abs(lower / upper - 1) < STEADY,
             })  # fmt: skip
     return pd.DataFrame(rows)
 
 
 def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
-    moduli = ", ".join(f"{modulus:g}" for modulus in sorted(waves["modulus_MPa"].unique()))
-    limit = solve_travelling_wave().contact_over_average
+    """One line, as the moduli's coincide, and the codes' strikes on the chains of all moduli."""
+    limit = waves[waves["modulus_MPa"].isna()]
     first = waves[waves["modulus_MPa"] == waves["modulus_MPa"].min()]
-    axis.plot(first["amplitude_over_static"], first["beta"], color="black", lw=1, label="travelling wave")
-    for engine in drawing_order(list(points["engine"].unique())):
-        own = points[points["engine"] == engine]
-        for solitary, label in ((True, engine), (False, None)):
-            some, look = own[own["solitary"] == solitary], marker_of(engine)
-            alpha = 1.0 if solitary else 0.35
-            axis.plot(some["amplitude_over_static"], some["beta"], ls="", label=label, alpha=alpha, **look)
-    for _, row in points[(points["engine"] == REFERENCE) & ~points["solitary"].astype(bool)].iloc[:1].iterrows():
-        axis.annotate("not a solitary wave\n(still changes)", (row["amplitude_over_static"], row["beta"]), (0.11, 1.27),
-                      color=FAINT, arrowprops={"arrowstyle": "-", "lw": 0.5, "color": FAINT})  # fmt: skip
-    axis.axhline(limit, color=FAINT, lw=0.7, ls=(0, (2, 2)))
-    axis.text(0.1, limit, f"no static force: {limit:.4f}", va="bottom", color=FAINT)
-    axis.axhline(1, color=FAINT, lw=0.7, ls=(0, (2, 2)))
-    axis.text(1e4, 1.003, "linear waves: 1", ha="right", va="bottom", color=FAINT)
-    axis.set(xscale="log", xlabel=r"$(F_m - F_0)\,/\,F_0$", ylabel=r"$\beta$", ylim=(0.98, 1.46))
-    axis.set_title("(c) peak contact force over peak average", loc="left")
-    axis.legend(loc="lower right", bbox_to_anchor=(1, 0.08), fontsize=7, title=f"{moduli} MPa alike", title_fontsize=7)
+    axis.plot(limit["force_over_static"], limit["beta"], color=FAINT, lw=0.8, ls=(0, (4, 3)))
+    axis.plot(first["force_over_static"], first["beta"], **AVERAGE)
+    for code in drawing_order([str(name) for name in points["engine"].unique() if name != REFERENCE]):
+        own = points[points["engine"] == code]
+        for solitary in (True, False):
+            some = own[own["solitary"] == solitary]
+            axis.plot(some["force_over_static"], some["beta"], alpha=1.0 if solitary else PALE, **grey_of(code))
+    axis.set(xscale="log", xlabel=r"$F_m\,/\,F_0$", ylabel=r"$\beta$", xlim=(1, 1.6e4), ylim=(1.0, 1.45))

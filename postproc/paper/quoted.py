@@ -63,15 +63,23 @@ class Fig5(Part):
 
 
 class SensorParts(Part):
-    """Masses of a sensor bead: both caps together, and the gauge between them."""
+    """Parts of a sensor bead: both caps together, and the square plate of the gauge between them."""
 
     caps_g: Positive
     gauge_g: Positive
+    gauge_side_mm: Positive
+    gauge_thickness_mm: Positive
 
     @property
     def mass_g(self) -> float:
         """Of the whole bead."""
         return self.caps_g + self.gauge_g
+
+
+class WallGauge(Part):
+    """Brass plate on top of the gauge below the chain."""
+
+    brass_mm: Positive
 
 
 class Ptfe(Part):
@@ -97,6 +105,7 @@ class Quoted(Part):
     fig5: Fig5
     sensor: SensorParts
     smallest: Smallest
+    wall_gauge: WallGauge
     ptfe: Ptfe
 
 

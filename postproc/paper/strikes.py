@@ -34,7 +34,9 @@ CODE_AMPLITUDE = 1e-7  # relative: a code's amplitude counts as the one wanted
 MAX_CORRECTIONS = 8
 SEARCHED = 6.0  # about the logarithm of the estimated striker speed
 COLUMNS = ("speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters")
+MEASURED = ("duration_us", "speed_m_s", "width_diameters")
 STRIKER = "_striker_m_s"
+SPREAD = "codes_largest_deviation_share"
 NEARBY = 1.02  # ratio of striker speeds over which a slope is taken
 HANDED_ON = 0.682  # of an equal striker's speed, to the leading wave's v_m: measured with the reference
 
@@ -140,8 +142,9 @@ def _root(excess: Callable[[float], float], start: float) -> float | None:
 
 
 def solve_table1(runs: Path, *settings: str) -> pd.DataFrame:
-    """A row per amplitude: the paper's columns, then the striker speed and the three numbers by each engine.
+    """A row per amplitude: the paper's columns, the striker speed and the three numbers by each engine, their spread.
 
+    The spread is the largest deviation of any code from the reference's three numbers, NaN without a code.
     Codes start from the reference's speeds, corrected by their own amplitudes; RunError if one's do not settle.
     """
     forces = quoted().table1.force_N
@@ -164,6 +167,7 @@ def exact_table1(amplitude: Amplitude, *settings: str) -> pd.DataFrame:
 
 
 def _table1(solved: Mapping[str, Sequence[Simulation]]) -> pd.DataFrame:
+    """A row per amplitude, the columns of each engine beside the paper's."""
     paper = quoted().table1.frame
     for engine, simulations in solved.items():
         lower = f"bead_{sensor_pair(simulations[0].case)[1]}"
@@ -171,6 +175,10 @@ def _table1(solved: Mapping[str, Sequence[Simulation]]) -> pd.DataFrame:
         paper[f"{engine}_speed_m_s"] = [speed_between_sensors(simulation) for simulation in simulations]
         for name in COLUMNS[1:]:
             paper[f"{engine}_{name}"] = [simulation.values[f"{lower}_{name}"] for simulation in simulations]
+    exact = paper[[f"{REFERENCE}_{name}" for name in COLUMNS]].to_numpy()
+    codes = [engine for engine in solved if engine != REFERENCE]
+    off = [paper[[f"{code}_{name}" for name in COLUMNS]].to_numpy() / exact - 1 for code in codes]
+    paper[SPREAD] = np.abs(off).max(axis=(0, 2)) if off else np.nan
     return paper
 
 

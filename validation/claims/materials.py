@@ -121,8 +121,9 @@ def nylon_modulus(ptfe_MPa: float) -> float:
 
 
 def plate_mass(density_kg_m3: float) -> float:
-    """Mass of a plate of 3 mm sides and 0.5 mm thickness, g."""
-    return 1e3 * density_kg_m3 * 3e-3**2 * 0.5e-3
+    """Mass of a sensor's plate of the quoted size, g."""
+    sensor = quoted().sensor
+    return 1e-6 * density_kg_m3 * sensor.gauge_side_mm**2 * sensor.gauge_thickness_mm
 
 
 def contact_radius() -> float:

@@ -7,10 +7,12 @@ import re
 from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pandas as pd
 
 from drivers.base import paths
@@ -18,12 +20,11 @@ from drivers.base.errors import InputError
 from postproc.draw.product import SPACETIME
 from postproc.draw.style import svg_of
 from postproc.figures import captions
-from postproc.paper.strikes import COLUMNS, engines_of
+from postproc.figures.table1 import printed
+from postproc.paper.strikes import READINGS
 
-TABLE = "table1.csv"
-MEASURED = ("duration_us", "speed_m_s", "width_diameters")
-HEADINGS = {"speed_m_s": "speed, m/s", "width_0.2pct_diameters": "L/2R at 0.2 %", "width_4pct_diameters": "L/2R at 4 %"}
-DIGITS = {"speed_m_s": 2}  # after the point, else 3
+TABLE, SCORED = "table1.csv", "fig3"
+LARGE_N = 2.0  # amplitudes from here on are the large ones of the scores
 PX_PER_PT = 1.6  # print's type, made as large as the page's
 UNSEEN_DIGITS = re.compile(r"(?<=\.\d\d)\d+")  # of a coordinate: below a hundredth of a point
 TAG = re.compile(r"<[^>]*>")
@@ -79,7 +80,9 @@ def stored_or_drawn(path: Path, table: Path, draw: Callable[[], Any]) -> Image:
 
 
 def read_figures(results: Path) -> dict[str, Any]:
-    """``made``: caption and image of each of the paper's figures, and its chains ``beside`` it; ``missing``: names.
+    """``made``: caption and image of each of the paper's figures, its chains ``beside`` it; ``missing``: names.
+
+    The figure of speeds comes with the ``scores`` of the moduli.
 
     Raises:
         InputError: one is damaged.
@@ -89,8 +92,9 @@ def read_figures(results: Path) -> dict[str, Any]:
         if f"{name}.csv" == TABLE:
             continue
         if image := read_image(results / f"{name}.svg"):
+            beside, scores = read_beside(results, name), read_scores(results) if name == SCORED else None
             made.append(
-                {"title": caption.title, "text": caption.text, "image": image, "beside": read_beside(results, name)}
+                {"title": caption.title, "text": caption.text, "image": image, "beside": beside, "scores": scores}
             )
         else:
             missing.append(name)
@@ -102,8 +106,35 @@ def read_beside(results: Path, name: str) -> Image | None:
     return read_image(results / f"{name}-{SPACETIME}.svg")
 
 
+def read_scores(results: Path) -> dict[str, Any] | None:
+    """How far the experiment is from each modulus: a row per reading of the measured force; None without the numbers.
+
+    Deviations in per cent of the simulated speed by amplitude, then root mean squares in standard errors.
+
+    Raises:
+        InputError: the figure's table is damaged.
+    """
+    path = results / f"{SCORED}.csv"
+    if not path.exists():
+        return None
+    try:
+        table = pd.read_csv(path)
+        table = table[table["source"] == "score"]
+        forces = [f"{force:g}" for force in table["force_N"].unique()]
+        rows = []
+        for reading, modulus in product(READINGS, table["modulus_MPa"].unique()):
+            own = table[(table["force_read_as"] == reading) & (table["modulus_MPa"] == modulus)]
+            large = own["force_N"] >= LARGE_N
+            rms = [np.sqrt((own["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large)]
+            deviations = [f"{value:+.1f}" for value in own["deviation_pct"]]
+            rows.append([reading, f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(paths.shown(path), "", "a damaged table", f"what make {SCORED} writes") from error
+    return {"forces": forces, "rows": rows, "large_N": f"{LARGE_N:g}"}
+
+
 def read_table1(results: Path) -> dict[str, Any]:
-    """Rows by amplitude: measured, printed, and by each engine; empty without the table.
+    """Rows by amplitude: measured, the paper's, the exact numbers and the codes' deviation; empty without the table.
 
     Raises:
         InputError: it is damaged.
@@ -112,19 +143,8 @@ def read_table1(results: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        table = pd.read_csv(path)
-        engines = engines_of(table)
-        rows = [
-            {
-                "force": f"{row['force_N']:g}",
-                "measured": [f"{row[f'measured_{name}']:g}" for name in MEASURED],
-                "computed": [
-                    ("the paper", [f"{row[f'computed_{name}']:g}" for name in COLUMNS]),
-                    *((e, [f"{row[f'{e}_{name}']:.{DIGITS.get(name, 3)}f}" for name in COLUMNS]) for e in engines),
-                ],
-            }
-            for row in table.to_dict("records")
-        ]
+        rows = [printed(row) for row in pd.read_csv(path).to_dict("records")]
     except (ValueError, KeyError, TypeError) as error:  # pandas' own errors are ValueErrors
         raise InputError(paths.shown(path), "", "a damaged table", "what make table1 writes") from error
-    return {"rows": rows, "headings": list(HEADINGS.values()), "beside": read_beside(results, "table1")}
+    caption = captions()["table1"]
+    return {"rows": rows, "title": caption.title, "text": caption.text, "beside": read_beside(results, "table1")}

@@ -12,11 +12,13 @@ from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.engines import codes, installed_codes, missing_codes
 from postproc.draw.product import Product, write_product
+from postproc.draw.style import COLUMN_IN, PAGE_IN
 from postproc.figures import captions, make_figure
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import contact_peak, strike_for
 from postproc.read.signals import Peak, envelope, incident_pulse
 from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.drawn import lettered_axes, not_in_table, out_of_bounds
 from validation.tests.helpers.runs import need
 
 CODES = codes()
@@ -56,6 +58,26 @@ def test_all_are_made_and_written_whole(made: dict[str, Product], tmp_path: Path
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("name", captions())
+def test_whatever_is_drawn_stands_in_the_numbers_of_its_panel(made: dict[str, Product], name: str) -> None:
+    assert not_in_table(made[name].figure, made[name].table) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", captions())
+def test_a_figure_is_as_wide_as_print_and_nothing_is_cut(made: dict[str, Product], name: str) -> None:
+    assert out_of_bounds(made[name].figure, (COLUMN_IN, PAGE_IN)) == []
+
+
+@pytest.mark.long
+def test_captions_tell_each_panel_and_no_other(made: dict[str, Product]) -> None:
+    for name, product in made.items():
+        letters = {letter for letter, _ in lettered_axes(product.figure) if letter}
+        assert set(re.findall(r"(?:^|[ .;])\(([a-d])\)", captions()[name].text)) == letters, name
+        assert not letters or set(product.table["panel"].str[0]) == letters, name
+
+
+@pytest.mark.long
 def test_table_1_is_reproduced_by_every_engine(made: dict[str, Product]) -> None:
     table = made["table1"].table
     wide_foot = np.where(table["force_N"] <= 0.1, 0.2, 0.1)
@@ -65,7 +87,9 @@ def test_table_1_is_reproduced_by_every_engine(made: dict[str, Product]) -> None
             assert ((table[f"{engine}_{name}"] - table[f"computed_{name}"]).abs() < allowed).all()
     for code in CODES:
         for column in ("striker_m_s", "speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters"):
-            assert (table[f"{code}_{column}"] / table[f"reference_{column}"] - 1).abs().max() < 1e-5
+            off = (table[f"{code}_{column}"] / table[f"reference_{column}"] - 1).abs()
+            assert off.max() < 1e-5
+            assert column == "striker_m_s" or (off <= table["codes_largest_deviation_share"]).all()
 
 
 @pytest.mark.long
@@ -85,15 +109,15 @@ def test_beta_does_not_depend_on_the_modulus_and_runs_lie_on_the_curve(made: dic
     assert spread.max() < 1e-4  # the paper says < 1 %; by similarity there is none, and the codes' step adds little
     table = table[table["panel"] != "c, all moduli"]
     waves = table[table["engine"] == "travelling wave"]
-    assert waves["amplitude_over_static"].min() <= 0.1
-    assert waves["amplitude_over_static"].max() >= 1e4
-    points = table[(table["panel"] == "c") & (table["engine"] != "travelling wave")]
+    assert waves["force_over_static"].min() <= 1.1
+    assert waves["force_over_static"].max() >= 1e4
+    points = table[(table["panel"] == "c") & ~table["engine"].str.startswith("travelling wave")]
     assert set(points["engine"]) == set(ENGINES)
     solitary = points[points["solitary"].astype(bool)]
     assert len(solitary) >= 3 * 3 * len(ENGINES)
     assert len(solitary) < len(points)  # a weak strike's pulse is none
     one = waves[waves["modulus_MPa"] == 600]
-    on_curve = np.interp(np.log(solitary["amplitude_over_static"]), np.log(one["amplitude_over_static"]), one["beta"])
+    on_curve = np.interp(np.log(solitary["force_over_static"]), np.log(one["force_over_static"]), one["beta"])
     assert np.abs(solitary["beta"] / on_curve - 1).max() < 2e-3  # linear between points of the curve
 
 
@@ -113,6 +137,7 @@ def test_speeds_follow_the_theory_without_gravity_and_exceed_it_with(made: dict[
         own = table[table["engine"] == code].merge(exact, on="striker_m_s")
         assert len(own) == 6 * 4
         assert (own["speed_m_s_x"] / own["speed_m_s_y"] - 1).abs().max() < 1e-5
+        assert np.array_equal(own["speed_m_s_x"] / own["speed_m_s_y"] - 1, own["speed_off_reference_share_x"])
     heavy = exact[exact["gravity"].astype(bool)].merge(bare, on=["modulus_MPa", "force_N"])
     assert (heavy["speed_m_s_x"] > heavy["speed_m_s_y"]).all()
 
