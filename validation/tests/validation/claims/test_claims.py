@@ -271,3 +271,15 @@ def test_the_page_shows_every_verdict(judged: list[Judged], tmp_path: Path) -> N
     assert "hangs on the reading" in page
     for untested in read_claims().untested:
         assert untested.reason in html.unescape(page)
+
+
+def test_the_readme_counts_as_the_claims_do(judged: list[Judged]) -> None:
+    counts = Counter((each.claim.kind, each.verdict) for each in judged)
+    of_kind = Counter(each.claim.kind for each in judged)
+    assert not counts["exact", DIFFERS]
+    assert (
+        f"Of {len(judged)} statements {of_kind['physics']} can fail on physics, of which {counts['physics', REPRODUCED]} are "
+        f"reproduced; {of_kind['exact']} are exact by similarity or construction, all reproduced; {of_kind['arithmetic']} are "
+        f"arithmetic of the paper's own numbers, of which {counts['arithmetic', REPRODUCED]} hold. "
+        f"{sum(each.hangs for each in judged)} verdicts hang"
+    ) in " ".join((paths.ROOT / "README.md").read_text().split())
