@@ -149,19 +149,15 @@ def sentences(tables: Tables) -> list[str]:
         for each in judged
         if each.verdict == DIFFERS
     ]
-    return [*differ, *_counts(judged)]
+    counts = [f"{words}: {good} reproduced, {bad} differ" for words, good, bad in _counts(judged)]
+    hanging = f"{sum(each.hangs for each in judged)} verdicts hang on how a sentence is read"
+    return [*differ, *counts, hanging, f"{len(read_claims().untested)} statements are not tested, each for its reason"]
 
 
-def _counts(judged: list[Judged]) -> list[str]:
-    """How many statements of each kind have which verdict, how many hang on a reading, how many are not tested."""
-    lines = []
-    for kind, words in KINDS.items():
-        counts = Counter(each.verdict for each in judged if each.claim.kind == kind)
-        lines.append(f"{words}: {counts[REPRODUCED]} reproduced, {counts[DIFFERS]} differ")
-    hanging = sum(each.hangs for each in judged)
-    lines.append(f"{hanging} verdicts hang on how a sentence is read: results/claims-readings.csv")
-    lines.append(f"{len(read_claims().untested)} statements are not tested, each for its reason")
-    return lines
+def _counts(judged: list[Judged]) -> list[tuple[str, int, int]]:
+    """Kinds in words, with how many of each are reproduced and differ."""
+    counts: Counter[tuple[str, str]] = Counter((each.claim.kind, each.verdict) for each in judged)
+    return [(words, counts[kind, REPRODUCED], counts[kind, DIFFERS]) for kind, words in KINDS.items()]
 
 
 def missed(tables: Tables) -> list[str]:
@@ -175,8 +171,13 @@ def section(tables: Tables) -> dict[str, Any]:
     rows: dict[str, list[dict[str, Any]]] = {verdict: [] for verdict in (DIFFERS, REPRODUCED)}
     for each in judged:
         rows[each.verdict].append(_cells(each))
-    engines = in_order({engine for each in judged for engine in each.computed})
-    return {"rows": rows, "engines": engines, "untested": read_claims().untested, "counts": _counts(judged)}
+    return {
+        "rows": rows,
+        "engines": in_order({engine for each in judged for engine in each.computed}),
+        "untested": read_claims().untested,
+        "counts": _counts(judged),
+        "hanging": sum(each.hangs for each in judged),
+    }
 
 
 def _cells(judged: Judged) -> dict[str, Any]:
