@@ -21,8 +21,7 @@ def _table() -> dict[str, Any]:
     return tomllib.loads(paths.TOLERANCES.read_text())
 
 
-def tolerance(kind: str, quantity: str, scene: str | None = None) -> Tolerance:
-    """The tolerance of a quantity, the scene's own before the general one."""
-    table = _table()[kind][quantity]
-    chosen = table.get("scene", {}).get(scene) or table
-    return Tolerance(float(chosen["limit"]), chosen["reason"])
+def tolerance(kind: str, quantity: str) -> Tolerance:
+    """The tolerance of a quantity."""
+    found = _table()[kind][quantity]
+    return Tolerance(float(found["limit"]), found["reason"])

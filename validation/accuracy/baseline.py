@@ -17,14 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base import paths
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, IN_HEIGHTS, VERLET, load_engine
 from drivers.limits.refusal import FORCE
-from drivers.scene.read_scene import read_scene
 from postproc.read.residual import largest_change_N, largest_kinetic_J, share_of_change
 from validation.accuracy.schemes import Truth, truth_of, turned_verlet_of, verlet_in_heights, verlet_of
 
@@ -94,8 +92,23 @@ class Baseline:
         return verlet_of(self.case, self.law)
 
     @cached_property
+    def half(self) -> Trace:
+        """The same at half the step."""
+        return verlet_of(self.case, self.law, 2)
+
+    @cached_property
+    def quarter(self) -> Trace:
+        """The same at a quarter of the step."""
+        return verlet_of(self.case, self.law, 4)
+
+    @cached_property
+    def eighth(self) -> Trace:
+        """The same at an eighth of the step."""
+        return verlet_of(self.case, self.law, 8)
+
+    @cached_property
     def rounded(self) -> Trace:
-        """The same with other rounding."""
+        """``plain`` with other rounding."""
         return verlet_in_heights(self.case) if self.straight else turned_verlet_of(self.case, self.law)
 
     @cached_property
@@ -121,8 +134,7 @@ class Baseline:
         """
         if self.straight:
             return self.followed.first(max(1, int(np.searchsorted(self.known, HORIZON, side="right"))))
-        steps = (self.plain, *(verlet_of(self.case, self.law, finer) for finer in (2, 4)))
-        whole, half, quarter = (until(trace, self.samples) for trace in steps)
+        whole, half, quarter = (until(trace, self.samples) for trace in (self.plain, self.half, self.quarter))
         order, apart = 2.0, [float(np.abs(a.force_N - b.force_N).max()) for a, b in ((whole, half), (half, quarter))]
         if all(apart) and np.isfinite(apart).all():
             order = min(max(log2(apart[0] / apart[1]), MIN_ORDER), MAX_ORDER)
@@ -181,7 +193,7 @@ class Baseline:
     @cached_property
     def stated(self) -> Tolerance:
         """Tolerance of a run against its scheme, as ``inputs/tolerances.toml`` has it."""
-        return tolerance("model", model_quantity(self.case), shipped_name(self.case))
+        return tolerance("model", model_quantity(self.case))
 
     @property
     def allowed(self) -> Tolerance:
@@ -239,12 +251,6 @@ def model_quantity(case: Case) -> str:
     """The name of the tolerance of a case's modelling error."""
     level = case.chain.lateral is not None and bool(np.isinf(case.chain.radius_m[-1]))
     return "level" if level else FORCE
-
-
-def shipped_name(case: Case) -> str | None:
-    """The scene's name if it is one of ``inputs/scenes`` just as shipped: only then do that scene's tolerances hold."""
-    path = paths.SCENES / f"{case.scene.name}.toml"
-    return case.scene.name if path.is_file() and read_scene(path).model_dump() == case.scene.model_dump() else None
 
 
 _last: dict[tuple[str, str], Baseline] = {}  # by deck and law of friction; of the last case: its engines share them

@@ -25,7 +25,7 @@ from drivers.limits.refusal import FORCE
 from postproc.read.observables import of_kind, scale_of
 from postproc.read.residual import beside, residual, share_of_change, still
 from validation.accuracy.baseline import HORIZON, Baseline, Extrapolation, baseline_of
-from validation.accuracy.schemes import Truth, energy_change_J, errors_of, quantities, truth_of, verlet_of
+from validation.accuracy.schemes import Truth, energy_change_J, errors_of, quantities, truth_of
 
 NOTHING_MOVES = "nothing moves: errors are shares of the largest force"
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
@@ -200,6 +200,5 @@ def predicted_error(case: Case, engine: str) -> Array:
         elif load_engine(engine).scheme == EXACT:
             error = np.zeros(case.scene.samples)
         else:  # it goes with the step squared, or where contacts lose energy with the step
-            finer = verlet_of(case.at(2 * case.scene.steps_per_sample))
-            error = residual(baseline.plain, finer) * (2 if case.chain.damped else 4 / 3)
+            error = residual(baseline.plain, baseline.half) * (2 if case.chain.damped else 4 / 3)
     return np.nan_to_num(error, nan=np.inf)

@@ -39,12 +39,13 @@ def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
     Args:
         case: what to run.
         law: of friction in three dimensions: what it keeps, as ``shear`` of an engine.
-        finer: by what to divide the time step there.
+        finer: by what to divide the time step.
     """
     if case.chain.lateral is not None:
         return _trace_of_tube(case, _tube_motion(case, tube_arrays_of(case.chain), law, finer))
     scene = case.scene
-    motion = integrate_verlet(arrays_of(case.chain), scene.time_step_s, scene.steps_per_sample, scene.samples)
+    timing = scene.time_step_s / finer, finer * scene.steps_per_sample, scene.samples
+    motion = integrate_verlet(arrays_of(case.chain), *timing)
     return trace_of(case, case.sample_times_s, motion)
 
 

@@ -18,15 +18,16 @@ from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace, until
 from drivers.engines import REFERENCE, VERLET, in_order, load_engine
-from drivers.limits.refusal import inability
+from drivers.limits.refusal import FORCE, inability
 from drivers.run.finished import EndedRun
 from drivers.run.run import refuse_all, run_many
-from postproc.read.observables import observe, of_kind, scale_of
+from postproc.read.observables import observe, of_kind
 from validation.accuracy.assess import assess
-from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, ROUNDING_REASON, Baseline, baseline_of, shipped_name
+from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, ROUNDING_REASON, Baseline, baseline_of
 from validation.accuracy.budget import PARTS, for_terminal
 from validation.accuracy.plan import planned_case
-from validation.accuracy.schemes import energy_change_J
+from validation.accuracy.prediction import IMPULSE, predict, run_errors
+from validation.accuracy.schemes import ENERGY
 from validation.compare.asked import EVERYTHING, Asked, print_unmet
 from validation.compare.departure import Departure, departure, departure_of, departure_rows, deviation, motion_deviation
 from validation.compare.verdict import FAIL, NOT_RUN, RUN, Verdict, heading, judged, line_of, names, without_run
@@ -44,13 +45,13 @@ def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) 
         verdict = NOT_RUN if why.startswith((NOT_INSTALLED, REFUSED)) else FAIL
         verdicts.append(without_run(case.scene.name, engine, why, verdict))
     for engine, run in runs.items():
-        verdicts += _force_verdicts(case, engine, run, runs)
-        verdicts += _observable_verdicts(case, engine, run, runs)
-        verdicts += _balance_verdicts(case, engine, run)
+        verdicts += _model_verdicts(case, engine, run, runs)
+        verdicts += _predicted_verdicts(case, engine, run, runs.get(REFERENCE) if engine != REFERENCE else None)
     return verdicts
 
 
-def _force_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, EndedRun]) -> list[Verdict]:
+def _model_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, EndedRun]) -> list[Verdict]:
+    """The verdicts on a run against its own scheme; against another code where nothing else has the scene."""
     verdicts = []
     if VERLET in runs and engine not in (VERLET, REFERENCE):
         baseline, own = baseline_of(case), baseline_of(case, engine)
@@ -59,10 +60,6 @@ def _force_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, Ende
         why = f"where rounding alone passes {HORIZON:g}"
         verdicts.append(_force_verdict(case, (engine, VERLET), run.trace, verlet, limit, samples, why))
         verdicts.append(motion_verdict(baseline, engine, run.trace, verlet))
-    if REFERENCE in runs and engine != REFERENCE:
-        exact, limit = runs[REFERENCE].trace, tolerance("truncation", "force", shipped_name(case))
-        why = f"from when on the reference is off by {HORIZON:g}"
-        verdicts.append(_force_verdict(case, (engine, REFERENCE), run.trace, exact, limit, _known_samples(case), why))
     others = [name for name in runs if name != engine]
     if others and not {VERLET, REFERENCE} & set(runs):  # a bore of flat sides: only the codes have it
         other, limit = runs[others[0]].trace, tolerance("model", "sides")
@@ -75,18 +72,9 @@ def _force_verdict(
 ) -> Verdict:
     """The verdict on the forces of an engine against another's, over the first samples; why no more of them."""
     found = deviation(trace, right, samples)
-    until = f"; judged until {trace.time_s[samples] * 1e6:g} µs, {why}" if samples < case.scene.samples else ""
     engine, other = engines
-    return judged(case.scene.name, engine, f"force against {other}", found.share, limit, found.place + until)
-
-
-def _known_samples(case: Case) -> int:
-    """At how many samples the reference is known to ``HORIZON``; all where nobody can tell."""
-    baseline = baseline_of(case)
-    try:
-        return case.scene.samples if baseline.unknown or not baseline.straight else len(baseline.exact.time_s)
-    except ArithmeticError:
-        return case.scene.samples
+    place = found.place + _judged_until(case, samples, why)
+    return judged(case.scene.name, engine, f"force against {other}", found.share, limit, place)
 
 
 def motion_verdict(baseline: Baseline, engine: str, trace: Trace, verlet: Trace) -> Verdict:
@@ -103,40 +91,52 @@ def motion_verdict(baseline: Baseline, engine: str, trace: Trace, verlet: Trace)
     return judged(baseline.case.scene.name, engine, "motion against verlet", found.share, limit, found.place)
 
 
-def _observable_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, EndedRun]) -> list[Verdict]:
-    """The worst relative error of peaks and of speeds against the reference's."""
-    if REFERENCE not in runs or engine == REFERENCE:
-        return []
-    values, exact = (observe(each.layout, until(each.trace, _known_samples(case))) for each in (run, runs[REFERENCE]))
-    verdicts = []
-    for label, kind in (("peak of a gauge", "peak"), ("speed between gauges", "speed")):
-        errors = {
-            name: abs(values[name] - exact[name]) / scale_of(name, exact)
-            for name in of_kind(exact, kind)
-            if np.isfinite(exact[name]) and scale_of(name, exact)
-        }
-        if errors:
-            worst = max(errors, key=lambda name: np.inf if np.isnan(errors[name]) else errors[name])
-            limit = tolerance("truncation", kind, shipped_name(case))
-            verdicts.append(judged(case.scene.name, engine, label, errors[worst], limit, worst))
-    return verdicts
+def _predicted_verdicts(case: Case, engine: str, run: EndedRun, reference: EndedRun | None) -> Iterator[Verdict]:
+    """The verdicts on errors that the scheme of a run predicts: force, the worst peak and speed, energy, impulse."""
+    baseline = baseline_of(case, engine)
+    predicted, samples = predict(baseline, engine), _known_samples(baseline)
+    trace = until(run.trace, samples)
+    exact = until(reference.trace, samples) if reference else None
+    errors = run_errors(baseline, trace, exact)
+    end = _judged_until(case, samples, f"from when on the exact motion is known to less than {HORIZON:g}")
+
+    def verdict(name: str, quantity: str, general: Tolerance, where: str) -> Verdict:
+        limit, words = predicted.tolerance(name, general)
+        return judged(case.scene.name, engine, quantity, errors[name], limit, where + words + end)
+
+    if exact is not None:
+        place = deviation(trace, exact).place
+        yield verdict(FORCE, f"force against {REFERENCE}", tolerance("truncation", "force"), place)
+        for label, kind in (("peak of a gauge", "peak"), ("speed between gauges", "speed")):
+            general = tolerance("truncation", kind)
+            found = [verdict(name, label, general, name) for name in of_kind(errors, kind)]
+            if found:
+                yield max(found, key=lambda each: np.inf if np.isnan(each.value) else each.value / each.limit)
+    yield verdict(ENERGY, "energy drift", tolerance("energy", "drift"), "share of the largest kinetic energy")
+    yield verdict(IMPULSE, "impulse balance", _sampled(case, trace), "share of momentum")
 
 
-def _balance_verdicts(case: Case, engine: str, run: EndedRun) -> list[Verdict]:
-    """Energy and impulse; the latter no finer than the samples of the wall's force allow."""
-    name, values = shipped_name(case), observe(run.layout, run.trace)
-    energy = float(energy_change_J(case.chain, run.trace, None).max()) / baseline_of(case).energy_scale_J(run.trace)
-    impulse, sampling = values["impulse_imbalance_share"], values["impulse_sampling_share"]
-    limit = tolerance("impulse", "balance", name)
-    if sampling > limit.limit:
-        limit = Tolerance(sampling, "what the wall's impulse changes when every other sample is left out")
-    if case.plan and min(case.plan.asked.values()) > limit.limit:
-        limit = Tolerance(min(case.plan.asked.values()), "the accuracy that the scene asks for")
-    drift = tolerance("energy", "drift", name)
-    return [
-        judged(case.scene.name, engine, "energy drift", energy, drift, "share of the largest kinetic energy"),
-        judged(case.scene.name, engine, "impulse balance", impulse, limit, "share of momentum"),
-    ]
+def _known_samples(baseline: Baseline) -> int:
+    """At how many samples the exact motion is known to ``HORIZON``; all where nobody can tell."""
+    try:
+        return baseline.case.scene.samples if baseline.unknown else len(baseline.exact.time_s)
+    except ArithmeticError:
+        return baseline.case.scene.samples
+
+
+def _sampled(case: Case, trace: Trace) -> Tolerance:
+    """The general tolerance of the impulse, no finer than the samples of the wall's force allow."""
+    general, sampling = tolerance("impulse", "balance"), observe(case.layout, trace)["impulse_sampling_share"]
+    if sampling > general.limit:
+        return Tolerance(sampling, "what the wall's impulse changes when every other sample is left out")
+    return general
+
+
+def _judged_until(case: Case, samples: int, why: str) -> str:
+    """Until when a run is judged, and why no longer, for the end of a sentence; empty where all of it is."""
+    if samples >= case.scene.samples:
+        return ""
+    return f"; judged until {case.sample_times_s[samples] * 1e6:g} µs, {why}"
 
 
 @dataclass(frozen=True)

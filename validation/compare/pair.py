@@ -21,9 +21,11 @@ from drivers.run.finished import FILE, EndedRun, open_run
 from drivers.scene.settings import differences, setting_text
 from postproc.read.motion import chain_of
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
+from postproc.read.residual import largest_change_N
 from postproc.read.signals import integral
-from validation.accuracy.baseline import HORIZON, baseline_of, model_quantity, shipped_name
+from validation.accuracy.baseline import HORIZON, baseline_of, model_quantity
 from validation.accuracy.budget import PARTS, for_terminal
+from validation.accuracy.prediction import predicted_motion
 from validation.compare.departure import Departure, Deviation, departure, deviation, first_deviation, motion_scales
 from validation.compare.verdict import FAIL, Verdict, judged
 
@@ -32,6 +34,7 @@ KINDS = ("peak", "later peak", "speed")  # of observables that are judged
 LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)
 MIN_SAMPLES = 4  # of which peaks can be read
 TIME_TOLERANCE = 1e-9  # of a sample time
+PREDICTED = "what velocity Verlet makes of the first's scene at the steps of both, computed here, and rounding"
 
 
 @dataclass(frozen=True)
@@ -140,14 +143,23 @@ def _at_every(run: EndedRun, every: int, samples: int) -> PairedRun:
 def compare_pair(one: PairedRun, other: PairedRun) -> Pair:
     """All that is known of two runs."""
     (limits, samples), why_not_all = allowed_between(one, other), ""
+    predicted: dict[str, Tolerance] = {}
+    if not alike(one, other):
+        samples, predicted = _predicted(one, other, limits)
     if samples < len(one.trace.time_s):
         why_not_all = f"judged until {one.trace.time_s[samples] * 1e6:g} µs, where rounding alone passes {HORIZON:g}"
+    first, second = (until(each.trace, samples) for each in (one, other))
+    scene, engines = other.run.record.scene_name, f"{other.engine} against {one.engine}"
+    verdicts = [
+        judged(scene, engines, each.quantity, each.value, predicted.get(each.quantity, limits[each.kind]), each.where)
+        for each in _differences(one, other, first, second)
+    ]
     # one case after the other, since what is expected of the last one is kept
     of_first, taken_for = (departure(one.case, each.engine, each.trace) for each in (one, other))
     return Pair(
         first=one,
         second=other,
-        verdicts=[*_verdicts(one, other, limits, samples)],
+        verdicts=verdicts,
         until=why_not_all,
         parted={level: first_deviation(other.trace, one.trace, level) for level in LEVELS},
         departures=(of_first, departure(other.case, other.engine, other.trace)),
@@ -159,21 +171,24 @@ def allowed_between(one: PairedRun, other: PairedRun) -> tuple[dict[str, Toleran
     """Tolerances of two runs by kind of quantity, and how many samples can be compared until rounding parts them.
 
     Runs of the same scheme at the same step differ by rounding alone, in friction by their laws; others by what their
-    time steps, or the lack of one, do.
+    time steps, or the lack of one, do: by kind that is the general tolerance, which ``_predicted`` narrows.
     """
-    same_step = isclose(one.run.record.time_step_s, other.run.record.time_step_s, rel_tol=1e-12)
-    exact = [load_engine(each.engine).scheme == EXACT for each in (one, other)]
-    if all(exact) or (not any(exact) and same_step):
+    if alike(one, other):
         force, samples, of_gauges = *_by_rounding(one, other), {}
     else:
-        names = {shipped_name(each.case) for each in (one, other)}
-        name = names.pop() if len(names) == 1 else None
-        force, samples = tolerance("truncation", "force", name), len(one.trace.time_s)
-        of_gauges = {quantity: tolerance("truncation", quantity, name) for quantity in ("peak", "speed")}
+        force, samples = tolerance("truncation", "force"), len(one.trace.time_s)
+        of_gauges = {quantity: tolerance("truncation", quantity) for quantity in ("peak", "speed")}
     factor = tolerance("between", "others")
     others = Tolerance(factor.limit * force.limit, f"{factor.limit:g} times the force's: {factor.reason}")
     limits = {"force": force, "peak": others, "speed": others, "others": others} | of_gauges
     return limits | {"later peak": limits["peak"]}, samples
+
+
+def alike(one: PairedRun, other: PairedRun) -> bool:
+    """Whether two runs are of the same scheme at the same step."""
+    same_step = isclose(one.run.record.time_step_s, other.run.record.time_step_s, rel_tol=1e-12)
+    exact = [load_engine(each.engine).scheme == EXACT for each in (one, other)]
+    return all(exact) or (not any(exact) and same_step)
 
 
 def _by_rounding(one: PairedRun, other: PairedRun) -> tuple[Tolerance, int]:
@@ -191,15 +206,43 @@ def _by_rounding(one: PairedRun, other: PairedRun) -> tuple[Tolerance, int]:
     return widest, min(each.samples for each in baselines)
 
 
-def _verdicts(one: PairedRun, other: PairedRun, limits: dict[str, Tolerance], samples: int) -> Iterator[Verdict]:
-    first, second = (until(each.trace, samples) for each in (one, other))
+def _predicted(one: PairedRun, other: PairedRun, general: dict[str, Tolerance]) -> tuple[int, dict[str, Tolerance]]:
+    """For how many samples the first's scene is known, and by quantity what its two schemes make two runs of it differ.
 
-    def verdict(quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
-        engines = f"{other.engine} against {one.engine}"
-        return judged(other.run.record.scene_name, engines, quantity, value, limit, where)
+    A tolerance is left out where the general one is less, all where nothing can be predicted.
+    """
+    same = one.case.at(other.case.scene.steps_per_sample)
+    first = predicted_motion(baseline_of(one.case, one.engine), one.engine)
+    second = predicted_motion(baseline_of(same, other.engine), other.engine)
+    if first is None or second is None:
+        return len(one.trace.time_s), {}
+    (motion, rest), (its_motion, its_rest) = first, second
+    samples = min(len(motion.time_s), len(its_motion.time_s))
+    others = tolerance("between", "others").limit
+    limits = dict[str, Tolerance]()
+    for apart in _differences(one, other, until(motion, samples), until(its_motion, samples)):
+        factor = 1.0 if apart.kind == "force" else max(others, apart.change_share)
+        limit = apart.value + factor * (rest + its_rest)
+        if limit < general[apart.kind].limit:
+            limits[apart.quantity] = Tolerance(limit, PREDICTED)
+    return samples, limits
 
+
+@dataclass(frozen=True)
+class _Difference:
+    """A quantity in which two runs differ; of a peak, the largest change of force over what it is counted over."""
+
+    quantity: str
+    kind: str
+    value: float
+    where: str
+    change_share: float = 0.0
+
+
+def _differences(one: PairedRun, other: PairedRun, first: Trace, second: Trace) -> Iterator[_Difference]:
+    """Differences of two traces, read by the gauges of two runs."""
     found = deviation(second, first)
-    yield verdict("force", found.share, limits["force"], found.place)
+    yield _Difference("force", "force", found.share, found.place)
 
     should, has = observe(one.run.layout, first), observe(other.run.layout, second)
     for name in of_kind(should, *KINDS):  # that both runs have a gauge for
@@ -208,9 +251,11 @@ def _verdicts(one: PairedRun, other: PairedRun, limits: dict[str, Tolerance], sa
         observable = describe(name)
         arrival_s = should[name.replace("_peak_N", "_arrival_s")] if observable.kind == "peak" else np.nan
         when = f" at {arrival_s * 1e6:.6g} µs" if np.isfinite(arrival_s) else ""
-        error = abs(has[name] - should[name]) / (scale_of(name, should) or 1.0)
+        scale = scale_of(name, should) or 1.0
         values = f"{should[name]:.7g} against {has[name]:.7g} {observable.unit}"
-        yield verdict(without_unit(name), float(error), limits[observable.kind], f"{values}{when}")
+        share = 0.0 if observable.kind == "speed" else largest_change_N(first.force_N) / scale
+        error = float(abs(has[name] - should[name]) / scale)
+        yield _Difference(without_unit(name), observable.kind, error, f"{values}{when}", share)
 
     energy_J, momentum_N_s = motion_scales(one.case.chain, first)
     series = {
@@ -224,7 +269,7 @@ def _verdicts(one: PairedRun, other: PairedRun, limits: dict[str, Tolerance], sa
     for quantity, (expected, measured, scale) in series.items():
         share = np.abs(measured - expected) / scale
         sample = int(np.argmax(np.nan_to_num(share, nan=np.inf)))
-        yield verdict(quantity, float(share[sample]), limits["others"], f"at {first.time_s[sample] * 1e6:g} µs")
+        yield _Difference(quantity, "others", float(share[sample]), f"at {first.time_s[sample] * 1e6:g} µs")
 
 
 def compare_runs(first: Path, second: Path) -> int:
@@ -265,12 +310,14 @@ def _table(pair: Pair) -> Iterator[str]:
     if pair.until:
         yield pair.until
     yield ""
-    used: dict[tuple[float, str], list[str]] = {}
+    used: dict[str, list[Verdict]] = {}
     for each in pair.verdicts:
-        used.setdefault((each.limit, each.reason), []).append(each.quantity)
-    for (limit, reason), quantities in used.items():
-        names = quantities if len(quantities) < 4 else [quantities[0], "...", quantities[-1]]
-        yield f"allowed {limit:.2g} ({', '.join(names)}): {reason}"
+        used.setdefault(each.reason, []).append(each)
+    for reason, judged_by in used.items():
+        least, most = (f"{choose(each.limit for each in judged_by):.2g}" for choose in (min, max))
+        names = [each.quantity for each in judged_by]
+        names = names if len(names) < 4 else [names[0], "...", names[-1]]
+        yield f"allowed {least if least == most else f'{least} to {most}'} ({', '.join(names)}): {reason}"
 
 
 def _times(pair: Pair) -> Iterator[str]:

@@ -6,14 +6,16 @@ from math import log2
 import numpy as np
 
 from drivers.base.errors import RunError
+from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace, until
 from drivers.engines import VERLET
-from drivers.limits.refusal import inability
+from drivers.limits.refusal import FORCE, inability
 from drivers.limits.stable_step import predicted_limit
 from drivers.limits.trial import first_failure_s
 from validation.accuracy.baseline import Baseline, baseline_of
 from validation.accuracy.plan import planned_case
+from validation.accuracy.prediction import predict
 from validation.accuracy.schemes import truth_of
 from validation.compare.comparison import motion_verdict
 from validation.compare.departure import deviation
@@ -39,11 +41,11 @@ def scene(candidate: Candidate, variant: Variant) -> Iterator[Measured]:
     baseline = baseline_of(case, name)
     beside = ""
     if candidate.steps and not baseline.unknown:
-        quantity = "truncation_damped" if case.chain.damped else "truncation"
-        exact = baseline.exact
-        off = deviation(until(trace, len(exact.time_s)), exact, baseline.samples)
+        exact, predicted = baseline.exact, predict(baseline, name)
+        off = deviation(until(trace, len(exact.time_s)), exact)
         beside = f"; {off.share:.1e} from the exact motion"
-        truncation = within(quantity, off.share, f"against the exact motion, {off.place}")
+        limit, words = predicted.tolerance(FORCE, tolerance("truncation", "force"))
+        truncation = Measured(off.share, limit.limit, f"against the exact motion, {off.place}{words}")
         if truncation.share > 1:
             yield truncation
     allowed, samples = baseline.allowed.limit, baseline.samples

@@ -71,8 +71,9 @@ def test_same_scheme_same_step_is_judged_by_rounding(run_of: FolderOf) -> None:
 def test_against_the_reference_it_is_judged_by_truncation(run_of: FolderOf) -> None:
     pair = pair_of(run_of("reference", "fig4"), run_of("verlet", "fig4"))
     force = next(verdict for verdict in pair.verdicts if verdict.quantity == "force")
-    assert (force.limit, force.verdict) == (4e-5, PASS)  # the scene's own, as shipped
+    assert force.verdict == PASS
     assert force.value == pytest.approx(3.0e-5, rel=0.01)
+    assert force.value < force.limit < 1.001 * force.value
     assert "contact 1 at 564" in force.where
     parted = pair.parted[1e-6]
     assert parted is not None
@@ -193,7 +194,7 @@ def test_what_is_printed(run_of: FolderOf, capsys: pytest.CaptureFixture[str]) -
         "time step 1e-06 s, 800 steps, 801 samples, commit ",
         "differs run.time_step: 0.1 us against 1 us",
         "contact 1 at 564 µs",
-        "allowed 0.01 (force)",
+        "(force, ..., wall impulse): what velocity Verlet makes of the first's scene at the steps of both",
         "parted by 0.001 of the largest change at 465 µs in contact 5",
         "first   leaves the exact motion by 1e-06 of the largest change at 12 µs in contact 22: truncation",
         "error budget",

@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import re
+import tomllib
 from base64 import b64decode
 from collections import Counter
 from dataclasses import replace
@@ -14,12 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
 from drivers.chain.trace import until
 from drivers.run.finished import provenance
 from postproc.read.sensors import sensor_signals
-from validation.accuracy.baseline import HORIZON, baseline_of, shipped_name
+from validation.accuracy.baseline import HORIZON, baseline_of
 from validation.compare.comparison import ComparedScene, compare_case
 from validation.compare.departure import NONE, departure, deviation
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
@@ -75,16 +77,10 @@ def test_a_chaotic_chain_is_judged_up_to_its_horizon(shared_runs: Path) -> None:
     assert 8e-3 < run.trace.time_s[samples] < 19e-3
 
 
-def test_a_scenes_own_tolerances_hold_for_that_scene_only() -> None:
-    assert shipped_name(case_of("fig4")) == "fig4"
-    assert shipped_name(case_of("fig4", "run.time_step=1 us")) is None
-
-
 def test_every_tolerance_has_a_reason() -> None:
-    for kind, quantity in [("model", "force"), ("truncation", "force"), ("energy", "drift"), ("guard", "energy")]:
-        assert len(tolerance(kind, quantity).reason) > 20
-    assert tolerance("truncation", "force", "fig4").limit == 4e-5
-    assert tolerance("truncation", "force", "unknown").limit == tolerance("truncation", "force").limit
+    for kind, quantities in tomllib.loads(paths.TOLERANCES.read_text()).items():
+        for quantity in quantities:
+            assert len(tolerance(kind, quantity).reason) > 20
 
 
 class Page(HTMLParser):
