@@ -10,10 +10,15 @@ from drivers.base import paths
 
 @dataclass(frozen=True)
 class Tolerance:
-    """A limit with its reason."""
+    """A limit with its reason.
+
+    Attributes:
+        predicted: the part of the limit that a run without faults is expected to take.
+    """
 
     limit: float
     reason: str
+    predicted: float = 0.0
 
 
 @cache

@@ -60,11 +60,11 @@ class Prediction:
         error, rest = self.errors[quantity], self.rest[quantity]
         words, limit = f"; {self.scheme.format(f'{error:.1e}')}", error + rest
         if isfinite(limit) and (limit < general.limit or not self.capped):
-            return Tolerance(limit, self.reason), f"{words}, {self.beside} up to {rest:.0e}"
+            return Tolerance(limit, self.reason, error), f"{words}, {self.beside} up to {rest:.0e}"
         return general, words
 
 
-def predict(baseline: Baseline, engine: str) -> Prediction:
+def predict(baseline: Baseline, engine: str, *, capped: bool = True) -> Prediction:
     """Prediction for a run of an engine, at the samples at which the exact motion is known."""
     found = predicted_motion(baseline, engine)
     if found is None:
@@ -89,7 +89,7 @@ def predict(baseline: Baseline, engine: str) -> Prediction:
         scheme,
         beside,
         (EXACT_REASON if runs.scheme == EXACT else REASON) + sphere,
-        capped=baseline.case.plan is None,
+        capped=capped,
     )
 
 
@@ -107,11 +107,11 @@ def predicted_motion(baseline: Baseline, engine: str) -> tuple[Trace, float] | N
     except ArithmeticError:
         return None
     samples = len(exact.time_s)
-    rounding = (baseline.known if runs.scheme == EXACT else baseline.explained)[samples - 1]
-    allowed = max(baseline.stated.limit, float(rounding))
-    plain = until(baseline.plain, samples)
+    plain, allowed = until(baseline.plain, samples), baseline.stated.limit
     if by_code:
-        return plain, allowed
+        return plain, max(allowed, float(baseline.explained[samples - 1]))
+    if runs.scheme == EXACT:
+        allowed = max(allowed, float(baseline.known[samples - 1]))
     half, quarter, eighth = (until(each, samples) for each in (baseline.half, baseline.quarter, baseline.eighth))
     gain = 1 / (2**baseline.order - 1)
     rest_N = gain * (gain * (plain.force_N - half.force_N) - (1 + gain) * (half.force_N - quarter.force_N))

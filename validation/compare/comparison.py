@@ -9,8 +9,6 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from drivers.base import paths
 from drivers.base.kept import kept
 from drivers.base.progress import following, step
@@ -30,7 +28,18 @@ from validation.accuracy.prediction import IMPULSE, predict, run_errors
 from validation.accuracy.schemes import ENERGY
 from validation.compare.asked import EVERYTHING, Asked, print_unmet
 from validation.compare.departure import Departure, departure, departure_of, departure_rows, deviation, motion_deviation
-from validation.compare.verdict import FAIL, NOT_RUN, RUN, Verdict, heading, judged, line_of, names, without_run
+from validation.compare.verdict import (
+    FAIL,
+    NOT_RUN,
+    RUN,
+    Verdict,
+    heading,
+    judged,
+    line_of,
+    names,
+    share_of,
+    without_run,
+)
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
 
@@ -94,11 +103,11 @@ def motion_verdict(baseline: Baseline, engine: str, trace: Trace, verlet: Trace)
 def _predicted_verdicts(case: Case, engine: str, run: EndedRun, reference: EndedRun | None) -> Iterator[Verdict]:
     """The verdicts on errors that the scheme of a run predicts: force, the worst peak and speed, energy, impulse."""
     baseline = baseline_of(case, engine)
-    predicted, samples = predict(baseline, engine), _known_samples(baseline)
+    predicted, samples = predict(baseline, engine, capped=case.plan is None), _known_samples(baseline)
     trace = until(run.trace, samples)
     exact = until(reference.trace, samples) if reference else None
     errors = run_errors(baseline, trace, exact)
-    end = _judged_until(case, samples, f"from when on the exact motion is known to less than {HORIZON:g}")
+    end = _judged_until(case, samples, f"from when on the reference is off by {HORIZON:g}")
 
     def verdict(name: str, quantity: str, general: Tolerance, where: str) -> Verdict:
         limit, words = predicted.tolerance(name, general)
@@ -111,9 +120,11 @@ def _predicted_verdicts(case: Case, engine: str, run: EndedRun, reference: Ended
             general = tolerance("truncation", kind)
             found = [verdict(name, label, general, name) for name in of_kind(errors, kind)]
             if found:
-                yield max(found, key=lambda each: np.inf if np.isnan(each.value) else each.value / each.limit)
+                yield max(found, key=lambda each: (share_of(each), each.value))
     yield verdict(ENERGY, "energy drift", tolerance("energy", "drift"), "share of the largest kinetic energy")
-    yield verdict(IMPULSE, "impulse balance", _sampled(case, trace), "share of momentum")
+    interval_s = case.scene.run.sample_interval
+    where = f"share of momentum, with samples each {interval_s * 1e6:g} µs"
+    yield verdict(IMPULSE, "impulse balance", _sampled(case, trace), where)
 
 
 def _known_samples(baseline: Baseline) -> int:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cache
-from math import nan
+from math import inf, isnan, nan
 
 from drivers.base.tolerances import Tolerance
 from drivers.engines import engine_names
@@ -19,6 +19,7 @@ class Verdict:
         quantity: what was measured, such as "force against verlet".
         value, limit: the error and its tolerance; NaN where nothing was measured.
         where: time and contact of the worst value, or why nothing was measured.
+        predicted: the part of the limit that a run without faults is expected to take.
     """
 
     scene: str
@@ -29,16 +30,26 @@ class Verdict:
     reason: str
     where: str
     verdict: str
+    predicted: float = 0.0
 
 
 def judged(scene: str, engine: str, quantity: str, value: float, limit: Tolerance, where: str) -> Verdict:
     """The verdict on an error by its tolerance."""
-    return Verdict(scene, engine, quantity, value, limit.limit, limit.reason, where, pass_or_fail(value, limit.limit))
+    verdict = pass_or_fail(value, limit.limit)
+    return Verdict(scene, engine, quantity, value, limit.limit, limit.reason, where, verdict, limit.predicted)
 
 
 def without_run(scene: str, engine: str, why: str, verdict: str) -> Verdict:
     """The verdict where there is nothing to measure, and why."""
     return Verdict(scene, engine, RUN, nan, nan, "a run has to be done", why, verdict)
+
+
+def share_of(verdict: Verdict) -> float:
+    """A figure beyond what was predicted, over what is allowed beyond it; 0 where it is less."""
+    beyond, allowed = max(verdict.value - verdict.predicted, 0.0), verdict.limit - verdict.predicted
+    if isnan(verdict.value) or (allowed == 0 and beyond):
+        return inf
+    return beyond / allowed if allowed else 0.0
 
 
 def names(scene: str, engine: str) -> str:

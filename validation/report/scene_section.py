@@ -27,7 +27,7 @@ from postproc.read.observables import observe
 from validation.accuracy.budget import PARTS
 from validation.compare.comparison import ComparedScene
 from validation.compare.departure import departure_rows
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
+from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict, share_of
 from validation.report.charts import Chart, chart_of, failed_label
 from validation.report.page_figures import Image, image_of
 
@@ -114,22 +114,16 @@ def worst_of(verdicts: list[Verdict]) -> Verdict | None:
     return max(measured, key=lambda verdict: (verdict.verdict == FAIL, share_of(verdict)), default=None)
 
 
-def share_of(verdict: Verdict) -> float:
-    """A figure over its tolerance."""
-    if math.isnan(verdict.value) or (verdict.limit == 0 and verdict.value):
-        return math.inf
-    return verdict.value / verdict.limit if verdict.limit else 0.0
-
-
-def tolerances(scenes: list[ComparedScene]) -> dict[tuple[str, str, str], list[str]]:
-    """The scenes by quantity, limit and reason of every tolerance that was applied."""
-    used: dict[tuple[str, str, str], list[str]] = {}
+def tolerances(scenes: list[ComparedScene]) -> list[tuple[str, str, list[str], str]]:
+    """Quantity, limits, scenes and reason of every tolerance that was applied, those of one reason together."""
+    used: dict[tuple[str, str], list[Verdict]] = {}
     for verdict in (v for scene in scenes for v in scene.verdicts if not math.isnan(v.limit)):
-        quantity = QUANTITIES.get(verdict.quantity, verdict.quantity)
-        names = used.setdefault((quantity, number(verdict.limit), verdict.reason), [])
-        if verdict.scene not in names:
-            names.append(verdict.scene)
-    return dict(sorted(used.items()))
+        used.setdefault((QUANTITIES.get(verdict.quantity, verdict.quantity), verdict.reason), []).append(verdict)
+    rows = []
+    for (quantity, reason), found in sorted(used.items()):
+        limits = dict.fromkeys(number(choose(each.limit for each in found)) for choose in (min, max))
+        rows.append((quantity, " to ".join(limits), list(dict.fromkeys(each.scene for each in found)), reason))
+    return rows
 
 
 def source_of(scene: Scene) -> str:

@@ -16,13 +16,13 @@ import pytest
 from drivers.base import decks as deck
 from postproc.draw.style import pyplot, svg_of
 from validation.compare.comparison import ComparedScene, compare_case
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
+from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict, share_of
 from validation.independent.independent_study import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.charts import PLACES, chart_of
 from validation.report.machine_readable import cpu_name
 from validation.report.page_figures import image_of
-from validation.report.scene_section import share_of, worst_of
+from validation.report.scene_section import worst_of
 from validation.report.write_report import write_report
 from validation.studies import write_table
 from validation.tests.helpers.commands import command_line
