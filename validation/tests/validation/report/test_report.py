@@ -24,7 +24,7 @@ from postproc.read.sensors import sensor_signals
 from validation.accuracy.baseline import HORIZON, baseline_of
 from validation.compare.comparison import ComparedScene, compare_case
 from validation.compare.departure import NONE, departure, deviation
-from validation.compare.verdict import FAIL, NOT_RUN, PASS
+from validation.compare.verdict import FAIL, NOT_RUN, PASS, share_of
 from validation.report.charts import MAX_SAMPLES, Panel, chart_of
 from validation.report.scene_section import scene_row, section_of, short
 from validation.report.write_report import write_report
@@ -123,7 +123,7 @@ def test_the_first_screen_says_what_the_worst_figure_is_and_why_it_may_be_so_lar
     worst = row.cells["verlet"].worst
     assert worst is not None
     own = [v for v in compared.verdicts if v.engine == "verlet"]
-    assert max(v.value / v.limit for v in own) == worst.value / worst.limit
+    assert max(map(share_of, own)) == share_of(worst)
     for words in (worst.quantity, short(worst.value), short(worst.limit), worst.reason, "make it again",
                   platform.node(), "numpy", provenance()["commit"][:12]):  # fmt: skip
         assert words in html.unescape(first), words
