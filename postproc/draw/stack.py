@@ -17,7 +17,6 @@ from postproc.read.sensors import sensor_signals
 
 GAUGE_IN = 1.126  # height of a panel
 STRIP, RESIDUAL = "strip", "residual_to_reference_share"
-STRIP_SHARE = 0.3  # of the height of the gauges above
 STRIP_POINTS = 12  # for each code
 STRIP_RANGE, STRIP_TICKS = (1e-7, 1e-2), (1e-6, 1e-3)
 ROOM = 0.3  # steps of the grid, below and above curves
@@ -34,6 +33,7 @@ class Panel:
         step_N: force between two lines of the grid.
         gauges: those drawn; none means all.
         room: steps of the grid that stay free above the curves, for marks.
+        strip: height of the strip below, as a share of that of the gauges.
     """
 
     letter: str
@@ -42,6 +42,7 @@ class Panel:
     step_N: float
     gauges: tuple[str, ...] = ()
     room: float = ROOM
+    strip: float = 0.3
 
 
 def draw_panel(
@@ -64,7 +65,7 @@ def draw_panel(
     step_N, time_us = panel.step_N, traces[REFERENCE].time_s * MICRO
     limits = [(-ROOM * step_N, float(signals[REFERENCE][name].max()) + panel.room * step_N) for name in names]
     heights = [top - bottom for bottom, top in limits]
-    rows = cell.subgridspec(len(names) + 1, 1, height_ratios=[*heights, STRIP_SHARE * sum(heights)], hspace=0)
+    rows = cell.subgridspec(len(names) + 1, 1, height_ratios=[*heights, panel.strip * sum(heights)], hspace=0)
     axes = [figure.add_subplot(rows[place]) for place in range(len(names))]
     for axis, name, limit in zip(axes, names, limits, strict=True):
         axis.plot(time_us, signals[REFERENCE][name], **panel.look)

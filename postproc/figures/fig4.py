@@ -31,8 +31,8 @@ from postproc.paper.strikes import sensor_pair, speed_between_sensors
 
 LATER = "run.duration=1.2 ms"  # until the slower wave with dissipation has come back
 PANELS = (
-    Panel("a", "with dissipation", DAMPED | {"ls": "-"}, 1.0, room=0.8),
-    Panel("b", "elastic", AVERAGE, 2.0),
+    Panel("a", "with dissipation", DAMPED | {"ls": "-"}, 1.0, room=0.8, strip=0.18),
+    Panel("b", "elastic", AVERAGE, 2.0, strip=0.18),
 )
 
 

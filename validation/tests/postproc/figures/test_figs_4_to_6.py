@@ -9,6 +9,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import codes
 from postproc.draw.product import Product
+from postproc.draw.style import pyplot
 from postproc.figures import captions, make_figure
 from postproc.paper.calibrated import calibrated
 from validation.tests.helpers.runs import need
@@ -23,7 +24,10 @@ def made(shared_runs: Path) -> dict[str, Product]:
     """Every product, made once."""
     for code in CODES:
         need(code)
-    return {name: make_figure(name, shared_runs) for name in FIGURES}
+    products = {name: make_figure(name, shared_runs) for name in FIGURES}
+    for product in products.values():
+        pyplot().close(product.figure)
+    return products
 
 
 def _numbers(product: Product, panel: str, engine: str = "reference", place: str = "") -> dict[str, float]:
