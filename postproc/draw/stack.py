@@ -11,7 +11,7 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE
-from postproc.draw.style import FAINT, MICRO, drawing_order, grey_of, letter_panel, line_of, pyplot
+from postproc.draw.style import FAINT, MICRO, drawing_order, grey_of, letter_panel, pyplot
 from postproc.read.residual import residual
 from postproc.read.sensors import sensor_signals
 
@@ -111,14 +111,6 @@ def name_codes(figure: Any, strip: Any) -> None:
     """One legend for the markers of all strips, below the figure."""
     if strip.lines:
         figure.legend(*strip.get_legend_handles_labels(), loc="outside lower center", ncols=6, handletextpad=0.1)
-
-
-def draw_lines(axis: Any, time_s: Array, forces: Mapping[str, Array]) -> None:
-    """Each engine's forces against time in its own line, the widest first. Shape (samples,) or (samples, curves)."""
-    for engine in drawing_order(list(forces)):
-        line = line_of(engine)
-        drawn = axis.plot(time_s * MICRO, forces[engine], color=line.colour, lw=line.width, ls=line.dashes)
-        drawn[0].set_label(engine)
 
 
 def gauge_title(layout: Layout, gauge: str) -> str:
