@@ -5,11 +5,11 @@ the wall; middle: gauge in the 5th bead; bottom: wall; all on one scale. A gauge
 contact forces. (a) Computed with dissipation, at a Young's modulus of 0.785 GPa and a coefficient of restitution of
 0.859 at every contact: the values that fit best what the paper states of its experiments (Figs. 4 and 5, Table 1). The
 measured curves are not available; marks in brown show what the text says of them: a leading wave of about 2 N (level;
-computed: 2.57 N), 164 µs long (bar; computed: 152 µs at 4 % of the peak), from the 9th bead to the 5th at 152 m/s
-(slanted line from the time of the computed peak on; computed: 143 m/s) and to the wall at a similar speed, and a
-reflected wave in the 9th bead that is significantly smaller than the incident one (arrow from the height of the
-incident one; computed: 0.67 of it). (b) Computed without dissipation, at 1.46 GPa, as in the paper: 5.33 N, 99 µs,
-193 m/s, 0.99. Strips: largest difference δF between a code and the reference over all contacts, as a share of the
+computed, above the static force: 2.57 N), 164 µs long (bar; computed: 152 µs at 4 % of the peak), from the 9th bead to
+the 5th at 152 m/s (slanted line from the time of the computed peak on; computed: 143 m/s) and to the wall at a similar
+speed, and a reflected wave in the 9th bead that is significantly smaller than the incident one (arrow from the height
+of the incident one; computed: 0.67 of it). (b) Computed without dissipation, at 1.46 GPa, as in the paper: 5.33 N, 99
+µs, 193 m/s, 0.99. Strips: largest difference δF between a code and the reference over all contacts, as a share of the
 largest change of force. It is larger in (a), where the codes' errors are of first order in their step of 0.1 µs.
 """
 
