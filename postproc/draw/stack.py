@@ -1,6 +1,7 @@
-"""Gauge forces of several engines stacked over each other, with their differences below."""
+"""Gauge forces of a chain over each other, with the differences between engines below."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,50 +11,106 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE
-from postproc.draw.style import COLUMN_IN, FAINT, MICRO, drawing_order, line_of, pyplot
+from postproc.draw.style import FAINT, MICRO, drawing_order, grey_of, letter_panel, pyplot
 from postproc.read.residual import residual
 from postproc.read.sensors import sensor_signals
 
-GAUGE_IN, RESIDUAL_IN = 1.126, 1.426  # heights of panels
+GAUGE_IN = 1.126  # height of a panel
+STRIP, RESIDUAL = "strip", "residual_to_reference_share"
+STRIP_POINTS = 12  # for each code
+STRIP_RANGE, STRIP_TICKS = (1e-7, 1e-2), (1e-6, 1e-3)
+ROOM = 0.3  # steps of the grid, below and above curves
+LABEL_AT = 0.012  # of the axis of time
 
 
-def draw_stack(layout: Layout, traces: Mapping[str, Trace]) -> tuple[Any, dict[str, Any]]:
-    """One panel a gauge in the order in which a wave meets them, and one with the residuals.
+@dataclass(frozen=True)
+class Panel:
+    """A panel of forces in a figure of the paper.
 
-    The traces are of equal sample times; the axes come by gauge name, that of the residuals as ``residual``.
+    Attributes:
+        letter, words: above it.
+        look: plot keywords of its curves.
+        step_N: force between two lines of the grid.
+        gauges: those drawn; none means all.
+        room: steps of the grid that stay free above the curves, for marks.
+        strip: height of the strip below, as a share of that of the gauges.
+    """
+
+    letter: str
+    words: str
+    look: Mapping[str, Any]
+    step_N: float
+    gauges: tuple[str, ...] = ()
+    room: float = ROOM
+    strip: float = 0.3
+
+
+def draw_panel(
+    figure: Any, cell: Any, panel: Panel, layout: Layout, traces: Mapping[str, Trace]
+) -> tuple[dict[str, Any], pd.DataFrame]:
+    """Gauges over each other on one scale of force, as the reference has them, and the codes' differences in a strip.
+
+    Args:
+        figure: of matplotlib.
+        cell: place in the figure's grid.
+        panel: its looks.
+        layout: gauges.
+        traces: by engine, of equal sample times.
+
+    Returns:
+        Axes by gauge in the order in which a wave meets them, then those of the strip; all that is drawn, by engine.
     """
     signals = {engine: sensor_signals(layout, trace) for engine, trace in traces.items()}
-    gauges, time_s = list(next(iter(signals.values()))), next(iter(traces.values())).time_s
-    heights = [GAUGE_IN] * len(gauges) + [RESIDUAL_IN]
-    figure, grid = pyplot().subplots(
-        len(heights), 1, sharex=True, figsize=(COLUMN_IN, 0.6 + sum(heights)), height_ratios=heights, squeeze=False
-    )
-    axes = dict(zip([*gauges, "residual"], grid[:, 0], strict=True))
-    for gauge in gauges:
-        draw_lines(axes[gauge], time_s, {engine: own[gauge] for engine, own in signals.items()})
-        axes[gauge].set(ylabel="force (N)", xlim=(0, float(time_s[-1]) * MICRO))
-        axes[gauge].set_title(gauge_title(layout, gauge), loc="left")
-    if gauges:
-        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="lower left", ncols=4, columnspacing=1.2,
-                      borderaxespad=0, bbox_to_anchor=(0.02, 1.3), bbox_transform=grid[0, 0].transAxes)  # fmt: skip
-    draw_residuals(axes["residual"], traces)
-    axes["residual"].set_xlabel("time since impact (µs)")
-    figure.align_ylabels()
-    figure.subplots_adjust(hspace=0.38)
-    return figure, axes
+    names = panel.gauges or tuple(signals[REFERENCE])
+    step_N, time_us = panel.step_N, traces[REFERENCE].time_s * MICRO
+    limits = [(-ROOM * step_N, float(signals[REFERENCE][name].max()) + panel.room * step_N) for name in names]
+    heights = [top - bottom for bottom, top in limits]
+    rows = cell.subgridspec(len(names) + 1, 1, height_ratios=[*heights, panel.strip * sum(heights)], hspace=0)
+    axes = [figure.add_subplot(rows[place]) for place in range(len(names))]
+    for axis, name, limit in zip(axes, names, limits, strict=True):
+        axis.plot(time_us, signals[REFERENCE][name], **panel.look)
+        axis.set(xlim=(0, time_us[-1]), ylim=limit)
+        axis.yaxis.set_major_locator(pyplot().MultipleLocator(step_N))
+        axis.tick_params(axis="x", length=0, labelbottom=False)
+        axis.spines["bottom"].set_visible(False)
+        if len(names) > 1:
+            axis.text(LABEL_AT * time_us[-1], 0.25 * step_N, name.replace("_", " "), va="bottom")
+    letter_panel(axes[0], panel.letter, panel.words)
+    axes[len(axes) // 2].set_ylabel("force (N)")
+    strip = figure.add_subplot(rows[-1], sharex=axes[0])
+    tables = [_draw_strip(strip, traces)]
+    for engine, own in signals.items():
+        columns = {"engine": engine, "time_s": traces[engine].time_s} | {f"{name}_N": own[name] for name in names}
+        tables.append(pd.DataFrame(columns | {RESIDUAL: residual(traces[engine], traces[REFERENCE])}))
+    return dict(zip((*names, STRIP), (*axes, strip), strict=True)), pd.concat(tables).assign(panel=panel.letter)
 
 
-def chain_of_reference(traces: Mapping[str, Trace]) -> dict[str, Trace]:
-    """The reference's forces by their title, for a space-time figure beside a stack."""
-    return {f"every contact of the chain ({REFERENCE})": traces[REFERENCE]}
+def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
+    """Each code's largest difference from the reference in equal stretches of time, as a grey marker amid each.
+
+    The stretches of the codes are staggered, so that equal differences stay visible.
+    """
+    tables = [pd.DataFrame()]
+    found = residuals(traces, REFERENCE)
+    for place, (engine, share) in enumerate(found.items()):
+        every = len(share) // STRIP_POINTS
+        starts = np.arange(place * every // len(found), len(share) - every + 1, every)
+        largest = np.array([share[start : start + every].max() for start in starts])
+        middle_s = traces[engine].time_s[starts + every // 2]
+        axis.plot(middle_s * MICRO, largest, label=engine, **grey_of(engine) | {"ms": 3, "mew": 0.8})
+        tables.append(pd.DataFrame({"engine": engine, "quantity": STRIP, "time_s": middle_s, RESIDUAL: largest}))
+    if not found:
+        axis.text(0.5, 0.5, "no code", transform=axis.transAxes, ha="center", va="center", color=FAINT)
+    axis.set(yscale="log", ylim=STRIP_RANGE, xlabel="time since impact (µs)", ylabel=r"$\delta F$")
+    axis.set_yticks(STRIP_TICKS)
+    axis.minorticks_off()
+    return pd.concat(tables)
 
 
-def draw_lines(axis: Any, time_s: Array, forces: Mapping[str, Array]) -> None:
-    """Each engine's forces against time in its own line, the widest first. Shape (samples,) or (samples, curves)."""
-    for engine in drawing_order(list(forces)):
-        line = line_of(engine)
-        drawn = axis.plot(time_s * MICRO, forces[engine], color=line.colour, lw=line.width, ls=line.dashes)
-        drawn[0].set_label(engine)
+def name_codes(figure: Any, strip: Any) -> None:
+    """One legend for the markers of all strips, below the figure."""
+    if strip.lines:
+        figure.legend(*strip.get_legend_handles_labels(), loc="outside lower center", ncols=6, handletextpad=0.1)
 
 
 def gauge_title(layout: Layout, gauge: str) -> str:
@@ -67,30 +124,3 @@ def residuals(traces: Mapping[str, Trace], baseline: str) -> dict[str, Array]:
     """Deviation of each engine but the exact one from a baseline engine at each sample, in the order of drawing."""
     others = [engine for engine in drawing_order(list(traces)) if engine not in (baseline, REFERENCE)]
     return {engine: residual(traces[engine], traces[baseline]) for engine in others}
-
-
-def draw_residuals(axis: Any, traces: Mapping[str, Trace]) -> None:
-    """Largest force difference from the reference over all contacts, against time."""
-    if REFERENCE in traces:
-        for engine, difference in residuals(traces, REFERENCE).items():
-            line, shown = line_of(engine), np.where(difference > 0, difference, np.nan)
-            axis.plot(traces[engine].time_s * MICRO, shown, color=line.colour, lw=1.5, ls=line.dashes)
-    axis.set_yscale("log")
-    if axis.lines:
-        axis.set_ylim(bottom=1e-3 * axis.dataLim.y1)
-    else:
-        axis.text(0.5, 0.5, "no other engine", transform=axis.transAxes, ha="center", color=FAINT)
-    axis.set_ylabel("|ΔF| / largest change")
-    axis.set_title("largest difference from the reference over all contacts", loc="left")
-
-
-def stack_table(layout: Layout, traces: Mapping[str, Trace]) -> pd.DataFrame:
-    """The plotted numbers, a row per engine and sample: time, gauges, residual against the reference."""
-    tables = []
-    for engine, trace in traces.items():
-        columns: dict[str, Any] = {"engine": engine, "time_s": trace.time_s}
-        columns |= {f"{name}_N": signal for name, signal in sensor_signals(layout, trace).items()}
-        if REFERENCE in traces:
-            columns["residual_to_reference_share"] = residual(trace, traces[REFERENCE])
-        tables.append(pd.DataFrame(columns))
-    return pd.concat(tables, ignore_index=True)

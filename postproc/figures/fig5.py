@@ -1,8 +1,20 @@
-"""Fig. 5: a heavy striker's train, its envelope and the incident pulse.
+"""Fig. 5: a train of solitary waves from a heavy striker.
 
-A heavy flat striker on 11 beads: a train of solitary waves at the wall, and the pulse that enters.
+Eleven PTFE beads of 4.76 mm, struck by an alumina cylinder of 0.47 g at 0.44 m/s. (a) Force on the wall with the
+dissipation of Fig. 4(a). Dotted: the envelope A exp(-0.0067 t), t in µs, that the paper draws through the maxima of its
+experiment, here through the first computed one. Grey: through the three computed maxima, exp(-0.0064 t). (b) The same
+without dissipation, at 1.46 GPa. Dotted: the paper's computed envelope, exp(-0.0059 t). The paper does not say which
+maxima it goes through: grey is the one through the first three, exp(-0.0060 t), dashed that through all four of the
+train, exp(-0.0049 t); through the first two it is exp(-0.0065 t). The force beyond 900 µs is the train's return.
+(c) The pulse that enters: averages of the contact forces of the top bead and of the second one without dissipation, and
+of the top bead with it. Dotted: the pulse that the text describes, a rise in 50 µs, a decay of exp(-0.0185 t), an end
+after 370 µs; it is drawn from the impact on, with a straight rise to the height of the elastic pulse. Computed, in this
+order: rise from 2 % of the peak 31, 53 and 40 µs, decay down to half of it -0.0125, -0.0174 and -0.0103 per µs, end
+after 404, 438 and 673 µs. Strips: differences between codes and reference as in Fig. 4.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,74 +22,162 @@ import numpy as np
 import pandas as pd
 
 from drivers.base.errors import InputError
-from drivers.chain.case import Case
-from drivers.chain.trace import Trace
+from drivers.chain.chain import Array
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import chain_of_reference, draw_stack, stack_table
-from postproc.draw.style import FAINT, MICRO
+from postproc.draw.stack import STRIP, Panel, draw_panel, name_codes
+from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, letter_panel, pyplot
+from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import case_of, simulate_one
+from postproc.paper.simulate import Simulation, case_of, simulate
+from postproc.read.observables import LATER
 from postproc.read.sensors import sensor_signals
-from postproc.read.signals import ENVELOPE_MAXIMA, Envelope, PulseShape, incident_pulse, peaks, train_envelope
+from postproc.read.signals import (
+    ENVELOPE_MAXIMA,
+    Envelope,
+    Peak,
+    PulseShape,
+    incident_pulse,
+    peaks,
+    train_envelope,
+)
 
+WALL = "wall"
+PANELS = (
+    Panel("a", "with dissipation", DAMPED | {"ls": "-"}, 1.0, gauges=(WALL,)),
+    Panel("b", "elastic", AVERAGE, 1.0, gauges=(WALL,)),
+)
 PLACES = ("top bead", "second bead")  # where the pulse enters
+DAMPED_ONE = ", damped"  # after a place, of the chain with dissipation
+SECOND_BEAD = AVERAGE | {"color": "#0072b2", "ls": (0, (5, 1.5))}
+FITTED = {"color": "#777777", "lw": 0.8}
+# maxima that envelopes go through, as one sentence can be read, and the looks of those drawn
+MAXIMA: dict[int, dict[str, Any]] = {2: {}, 3: FITTED, 4: FITTED | {"ls": (0, (5, 2))}}
+BEYOND_S = 1e-4  # the last maximum, where envelopes end
+ENTRANCE_S = 4.2e-4
+POINTS = 60  # of a curve
 
 
 def make(runs: Path) -> Product:
-    """Runs Fig. 5's scene and draws the entrance, the wall with its envelope, and what is quoted of both."""
+    """Runs Fig. 5's scene with the calibrated dissipation and without any."""
     top = case_of("fig5").chain.beads
     # gauges without a mass of their own only change what is read, not what is run
-    case = case_of("fig5", f"chain.sensors=[{{ from_wall = {top} }}, {{ from_wall = {top - 1} }}]")
-    traces = {engine: one.trace for engine, one in simulate_one(case, runs).items()}
-    shapes = {engine: _shapes(case, trace) for engine, trace in traces.items()}
-    figure, axes = draw_stack(case.layout, traces)
-    paper, look = quoted().fig5, {"va": "top", "color": FAINT}
-    wall, until_s, entrance = shapes[REFERENCE]
-    for bead, place, shape in zip((top, top - 1), PLACES, entrance, strict=True):
-        axis = axes[f"bead_{bead}"]
-        axis.set_title(f"{place}: mean of its contact forces (in brackets: quoted)", loc="left")
-        words = (
-            f"rise {shape.rise_s * MICRO:.0f} µs ({paper.incident_rise_us:g})\n"
-            f"rate {shape.decay_per_s / MICRO:.4f} ({paper.incident_decay_per_us:g})\n"
-            f"lasts {shape.duration_s * MICRO:.0f} µs ({paper.incident_duration_us:g})"
-        )
-        axis.text(0.12, 1.0, words, transform=axis.transAxes, fontsize=6.5, **look)
-    axis, trace = axes["wall"], traces[REFERENCE]
-    curve = wall.amplitude_N * np.exp(wall.rate_per_s * trace.time_s)
-    inside = (trace.time_s <= until_s) & (curve <= 1.5 * trace.force_N[:, 0].max())
-    axis.plot(trace.time_s[inside] * MICRO, curve[inside], color="black", lw=0.8)
-    words = (
-        f"exp({wall.rate_per_s / MICRO:.4f} t / µs)\n"
-        f"paper: {paper.computed_envelope_per_us} computed,\n{paper.measured_envelope_per_us} measured"
-    )
-    axis.text(0.57, 0.97, words, transform=axis.transAxes, fontsize=7, **look)
-    names = ("engine", "place", "wall_envelope_per_us", "rise_us", "decay_per_us", "duration_us")
-    rows: list[tuple[Any, ...]] = [
-        (engine, place, own_wall.rate_per_s / MICRO, shape.rise_s * MICRO, shape.decay_per_s / MICRO,
-         shape.duration_s * MICRO)
-        for engine, (own_wall, _, own) in shapes.items()
-        for place, shape in zip(PLACES, own, strict=True)
-    ]  # fmt: skip
-    incident = (paper.incident_rise_us, paper.incident_decay_per_us, paper.incident_duration_us)
-    rows.append(("paper, computed", None, paper.computed_envelope_per_us, None, None, None))
-    rows.append(("paper, measured", "entrance", paper.measured_envelope_per_us, *incident))
-    shown = pd.DataFrame(rows, columns=names).assign(part="shape")
-    tables = [shown, stack_table(case.layout, traces).assign(part="trace")]
-    return Product(figure, pd.concat(tables, ignore_index=True), chain_of_reference(traces))
+    gauges = f"chain.sensors=[{{ from_wall = {top} }}, {{ from_wall = {top - 1} }}]"
+    cases = [case_of("fig5", gauges, *calibrated().settings), case_of("fig5", gauges)]
+    found = simulate(cases, runs)
+    shapes = {engine: [_shape(one) for one in some] for engine, some in found.items()}
+    paper = quoted().fig5
+    figure = pyplot().figure(figsize=(PAGE_IN, 3.0), layout="constrained")
+    grid, tables, chains, walls = figure.add_gridspec(1, 3, width_ratios=[1.15, 1.15, 1]), [], {}, []
+    rates = paper.measured_envelope_per_us, paper.computed_envelope_per_us
+    for place, (case, panel, rate) in enumerate(zip(cases, PANELS, rates, strict=True)):
+        traces = {engine: some[place].trace for engine, some in found.items()}
+        axes, drawn = draw_panel(figure, grid[place], panel, case.layout, traces)
+        lines = _draw_envelopes(axes[WALL], shapes[REFERENCE][place], rate)
+        numbers = _envelopes({engine: some[place] for engine, some in shapes.items()}, rate)
+        tables.append(pd.concat([drawn, lines, numbers]).assign(panel=panel.letter))
+        chains[f"({panel.letter}) {panel.words}"] = traces[REFERENCE]
+        walls.append(axes[WALL])
+    walls[0].set_ylim(walls[1].get_ylim())  # forces compare
+    entrance = figure.add_subplot(grid[2])
+    letter_panel(entrance, "c", "incident pulse")
+    tables += [each.assign(panel="c") for each in (_draw_entrance(entrance, *found[REFERENCE]), _pulses(shapes))]
+    name_codes(figure, axes[STRIP])
+    return Product(figure, pd.concat(tables, ignore_index=True), chains)
 
 
-def _shapes(case: Case, trace: Trace) -> tuple[Envelope, float, list[PulseShape]]:
-    """Envelope of the wall's force, time of the first maximum beyond it, the pulse in each of ``PLACES``.
+@dataclass(frozen=True)
+class Shape:
+    """The train at the wall, and the incident pulse in each of ``PLACES``."""
 
-    An InputError where the scene ends too early.
+    first: Peak  # of the train
+    last_s: float  # time of the last maximum that an envelope goes through
+    envelopes: Mapping[int, Envelope]  # by number of maxima
+    entrance: tuple[PulseShape, ...]
+
+
+def _shape(one: Simulation) -> Shape:
+    """The shapes of Fig. 5's signals.
+
+    Raises:
+        InputError: the scene ends too early.
     """
-    shown, top = sensor_signals(case.layout, trace), case.chain.beads
-    maxima = peaks(trace.time_s, shown["wall"])
-    wall = train_envelope(maxima)
-    readings = [shown[f"bead_{bead}"] for bead in (top, top - 1)]
-    entrance = [incident_pulse(trace.time_s, reading - reading[0]) for reading in readings]
-    whole = [shape for shape in entrance if shape is not None]
-    if wall is None or len(maxima) <= ENVELOPE_MAXIMA or len(whole) < len(PLACES):
-        raise InputError(case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
-    return wall, maxima[ENVELOPE_MAXIMA].time_s, whole
+    time_s, signals = one.trace.time_s, sensor_signals(one.case.layout, one.trace)
+    *upper, wall = signals.values()
+    maxima = [replace(peak, value=peak.value + float(wall[0])) for peak in peaks(time_s, wall - wall[0], LATER)]
+    envelopes = {count: curve for count in MAXIMA if (curve := train_envelope(maxima, count))}
+    pulses = [incident_pulse(time_s, force - force[0]) for force in upper]
+    entrance = tuple(pulse for pulse in pulses if pulse is not None)
+    if ENVELOPE_MAXIMA not in envelopes or len(entrance) < len(PLACES):
+        raise InputError(one.case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
+    return Shape(maxima[0], maxima[max(envelopes) - 1].time_s, envelopes, entrance)
+
+
+def _envelopes(shapes: dict[str, Shape], quoted_per_us: float) -> pd.DataFrame:
+    """Rates of the exponentials through the train's first maxima, per µs."""
+    rows = [("paper", "envelope_per_us", quoted_per_us)]
+    for engine, shape in shapes.items():
+        for count, curve in shape.envelopes.items():
+            rows.append((engine, f"envelope_{count}_maxima_per_us", curve.rate_per_s / MICRO))
+    return pd.DataFrame(rows, columns=["engine", "quantity", "value"])
+
+
+def _pulses(shapes: dict[str, list[Shape]]) -> pd.DataFrame:
+    """Rise, decay and duration of the incident pulse with dissipation and without any, by place."""
+    paper, names = quoted().fig5, ("rise_us", "decay_per_us", "duration_us")
+    incident = (paper.incident_rise_us, paper.incident_decay_per_us, paper.incident_duration_us)
+    rows: list[tuple[str, str, str, float]] = [
+        ("paper", "entrance", *pair) for pair in zip(names, incident, strict=True)
+    ]
+    for engine, (damped, elastic) in shapes.items():
+        for shape, more in ((elastic, ""), (damped, DAMPED_ONE)):
+            for place, pulse in zip(PLACES, shape.entrance, strict=True):
+                values = (pulse.rise_s * MICRO, pulse.decay_per_s / MICRO, pulse.duration_s * MICRO)
+                rows += [(engine, place + more, *pair) for pair in zip(names, values, strict=True)]
+    return pd.DataFrame(rows, columns=["engine", "place", "quantity", "value"])
+
+
+def _draw_envelopes(axis: Any, shape: Shape, quoted_per_us: float) -> pd.DataFrame:
+    """Envelopes from the train's first maximum on: those of ``MAXIMA``, and the quoted one through the first."""
+    first, tables = shape.first, []
+    time_s = np.linspace(first.time_s, shape.last_s + BEYOND_S, POINTS)
+
+    def draw(engine: str, words: str, force_N: Array, look: Mapping[str, Any]) -> None:
+        axis.plot(time_s * MICRO, force_N, **look)
+        tables.append(pd.DataFrame({"engine": engine, "quantity": words, "time_s": time_s, "wall_N": force_N}))
+
+    for count, curve in shape.envelopes.items():
+        if look := MAXIMA[count]:
+            draw(REFERENCE, f"envelope_{count}_maxima", curve.amplitude_N * np.exp(curve.rate_per_s * time_s), look)
+    draw("paper", "envelope", first.value * np.exp(quoted_per_us * MICRO * (time_s - first.time_s)), QUOTED)
+    beside = POINTS // 8
+    axis.text(
+        time_s[beside] * MICRO, tables[-1]["wall_N"][beside], f"  {quoted_per_us:g}/µs".replace("-", "\N{MINUS SIGN}"),
+        color=QUOTED["color"], fontsize=7, va="bottom",
+    )  # fmt: skip
+    return pd.concat(tables)
+
+
+def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.DataFrame:
+    """Averages of the two uppermost beads, and the quoted pulse, as high as the elastic one in the top bead."""
+    paper, upper = quoted().fig5, [f"bead_{sensor.from_wall}" for sensor in elastic.case.layout.sensors]
+    tables = []
+
+    def draw(engine: str, words: str, time_s: Array, force_N: Array, look: Mapping[str, Any]) -> None:
+        axis.plot(time_s * MICRO, force_N, label=words, **look)
+        tables.append(pd.DataFrame({"engine": engine, "quantity": words, "time_s": time_s, "average_N": force_N}))
+
+    looks = ((elastic, 0, AVERAGE), (elastic, 1, SECOND_BEAD), (damped, 0, DAMPED))
+    for one, place, look in looks:
+        shown = one.trace.time_s <= ENTRANCE_S
+        force_N = sensor_signals(one.case.layout, one.trace)[upper[place]]
+        words = PLACES[place] + DAMPED_ONE * (one is damped)
+        draw(REFERENCE, words, one.trace.time_s[shown], force_N[shown], look)
+    top_N = float(tables[0]["average_N"].max())
+    after_us = np.linspace(0, paper.incident_duration_us - paper.incident_rise_us, POINTS)
+    time_us = np.concatenate([[0.0], paper.incident_rise_us + after_us])
+    force_N = np.concatenate([[0.0], top_N * np.exp(paper.incident_decay_per_us * after_us)])
+    draw("paper", "as quoted", time_us / MICRO, force_N, QUOTED)
+    axis.legend(loc="upper right", handlelength=1.8, fontsize=7)
+    axis.set(xlim=(0, ENTRANCE_S * MICRO), ylim=(0, 1.1 * top_N), xlabel="time since impact (µs)", ylabel="force (N)")
+    return pd.concat(tables)

@@ -26,7 +26,7 @@ FIRST_INTERVALS = np.array([[475, 1427, -798, 482, -173, 27], [-27, 637, 1022, -
 MIDDLE_INTERVAL = np.array([11, -93, 802, 802, -93, 11]) / 1440
 ONSET = 0.02  # of its peak, from which on a pulse counts as begun
 UNLIKE = 2.0
-ENVELOPE_MAXIMA = 3  # that the envelope of a train goes through
+ENVELOPE_MAXIMA = 3  # that the envelope of a train goes through, unless told
 FINER = 100  # times the samples: where the fit and the pulse end
 REACH = 8  # samples to either side that a local spline goes through
 
@@ -147,13 +147,13 @@ def envelope(maxima: list[Peak]) -> Envelope:
     return Envelope(float(np.exp(start)), float(rate))
 
 
-def train_envelope(maxima: list[Peak]) -> Envelope | None:
-    """The exponential through a train's first ``ENVELOPE_MAXIMA``; None where there are fewer, or one is not above 0.
+def train_envelope(maxima: list[Peak], count: int = ENVELOPE_MAXIMA) -> Envelope | None:
+    """The exponential through a train's first maxima; None where there are fewer, or one is not above 0.
 
     Maxima of a train come at like intervals: one more than twice as late as another belongs to what comes back later.
     """
-    leading = maxima[:ENVELOPE_MAXIMA]
-    if len(leading) < ENVELOPE_MAXIMA or min(peak.value for peak in leading) <= 0:
+    leading = maxima[:count]
+    if len(leading) < count or min(peak.value for peak in leading) <= 0:
         return None
     intervals = np.diff([peak.time_s for peak in leading])
     return envelope(leading) if intervals.max() <= UNLIKE * intervals.min() else None

@@ -5,7 +5,9 @@ from itertools import groupby
 from math import isfinite, isnan, nan
 from typing import Any
 
+from drivers.base import paths
 from postproc.draw.style import FAINT, pyplot
+from postproc.paper.calibrated import calibrated
 from validation.calibration.free import FACTOR, Free, known_range
 from validation.calibration.laws import Point, Remark, fit_all, plan
 from validation.calibration.outcome import interval_in_words, value_in_words
@@ -15,6 +17,7 @@ from validation.studies import Options, Picture, Study, Tables, rows_in
 MAIN, DATA, PROFILES, REMARKS = "calibration", "calibration-data", "calibration-profiles", "calibration-remarks"
 UNLIKELY = 0.05  # probability of chi-square from which down a law does not fit
 FAR = 2.0  # standard errors from which on a datum is named
+ADRIFT = 0.1  # standard errors by which a fit may depart from inputs/paper/calibrated.toml
 LOOKS = (("#555555", "v"), ("#999933", "s"), ("#0072b2", "o"), ("#56b4e9", "P"), ("#d55e00", "^"), ("#cc79a7", "D"))
 STYLES = ("-", "--", ":")  # of selections
 FORCE, SPEED, DURATION = "bead_9_amplitude_N", "speed_9_to_5_m_s", "bead_5_duration_4pct_s"
@@ -72,6 +75,22 @@ def sentences(tables: Tables) -> Iterator[str]:
         if missed := _missed(data):
             parts.append(f"missed, in standard errors: {', '.join(missed)}")
         yield f"{rows[0].law} on {rows[0].data}: {'; '.join(parts)}"
+
+
+def missed(tables: Tables) -> list[str]:
+    """Parameters of the figures' chains with dissipation that the fit does not give, a line each."""
+    file, where = calibrated(), paths.shown(paths.CALIBRATED)
+    rows = rows_in(tables[MAIN], Parameter)
+    fitted = {row.parameter: row for row in rows if (row.law, row.data) == (file.law, file.data)}
+    lines = []
+    for each in file.parameter:
+        row = fitted.get(each.key)
+        if row is None:
+            lines.append(f"{where}: {each.key}: no fit of the law {file.law} to {file.data}")
+        elif not max(abs(row.value - each.value), abs(row.error - each.error)) <= ADRIFT * each.error:
+            found, kept = (f"{one.value:.5g} ± {one.error:.3g} {each.unit}".rstrip() for one in (row, each))
+            lines.append(f"{where}: {each.key}: {kept}; the fit gives {found}")
+    return lines
 
 
 def section(tables: Tables) -> Mapping[str, Any]:
@@ -197,4 +216,5 @@ STUDY = Study(
     lambda tables: list(sentences(tables)),
     section,
     figures,
+    missed,
 )

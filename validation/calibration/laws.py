@@ -9,7 +9,6 @@ from math import nan
 from multiprocessing import active_children, get_context
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 
 from drivers.base import paths
@@ -21,7 +20,7 @@ from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation
 from postproc.read.observables import LATER
 from postproc.read.sensors import sensor_signals
-from postproc.read.signals import UNLIKE, envelope, incident_pulse, peaks
+from postproc.read.signals import incident_pulse, peaks, train_envelope
 from validation.calibration.data_sets import paper_data
 from validation.calibration.outcome import Outcome, solve
 from validation.calibration.problem import of_motion, own_values, pose, simulated
@@ -154,9 +153,8 @@ def _fig5(simulation: Simulation) -> Iterator[Number]:
     maxima = peaks(time, wall - wall[0], LATER)
     leading = [replace(peak, value=peak.value + float(wall[0])) for peak in maxima]
     for count in MAXIMA:
-        intervals = np.diff([peak.time_s for peak in leading[:count]])
-        train = len(leading) >= count and intervals.max() <= UNLIKE * intervals.min()
-        rate = envelope(leading[:count]).rate_per_s if train else nan
+        curve = train_envelope(leading, count)
+        rate = curve.rate_per_s if curve else nan
         yield f"wall envelope through {count} maxima", "1/us", paper.measured_envelope_per_us, rate * 1e-6
     reading = signals["bead_11"]
     shape = incident_pulse(time, reading - reading[0])

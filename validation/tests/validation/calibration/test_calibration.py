@@ -1,15 +1,18 @@
 """The calibration study: laws fitted to what the paper quotes, its tables, sentences, figures and section."""
 
+from math import inf, nan
 from pathlib import Path
 
 import pytest
 
+from postproc.paper.calibrated import calibrated
 from validation.calibration import calibration_study
-from validation.calibration.calibration_study import DATA, MAIN, PROFILES, REMARKS, STUDY, sentences
+from validation.calibration.calibration_study import DATA, MAIN, PROFILES, REMARKS, STUDY, missed, sentences
 from validation.calibration.data_sets import paper_data
 from validation.calibration.laws import fit_one, plan
 from validation.calibration.problem import NOT_SEEN, jacobian, pose, residual
-from validation.studies import read_section, write_study
+from validation.calibration.rows import Parameter
+from validation.studies import frame_of, read_section, write_study
 
 
 def test_laws_on_fig_4_are_written_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,6 +56,29 @@ def test_dissipation_and_a_softer_bead_explain_all_that_is_quoted() -> None:
     assert parameters[0].value == pytest.approx(0.785e9, rel=0.02)
     assert all(abs(row.off) < 2 for row in data if row.counts)
     assert any("rests at that edge" in remark.sentence for remark in remarks)
+    assert missed({MAIN: frame_of(Parameter, parameters)}) == []  # the figures are drawn with this fit
+
+
+def test_a_fit_that_departs_from_the_parameters_of_the_figures_is_a_failure() -> None:
+    """By more than a tenth of the error, in the value or in the error; and one that is not there."""
+    file = calibrated()
+
+    def told(**by_errors: float) -> list[str]:
+        fits = (
+            Parameter(
+                file.law, file.data, each.key, each.unit, each.value + by_errors.get("value", 0.0) * each.error,
+                each.error * (1 + by_errors.get("error", 0.0)), nan, nan, nan, nan, 1.0, 1, 0.5,
+            )
+            for each in file.parameter
+        )  # fmt: skip
+        return missed({MAIN: frame_of(Parameter, fits)})
+
+    assert told(value=0.09) == told(error=-0.09) == []
+    for lines in (told(value=0.11), told(value=-0.11), told(error=0.11), told(value=nan), told(error=inf)):
+        assert len(lines) == len(file.parameter)
+    assert told(value=0.11)[0].startswith("inputs/paper/calibrated.toml: materials.ptfe.youngs_modulus: 7.845e+08 ± ")
+    assert told(value=0.11)[0].endswith("Pa; the fit gives 7.9178e+08 ± 6.62e+07 Pa")
+    assert "no fit of the law viscoelastic to fig4, table1, fig5" in missed({MAIN: frame_of(Parameter, ())})[0]
 
 
 def test_what_is_not_seen_counts_ten_standard_errors_and_has_no_slope() -> None:

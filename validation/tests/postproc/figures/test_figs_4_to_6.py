@@ -1,0 +1,182 @@
+"""Figs. 4 to 6: panels with dissipation beside elastic ones, the paper's numbers over them, codes in strips."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.engines import codes
+from postproc.draw.product import Product
+from postproc.draw.style import pyplot
+from postproc.figures import captions, make_figure
+from postproc.paper.calibrated import calibrated
+from validation.tests.helpers.runs import need
+
+CODES = codes()
+ENGINES = (*CODES, "reference")
+FIGURES = ("fig4", "fig5", "fig6")
+
+
+@pytest.fixture(scope="module")
+def made(shared_runs: Path) -> dict[str, Product]:
+    """Every product, made once."""
+    for code in CODES:
+        need(code)
+    products = {name: make_figure(name, shared_runs) for name in FIGURES}
+    for product in products.values():
+        pyplot().close(product.figure)
+    return products
+
+
+def _numbers(product: Product, panel: str, engine: str = "reference", place: str = "") -> dict[str, float]:
+    own = product.table.query("panel == @panel and engine == @engine and value.notna()")
+    own = own[own["place"] == place] if place else own
+    return dict(zip(own["quantity"], own["value"], strict=True))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", FIGURES)
+def test_traces_hold_every_engine_and_stay_near_the_reference(made: dict[str, Product], name: str) -> None:
+    table = made[name].table
+    for panel, own in table[table["time_s"].notna() & (table["engine"] != "paper")].groupby("panel"):
+        if (name, panel) == ("fig5", "c"):  # curves of the reference alone
+            continue
+        assert set(own["engine"]) == set(ENGINES)
+        residual = own[own["engine"] != "reference"]["residual_to_reference_share"]
+        limit = 2e-3 if str(panel) in "ac" else 3e-4  # with damping codes are of first order in their step
+        assert 0 < residual.max() < limit
+        assert own["wall_N"].max() > 0.9
+        strip = own[own["quantity"] == "strip"]
+        assert strip["residual_to_reference_share"].max() == residual.max()
+        assert set(strip["engine"]) == set(CODES)
+        assert not strip["time_s"].duplicated().any()  # no marker hides another
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("panel", ["a", "b"])
+def test_fig_4_lasts_until_the_reflected_wave_has_passed_the_upper_sensor(made: dict[str, Product], panel: str) -> None:
+    exact = made["fig4"].table.query("engine == 'reference' and panel == @panel and time_s.notna()")
+    signal = exact["bead_9_N"].to_numpy()
+    peaks = [i for i in range(1, len(signal) - 1) if signal[i - 1] < signal[i] >= signal[i + 1] and signal[i] > 1]
+    assert len(peaks) == 2
+    assert signal[-1] < 0.2 * signal[peaks[1]]
+
+
+@pytest.mark.long
+def test_dissipation_makes_the_reflected_wave_of_fig_4_smaller(made: dict[str, Product]) -> None:
+    damped, elastic, stated = (_numbers(made["fig4"], *which) for which in (("a",), ("b",), ("a", "paper")))
+    assert damped["reflected_over_incident"] < 0.7 < 0.98 < elastic["reflected_over_incident"]
+    assert stated == {"leading_force_N": 2, "speed_m_s": 152, "duration_us": 164}
+    for quantity in ("speed_m_s", "duration_us"):
+        assert damped[quantity] == pytest.approx(stated[quantity], rel=0.1)
+        assert elastic[quantity] != pytest.approx(stated[quantity], rel=0.25)
+
+
+@pytest.mark.long
+def test_the_speed_marked_in_fig_4_is_the_stated_one(made: dict[str, Product]) -> None:
+    marks = made["fig4"].table.query("engine == 'paper' and quantity == 'speed_m_s' and time_s.notna()")
+    times_s = {
+        gauge: float(marks[marks[f"{gauge}_N"].notna()]["time_s"].iloc[0]) for gauge in ("bead_9", "bead_5", "wall")
+    }
+    for first, second, diameters in (("bead_9", "bead_5", 4), ("bead_5", "wall", 4.5)):
+        assert diameters * 4.76e-3 / (times_s[second] - times_s[first]) == pytest.approx(152, rel=2e-3)
+
+
+@pytest.mark.long
+def test_fig_5_says_by_how_much_the_incident_pulse_differs(made: dict[str, Product]) -> None:
+    expected = {
+        "top bead": (30.78, -0.01247, 403.6), "second bead": (53.0, -0.01738, 438.0),
+        "top bead, damped": (40.36, -0.01033, 672.5), "second bead, damped": (72.43, -0.01329, 637.2),
+    }  # fmt: skip
+    for engine in ENGINES:
+        for place, numbers in expected.items():
+            found = _numbers(made["fig5"], "c", engine, place)
+            assert [*found.values()] == pytest.approx(numbers, rel=2e-3)
+    assert [*_numbers(made["fig5"], "c", "paper").values()] == [50, -0.0185, 370]
+
+
+@pytest.mark.long
+def test_fig_5_has_every_reading_of_the_envelope(made: dict[str, Product]) -> None:
+    for panel, rates in (("a", [-0.007036, -0.006379]), ("b", [-0.006544, -0.005974, -0.004901])):
+        assert [*_numbers(made["fig5"], panel).values()] == pytest.approx(rates, abs=2e-6)
+    drawn = made["fig5"].table.query("panel == 'b' and wall_N.notna() and engine != @CODES")
+    assert {"envelope", "envelope_3_maxima", "envelope_4_maxima"} < set(drawn["quantity"])
+    for quantity, rate in (("envelope", -5900), ("envelope_3_maxima", -5974), ("envelope_4_maxima", -4901)):
+        own = drawn[drawn["quantity"] == quantity]
+        slope = np.polyfit(own["time_s"], np.log(own["wall_N"]), 1)[0]
+        assert slope == pytest.approx(rate, abs=2)
+
+
+@pytest.mark.long
+def test_dissipation_delays_the_splitting_of_fig_6(made: dict[str, Product]) -> None:
+    for damped, elastic in (("a", "b"), ("c", "d")):
+        with_, without = _numbers(made["fig6"], damped), _numbers(made["fig6"], elastic)
+        assert without["valley_over_second_maximum"] == 0 < 0.4 < with_["valley_over_second_maximum"]
+        assert with_["maximum_1_us"] > without["maximum_1_us"]
+        assert with_["maximum_2_N"] < without["maximum_2_N"]
+
+
+def _absent(name: str, numbers: list[str]) -> list[str]:
+    """Numbers that a caption does not have."""
+    return [number for number in numbers if number not in captions()[name].text]
+
+
+@pytest.mark.long
+def test_the_caption_of_fig_4_has_its_numbers(made: dict[str, Product]) -> None:
+    modulus, restitution = (each.value for each in calibrated().parameter)
+    assert _absent("fig4", [f"{modulus * 1e-9:.3f} GPa", f"{restitution:.3f}"]) == []
+    for panel in "ab":
+        force, speed, duration, ratio = _numbers(made["fig4"], panel).values()
+        assert _absent("fig4", [f"{force:.3g} N", f"{speed:.3g} m/s", f"{duration:.0f} µs", f"{ratio:.2f}"]) == []
+    force, speed, duration = _numbers(made["fig4"], "a", "paper").values()
+    assert _absent("fig4", [f"{force:g} N", f"{speed:g} m/s", f"{duration:g} µs"]) == []
+
+
+@pytest.mark.long
+def test_the_caption_of_fig_5_has_its_numbers(made: dict[str, Product]) -> None:
+    rates = [*_numbers(made["fig5"], "a").values()][1:]  # the paper's text has no other reading of its measured one
+    rates += [rate for who in ("reference", "paper") for rate in _numbers(made["fig5"], "b", who).values()]
+    rates += _numbers(made["fig5"], "a", "paper").values()
+    assert _absent("fig5", [f"exp({rate:.4f} t)" for rate in rates]) == []
+    for quantity, how in (("rise_us", ".0f"), ("decay_per_us", ".4f"), ("duration_us", ".0f")):
+        drawn = ("top bead", "second bead", "top bead, damped")
+        first, *others = (format(_numbers(made["fig5"], "c", place=place)[quantity], how) for place in drawn)
+        assert _absent("fig5", [f"{first}, {' and '.join(others)}"]) == []
+    rise, decay, duration = _numbers(made["fig5"], "c", "paper").values()
+    assert _absent("fig5", [f"{rise:g} µs", f"exp({decay:g} t)", f"{duration:g} µs"]) == []
+
+
+@pytest.mark.long
+def test_the_caption_of_fig_6_has_its_numbers(made: dict[str, Product]) -> None:
+    for damped, elastic in (("a", "b"), ("c", "d")):
+        with_, without = _numbers(made["fig6"], damped), _numbers(made["fig6"], elastic)
+        ratio = with_["maximum_1_N"] / without["maximum_1_N"]
+        assert _absent("fig6", [f"{with_['valley_over_second_maximum']:.2f}", f"{ratio:.2f} times"]) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("value = 7.845e8", "value = -1.0", "above 0"),
+        ('law = "viscoelastic"', "", "law"),
+        ("error = 0.0303", "eror = 0.0303", "error"),
+    ],
+)
+def test_broken_parameters_are_refused_in_one_line(
+    old: str, new: str, complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "calibrated.toml"
+    text = paths.CALIBRATED.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    monkeypatch.setattr(paths, "CALIBRATED", path)
+    calibrated.cache_clear()
+    try:
+        with pytest.raises(InputError) as caught:
+            calibrated()
+    finally:
+        calibrated.cache_clear()
+    assert complaint in str(caught.value)
+    assert "calibrated.toml" in str(caught.value)
