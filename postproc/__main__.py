@@ -77,15 +77,17 @@ def _draw(arguments: argparse.Namespace) -> Iterable[Path]:
 def _study(arguments: argparse.Namespace) -> Iterable[Path]:
     import pandas as pd
 
-    from drivers.batch.study import read_study
+    from drivers.batch.study import column_name, read_study
     from postproc.draw.study_figure import draw_study, draw_tornado
+    from postproc.read.labels import key_label
 
     study, results = read_study(arguments.study), arguments.results or paths.RESULTS
     path = results / f"{study.name}.parquet"
     if not path.is_file():
         raise InputError(paths.shown(path), "", "no table", f"python -m drivers batch {arguments.study} makes it")
     draw = draw_tornado if study.one_by_one else draw_study
-    product = draw(pd.read_parquet(path), study.file.title or study.name, study.file.figure, study.where)
+    labels = {column_name(name, key): key_label(name, key) for name, key in study.columns.items()}
+    product = draw(pd.read_parquet(path), study.file.title or study.name, study.file.figure, study.where, labels)
     return _write(arguments, product, f"{study.name}-figure", results)
 
 

@@ -1,6 +1,8 @@
 """Figures of a study, drawn from its table: curves over what is swept, or a tornado of sensitivities."""
 
+from collections.abc import Mapping
 from itertools import product
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -9,15 +11,18 @@ import pandas as pd
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.style import COLUMN_IN, FAINT, line_of, marker_of, pyplot
+from postproc.draw.style import COLUMN_IN, FAINT, PAGE_IN, grey_of, pyplot
+from postproc.read.labels import Label, observable_label
 
+SEED = "seed"  # of random draws: they are scatter, not an axis
 LESS, MORE = "#56b4e9", "#d55e00"  # a tornado's bars
-MARKERS = "osD^vPX*"
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "black", "#cc79a7", "#a34800", "#56b4e9")
+DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (4, 1, 1, 1)), (0, (8, 2)), (0, (3, 1, 1, 1, 1, 1)))
 DECADES = 30  # ratio of swept values from which on their axis is logarithmic
-SHAPES = {
-    "s": "squares", "x": "crosses", "^": "triangles", "D": "diamonds", "+": "plus signs", "p": "pentagons",
-    "h": "hexagons", "*": "stars", "v": "triangles upside down", "<": "triangles to the left",
-}  # fmt: skip
+BINS = 15
+PANEL_IN, LINE_IN = 2.2, 0.16  # heights of a panel and of a line of words
+WRAP = 32  # characters along a panel's side
+CHARACTERS_PER_IN = 15
 
 
 def swept_columns(table: pd.DataFrame) -> list[str]:
@@ -32,53 +37,100 @@ def observable_columns(table: pd.DataFrame) -> list[str]:
     return names[names.index("force_error_share") + 1 :]
 
 
-def draw_study(table: pd.DataFrame, title: str, observables: tuple[str, ...], where: str) -> Product:
-    """Observables, a panel each, against the swept column with most values, a curve for each set of the others.
+def draw_study(
+    table: pd.DataFrame, title: str, observables: tuple[str, ...], where: str, keys: Mapping[str, Label]
+) -> Product:
+    """Observables, a panel each, against the swept column with most values, a line for each set of the others.
 
-    For random draws: how they scatter. A table that lacks one of the observables is an InputError.
+    Lines are of the reference, without it of the first engine; the other engines are markers. Of random draws beside
+    other axes lines join the means; by themselves they are a histogram. Observables without any value get no panel.
+
+    Raises:
+        InputError: the table lacks an observable, or has no case that is done or none of the values.
     """
     _must_have(table, observables, where)
     swept, done = swept_columns(table), table[table["status"] == "done"]
-    if not swept or done.empty:
-        raise InputError(where, "", "nothing swept, or nothing done", "a finished batch of a study with axes")
+    shown = tuple(name for name in observables if done[name].notna().any())
+    if not swept or not shown:
+        raise InputError(where, "", "nothing swept, or no value of a case", "a finished batch of a study with axes")
     numeric = [name for name in swept if pd.api.types.is_numeric_dtype(table[name])]
-    across = max(numeric or swept, key=lambda name: table[name].nunique())
-    figure, axes = _panels(observables, 2, 2.5)
-    if across == "seed":
-        for name, axis in axes.items():
-            for engine, values in done.groupby("engine", sort=False)[name]:
-                line, told = line_of(str(engine)), f"{engine}: {values.mean():.5g} ± {values.std():.2g}"
-                look = {"color": line.colour, "lw": line.width, "ls": line.dashes, "label": told}
-                axis.hist(values, bins=15, histtype="step", **look)
-            axis.set(xlabel=name, ylabel="draws")
-            axis.legend(fontsize=6)
-        figure.suptitle(title, fontsize=8)
+    axes_of_draws = [name for name in numeric if name != SEED] or numeric or swept
+    across = max(axes_of_draws, key=lambda name: table[name].nunique())
+    engines = [str(engine) for engine in done["engine"].unique()]
+    baseline = REFERENCE if REFERENCE in engines else engines[0]
+    numbers = done[["case", *swept, "engine", *shown]]
+    figure, axes = _panels(shown, title)
+    if across == SEED:
+        _draw_scatter(axes, done, baseline)
     else:
-        others = [name for name in swept if name != across and table.groupby(across)[name].nunique().max() > 1]
-        groups: Any = done.groupby(others, dropna=False, sort=False) if others else [((), done)]
-        for place, (values, part) in enumerate(groups):  # a colour each: lines of the reference, the codes' markers
-            for engine, own in part.groupby("engine", sort=False):
-                rows = own.sort_values(across) if across in numeric else own
-                look = marker_of(str(engine)) | {"ls": "none"}
-                if engine == REFERENCE:
-                    look = {"color": f"C{place}", "lw": 1.0, "marker": MARKERS[place % len(MARKERS)], "ms": 3}
-                    words = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in values)
-                    look["label"] = ", ".join(f"{other} {word}" for other, word in zip(others, words, strict=True))
-                for name, axis in axes.items():
-                    axis.plot(rows[across], rows[name], **look)
-        for name, axis in axes.items():
-            axis.set(xlabel=across, ylabel=name)
-            if across in numeric and done[across].min() > 0 and done[across].max() / done[across].min() > DECADES:
-                axis.set_xscale("log")
-        if others:
-            axes[observables[0]].legend(fontsize=6, loc="best")
-        codes = [str(engine) for engine in done["engine"].unique() if engine != REFERENCE]
-        marks = "".join(f", {code}: {SHAPES.get(line_of(code).marker, 'markers')}" for code in codes)
-        figure.suptitle(f"{title}\nlines: {REFERENCE}; {marks.removeprefix(', ')}" if codes else title, fontsize=8)
-    return Product(figure, done[["case", *swept, "engine", *observables]])
+        numbers = _draw_curves(axes, numbers, across, baseline, keys)
+    for name, axis in axes.items():
+        label = fill(observable_label(name).axis(float(done[name].abs().max()))[0], WRAP)
+        axis.set(**{"xlabel": label, "ylabel": "draws"} if across == SEED else {"ylabel": label})
+    entries = list(zip(*next(iter(axes.values())).get_legend_handles_labels(), strict=True))
+    entries.sort(key=lambda entry: entry[0].get_linestyle() == "None")  # codes last
+    _legend(figure, *map(list, zip(*entries, strict=True)))
+    return Product(figure, numbers)
 
 
-def draw_tornado(table: pd.DataFrame, title: str, observables: tuple[str, ...], where: str) -> Product:
+def _draw_scatter(axes: Mapping[str, Any], done: pd.DataFrame, baseline: str) -> None:
+    """Histograms of random draws by the baseline, counts of the others as markers."""
+    for name, axis in axes.items():
+        factor = observable_label(name).axis(float(done[name].abs().max()))[1]
+        edges = np.histogram_bin_edges(done[name].dropna() * factor, BINS)
+        for engine, values in done.groupby("engine", sort=False)[name]:
+            counts, _ = np.histogram(values.dropna() * factor, edges)
+            if engine == baseline:
+                axis.stairs(counts, edges, color=COLOURS[0], label=engine)
+                spread = f"{values.mean() * factor:.5g} ± {values.std() * factor:.2g}"
+                axis.set_title(f"mean ± s.d. {spread}", loc="right")
+            else:
+                axis.plot((edges[1:] + edges[:-1]) / 2, counts, label=engine, **grey_of(str(engine)))
+        axis.set_ylim(bottom=-0.04 * axis.get_ylim()[1])  # markers at 0 are whole
+
+
+def _draw_curves(
+    axes: Mapping[str, Any], numbers: pd.DataFrame, across: str, baseline: str, keys: Mapping[str, Label]
+) -> pd.DataFrame:
+    """A line for each set of what is swept beside ``across``; the numbers, with the means where there are draws."""
+    swept = swept_columns(numbers)
+    others = [
+        name for name in swept if name not in (across, SEED) and numbers.groupby(across)[name].nunique().max() > 1
+    ]
+    means = {name: f"{name}_mean" if SEED in swept else name for name in axes}
+    if SEED in swept:
+        groups = numbers.groupby([across, *others, "engine"], dropna=False, sort=False)
+        numbers = numbers.assign(**{means[name]: groups[name].transform("mean") for name in axes})
+    of_baseline = f"mean of draws, {baseline}" if SEED in swept else baseline
+    is_number = pd.api.types.is_numeric_dtype(numbers[across])
+    label, scale = keys[across].axis(float(numbers[across].abs().max())) if is_number else (keys[across].words, 1.0)
+    sets: Any = numbers.groupby(others, dropna=False, sort=False) if others else [((), numbers)]
+    for place, (values, part) in enumerate(sets):
+        words = ", ".join(
+            f"{keys[name].words} {keys[name].value(value)}" for name, value in zip(others, values, strict=True)
+        )
+        look = {"color": COLOURS[place % len(COLOURS)], "ls": DASHES[place % len(DASHES)], "lw": 1.1}
+        for engine, own in part.groupby("engine", sort=False):
+            rows = own.sort_values(across) if is_number else own
+            for name, axis in axes.items():
+                factor = observable_label(name).axis(float(numbers[name].abs().max()))[1]
+                x = rows[across] * scale if is_number else rows[across]
+                if engine == baseline:
+                    axis.plot(x, rows[means[name]] * factor, label=words or of_baseline, **look)
+                if engine != REFERENCE:
+                    told = str(engine) if not place and (words or of_baseline) != engine else None
+                    axis.plot(x, rows[name] * factor, label=told, **grey_of(str(engine)))
+    low, high = (numbers[across].min(), numbers[across].max()) if is_number else (0, 0)
+    for axis in axes.values():
+        axis.set_xlabel(fill(label, WRAP))
+        if low > 0 and high / low > DECADES:
+            axis.set_xscale("log")
+    return numbers
+
+
+def draw_tornado(
+    table: pd.DataFrame, title: str, observables: tuple[str, ...], where: str, keys: Mapping[str, Label]
+) -> Product:
     """How far each input moves each observable: one panel for each that is asked for, all of them in the numbers.
 
     Takes what ``draw_study`` takes, with a table of a study whose axes were varied one by one, the base first; one
@@ -101,34 +153,46 @@ def draw_tornado(table: pd.DataFrame, title: str, observables: tuple[str, ...], 
                 found.append((name, given, change, share, share / change))
     columns = ["observable", "input", "input_change_share", "observable_change_share", "elasticity"]
     changes = pd.DataFrame(found, columns=columns)  # by the first engine, and their ratios
-    if changes.empty:
+    shown = tuple(name for name in observables if name in set(changes["observable"]))
+    if not shown:
         raise InputError(where, "axis", "no number that was varied", "a finished batch with numbers varied one by one")
-    figure, axes = _panels(observables, min(2, len(observables)), 0.7 + 0.17 * changes["input"].nunique())
+    figure, axes = _panels(shown, title, columns=2, height_in=0.7 + LINE_IN * changes["input"].nunique())
     for name, axis in axes.items():
         rows = changes[changes["observable"] == name]
         inputs = list(rows["observable_change_share"].abs().groupby(rows["input"]).max().sort_values().index)
         colours = np.where(rows["input_change_share"] > 0, MORE, LESS)
         places = [inputs.index(given) for given in rows["input"]]
         axis.barh(places, 100 * rows["observable_change_share"], color=colours, height=0.7)
-        axis.set_yticks(range(len(inputs)), inputs, fontsize=7)
+        axis.set_yticks(range(len(inputs)), [keys[given].words for given in inputs], fontsize=7)
         axis.axvline(0, color=FAINT, lw=0.7)
-        axis.set(title=name, xlabel="change, %")
+        axis.set_xlabel(fill(f"change of the {observable_label(name).words} (%)", WRAP))
         axis.grid(axis="y", visible=False)
     shares = sorted({round(100 * share, 6) for share in changes["input_change_share"]})
     bars = [pyplot().Rectangle((0, 0), 1, 1, color=LESS if share < 0 else MORE) for share in shares]
-    axes[observables[0]].legend(bars, [f"input {share:+g} %" for share in shares], fontsize=6, loc="lower right")
-    figure.suptitle(title, fontsize=8)
+    _legend(figure, bars, [f"input {share:+g} %" for share in shares])
     return Product(figure, changes)
 
 
-def _panels(names: tuple[str, ...], columns: int, height_in: float) -> tuple[Any, dict[str, Any]]:
-    """A figure of panels of that height, and its axes by name."""
-    rows = -(-len(names) // columns)
-    size = (2 * COLUMN_IN, rows * height_in)
-    figure, axes = pyplot().subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
-    for axis in axes.flat[len(names) :]:
-        axis.set_visible(False)
-    return figure, dict(zip(names, axes.flat, strict=False))
+def _panels(
+    names: tuple[str, ...], title: str, columns: int = 3, height_in: float = PANEL_IN
+) -> tuple[Any, dict[str, Any]]:
+    """A figure as wide as its panels ask for, under its title, and its axes by name."""
+    columns = 2 if len(names) == 4 else min(columns, len(names))
+    width_in, rows = PAGE_IN if columns > 1 else COLUMN_IN, -(-len(names) // columns)
+    words = fill(title, int(CHARACTERS_PER_IN * width_in))
+    height_in = rows * height_in + LINE_IN * (words.count("\n") + 2)
+    figure = pyplot().figure(figsize=(width_in, height_in), layout="constrained")
+    figure.suptitle(words, fontsize=8)
+    return figure, {name: figure.add_subplot(rows, columns, place) for place, name in enumerate(names, 1)}
+
+
+def _legend(figure: Any, handles: list[Any], words: list[str]) -> None:
+    """A legend below all panels, in as many columns as the figure is wide enough for."""
+    widest = max(map(len, words)) + 7
+    columns = max(1, min(len(words), int(CHARACTERS_PER_IN * figure.get_figwidth() / widest)))
+    lines = -(-len(words) // columns)
+    figure.set_figheight(figure.get_figheight() + LINE_IN * lines)
+    figure.legend(handles, words, loc="outside lower center", ncols=columns, fontsize=7)
 
 
 def _must_have(table: pd.DataFrame, observables: tuple[str, ...], where: str) -> None:

@@ -32,6 +32,7 @@ class Observable:
     pattern: str  # its name without the unit; ``PLACEHOLDERS`` differ from scene to scene
     unit: str  # in which it is given; empty for a plain number
     kind: str  # observables of one kind are compared and judged alike
+    words: str  # the name as figures and tables show it
     of_wave: bool = True  # it is read from pulses, and its relative error is a measure of how exact a run is
 
     @property
@@ -42,28 +43,30 @@ class Observable:
 
 PLACEHOLDERS = {"gauge": r"bead_\d+|wall", "level": r"[\d.e+-]+pct", "number": r"\d+", "pair": r"\d+_to_\d+"}
 OBSERVABLES = (
-    Observable("{gauge}_static", "N", "static force", of_wave=False),
-    Observable("{gauge}_amplitude", "N", "amplitude"),
-    Observable("{gauge}_peak", "N", "peak"),
-    Observable("{gauge}_arrival", "s", "arrival"),
-    Observable("{gauge}_duration_{level}", "s", "duration"),
-    Observable("{gauge}_width_{level}", "diameters", "width"),
-    Observable("{gauge}_pulses", "", "count", of_wave=False),
-    Observable("{gauge}_reflected_amplitude", "N", "reflected amplitude"),
-    Observable("{gauge}_reflected_arrival", "s", "reflected arrival"),
-    Observable("wall_peak_{number}", "N", "later peak"),
-    Observable("wall_envelope", "1/s", "rate"),
-    Observable("speed_{pair}", "m/s", "speed"),
-    Observable("transmission_{pair}", "", "transmission", of_wave=False),
-    Observable("kinetic_energy_start", "J", "energy", of_wave=False),
-    Observable("energy_drift", "J", "energy", of_wave=False),
-    Observable("energy_lost", "J", "energy", of_wave=False),
-    Observable("energy_error_before_wall", "J", "energy", of_wave=False),
-    Observable("momentum_start", "N s", "momentum", of_wave=False),
-    Observable("momentum_end", "N s", "momentum", of_wave=False),
-    Observable("momentum_error_before_wall", "share", "balance", of_wave=False),
-    Observable("impulse_imbalance", "share", "balance", of_wave=False),
-    Observable("impulse_sampling", "share", "balance", of_wave=False),
+    Observable("{gauge}_static", "N", "static force", "static force at {gauge}", of_wave=False),
+    Observable("{gauge}_amplitude", "N", "amplitude", "force amplitude at {gauge}"),
+    Observable("{gauge}_peak", "N", "peak", "peak force at {gauge}"),
+    Observable("{gauge}_arrival", "s", "arrival", "arrival time at {gauge}"),
+    Observable("{gauge}_duration_{level}", "s", "duration", "pulse duration at {gauge}, cut at {level}"),
+    Observable("{gauge}_width_{level}", "diameters", "width", "pulse width at {gauge}, cut at {level}"),
+    Observable("{gauge}_pulses", "", "count", "pulses at {gauge}", of_wave=False),
+    Observable("{gauge}_reflected_amplitude", "N", "reflected amplitude", "reflected amplitude at {gauge}"),
+    Observable("{gauge}_reflected_arrival", "s", "reflected arrival", "reflected arrival time at {gauge}"),
+    Observable("wall_peak_{number}", "N", "later peak", "force maximum {number} at the wall"),
+    Observable("wall_envelope", "1/s", "rate", "rate of the envelope at the wall"),
+    Observable("speed_{pair}", "m/s", "speed", "wave speed from bead {pair}"),
+    Observable("transmission_{pair}", "", "transmission", "amplitude ratio per bead, bead {pair}", of_wave=False),
+    Observable("kinetic_energy_start", "J", "energy", "kinetic energy at the start", of_wave=False),
+    Observable("energy_drift", "J", "energy", "largest energy drift", of_wave=False),
+    Observable("energy_lost", "J", "energy", "energy lost", of_wave=False),
+    Observable("energy_error_before_wall", "J", "energy", "energy error before the wall is reached", of_wave=False),
+    Observable("momentum_start", "N s", "momentum", "momentum at the start", of_wave=False),
+    Observable("momentum_end", "N s", "momentum", "momentum at the end", of_wave=False),
+    Observable(
+        "momentum_error_before_wall", "share", "balance", "momentum error before the wall is reached", of_wave=False
+    ),
+    Observable("impulse_imbalance", "share", "balance", "imbalance of momentum and impulse", of_wave=False),
+    Observable("impulse_sampling", "share", "balance", "impulse error by sampling", of_wave=False),
 )
 
 
@@ -76,7 +79,7 @@ def describe(name: str) -> Observable:
         for observable in OBSERVABLES
         if re.fullmatch(f"{observable.pattern.format(**fields)}(?:{observable.ending})?", name)
     )
-    return next(found, Observable(name, "", "", of_wave=False))
+    return next(found, Observable(name, "", "", name.replace("_", " "), of_wave=False))
 
 
 def without_unit(name: str) -> str:

@@ -1,0 +1,82 @@
+"""Names of observables and of a scene's keys in words, with the unit in which they are shown."""
+
+import re
+from dataclasses import dataclass
+from math import floor, log10
+
+from drivers.base import units
+from drivers.scene.settings import unit_of
+from postproc.read.observables import PLACEHOLDERS, describe
+
+MATERIALS = "materials."
+KEYS = (  # of a scene, whole; any other by the name of its column
+    (r"materials\.(.+)\.youngs_modulus", r"Young's modulus of \1"),
+    (r"materials\.(.+)\.poisson_ratio", r"Poisson's ratio of \1"),
+    (r"materials\.(.+)\.density", r"density of \1"),
+    (r"chain\.count", "number of beads"),
+    (r"chain\.(material|diameter|mass)", r"bead \1"),
+    (r"chain\.mass_scatter", "scatter of the bead masses"),
+    (r"chain\.sensors\.\d+\.mass", "sensor mass"),
+    (r"contact\.restitution", "coefficient of restitution"),
+    (r"contact\.friction", "friction between beads"),
+    (r"tube\.friction", "friction at the tube"),
+    (r"sensor\.time_constant", "time constant of the gauges"),
+    (r"run\.(.+)", r"\1"),
+)
+
+
+@dataclass(frozen=True)
+class Label:
+    """A quantity in words, and its SI unit; empty for a plain number."""
+
+    words: str
+    unit: str
+
+    def axis(self, largest: float) -> tuple[str, float]:
+        """Label of an axis up to a value in SI units, and the factor from these to the unit on it."""
+        unit, factor = self.unit, 1.0
+        if unit == "kg":
+            unit, factor = "g", 1e3
+        elif unit in units.PREFIXED and "/" not in unit and largest > 0:
+            power = min(max(floor(log10(largest)) // 3 * 3, min(units.PREFIXES)), max(units.PREFIXES))
+            power = 0 if largest >= 0.1 and power < 0 else power
+            unit, factor = units.PREFIXES[power] + unit, 10.0**-power
+        return f"{self.words} ({_plain(unit)})" if unit else self.words, factor
+
+    def value(self, value: object) -> str:
+        """A value in SI units as words, four digits of it."""
+        if not isinstance(value, float):
+            return str(value)
+        shown = float(f"{value:.4g}")
+        return _plain(units.quantity(shown, self.unit)) if self.unit else f"{shown:g}"
+
+
+def observable_label(name: str) -> Label:
+    """Label of an observable with or without the unit in its name."""
+    observable = describe(name)
+    fields = {field: f"(?P<{field}>{pattern})" for field, pattern in PLACEHOLDERS.items()}
+    found = re.match(observable.pattern.format(**fields), name)
+    parts = (
+        {field: text.replace("pct", " %").replace("_", " ") for field, text in found.groupdict().items()}
+        if found
+        else {}
+    )
+    if parts.get("gauge") == "wall":
+        parts["gauge"] = "the wall"
+    return Label(observable.words.format(**parts), observable.unit)
+
+
+def key_label(name: str, key: str) -> Label:
+    """Label of a study's column, which holds the values of a scene's key: by its own name where it has one.
+
+    Moduli, Poisson's ratios and densities are named in full.
+    """
+    for pattern, words in KEYS if name == key or key.startswith(MATERIALS) else ():
+        if found := re.fullmatch(pattern, key):
+            return Label(found.expand(words).replace("_", " "), unit_of(key))
+    return Label(re.sub("[._]", " ", name), unit_of(key))
+
+
+def _plain(text: str) -> str:
+    """A unit, or a quantity, with signs in place of ``u`` and ``^2``."""
+    return re.sub(r"\bu(?=[a-zA-Z])", "µ", text).replace("^2", "²")
