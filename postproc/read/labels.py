@@ -57,7 +57,7 @@ def observable_label(name: str) -> Label:
     fields = {field: f"(?P<{field}>{pattern})" for field, pattern in PLACEHOLDERS.items()}
     found = re.match(observable.pattern.format(**fields), name)
     parts = (
-        {field: text.replace("pct", " %").replace("_", " ") for field, text in found.groupdict().items()}
+        {field: text.replace("pct", "\u00a0%").replace("_", " ") for field, text in found.groupdict().items()}
         if found
         else {}
     )

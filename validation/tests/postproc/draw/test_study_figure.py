@@ -28,7 +28,7 @@ def _table(engines: tuple[str, ...], **axes: list[float]) -> pd.DataFrame:
     tables = []
     for place, engine in enumerate(engines):
         size = (1 + 1e-3 * place) * grid.prod(axis=1) ** 0.2
-        numbers = {
+        numbers: dict[str, Any] = {
             "status": "done",
             "reason": "",
             "force_error_share": 0.0,

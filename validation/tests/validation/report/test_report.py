@@ -12,18 +12,22 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
 from drivers.chain.trace import until
 from drivers.run.finished import provenance
+from postproc.paper.quoted import quoted
+from postproc.paper.strikes import COLUMNS, READINGS, SPREAD
 from postproc.read.sensors import sensor_signals
 from validation.accuracy.baseline import HORIZON, baseline_of, shipped_name
 from validation.compare.comparison import ComparedScene, compare_case
 from validation.compare.departure import NONE, departure, deviation
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.report.charts import MAX_SAMPLES, Panel, chart_of
+from validation.report.page_figures import read_scores
 from validation.report.scene_section import scene_row, section_of, short
 from validation.report.write_report import write_report
 from validation.tests.helpers.commands import command_line
@@ -221,6 +225,39 @@ def test_what_was_not_made_is_left_out_with_a_word(tmp_path: Path) -> None:
     text = (tmp_path / "report.html").read_text()
     for target in ("independent", "table1", "claims", "figures", "trade", "stability", "elements"):
         assert f"<code>make {target}</code>" in text, target
+
+
+def test_table_1_has_a_row_per_amplitude_and_scores_stand_with_the_speeds(tmp_path: Path) -> None:
+    table = quoted().table1.frame
+    exact = {f"reference_{name}": table[f"computed_{name}"] * (1 + 1e-3) for name in COLUMNS}
+    table.assign(**exact, **{SPREAD: 4.2e-6}).to_csv(tmp_path / "table1.csv", index=False)
+    score = pd.DataFrame(
+        [
+            ("score", reading, modulus, force, 7.04, -0.3 * force)
+            for reading in READINGS
+            for modulus in (600.0, 1460.0)
+            for force in (5.0, 0.06)
+        ],
+        columns=["source", "force_read_as", "modulus_MPa", "force_N", "deviation_pct", "deviation_standard_errors"],
+    )
+    pd.concat([score, pd.DataFrame({"source": ["experiment"]})]).to_csv(tmp_path / "fig3.csv", index=False)
+    assert read_scores(tmp_path) == {
+        "forces": ["5", "0.06"],
+        "rows": [
+            [reading, modulus, "+7.0", "+7.0", "1.5", "0.0"] for reading in READINGS for modulus in ("600", "1460")
+        ],
+        "large_N": "2",
+    }
+    (tmp_path / "fig3.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="252pt" height="10pt"></svg>')
+    write_report([], tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    shown = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(<th scope=.row.*?)</tr>", text)]
+    assert ["5", "153", "168", "5.4", "190", "5.4", "4.0", "190.2", "5.41", "4.00", "4e-6"] in shown
+    assert [len(row) for row in shown].count(11) == len(table)
+    assert ["contact force", "600", "+7.0", "+7.0", "1.5", "0.0"] in shown
+    (tmp_path / "fig3.csv").write_text("source,force_N\nscore,1")
+    with pytest.raises(InputError, match=r"fig3\.csv"):
+        write_report([], tmp_path / "report.html")
 
 
 @pytest.mark.parametrize(
