@@ -1,16 +1,18 @@
 """Fig. 1: the experimental set-up and a particle with an embedded piezo-sensor.
 
 (a) Chain of 21 PTFE beads (diameter 4.76 mm, 0.1226 g) in a PTFE tube (inner diameter 5 mm), struck by a PTFE bead at
-2 m/s. Gauges (orange) stand in the 9th and the 5th bead from the wall and under a brass plate of 1 mm, on a long steel
-rod (wave guide) whose other end is embedded in a steel block; an oscilloscope records all three. Beads, striker, bore,
-gauges in beads and thickness of the brass plate have the stated sizes and are to scale. The paper states no size of the
-wall's gauge, of rod and block, nor the thickness of the tube: they are drawn freely, and the rod is cut. (b) Particle
-with embedded sensor: a plate of lead zirconate titanate with nickel electrodes, of side 3 mm and thickness 0.5 mm, mass
-m = 0.023 g, glued between two PTFE caps of total mass 2M = 0.093 g, 0.116 g in all. The plate is to scale; the caps are
-drawn so that the particle keeps the bead's diameter of 4.76 mm, as the paper does not state how they are cut.
+2 m/s. Gauges (orange) stand in the 9th and the 5th bead from the wall and under a brass plate of 1 mm, on a long
+steel rod (wave guide) whose other end is embedded in a steel block; an oscilloscope records all three. Beads,
+striker, bore, gauges in beads and thickness of the brass plate have the stated sizes and are to scale. The paper
+states no size of the wall's gauge, of rod and block, nor thickness and length of the tube: they are drawn freely, and
+the rod is cut. (b) Particle with embedded sensor: a plate of lead zirconate titanate with nickel electrodes, of side
+3 mm and thickness 0.5 mm, mass m = 0.023 g, glued between two PTFE caps of total mass 2M = 0.093 g, 0.116 g in all.
+The plate is to scale; the caps are drawn so that the particle keeps the bead's diameter of 4.76 mm, as the paper does
+not state how they are cut.
 """
 
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +51,7 @@ class Piece:
     width_mm: float
     height_mm: float
     stated: str  # which of its sizes the paper states
+    mass_g: float = nan
 
     @property
     def top_mm(self) -> float:
@@ -85,10 +88,11 @@ def _set_up(case: Case) -> list[Piece]:
     for body, (middle_m, radius_m) in enumerate(zip(chain.height_m, chain.sphere_radius_m, strict=True), 1):
         name = "striker" if body > chain.beads else f"sensor bead {body}" if body in sensors else f"bead {body}"
         middle, size = 1e3 * float(middle_m), 2e3 * float(radius_m)
-        pieces.append(Piece("a", name, "disc", 0, middle - size / 2, size, size, "both"))
+        mass_g = 1e3 * float(chain.mass_kg[body - 1])
+        pieces.append(Piece("a", name, "disc", 0, middle - size / 2, size, size, "both", mass_g))
         if body in sensors:
             plate = sensor.gauge_side_mm, sensor.gauge_thickness_mm
-            pieces.append(Piece("a", "gauge", "box", 0, middle - plate[1] / 2, *plate, "both"))
+            pieces.append(Piece("a", "gauge", "box", 0, middle - plate[1] / 2, *plate, "both", sensor.gauge_g))
     if tube:
         apart, long = 1e3 * tube.inner_diameter + TUBE_WALL, pieces[-1].top_mm + ABOVE
         pieces += [Piece("a", "tube", "box", at, 0, TUBE_WALL, long, "place") for at in (-apart / 2, apart / 2)]
@@ -108,12 +112,13 @@ def _set_up(case: Case) -> list[Piece]:
 
 def _particle(size: float) -> list[Piece]:
     """Parts of (b), a particle of that diameter in mm."""
-    side, thick = quoted().sensor.gauge_side_mm, quoted().sensor.gauge_thickness_mm
+    sensor = quoted().sensor
+    side, thick, cap_g = sensor.gauge_side_mm, sensor.gauge_thickness_mm, sensor.caps_g / 2
     cap = (size - thick) / 2
     return [
-        Piece("b", "cap", "cap above", 0, thick / 2, size, cap, "none"),
-        Piece("b", "cap", "cap below", 0, -thick / 2 - cap, size, cap, "none"),
-        Piece("b", "gauge", "box", 0, -thick / 2, side, thick, "both"),
+        Piece("b", "cap", "cap above", 0, thick / 2, size, cap, "none", cap_g),
+        Piece("b", "cap", "cap below", 0, -thick / 2 - cap, size, cap, "none", cap_g),
+        Piece("b", "gauge", "box", 0, -thick / 2, side, thick, "both", sensor.gauge_g),
     ]
 
 

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup, escape
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -29,6 +30,7 @@ PX_PER_PT = 1.6  # print's type, made as large as the page's
 UNSEEN_DIGITS = re.compile(r"(?<=\.\d\d)\d+")  # of a coordinate: below a hundredth of a point
 TAG = re.compile(r"<[^>]*>")
 BLANKS = re.compile(r"\s+")
+SUBSCRIPT = re.compile(r"\b([^\W_])_(\w)\b")  # as captions write symbols: F_m
 
 
 @dataclass(frozen=True)
@@ -92,13 +94,17 @@ def read_figures(results: Path) -> dict[str, Any]:
         if f"{name}.csv" == TABLE:
             continue
         if image := read_image(results / f"{name}.svg"):
-            beside, scores = read_beside(results, name), read_scores(results) if name == SCORED else None
-            made.append(
-                {"title": caption.title, "text": caption.text, "image": image, "beside": beside, "scores": scores}
-            )
+            words = {"title": caption.title, "text": set_symbols(caption.text)}
+            scores = read_scores(results) if name == SCORED else None
+            made.append({**words, "image": image, "beside": read_beside(results, name), "scores": scores})
         else:
             missing.append(name)
     return {"made": made, "missing": missing}
+
+
+def set_symbols(caption: str) -> Markup:
+    """A caption with the subscripts of its symbols set as such."""
+    return Markup(SUBSCRIPT.sub(r"\1<sub>\2</sub>", str(escape(caption))))
 
 
 def read_beside(results: Path, name: str) -> Image | None:
@@ -147,4 +153,9 @@ def read_table1(results: Path) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError) as error:  # pandas' own errors are ValueErrors
         raise InputError(paths.shown(path), "", "a damaged table", "what make table1 writes") from error
     caption = captions()["table1"]
-    return {"rows": rows, "title": caption.title, "text": caption.text, "beside": read_beside(results, "table1")}
+    return {
+        "rows": rows,
+        "title": caption.title,
+        "text": set_symbols(caption.text),
+        "beside": read_beside(results, "table1"),
+    }

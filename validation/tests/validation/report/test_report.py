@@ -255,6 +255,7 @@ def test_table_1_has_a_row_per_amplitude_and_scores_stand_with_the_speeds(tmp_pa
     assert ["5", "153", "168", "5.4", "190", "5.4", "4.0", "190.2", "5.41", "4.00", "4e-6"] in shown
     assert [len(row) for row in shown].count(11) == len(table)
     assert ["contact force", "600", "+7.0", "+7.0", "1.5", "0.0"] in shown
+    assert "F<sub>m</sub> being the peak" in text
     (tmp_path / "fig3.csv").write_text("source,force_N\nscore,1")
     with pytest.raises(InputError, match=r"fig3\.csv"):
         write_report([], tmp_path / "report.html")
