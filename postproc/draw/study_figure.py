@@ -18,6 +18,7 @@ SEED = "seed"  # of random draws: they are scatter, not an axis
 LESS, MORE = "#56b4e9", "#d55e00"  # a tornado's bars
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "black", "#cc79a7", "#a34800", "#56b4e9")
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (4, 1, 1, 1)), (0, (8, 2)), (0, (3, 1, 1, 1, 1, 1)))
+MARKERS = "osD^v<>"
 DECADES = 30  # ratio of swept values from which on their axis is logarithmic
 BINS = 15
 PANEL_IN, LINE_IN = 2.2, 0.16  # heights of a panel and of a line of words
@@ -110,6 +111,8 @@ def _draw_curves(
             f"{keys[name].words} {keys[name].value(value)}" for name, value in zip(others, values, strict=True)
         )
         look = {"color": COLOURS[place % len(COLOURS)], "ls": DASHES[place % len(DASHES)], "lw": 1.1}
+        if not is_number:  # nothing lies between words
+            look |= {"ls": "none", "marker": MARKERS[place % len(MARKERS)], "ms": 3}
         for engine, own in part.groupby("engine", sort=False):
             rows = own.sort_values(across) if is_number else own
             for name, axis in axes.items():

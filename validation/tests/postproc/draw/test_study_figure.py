@@ -18,7 +18,12 @@ from postproc.read.labels import Label, key_label, observable_label
 from postproc.read.observables import OBSERVABLES, PLACEHOLDERS
 from validation.tests.helpers.drawn import not_in_table, out_of_bounds
 
-KEYS = {"striker.speed": "striker.speed", "ptfe_modulus": "materials.ptfe.youngs_modulus", "seed": "seed"}
+KEYS = {
+    "striker.speed": "striker.speed",
+    "wall.material": "wall.material",
+    "ptfe_modulus": "materials.ptfe.youngs_modulus",
+    "seed": "seed",
+}
 PEAK, SPEED, UNSEEN = "wall_peak_N", "speed_9_to_5_m_s", "bead_5_reflected_arrival_s"
 
 
@@ -155,3 +160,12 @@ def test_a_value_is_short_and_has_its_unit() -> None:
 def test_a_figure_of_what_is_not_there_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="wall_pea"):
         _draw(_table(("reference",), **SPEEDS), "wall_pea")
+
+
+def test_words_are_swept_as_well() -> None:
+    table = _table(("reference", "yade"), **SPEEDS).rename(columns={"striker.speed_m_s": "wall.material"})
+    table["wall.material"] = table["wall.material"].map({0.05: "ptfe", 0.5: "brass", 5.0: "rigid"})
+    product = _draw(table, PEAK)
+    (axis,) = product.figure.axes
+    assert [text.get_text() for text in axis.get_xticklabels()] == ["ptfe", "brass", "rigid"]
+    assert axis.get_xlabel() == "wall material"
