@@ -1,5 +1,6 @@
 """Figures of studies: labels in words, legends whatever the engines, no panel without values."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from drivers.batch.study import column_name, read_study
 from drivers.scene.settings import unit_of
 from postproc.draw.product import Product
 from postproc.draw.study_figure import draw_study, draw_tornado
-from postproc.draw.style import COLUMN_IN, PAGE_IN
+from postproc.draw.style import COLUMN_IN, PAGE_IN, pyplot
 from postproc.read.labels import Label, key_label, observable_label
 from postproc.read.observables import OBSERVABLES, PLACEHOLDERS
 from validation.tests.helpers.drawn import not_in_table, out_of_bounds
@@ -53,6 +54,12 @@ def _draw(table: pd.DataFrame, *observables: str, draw: Any = draw_study) -> Pro
     assert product.figure.get_suptitle() == "The study's own title"
     assert out_of_bounds(product.figure, (COLUMN_IN, PAGE_IN)) == []
     return product
+
+
+@pytest.fixture(autouse=True)
+def _closed() -> Iterator[None]:
+    yield
+    pyplot().close("all")
 
 
 def _legend(product: Product) -> list[str]:
