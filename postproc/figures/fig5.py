@@ -109,7 +109,8 @@ def _shape(one: Simulation) -> Shape:
     pulses = [incident_pulse(time_s, force - force[0]) for force in upper]
     entrance = tuple(pulse for pulse in pulses if pulse is not None)
     if ENVELOPE_MAXIMA not in envelopes or len(entrance) < len(PLACES):
-        raise InputError(one.case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
+        found = f"fewer than {ENVELOPE_MAXIMA} maxima at the wall, or no wave back at the top"
+        raise InputError(one.case.scene.file, "run.duration", found, "until the wave is back, and weaker dissipation")
     return Shape(maxima[0], maxima[max(envelopes) - 1].time_s, envelopes, entrance)
 
 
