@@ -49,7 +49,7 @@ PANELS = (
 )
 PLACES = ("top bead", "second bead")  # where the pulse enters
 DAMPED_ONE = ", damped"  # after a place, of the chain with dissipation
-SECOND_BEAD = AVERAGE | {"color": "#0072b2", "ls": (0, (5, 1.5))}
+SECOND_BEAD = AVERAGE | {"color": "#0072b2", "ls": (0, (6, 1.5, 1, 1.5))}
 FITTED = {"color": "#777777", "lw": 0.8}
 # maxima that envelopes go through, as one sentence can be read, and the looks of those drawn
 MAXIMA: dict[int, dict[str, Any]] = {2: {}, 3: FITTED, 4: FITTED | {"ls": (0, (5, 2))}}
