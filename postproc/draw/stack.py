@@ -19,6 +19,7 @@ GAUGE_IN = 1.126  # height of a panel
 STRIP, RESIDUAL = "strip", "residual_to_reference_share"
 STRIP_POINTS = 12  # for each code
 STRIP_RANGE, STRIP_TICKS = (1e-7, 1e-2), (1e-6, 1e-3)
+STRIP_ROOM = 3.0  # times the largest, where the strip has to be higher
 ROOM = 0.3  # steps of the grid, below and above curves
 LABEL_AT = 0.012  # of the axis of time
 
@@ -93,7 +94,7 @@ def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
     tables = [pd.DataFrame()]
     found = residuals(traces, REFERENCE)
     for place, (engine, share) in enumerate(found.items()):
-        every = len(share) // STRIP_POINTS
+        every = max(len(share) // STRIP_POINTS, 1)
         starts = np.arange(place * every // len(found), len(share) - every + 1, every)
         largest = np.array([share[start : start + every].max() for start in starts])
         middle_s = traces[engine].time_s[starts + every // 2]
@@ -101,7 +102,10 @@ def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
         tables.append(pd.DataFrame({"engine": engine, "quantity": STRIP, "time_s": middle_s, RESIDUAL: largest}))
     if not found:
         axis.text(0.5, 0.5, "no code", transform=axis.transAxes, ha="center", va="center", color=FAINT)
-    axis.set(yscale="log", ylim=STRIP_RANGE, xlabel="time since impact (µs)", ylabel=r"$\delta F$")
+    low, high = STRIP_RANGE
+    if found:
+        low, high = min(low, axis.dataLim.minposy / STRIP_ROOM), max(high, axis.dataLim.y1 * STRIP_ROOM)
+    axis.set(yscale="log", ylim=(low, high), xlabel="time since impact (µs)", ylabel=r"$\delta F$")
     axis.set_yticks(STRIP_TICKS)
     axis.minorticks_off()
     return pd.concat(tables)

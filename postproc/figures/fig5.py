@@ -49,7 +49,7 @@ PANELS = (
 )
 PLACES = ("top bead", "second bead")  # where the pulse enters
 DAMPED_ONE = ", damped"  # after a place, of the chain with dissipation
-SECOND_BEAD = AVERAGE | {"color": "#0072b2", "ls": (0, (5, 1.5))}
+SECOND_BEAD = AVERAGE | {"color": "#0072b2", "ls": (0, (6, 1.5, 1, 1.5))}
 FITTED = {"color": "#777777", "lw": 0.8}
 # maxima that envelopes go through, as one sentence can be read, and the looks of those drawn
 MAXIMA: dict[int, dict[str, Any]] = {2: {}, 3: FITTED, 4: FITTED | {"ls": (0, (5, 2))}}
@@ -109,7 +109,8 @@ def _shape(one: Simulation) -> Shape:
     pulses = [incident_pulse(time_s, force - force[0]) for force in upper]
     entrance = tuple(pulse for pulse in pulses if pulse is not None)
     if ENVELOPE_MAXIMA not in envelopes or len(entrance) < len(PLACES):
-        raise InputError(one.case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
+        found = f"fewer than {ENVELOPE_MAXIMA} maxima at the wall, or no wave back at the top"
+        raise InputError(one.case.scene.file, "run.duration", found, "until the wave is back, and weaker dissipation")
     return Shape(maxima[0], maxima[max(envelopes) - 1].time_s, envelopes, entrance)
 
 

@@ -12,17 +12,16 @@ between codes and reference as in Fig. 4.
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
-from drivers.chain.trace import Trace
+from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import STRIP, Panel, draw_panel, name_codes
 from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
-from postproc.paper.simulate import case_of, simulate
+from postproc.paper.simulate import Simulation, case_of, simulate
 from postproc.read.observables import LATER
 from postproc.read.signals import Peak, peaks
 
@@ -45,44 +44,40 @@ def make(runs: Path) -> Product:
     found = simulate(cases, runs)
     figure = pyplot().figure(figsize=(PAGE_IN, 4.8), layout="constrained")
     grid, tables, chains = figure.add_gridspec(2, 2), [], {}
-    for place, (case, panel, cell) in enumerate(
-        zip(cases, PANELS, [grid[0, 0], grid[0, 1], grid[1, 0], grid[1, 1]], strict=True)
-    ):
-        traces = {engine: some[place].trace for engine, some in found.items()}
+    cells = [grid[row, column] for row in range(2) for column in range(2)]
+    for place, (case, panel, cell) in enumerate(zip(cases, PANELS, cells, strict=True)):
+        own = {engine: some[place] for engine, some in found.items()}
+        traces = {engine: one.trace for engine, one in own.items()}
         axes, drawn = draw_panel(figure, cell, panel, case.layout, traces)
-        if panel.letter in SAID:
-            _note(axes["wall"], traces[REFERENCE], SAID[panel.letter])
-        tables.append(pd.concat([drawn, _numbers(traces)]).assign(panel=panel.letter))
+        for peak, said in zip(_first_maxima(own[REFERENCE]), SAID.get(panel.letter, ("", "")), strict=True):
+            look = {"color": QUOTED["color"], "fontsize": 7}
+            axes["wall"].annotate(said, (peak.time_s * MICRO, peak.value), (6, 2), textcoords="offset points", **look)
+        tables.append(pd.concat([drawn, _numbers(own)]).assign(panel=panel.letter))
         chains[f"({panel.letter}) {panel.words}"] = traces[REFERENCE]
     name_codes(figure, axes[STRIP])
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
 
 
-def _two_maxima(trace: Trace) -> tuple[list[Peak], float]:
-    """The first two maxima at the wall, and the least force between them in N."""
-    first, second = peaks(trace.time_s, trace.force_N[:, 0], LATER)[:2]
-    return [first, second], float(trace.force_N[first.sample : second.sample + 1, 0].min())
+def _first_maxima(one: Simulation) -> tuple[Peak, Peak]:
+    """The first two maxima at the wall.
+
+    Raises:
+        InputError: there are fewer.
+    """
+    found = peaks(one.trace.time_s, one.trace.force_N[:, 0], LATER)
+    if len(found) < 2:
+        allowed = "two at least: a longer run, or weaker dissipation"
+        raise InputError(one.case.scene.file, "run.duration", f"{len(found)} maxima at the wall", allowed)
+    return found[0], found[1]
 
 
-def _numbers(traces: Mapping[str, Trace]) -> pd.DataFrame:
-    """Heights and times of the first two maxima, and by how much the force falls between them."""
+def _numbers(found: Mapping[str, Simulation]) -> pd.DataFrame:
+    """Heights and times of the first two maxima, and the least force between them over the second."""
     rows = []
-    for engine, trace in traces.items():
-        maxima, valley_N = _two_maxima(trace)
-        for number, peak in enumerate(maxima, 1):
+    for engine, one in found.items():
+        first, second = _first_maxima(one)
+        for number, peak in enumerate((first, second), 1):
             rows += [(engine, f"maximum_{number}_N", peak.value), (engine, f"maximum_{number}_us", peak.time_s * MICRO)]
-        rows.append((engine, "valley_over_second_maximum", valley_N / maxima[1].value))
+        valley_N = float(one.trace.force_N[first.sample : second.sample + 1, 0].min())
+        rows.append((engine, "valley_over_second_maximum", valley_N / second.value))
     return pd.DataFrame(rows, columns=["engine", "quantity", "value"])
-
-
-def _note(axis: Any, trace: Trace, words: tuple[str, str]) -> None:
-    """Words of the text on the experiment, beside the first and above the second maximum."""
-    for peak, said in zip(_two_maxima(trace)[0], words, strict=True):
-        axis.annotate(
-            said,
-            (peak.time_s * MICRO, peak.value),
-            (6, 2),
-            textcoords="offset points",
-            color=QUOTED["color"],
-            fontsize=7,
-        )

@@ -1,5 +1,6 @@
 """Figs. 4 to 6: panels with dissipation beside elastic ones, the paper's numbers over them, codes in strips."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,12 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import codes
 from postproc.draw.product import Product
-from postproc.draw.style import pyplot
+from postproc.draw.stack import STRIP, Panel, draw_panel
+from postproc.draw.style import AVERAGE, MICRO, pyplot
 from postproc.figures import captions, make_figure
 from postproc.paper.calibrated import calibrated
+from postproc.paper.simulate import case_of, exact
+from postproc.read.residual import largest_change_N
 from validation.tests.helpers.runs import need
 
 CODES = codes()
@@ -180,3 +184,34 @@ def test_broken_parameters_are_refused_in_one_line(
         calibrated.cache_clear()
     assert complaint in str(caught.value)
     assert "calibrated.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "found"), [("fig5", "fewer than 3 maxima at the wall"), ("fig6", "1 maxima at the wall")]
+)
+def test_dissipation_that_leaves_no_train_is_told(
+    name: str, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    strong = calibrated().model_copy(
+        update={"parameter": (calibrated().parameter[1].model_copy(update={"value": 0.4}),)}
+    )
+    monkeypatch.setattr(f"postproc.figures.{name}.calibrated", lambda: strong)
+    with pytest.raises(InputError, match=found):
+        make_figure(name, tmp_path / "runs")
+
+
+@pytest.mark.parametrize("share", [1e-9, 0.5])
+def test_the_strip_shows_differences_of_any_size(share: float) -> None:
+    case = case_of("fig4", "run.duration=30 us")
+    trace = exact(case).trace
+    other = replace(trace, force_N=trace.force_N + share * largest_change_N(trace.force_N))
+    figure = pyplot().figure()
+    panel = Panel("a", "", AVERAGE, 1.0)
+    axes, table = draw_panel(figure, figure.add_gridspec(1, 1)[0], panel, case.layout, {"reference": trace, "b": other})
+    pyplot().close(figure)
+    (line,) = axes[STRIP].lines
+    low, high = axes[STRIP].get_ylim()
+    assert low < line.get_ydata().min() <= line.get_ydata().max() < high
+    assert line.get_ydata() == pytest.approx(share, rel=1e-6)
+    assert [*table[table["quantity"] == STRIP]["time_s"] * MICRO] == pytest.approx(line.get_xdata())
