@@ -16,7 +16,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import in_order
 from validation.claims.claim import KINDS, read_claims
-from validation.claims.judge import DIFFERS, REPRODUCED, Judged, Read, judge_all, verdict_of
+from validation.claims.judged import DIFFERS, REPRODUCED, Judged, Read, judge_all, verdict_of
 from validation.studies import Options, Study, Tables, rows_in
 
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}

@@ -16,7 +16,7 @@ from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS
 from validation.claims.claim import KINDS, MODULES, Claim, Reading, read_claims
 from validation.claims.claims_study import ReadingRow, Row, rows_of
-from validation.claims.judge import DIFFERS, REPRODUCED, Judged, Read, judge_all
+from validation.claims.judged import DIFFERS, REPRODUCED, Judged, Read, judge_all
 from validation.report.write_report import write_report
 from validation.studies import read_section, read_table, rows_in, write_table
 from validation.tests.helpers.runs import need
