@@ -86,6 +86,14 @@ def test_another_step_is_allowed(run_of: FolderOf) -> None:
     assert keys_of(pair) == ["run.time_step: 0.1 us against 1 us"]
     assert not pair.missed
     assert pair.taken_for.kind in FAULTS  # by itself it would not be a run of the first's scene
+    force = next(verdict for verdict in pair.verdicts if verdict.quantity == "force")
+    assert force.value < force.limit < 1.001 * force.value
+
+
+@pytest.mark.parametrize(("engine", "step"), [("verlet", "1 us"), ("reference", "0.1 us")])
+def test_another_step_explains_no_other_mass(run_of: FolderOf, engine: str, step: str) -> None:
+    other = run_of(engine, "fig4", f"run.time_step={step}", "chain.mass=0.12258 g")
+    assert {"force", "wall impulse"} <= red(pair_of(run_of("verlet", "fig4"), other))
 
 
 def test_another_wall_is_red_and_shows_when_the_wave_comes(run_of: FolderOf) -> None:
