@@ -56,6 +56,7 @@ def by(scheme: Scheme, case: Case, monkeypatch: pytest.MonkeyPatch) -> tuple[Bas
         ("fig4", "run.time_step=0.5 us"),
         ("fig5", "gravity=98.1 m/s^2"),
         ("fig4", "contact.restitution=0.9"),
+        ("fig4", "contact.dissipation=power", "contact.gamma=1.25"),
         ("fig4", "run.sample_interval=0.5 us"),
     ],
 )

@@ -178,6 +178,9 @@ def test_the_worst_is_the_largest_share_and_no_number_is_worse() -> None:
     assert worst_of([*verdicts, verdict(math.nan, 1.0)]) != verdicts[1]
     assert worst_of([verdict(math.nan, math.nan)]) is None
     assert share_of(verdict(1.0, 0.0)) == math.inf
+    expected = replace(verdict(9.0, 10.0), predicted=9.0)  # the rest of its tolerance is untouched
+    assert share_of(expected) == 0
+    assert worst_of([expected, verdicts[0]]) is verdicts[0]
 
 
 def test_a_picture_is_its_file_without_digits_that_nobody_sees() -> None:
