@@ -1,5 +1,6 @@
 """Claims on equations (1) to (7) and on exact solitary waves."""
 
+from functools import cache
 from math import sqrt
 
 import numpy as np
@@ -10,7 +11,7 @@ from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
 from validation.claims.chains import ptfe_beads
 from validation.reference import travelling_wave
-from validation.reference.travelling_wave import fixed_point, solve_travelling_wave
+from validation.reference.travelling_wave import fixed_point, solve_at_amplitude, solve_travelling_wave
 
 STATIC_N = 0.02  # any static force: the statements depend at most on the amplitude over it
 AMPLITUDES = (1.0, 10.0, 100.0)
@@ -125,7 +126,7 @@ def precompressed_discrete() -> float:
     p = ptfe_beads()
     found = []
     for amplitude in SWEPT_AMPLITUDES:
-        wave = travelling_wave.solve_at_amplitude(p.stiffness, p.mass_kg, STATIC_N, amplitude)
+        wave = _wave(amplitude)
         long_wave = theory.precompressed_speed(p, (1 + amplitude) * STATIC_N, STATIC_N)
         found.append(abs(long_wave / (wave.speed * p.diameter_m) - 1))
     return max(found)
@@ -150,11 +151,18 @@ def contact_law() -> float:
     return float(case_of("table1").chain.stiffness[1]) / ptfe_beads().stiffness
 
 
+@cache
+def _wave(amplitude: float) -> travelling_wave.PrecompressedWave:
+    """The exact wave of so many times the static force."""
+    p = ptfe_beads()
+    return solve_at_amplitude(p.stiffness, p.mass_kg, STATIC_N, amplitude)
+
+
 def beta(amplitude: float, modulus_MPa: float = 1460) -> float:
     """Beta of a wave of so many times the static force."""
     chain = case_of("table1", f"materials.ptfe.youngs_modulus={modulus_MPa} MPa").chain
     stiffness, mass = float(chain.stiffness[1]), float(chain.mass_kg[0])
-    return travelling_wave.solve_at_amplitude(stiffness, mass, STATIC_N, amplitude).beta
+    return solve_at_amplitude(stiffness, mass, STATIC_N, amplitude).beta
 
 
 def averaged_width() -> float:
@@ -193,8 +201,7 @@ def least_mach() -> float:
     """Least speed over that of sound of exact waves on a static force, amplitudes 0.1 to 1e4 of it."""
     p = ptfe_beads()
     sound = travelling_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N)
-    waves = (travelling_wave.solve_at_amplitude(p.stiffness, p.mass_kg, STATIC_N, a) for a in SWEPT_AMPLITUDES)
-    return min(wave.speed for wave in waves) / sound
+    return min(_wave(amplitude).speed for amplitude in SWEPT_AMPLITUDES) / sound
 
 
 def weakly_nonlinear() -> float:
@@ -203,7 +210,7 @@ def weakly_nonlinear() -> float:
     The soliton of this chain's KdV equation has ``V = c_0 [1 + (xi_m - xi_0) / (12 xi_0)]``, as Eq. (4) to first order.
     """
     p, amplitude = ptfe_beads(), 0.05
-    wave = travelling_wave.solve_at_amplitude(p.stiffness, p.mass_kg, STATIC_N, amplitude)
+    wave = _wave(amplitude)
     excess = wave.speed / travelling_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N) - 1
     strain_above = (1 + amplitude) ** (2 / 3) - 1  # over the static one
     return float(excess / (strain_above / 12))

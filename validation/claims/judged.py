@@ -13,9 +13,10 @@ import pandas as pd
 from drivers.base import paths
 from drivers.chain.case import Case
 from drivers.engines import REFERENCE
+from drivers.run.run import workers
 from postproc.paper.simulate import Simulation, exact, run_codes_on
 from postproc.paper.strikes import READINGS, sensor_amplitude, solve_table1
-from validation.claims.chains import Run, exact_solutions
+from validation.claims.chains import exact_solutions
 from validation.claims.claim import SOLE, Claim, Reading, function_of, parameters_of, read_claims
 
 REPRODUCED, DIFFERS = "reproduced", "differs"
@@ -82,27 +83,16 @@ def verdict_of(claim: Claim, reading: Reading, value: float) -> str:
 
 
 def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
-    """Computes and judges every claim; what simulations enter by every engine, the codes side by side.
+    """Computes and judges every claim; what simulations enter by every engine.
+
+    Table 1 is solved while the reference goes through the simulated claims; the codes then run what it has run.
 
     Raises:
         RunError: a run failed.
     """
     claims = read_claims().claim
     favoured = {claim.id: next((each for each in claim.readings if each.favoured), SOLE) for claim in claims}
-    simulated = [claim for claim in claims if "run" in parameters_of(function_of(claim))]
     asked: dict[str, Case] = {}
-
-    def noted(case: Case) -> Simulation:
-        asked[_key(case)] = case
-        return exact(case)
-
-    def values_by(run: Run) -> dict[str, float]:
-        return {claim.id: float(_call(claim, favoured[claim.id], run=run)) for claim in simulated}
-
-    found = {REFERENCE: values_by(noted)}
-    for code, simulations in run_codes_on([*asked.values()], runs).items():
-        done = dict(zip(asked, simulations, strict=True))
-        found[code] = values_by(partial(_done, done))
 
     @cache
     def solved(setting: str, force_is: str) -> pd.DataFrame:
@@ -110,16 +100,26 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
             return exact_solutions(setting, force_is)
         return solve_table1(runs, setting)
 
+    def noted(case: Case) -> Simulation:
+        asked[_key(case)] = case
+        return exact(case)
+
+    def values_with(name: str, given: Any) -> dict[str, Any]:
+        """Values of the claims whose functions take ``run``, or ``table``."""
+        taking = (claim for claim in claims if name in parameters_of(function_of(claim)))
+        return {claim.id: _call(claim, favoured[claim.id], **{name: given}) for claim in taking}
+
+    with workers(1) as pool:
+        tables = pool.submit(values_with, "table", solved)
+        found = {REFERENCE: values_with("run", noted)}
+        computed = tables.result()
+    for code, simulations in run_codes_on([*asked.values()], runs).items():
+        found[code] = values_with("run", partial(_done, dict(zip(asked, simulations, strict=True))))
+    computed |= {name: {engine: float(own[name]) for engine, own in found.items()} for name in found[REFERENCE]}
     judged = []
     for claim in claims:
-        names, reading = parameters_of(function_of(claim)), favoured[claim.id]
-        if "table" in names:
-            computed = _call(claim, reading, table=solved)
-        elif "run" in names:
-            computed = {engine: values[claim.id] for engine, values in found.items()}
-        else:
-            computed = {REFERENCE: _call(claim, reading)}
-        judged.append(Judged(claim, computed, _how(claim), _readings(claim, computed[REFERENCE])))
+        values = computed.get(claim.id) or {REFERENCE: _call(claim, favoured[claim.id])}
+        judged.append(Judged(claim, values, _how(claim), _readings(claim, values[REFERENCE])))
     return judged
 
 
