@@ -205,11 +205,11 @@ def least_mach() -> float:
 
 
 def weakly_nonlinear() -> float:
-    """Speed above that of sound of an exact wave of 5 % of the static force, over that of the KdV soliton.
+    """Speed above that of sound of an exact wave of a tenth of the static force, over that of the KdV soliton.
 
     The soliton of this chain's KdV equation has ``V = c_0 [1 + (xi_m - xi_0) / (12 xi_0)]``, as Eq. (4) to first order.
     """
-    p, amplitude = ptfe_beads(), 0.05
+    p, amplitude = ptfe_beads(), 0.1
     wave = _wave(amplitude)
     excess = wave.speed / travelling_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N) - 1
     strain_above = (1 + amplitude) ** (2 / 3) - 1  # over the static one

@@ -85,7 +85,8 @@ def verdict_of(claim: Claim, reading: Reading, value: float) -> str:
 def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
     """Computes and judges every claim; what simulations enter by every engine.
 
-    Table 1 is solved while the reference goes through the simulated claims; the codes then run what it has run.
+    Table 1 is solved while the reference goes through the simulated claims; the codes then run what it has run, and it
+    goes through the other readings.
 
     Raises:
         RunError: a run failed.
@@ -100,27 +101,35 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
             return exact_solutions(setting, force_is)
         return solve_table1(runs, setting)
 
+    def takes(claim: Claim) -> set[str]:
+        return parameters_of(function_of(claim)) & {"run", "table"}
+
     def noted(case: Case) -> Simulation:
         asked[_key(case)] = case
         return exact(case)
 
     def values_with(name: str, given: Any) -> dict[str, Any]:
         """Values of the claims whose functions take ``run``, or ``table``."""
-        taking = (claim for claim in claims if name in parameters_of(function_of(claim)))
+        taking = (claim for claim in claims if name in takes(claim))
         return {claim.id: _call(claim, favoured[claim.id], **{name: given}) for claim in taking}
+
+    def others() -> tuple[dict[str, Any], dict[str, tuple[Read, ...]]]:
+        """Values of the claims that take neither, and every reading of all by the reference."""
+        rest = {claim.id: {REFERENCE: _call(claim, favoured[claim.id])} for claim in claims if not takes(claim)}
+        exact_values = {name: each[REFERENCE] for name, each in (computed | rest).items()} | found[REFERENCE]
+        return rest, {claim.id: _readings(claim, exact_values[claim.id]) for claim in claims}
 
     with workers(1) as pool:
         tables = pool.submit(values_with, "table", solved)
         found = {REFERENCE: values_with("run", noted)}
         computed = tables.result()
-    for code, simulations in run_codes_on([*asked.values()], runs).items():
-        found[code] = values_with("run", partial(_done, dict(zip(asked, simulations, strict=True))))
-    computed |= {name: {engine: float(own[name]) for engine, own in found.items()} for name in found[REFERENCE]}
-    judged = []
-    for claim in claims:
-        values = computed.get(claim.id) or {REFERENCE: _call(claim, favoured[claim.id])}
-        judged.append(Judged(claim, values, _how(claim), _readings(claim, values[REFERENCE])))
-    return judged
+        beside = pool.submit(others)
+        for code, simulations in run_codes_on([*asked.values()], runs).items():
+            found[code] = values_with("run", partial(_done, dict(zip(asked, simulations, strict=True))))
+        rest, readings = beside.result()
+    simulated = {name: {engine: float(own[name]) for engine, own in found.items()} for name in found[REFERENCE]}
+    values = computed | rest | simulated
+    return [Judged(claim, values[claim.id], _how(claim), readings[claim.id]) for claim in claims]
 
 
 def _done(done: Mapping[str, Simulation], case: Case) -> Simulation:

@@ -20,9 +20,9 @@ from postproc.read.sensors import sensor_average
 from postproc.read.signals import integral, peaks
 from validation.claims.chains import (
     BARE,
+    COARSE,
     LONG,
     MICRO,
-    STEP,
     Run,
     SolvedTable,
     ratio_of,
@@ -137,7 +137,7 @@ def face_deviation_at_peak(run: Run) -> float:
 def reflection(run: Run, incident_N: float) -> float:
     """Wave that one bead of a sensor's mass sends back from a wave of some force, seen five beads above, N."""
     lighter = f"chain.bead=[{{ from_wall = 30, mass = '{quoted().sensor.mass_g} g' }}]"
-    one = run(case_of("table1", *BARE, "chain.count=60", "chain.sensors=[]", "run.duration=1.6 ms", STEP, lighter))
+    one = run(case_of("table1", *BARE, "chain.count=60", "chain.sensors=[]", "run.duration=1.6 ms", *COARSE, lighter))
     incident, back = waves(one, 35, at_least=2, prominence=1e-3)[:2]
     return incident_N * back.value / incident.value  # without gravity forces scale
 
@@ -150,7 +150,7 @@ def conservation_error(error: str, of: str = "") -> float:
 
 def single_wave(run: Run) -> float:
     """Second wave over the first, thirty beads below a striker like the beads, no gravity; 0 where there is none."""
-    one = run(case_of("table1", *BARE, "chain.count=60", "run.duration=4 ms", STEP))
+    one = run(case_of("table1", *BARE, "chain.count=60", "run.duration=4 ms", *COARSE))
     train = waves(one, 30, prominence=1e-6)
     return train[1].value / train[0].value if len(train) > 1 else 0.0
 
@@ -162,7 +162,7 @@ def collision(run: Run, beads: float, seen: str) -> float:
     """
     count = round(beads)
     ends = f"chain.bead=[{{ from_wall = 1, velocity = '1 m/s' }}, {{ from_wall = {count}, velocity = '-1 m/s' }}]"
-    chain = ("striker=", f"chain.count={count}", "chain.sensors=[]", ends, "run.duration=2.6 ms", STEP)
+    chain = ("striker=", f"chain.count={count}", "chain.sensors=[]", ends, "run.duration=2.6 ms", *COARSE)
     one = run(case_of("table1", *BARE, *chain))
     place = count - 20
     if seen == "force":
