@@ -189,7 +189,12 @@ def load_engine(name: str, where: str = "engine", key: str = "", also: tuple[str
     known = entries(_adapters())
     if name not in known:
         raise InputError(where, key, f'"{name}"', ", ".join((*sorted(known), *also)))
-    entry = known[name]
+    return _engine_of(name, known[name])
+
+
+@cache
+def _engine_of(name: str, entry: Entry) -> Engine:
+    """The engine of an entry, put together once: a batch asks for it with every case."""
     if entry.adapter in _adapters():
         engine = import_module(f"{__name__}.{entry.adapter}").ENGINE
     else:
