@@ -31,7 +31,6 @@ KINDS = {  # in the order in which they are told
 
 Arguments = dict[str, float | str]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Tolerance = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class Reading(Part):
@@ -41,14 +40,11 @@ class Reading(Part):
         words: the reading.
         arguments: of the claim's function, beside the claim's own.
         favoured: why the text favours this one; empty for the others.
-        within, because: as of a claim, where this reading has a tolerance of its own.
     """
 
     words: str
     arguments: Arguments = Field(default_factory=dict)
     favoured: str = ""
-    within: Tolerance | None = None
-    because: str = ""
 
 
 Readings = Annotated[tuple[Reading, ...], Field(strict=False, min_length=2)]  # of a sentence that has several
@@ -70,20 +66,25 @@ class Claim(Part):
     quoted: Finite
     unit: str = ""
     relation: Literal["equals", "at most", "at least"] = "equals"
-    within: Tolerance | None = None
+    within: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     because: str = ""
     explained: str = ""
     ours: bool = False
     readings: Readings = ()
     shared_readings: str = ""
 
-    def holds_for(self, value: float, within: float | None = None) -> bool:
-        """Whether a computed value agrees with the statement, maybe within another tolerance; NaN does not."""
+    @property
+    def favoured(self) -> Reading:
+        """The reading that is judged."""
+        return next((reading for reading in self.readings if reading.favoured), SOLE)
+
+    def holds_for(self, value: float) -> bool:
+        """Whether a computed value agrees with the statement; NaN does not."""
         if self.relation == "at most":
             return value <= self.quoted
         if self.relation == "at least":
             return value >= self.quoted
-        return abs(value - self.quoted) <= (within or self.within or 0.0)
+        return abs(value - self.quoted) <= (self.within or 0.0)
 
 
 class Untested(Part):
@@ -135,10 +136,10 @@ def _check(claim: Claim, where: str) -> None:
         raise InputError(where, f"{key}: compute", shorten(claim.compute), f"module.function of {', '.join(MODULES)}")
     for reading in claim.readings or (SOLE,):
         _check_arguments(claim, claim.arguments | reading.arguments, where)
-        if claim.relation == "equals" and claim.within is None and reading.within is None:
-            raise InputError(where, key, "no within", "a tolerance")
-        if not (claim.because or reading.because):
-            raise InputError(where, key, "no because", "the reason of the tolerance")
+    if claim.relation == "equals" and claim.within is None:
+        raise InputError(where, key, "no within", "a tolerance")
+    if not claim.because:
+        raise InputError(where, key, "no because", "the reason of the tolerance")
     favoured = sum(bool(reading.favoured) for reading in claim.readings)
     if claim.readings and favoured != 1:
         raise InputError(

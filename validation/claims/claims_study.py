@@ -52,8 +52,6 @@ class ReadingRow:
     id: str  # of the claim
     reading: str
     favoured: str  # why the text favours it; empty for the others
-    within: float
-    because: str
     computed: float
     verdict: str
 
@@ -77,14 +75,13 @@ def rows_of(judged: list[Judged]) -> dict[str, list[Row] | list[ReadingRow]]:
 
 def row_of(judged: Judged) -> Row:
     """A judged claim as the table has it."""
-    claim, reading = judged.claim, judged.favoured
-    same = ("id", "where", "quote", "kind", "relation", "quoted", "unit")
+    claim = judged.claim
+    same = ("id", "where", "quote", "kind", "relation", "quoted", "unit", "because")
     return Row(
         **{name: getattr(claim, name) for name in same},
         number_is="ours" if claim.ours else "the paper's",
-        within=reading.within or claim.within or nan,
-        because=reading.because or claim.because,
-        reading=reading.words,
+        within=claim.within or nan,
+        reading=claim.favoured.words,
         hangs=judged.hangs,
         computed=judged.computed,
         difference=judged.value - claim.quoted,
@@ -95,14 +92,11 @@ def row_of(judged: Judged) -> Row:
 
 
 def _reading_rows(judged: Judged) -> list[ReadingRow]:
-    claim = judged.claim
     return [
         ReadingRow(
-            id=claim.id,
+            id=judged.claim.id,
             reading=read.reading.words,
             favoured=read.reading.favoured,
-            within=read.reading.within or claim.within or nan,
-            because=read.reading.because or claim.because,
             computed=read.value,
             verdict=read.verdict,
         )
@@ -128,7 +122,7 @@ def judged_in(tables: Tables) -> list[Judged]:
             dict(row.computed),
             row.how,
             tuple(
-                Read(reading, value := values[claim.id, reading.words], verdict_of(claim, reading, value))
+                Read(reading, value := values[claim.id, reading.words], verdict_of(claim, value))
                 for reading in claim.readings
             ),
         )

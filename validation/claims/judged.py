@@ -17,7 +17,7 @@ from drivers.run.run import workers
 from postproc.paper.simulate import Simulation, exact, run_codes_on
 from postproc.paper.strikes import READINGS, sensor_amplitude, solve_table1
 from validation.claims.chains import exact_solutions
-from validation.claims.claim import SOLE, Claim, Reading, function_of, parameters_of, read_claims
+from validation.claims.claim import Claim, Reading, function_of, parameters_of, read_claims
 
 REPRODUCED, DIFFERS = "reproduced", "differs"
 
@@ -52,14 +52,9 @@ class Judged:
         return self.computed.get(REFERENCE, nan)
 
     @property
-    def favoured(self) -> Reading:
-        """The reading that is judged."""
-        return next((each.reading for each in self.readings if each.reading.favoured), SOLE)
-
-    @property
     def verdict(self) -> str:
         """By the reference's value."""
-        return verdict_of(self.claim, self.favoured, self.value)
+        return verdict_of(self.claim, self.value)
 
     @property
     def hangs(self) -> bool:
@@ -73,13 +68,13 @@ class Judged:
             return f"differs without an explanation: {self.value:.6g}, quoted {self.claim.quoted:g}"
         if self.verdict == REPRODUCED and self.claim.explained:
             return "is reproduced, but a difference is explained"
-        other = [e for e, v in self.computed.items() if verdict_of(self.claim, self.favoured, v) != self.verdict]
+        other = [e for e, v in self.computed.items() if verdict_of(self.claim, v) != self.verdict]
         return f"{', '.join(other)} disagree with the reference" if other else ""
 
 
-def verdict_of(claim: Claim, reading: Reading, value: float) -> str:
-    """The verdict on a value under a reading."""
-    return REPRODUCED if claim.holds_for(value, reading.within) else DIFFERS
+def verdict_of(claim: Claim, value: float) -> str:
+    """The verdict on a value."""
+    return REPRODUCED if claim.holds_for(value) else DIFFERS
 
 
 def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
@@ -92,7 +87,6 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
         RunError: a run failed.
     """
     claims = read_claims().claim
-    favoured = {claim.id: next((each for each in claim.readings if each.favoured), SOLE) for claim in claims}
     asked: dict[str, Case] = {}
 
     @cache
@@ -111,11 +105,11 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
     def values_with(name: str, given: Any) -> dict[str, Any]:
         """Values of the claims whose functions take ``run``, or ``table``."""
         taking = (claim for claim in claims if name in takes(claim))
-        return {claim.id: _call(claim, favoured[claim.id], **{name: given}) for claim in taking}
+        return {claim.id: _call(claim, claim.favoured, **{name: given}) for claim in taking}
 
     def others() -> tuple[dict[str, Any], dict[str, tuple[Read, ...]]]:
         """Values of the claims that take neither, and every reading of all by the reference."""
-        rest = {claim.id: {REFERENCE: _call(claim, favoured[claim.id])} for claim in claims if not takes(claim)}
+        rest = {claim.id: {REFERENCE: _call(claim, claim.favoured)} for claim in claims if not takes(claim)}
         exact_values = {name: each[REFERENCE] for name, each in (computed | rest).items()} | found[REFERENCE]
         return rest, {claim.id: _readings(claim, exact_values[claim.id]) for claim in claims}
 
@@ -156,7 +150,7 @@ def _readings(claim: Claim, favoured: float) -> tuple[Read, ...]:
     for reading in claim.readings:
         value = favoured if reading.favoured else _call(claim, reading, run=exact, table=exact_solutions)
         value = value[REFERENCE] if isinstance(value, dict) else float(value)
-        found.append(Read(reading, value, verdict_of(claim, reading, value)))
+        found.append(Read(reading, value, verdict_of(claim, value)))
     return tuple(found)
 
 

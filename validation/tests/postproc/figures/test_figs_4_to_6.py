@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import codes
 from postproc.draw.product import Product
@@ -158,32 +157,6 @@ def test_the_caption_of_fig_6_has_its_numbers(made: dict[str, Product]) -> None:
         with_, without = _numbers(made["fig6"], damped), _numbers(made["fig6"], elastic)
         ratio = with_["maximum_1_N"] / without["maximum_1_N"]
         assert _absent("fig6", [f"{with_['valley_over_second_maximum']:.2f}", f"{ratio:.2f} times"]) == []
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "complaint"),
-    [
-        ("value = 7.845e8", "value = -1.0", "above 0"),
-        ('law = "viscoelastic"', "", "law"),
-        ("error = 0.0303", "eror = 0.0303", "error"),
-    ],
-)
-def test_broken_parameters_are_refused_in_one_line(
-    old: str, new: str, complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "calibrated.toml"
-    text = paths.CALIBRATED.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new))
-    monkeypatch.setattr(paths, "CALIBRATED", path)
-    calibrated.cache_clear()
-    try:
-        with pytest.raises(InputError) as caught:
-            calibrated()
-    finally:
-        calibrated.cache_clear()
-    assert complaint in str(caught.value)
-    assert "calibrated.toml" in str(caught.value)
 
 
 @pytest.mark.parametrize(

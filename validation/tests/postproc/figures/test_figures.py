@@ -14,6 +14,7 @@ from drivers.engines import codes, installed_codes, missing_codes
 from postproc.draw.product import Product, write_product
 from postproc.draw.style import COLUMN_IN, PAGE_IN
 from postproc.figures import captions, make_figure
+from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import contact_peak, strike_for
 from postproc.read.signals import Peak, envelope, incident_pulse
@@ -24,6 +25,9 @@ from validation.tests.helpers.runs import need
 CODES = codes()
 ENGINES = (*CODES, "reference")
 CHAINS = ("fig3", "fig4", "fig5", "fig6", "table1")  # that are drawn against time and place as well
+
+
+READERS = {"QUOTED": quoted, "CALIBRATED": calibrated}
 
 
 @pytest.fixture(scope="module")
@@ -210,24 +214,27 @@ def test_a_figure_of_the_reference_alone(name: str, tmp_path: Path, monkeypatch:
         ("force_N = [5, 2,", "force_N = [-5, 2,", "above 0"),
         ("speed_m_s = 152 ", "sped_m_s = 152 ", "fig4.speed_m_s"),
         ("[table1]", "[[", "TOML"),
+        ("value = 7.845e8", "value = -1.0", "above 0"),
+        ('law = "viscoelastic"', "", "law"),
+        ("error = 0.0303", "eror = 0.0303", "error"),
     ],
 )
-def test_broken_quotations_are_refused_in_one_line(
+def test_broken_numbers_of_the_paper_are_refused_in_one_line(
     old: str, new: str, complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "quoted.toml"
-    text = paths.QUOTED.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new))
-    monkeypatch.setattr(paths, "QUOTED", path)
-    quoted.cache_clear()
+    (name, reader) = next(each for each in READERS.items() if old in getattr(paths, each[0]).read_text())
+    file: Path = getattr(paths, name)
+    path = tmp_path / file.name
+    path.write_text(file.read_text().replace(old, new))
+    monkeypatch.setattr(paths, name, path)
+    reader.cache_clear()
     try:
         with pytest.raises(InputError) as caught:
-            quoted()
+            reader()
     finally:
-        quoted.cache_clear()
+        reader.cache_clear()
     assert complaint in str(caught.value)
-    assert "quoted.toml" in str(caught.value)
+    assert path.name in str(caught.value)
 
 
 def test_forces_that_no_strike_gives_are_an_error_in_words() -> None:
