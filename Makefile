@@ -2,16 +2,16 @@
 PYTHON ?= python3
 PY := .venv/bin/python
 CODES := liggghts yade lammps
-# entries of own builds and adapters: make report ENGINES=mine.toml
+# file with engines of your own: make report ENGINES=mine.toml
 export BEAD_CHAINS_ENGINES := $(or $(abspath $(ENGINES)),$(BEAD_CHAINS_ENGINES))
 ENTRIES := $(wildcard $(subst :, ,$(BEAD_CHAINS_ENGINES)) engines.toml $(HOME)/.config/bead-chains/engines.toml)
-# the codes whose program is there: on PATH, or in .venv
+# codes whose program is on PATH or in .venv
 FIND = for engine in $(CODES); do program=$$(echo $$engine | sed s/lammps/lmp/); \
   PATH="$$PATH:.venv/bin" command -v $$program >/dev/null && printf '%s ' $$engine; done
 FOUND := $(strip $(shell $(FIND)))
 STUDIES := $(basename $(notdir $(wildcard inputs/studies/*.toml)))
 FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*.py))
-# figures and studies depend on every source: finished runs are found by content, so making them anew costs little
+# figures and studies depend on every source: finished runs are found by content, so a repetition is cheap
 SOURCES := $(shell find inputs templates drivers postproc validation -type f \
   -not -path '*/tests/*' -not -path '*/__pycache__/*')
 MADE_FROM := $(SOURCES) $(ENTRIES) .venv/.ready .venv/.engines
@@ -25,64 +25,64 @@ INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no
 .PHONY: help setup cluster engines $(FIGURES) figures $(MEASURED) study report bench lint clean FORCE
 .PHONY: test test-long test-slurm test-accuracy test-page
 
-help: ## list the targets
-	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
-	@awk -F '[.]?"""|[.]$$' 'FNR == 1 {split(FILENAME, part, "[/.]"); printf "  make %-10s %s\n", part[3], $$2}' \
+help: ## list these targets
+	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
+	@awk -F '[.]?"""|[.]$$' 'FNR == 1 {split(FILENAME, part, "[/.]"); printf "  make %-13s %s\n", part[3], $$2}' \
 	  $(FIGURES:%=postproc/figures/%.py)
 
-setup: .venv/.ready ## make .venv with the locked packages
+setup: .venv/.ready ## create .venv with the locked packages
 
-cluster: .venv/.ready-cluster ## setup, and Dask for studies on many machines
+cluster: .venv/.ready-cluster ## setup, with Dask for studies on a cluster
 
-engines: ## install LIGGGHTS, YADE and LAMMPS where they are missing
+engines: ## install LIGGGHTS, YADE and LAMMPS if missing
 	@$(MAKE) --no-print-directory .venv/.engines AGAIN=FORCE
 
-figures: .venv/.ready .venv/.engines ## all figures and the table
+figures: .venv/.ready .venv/.engines ## draw all figures and Table 1 of the paper
 	@$(MAKE) --no-print-directory -j 2 $(FIGURES)
 
-claims: ## every quantitative statement of the paper, computed
+claims: ## compute and judge every statement of the paper
 
-trade: ## what accuracy costs on every engine: make trade [BUDGET=300], seconds of engine time
+trade: ## measure error against cost; BUDGET=300 seconds of runs
 
-stability: ## where engines break: limits, extremes, long runs, rounding
+stability: ## measure stable steps, extremes, long runs, rounding
 
-elements: ## what each modelling element adds and costs, and what the experiment would have shown
+elements: ## measure effect and cost of each modelling element
 
-calibration: ## parameters that the paper's experiments ask for: which law fits which data, how surely
+calibration: ## fit contact laws to the paper's experiments
 
-independent: ## cases beyond the paper: impacts, exact waves, trains, walls, by published numbers and theory
+independent: ## judge engines by published numbers and theory
 
-study: .venv/.ready .venv/.engines ## run a study and draw its figure: make study STUDY=sensitivity
-	@test -n "$(STUDY)" || { echo "which? make study STUDY=$(firstword $(STUDIES)); there are $(STUDIES)"; exit 2; }
+study: .venv/.ready .venv/.engines ## run and draw a study: make study STUDY=sensitivity
+	@test -n "$(STUDY)" || { echo "STUDY is missing: make study STUDY=$(firstword $(STUDIES)); studies: $(STUDIES)"; exit 2; }
 	$(PY) -m drivers batch $(STUDY)
 	$(PY) -m postproc study $(STUDY)
 
-report: results/.report ## run the paper's scenes on all engines and write results/report.html
+report: results/.report ## run all scenes and write results/report.html
 
-test: .venv/.ready-dev .venv/.engines lint ## lint, types and tests
+test: .venv/.ready-dev .venv/.engines lint ## run lint, types and tests
 	$(PY) -m pytest -n 2 --dist loadfile
 
 test-long: OPTIONS = -n 2 --dist loadfile
-test-long: ## figures, claims, chains in tubes, killed batches, Dask, films: tests that take long
+test-long: ## run long tests: figures, claims, tubes, Dask, films
 test-accuracy: OPTIONS = -n 2
-test-accuracy: ## accuracies on 200 random scenes, limits of the time step on 100
-test-slurm: .slurm ## studies on a real Slurm of this machine, installed where it is missing
-test-page: .chromium ## the report page in headless Chromium, installed where it is missing
+test-accuracy: ## run accuracy tests on 300 random scenes
+test-slurm: .slurm ## run studies on a Slurm of this machine (installs it)
+test-page: .chromium ## run tests of the page in Chromium (installs it)
 test-long test-accuracy test-slurm test-page: test-%: .venv/.ready-dev .venv/.engines
 	$(PY) -m pytest -m $* $(OPTIONS)
 
-bench: .venv/.ready .venv/.engines ## what the integrators and engines cost, as ratios
+bench: .venv/.ready .venv/.engines ## measure costs of integrators and engines, as ratios
 	$(PY) -m validation.tests.bench
 
-lint: .venv/.ready-dev ## ruff and mypy
+lint: .venv/.ready-dev ## run ruff and mypy
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
 
-clean: ## remove runs, results and what is kept of them (not .venv)
+clean: ## remove runs and results, and their cache (not .venv)
 	rm -rf runs results .kept_cache
 
-# a stamp stands only if its command ended well, and counts only while what it made is there
+# a stamp is written if its command succeeds, and is valid while the files of that command exist
 .SECONDEXPANSION:
 $(FIGURES) $(MEASURED): %: results/.%
 
@@ -95,10 +95,10 @@ $(MEASURED:%=results/.%): results/.%: $(MADE_FROM) $$(if $$(wildcard results/$$*
 	$(PY) -m validation $* $(if $(filter trade,$*),--budget $(BUDGET))
 	@touch $@
 
-# what make installs has to run; where it cannot install, what is there, and one code at least
+# codes that have to run: all if make can install them, else those that are installed
 REQUIRED = $(if $(APT),$(CODES),$(shell cat .venv/.engines))
-# the page is written first, and grows by the studies; the stamp stands only if every verdict is good
-# what other targets have made since is put in as well
+# the page is written first, then extended by each study; the stamp is written if no verdict is fail
+# newer tables and figures of other targets also make the report out of date
 NEWS = $(shell find results -maxdepth 1 \( -name '*.csv' -o -name '*.svg' \) -newer results/.report 2>/dev/null)
 results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
 	$(PY) -m validation report --studies $(REQUIRED:%=--require %)
@@ -121,8 +121,8 @@ results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),
 packages = $(call talking,Python's packages of $(1) into .venv, \
   $(PY) -m pip install -q --disable-pip-version-check --require-hashes -r $(1))
 
-# a command with a line at its beginning and one every few seconds: $(call talking,WORDS,COMMAND)
-talking = echo "$(1)"; (while sleep 4 >/dev/null 2>&1; do echo "  still at it"; done) & talker=$$!; \
+# run a command, print a line first and one every 4 s: $(call talking,WORDS,COMMAND)
+talking = echo "$(1)"; (while sleep 4 >/dev/null 2>&1; do echo "  still running"; done) & talker=$$!; \
   $(2); code=$$?; kill $$talker; exit $$code
 
 # a .pth file puts the checkout on the path, so that python -m drivers works from any folder
@@ -153,14 +153,14 @@ endef
 .chromium:
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || $(call install,chromium chromium-driver)
 
-# from the system's packages, else LAMMPS from Python's; remembers which were there, newer only when that changed
+# installs from the system's packages, else LAMMPS from Python's; lists the found codes, rewritten only if they change
 .venv/.engines: $(AGAIN) $(if $(filter-out $(shell cat .venv/.engines 2>/dev/null),$(FOUND)),FORCE) | .venv/.ready
 ifneq ($(FOUND),$(CODES))
 	-@$(if $(APT),$(call install,$(filter-out $(FOUND),$(CODES))))
 	-@$(FIND) | grep -q lammps || \
 	  { $(call packages,requirements-lammps.lock); }
 	@for each in $(CODES); do $(FIND) | grep -q $$each || printf "%s " $$each; done >$@.new
-	@test ! -s $@.new || echo "missing: $$(cat $@.new)- install it, or name a build of yours in engines.toml" \
-	  "as inputs/engines.toml shows, then: make engines. Going on without."
+	@test ! -s $@.new || echo "missing: $$(cat $@.new)- install it, or name your own build in engines.toml" \
+	  "(see inputs/engines.toml), then: make engines. Continuing without it."
 endif
 	@$(FIND) >$@.new; if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi

@@ -1,1 +1,25 @@
-"""From a scene file to an engine's raw output: scene -> chain -> elements -> deck -> run."""
+"""From a scene file to an engine's raw output: scene -> chain -> elements -> deck -> run.
+
+For notebooks and scripts (see ``postproc/README.md``): ``run_scene``, ``open_run``, ``read_study_table``.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from drivers.batch.study_table import read_study_table
+    from drivers.interactive import open_run, run_scene
+
+__all__ = ["open_run", "read_study_table", "run_scene"]
+EXPORTS = {
+    "open_run": "drivers.interactive",
+    "read_study_table": "drivers.batch.study_table",
+    "run_scene": "drivers.interactive",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import an exported function when it is first used, so that command lines start fast."""
+    if name not in EXPORTS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(EXPORTS[name]), name)

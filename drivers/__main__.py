@@ -6,27 +6,27 @@ import re
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import drivers.environment  # noqa: F401 - before anything that it lacks
-from drivers.base import paths
-from drivers.base.command_line import Parser, engines_file, must_be_folder, run_main, seconds
+import drivers.environment  # noqa: F401 - checks the environment before further imports
+from drivers.base import command_line, paths
 from drivers.base.errors import InputError, RunError
 
 if TYPE_CHECKING:
     from drivers.batch.study_cases import Request
 
-AUTO = "auto"  # in place of an engine: the cheapest that models what the scene requires
+AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model the scene
 
 
 def main() -> int:
-    """Reads the command line and does what it says."""
+    """Runs the command line and returns its exit code."""
     arguments = _parser().parse_args()
     for option, default in (("runs", paths.RUNS), ("results", paths.RESULTS), ("out", None)):
         if option in arguments and "prune" not in arguments:
             setattr(arguments, option, getattr(arguments, option) or default)
-            must_be_folder(f"--{option}", getattr(arguments, option))
+            command_line.must_be_folder(f"--{option}", getattr(arguments, option))
     return int(arguments.action(arguments))
 
 
@@ -44,7 +44,7 @@ def _slice(text: str) -> tuple[int, int]:
 
 
 def _engines(asked: list[str], *, automatic: bool = False) -> tuple[list[str], list[str]]:
-    """Engines to run and engines left out because nobody asked for them and they are not installed."""
+    """Engines to run, and engines left out since they are not installed (empty if engines are named)."""
     from drivers.engines import engine_names, installed, load_engine
 
     for name in asked:
@@ -62,7 +62,8 @@ def _render(arguments: argparse.Namespace) -> int:
     case = planned_case(arguments.scene, *arguments.settings)
     if not arguments.unsafe:
         refuse(case, name)
-    deck = load_engine(name).render(case)
+    engine = load_engine(name)
+    deck = engine.deck_by_hand(engine.render(case))
     arguments.out.mkdir(parents=True, exist_ok=True)
     for file in deck.write(arguments.out):
         print(file)
@@ -78,7 +79,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
     asked = arguments.engine
     named = [name for name in asked if name != AUTO]
-    _engines(named, automatic=True)  # a wrong name is wrong before anything is planned
+    _engines(named, automatic=True)  # refuses a wrong name before the case is planned
     case = planned_case(arguments.scene, *arguments.settings)
     names, missing = _engines([*named, cheapest(case)] if AUTO in asked else named)
     refusals = {} if asked else {name: error for name in names if (error := inability(case, name))}
@@ -102,12 +103,14 @@ def _run(arguments: argparse.Namespace) -> int:
             print(f"{case.scene.name}: {name} missed the accuracy: {ended.missed}", file=sys.stderr)
             failures += 1
         if not ended.done:
-            print(f"{case.scene.name}: {name} {ended.record.status}: {ended.record.reason}", file=sys.stderr)
+            stderr = ended.folder / "stderr.txt"
+            said = f" (see {paths.shown(stderr)})" if stderr.is_file() and stderr.stat().st_size else ""
+            print(f"{case.scene.name}: {name} {ended.record.status}: {ended.record.reason}{said}", file=sys.stderr)
             failures += 1
     for name, refusal in refusals.items():
         print(f"not run on {name}: {refusal}", file=sys.stderr)
     if missing:
-        print(f"not run, since not installed ({len(missing)}): {', '.join(missing)}", file=sys.stderr)
+        print(f"not run, not installed ({len(missing)}): {', '.join(missing)}", file=sys.stderr)
     return 1 if failures else 0
 
 
@@ -122,7 +125,7 @@ def _plan(arguments: argparse.Namespace) -> int:
 def request_of(
     study: str | Path, runs: Path, engines: Sequence[str] = (), patterns: Sequence[str] = (), *, retry: bool = False
 ) -> "Request":
-    """A study that is asked for, with the functions of higher rooms that a batch needs."""
+    """Request for a study, with the functions of higher packages that a batch calls."""
     from drivers.batch.study_cases import Request, Steps
     from drivers.engines._entries import entry_files
 
@@ -141,11 +144,11 @@ def _batch(arguments: argparse.Namespace) -> int:
 
     for option in ("wait", "slices", "slurm_line"):
         if getattr(arguments, option) and not arguments.slurm:
-            raise InputError(f"--{option.replace('_', '-')}", "", "no --slurm", "it goes with --slurm")
+            raise InputError(f"--{option.replace('_', '-')}", "", "needs --slurm")
     for option in ("dry_run", "workers"):
         if arguments.slice and getattr(arguments, option):
             words = f"--{option.replace('_', '-')}"
-            raise InputError(words, "", "--slice", "one of the two: a slice runs here, by itself")
+            raise InputError(words, "", "not allowed with --slice")
     request = request_of(arguments.study, arguments.runs, arguments.engine, arguments.only, retry=arguments.retry)
     if arguments.slice:
         return run_part(request, *arguments.slice)
@@ -178,9 +181,9 @@ def _runs(arguments: argparse.Namespace) -> int:
     from drivers.inventory.run_folders import print_runs
 
     if arguments.dry_run and not arguments.prune:
-        raise InputError("--dry-run", "", "no --prune", "it goes with --prune")
+        raise InputError("--dry-run", "", "needs --prune")
     if arguments.runs and not arguments.runs.is_dir():
-        raise InputError(f"--runs {arguments.runs}", "", "no such folder", "a folder of runs")
+        raise InputError(f"--runs {arguments.runs}", "", "folder not found")
     runs, selected = arguments.runs or paths.RUNS, (arguments.scenes, arguments.engine, arguments.settings)
     if arguments.prune:
         prune(runs, *selected, dry_run=arguments.dry_run)
@@ -196,99 +199,148 @@ def _scenes(_: argparse.Namespace) -> int:
     return 0
 
 
-# by the word for its value in the help: how an option is read
 SEVERAL: dict[str, Any] = {"action": "append", "default": []}
+# arguments of argparse, by the whole option or by its metavar
 KINDS: dict[str, dict[str, Any]] = {
     "": {"action": "store_true"},
     "SCENE": {},
     "SCENE ...": {"nargs": "*", "metavar": "SCENE"},
     "STUDY": {},
-    "E": SEVERAL,
+    "ENGINE": SEVERAL,
+    "--engine ENGINE (one)": {"required": True, "metavar": "ENGINE"},
     "PATTERN": SEVERAL,
     "LINE": SEVERAL,
     "KEY=VALUE": SEVERAL | {"dest": "settings"},
     "KEY=GLOB": SEVERAL | {"dest": "settings"},
-    "NAME": {"required": True},
     "DIR": {"type": Path},
-    "FILE": {"type": engines_file},
-    "FOLDER": {"type": Path, "required": True},
+    "--out DIR": {"type": Path, "required": True},
+    "FILE": {"type": command_line.engines_file},
     "CASE": {"type": _count},
     "N": {"type": _count},
-    "S": {"type": seconds},
+    "SECONDS": {"type": command_line.seconds},
     "I/N": {"type": _slice},
     "ADDRESS": {"nargs": "?", "const": "local"},
 }
-PLACES = ("--slice", "--dask", "--slurm")  # of a batch, one of them
+PLACES = ("--slice", "--dask", "--slurm")  # options of batch that exclude each other
 OPTIONS = {
-    "scene SCENE": "a scene file, or the name of one in inputs/scenes",
-    "scenes SCENE ...": "scenes by name or file; left out: all",
-    "study STUDY": "a study file, or the name of one in inputs/studies",
-    "case CASE": "its number, as in the table",
-    "--set KEY=VALUE": "a value over the scene's, as chain.count=60 or run.time_step='10 ns'; empty: leave the key out",
-    "--set KEY=GLOB": "runs with such a value, as 'striker.speed=2 m/s'; repeatable: values of a key add up",
-    "--engine NAME": "its name, such as verlet",
-    "--engine E": "repeatable; left out: all that are installed, or the study's; for run also auto: the cheapest",
-    "--engines FILE": "entries of own builds and adapters, over those of the engines.toml that there are",
-    "--only PATTERN": "cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label like GLOB; repeatable",
-    "--out FOLDER": "folder to write the deck to",
-    "--runs DIR": "where runs are kept (default: runs/ of the checkout)",
-    "--results DIR": "where the tables go (default: results/)",
-    "--prune": "remove runs that no command would use again: failed ones, of former builds and decks, leftovers",
-    "--rerun": "run again what is done",
-    "--time-limit S": "seconds after which a run is killed",
-    "--unsafe": "do what a guard refuses, such as too large a time step",
-    "--workers N": "processes on this machine (default: its cores)",
-    "--dry-run": "say what there is to do, and do nothing; of a batch every case is validated",
+    "scene SCENE": command_line.SCENE,
+    "scenes SCENE ...": "scenes by name or file (default: all)",
+    "study STUDY": command_line.STUDY,
+    "case CASE": "number of the case, as in the table of the study",
+    "--set KEY=VALUE": command_line.SET,
+    "--set KEY=GLOB": "list runs with this setting, such as 'striker.speed=2 m/s'; repeatable: values of a key add up",
+    "--engine ENGINE (one)": "name of the engine, such as liggghts",
+    "--engine ENGINE": "list runs of this engine; repeatable (default: all)",
+    "--engine ENGINE (run)": "name of an engine, or auto for the cheapest; repeatable (default: all installed ones)",
+    "--engine ENGINE (study)": "name of an engine; repeatable (default: the engines of the study)",
+    "--engines FILE": command_line.ENGINES_FILE,
+    "--only PATTERN": "take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label that matches; "
+    "repeatable (default: all cases)",
+    "--out DIR": "folder for the deck",
+    "--runs DIR": command_line.RUNS,
+    "--results DIR": "folder for the tables (default: results/ of the checkout)",
+    "--prune": "remove runs that no command will use again: failed runs, runs of other builds "
+    "and older decks; runs of the last ten minutes are kept",
+    "--rerun": "run again even if the run is done",
+    "--time-limit SECONDS": "stop a run after this time (default: by beads and steps)",
+    "--unsafe": "accept a scene that a guard refuses, for instance a time step above the stability limit",
+    "--workers N": "number of processes on this machine (default: number of cores)",
+    "--dry-run": "print what would be done, without doing it; batch checks every case and keeps "
+    "this list of cases and the builds found in the runs folder",
     "--retry": "run failed cases again",
-    "--yes": "yes, more than 20,000 cases",
-    "--slice I/N": "run part I of N here, and write no table",
-    "--dask ADDRESS": "run on a Dask cluster; without an address on one of its own",
+    "--yes": "accept a study of more than 20,000 cases",
+    "--slice I/N": "run part I of N here, without writing the table",
+    "--dask ADDRESS": "run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster",
     "--slurm": "run as a Slurm job array",
-    "--slices N": "tasks of the job array (default: by the time to expect)",
-    "--slurm-line LINE": "line of the job's script, such as 'module load lammps' or '#SBATCH --mem=2G'; repeatable",
+    "--slices N": "number of tasks of the job array (default: by the expected time)",
+    "--slurm-line LINE": "add a line to the job script, such as '#SBATCH --mem=2G'; repeatable",
     "--wait": "wait for the job array, then write the table",
-    "--list": "case by case",
+    "--list": "print the state of each case: done, failed, timeout, stale, claimed, to do, not installed",
 }
 SCENE = ("scene SCENE", "--set KEY=VALUE")
-STUDY = ("study STUDY", "--runs DIR", "--engine E", "--engines FILE")
-SOME = (*STUDY, "--only PATTERN")
-HERE = ("--results DIR", "--workers N", "--dry-run", "--retry", "--yes")
-BATCH = (*SOME, *HERE, "--slice I/N", "--dask ADDRESS", "--slurm", "--slices N", "--slurm-line LINE", "--wait")
-RUN = ("--engine E", "--engines FILE", "--runs DIR", "--rerun", "--time-limit S", "--unsafe")
-# by name: what it does, how, and its options
-COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, tuple[str, ...]]] = {
-    "render": (
+STUDY = ("study STUDY", "--runs DIR", "--engine ENGINE (study)", "--engines FILE")
+SELECTION = (*STUDY, "--only PATTERN")
+LOCAL = ("--results DIR", "--workers N", "--dry-run", "--retry", "--yes")
+BATCH = (*SELECTION, *LOCAL, "--slice I/N", "--dask ADDRESS", "--slurm", "--slices N", "--slurm-line LINE", "--wait")
+PRUNE = ("--prune", "--dry-run")
+RUN = ("--engine ENGINE (run)", "--engines FILE", "--runs DIR", "--rerun", "--time-limit SECONDS", "--unsafe")
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command: its function, one line of help, its options and example command lines, without the program."""
+
+    action: Callable[[argparse.Namespace], int]
+    summary: str
+    options: tuple[str, ...]
+    examples: tuple[str, ...]
+
+
+COMMANDS = {
+    "render": Command(
         _render,
-        "write an engine's deck for a scene",
-        (*SCENE, "--engine NAME", "--engines FILE", "--out FOLDER", "--unsafe"),
+        "write the deck of a scene for one engine, without running it",
+        (*SCENE, "--engine ENGINE (one)", "--engines FILE", "--out DIR", "--unsafe"),
+        ("fig4 --engine liggghts --out deck",),
     ),
-    "run": (_run, "run a scene and print the run folders", (*SCENE, *RUN)),
-    "plan": (_plan, "time step, engine, errors and cost to expect of a scene", (*SCENE, "--engines FILE")),
-    "batch": (_batch, "run what is not done of a study and write its table", BATCH),
-    "status": (_status, "what is done, failed, stale, running and to do of a study", (*SOME, "--list")),
-    "runs": (
+    "run": Command(
+        _run,
+        "run a scene and print the run folders",
+        (*SCENE, *RUN),
+        ("fig4 --engine yade", "fig4 --set chain.count=60 --set run.time_step='50 ns'"),
+    ),
+    "plan": Command(
+        _plan,
+        "print time step, expected errors and cost of a scene",
+        (*SCENE, "--engines FILE"),
+        ("fig4", "fig4 --set run.time_step= --set run.accuracy=1e-4"),
+    ),
+    "batch": Command(
+        _batch,
+        "run the missing cases of a study and write its table",
+        BATCH,
+        ("sensitivity", "wall-material --engine verlet --workers 2 --dry-run"),
+    ),
+    "status": Command(
+        _status,
+        "count the rows of a study by state",
+        (*SELECTION, "--list"),
+        ("sensitivity --list",),
+    ),
+    "runs": Command(
         _runs,
-        "list the runs there are, by scene, engine and settings; or remove those of no use",
-        ("scenes SCENE ...", "--engine E", "--set KEY=GLOB", "--engines FILE", "--runs DIR", "--prune", "--dry-run"),
+        "list the run folders, or remove those that are obsolete",
+        ("scenes SCENE ...", "--engine ENGINE", "--set KEY=GLOB", "--engines FILE", "--runs DIR", *PRUNE),
+        ("fig4 --engine yade", "--set 'striker.speed=*'", "--prune --dry-run"),
     ),
-    "scenes": (_scenes, "list the shipped scenes, studies and materials", ()),
-    "show": (_show, "lay a case of a study out as run folders with their decks", (*STUDY, "case CASE")),
+    "scenes": Command(_scenes, "list the shipped scenes, studies and materials", (), ("",)),
+    "show": Command(
+        _show,
+        "write one case of a study as run folders with their decks",
+        (*STUDY, "case CASE"),
+        ("wall-material 3 --engine lammps",),
+    ),
 }
 
 
-def _parser() -> Parser:
-    parser = Parser(prog="python -m drivers", description="Scene files to decks to runs.")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for name, (action, summary, options) in COMMANDS.items():
-        command = commands.add_parser(name, help=summary)
-        command.set_defaults(action=action)
-        place = command.add_mutually_exclusive_group() if "--slurm" in options else command
-        for option in options:
+def _parser() -> command_line.Parser:
+    program = "python -m drivers"
+    summary, example = "render scenes to decks and run them", f"{program} run fig4 --engine verlet"
+    parser = command_line.Parser(prog=program, summary=summary, examples=(example,), version=True)
+    add_command = parser.add_commands()
+    for name, command in COMMANDS.items():
+        examples = tuple(f"{program} {name} {example}".rstrip() for example in command.examples)
+        adder = add_command(name, command.summary, examples)
+        adder.set_defaults(action=command.action)
+        place = adder.add_mutually_exclusive_group() if "--slurm" in command.options else adder
+        for option in command.options:
             flag, _, word = option.partition(" ")
-            kind = KINDS[word] | ({"metavar": KINDS[word].get("metavar", word)} if word else {})
-            (place if flag in PLACES else command).add_argument(flag, help=OPTIONS[option], **kind)
+            word = word.split(" (")[0]
+            kind = KINDS.get(option) or KINDS[word]
+            metavar = {"metavar": kind.get("metavar", word)} if word else {}
+            (place if flag in PLACES else adder).add_argument(flag, help=OPTIONS[option], **kind | metavar)
     return parser
 
 
 if __name__ == "__main__":
-    run_main(main)
+    command_line.run_main(main)

@@ -1,4 +1,4 @@
-"""Words that a shell completes: names of scenes, studies, engines and runs."""
+"""Shell completion for names of scenes, studies, engines and runs."""
 
 import argparse
 from collections.abc import Callable, Iterable
@@ -14,7 +14,7 @@ Completer = Callable[..., Iterable[str]]
 
 
 def _inputs(home: Path) -> Completer:
-    """Names of files in their home, and paths of others."""
+    """Completes names of files in a folder, and paths of other files."""
 
     def complete(prefix: str, **_: Any) -> list[str]:
         return [*(path.stem for path in home.glob("*.toml")), *FilesCompleter("toml")(prefix)]
@@ -29,7 +29,7 @@ def _engines(**_: Any) -> list[str]:
 
 
 def _runs(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]:
-    """Names of runs by their folders', and paths."""
+    """Completes ``ENGINE:SCENE`` for the existing run folders, and paths."""
     folders = Path(getattr(parsed_args, "runs", None) or paths.RUNS).glob("[!.]*/[!.]*-*-*/")
     names = {f"{folder.parent.name}:{folder.name.rsplit('-', 2)[0]}" for folder in folders}
     return [*names, *DirectoriesCompleter()(prefix)]
@@ -38,22 +38,21 @@ def _runs(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> list[str]:
 _scenes = _inputs(paths.SCENES)
 BY_METAVAR: dict[str, Completer] = {
     "SCENE": _scenes,
-    "SCENE|RUN RUN": lambda **found: [*_scenes(**found), *_runs(**found)],
+    "SCENE|RUN": lambda **found: [*_scenes(**found), *_runs(**found)],
     "STUDY": _inputs(paths.STUDIES),
     "RUN": _runs,
-    "E": _engines,
-    "NAME": _engines,
+    "ENGINE": _engines,
 }
 
 
 def complete(parser: argparse.ArgumentParser) -> None:
-    """Answers a shell that asks for completions, and ends; returns where none does."""
+    """Prints completions and exits if a shell asks for them."""
     _assign(parser)
     argcomplete.autocomplete(parser, always_complete_options=False)
 
 
 def _assign(parser: argparse.ArgumentParser) -> None:
-    """Gives each argument its completer, by what stands for its value in the help."""
+    """Gives each argument the completer of its metavar."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for command in action.choices.values():

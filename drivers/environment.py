@@ -1,6 +1,6 @@
-"""Imported before anything else by commands: says in one line where Python or its packages are not those needed.
+"""Importing this module ends the program with one line if Python or a package is missing.
 
-It and what it imports have to be readable for Python before 3.11.
+Commands import it first. This module and its imports must be valid syntax for Python before 3.11.
 """
 
 import re
@@ -12,14 +12,14 @@ from drivers.base import paths
 
 
 def trouble() -> str:
-    """What is missing and how to mend it; empty where nothing is."""
-    if sys.version_info < (3, 11):  # noqa: UP036 - whoever starts it may have an older one
+    """Missing Python version or packages and the command that installs them; empty if all are there."""
+    if sys.version_info < (3, 11):  # noqa: UP036 - the user's Python may be older
         found = f"Python {sys.version_info[0]}.{sys.version_info[1]}, and 3.11 or later is needed"
     else:
-        file = paths.ROOT / "pyproject.toml"  # where packages are copied without it, nothing is known of their needs
+        file = paths.ROOT / "pyproject.toml"  # missing if the packages were copied alone
         project = file.read_text(encoding="utf-8") if file.exists() else ""
         listed = project.partition("\ndependencies = [")[2].partition("]")[0]
-        needed = set(re.findall(r'"([\w-]+)', listed)) - {"argcomplete"}  # which only shells ask for
+        needed = set(re.findall(r'"([\w-]+)', listed)) - {"argcomplete"}  # needed for shell completion only
         missing = sorted(name for name in needed if find_spec(name) is None)
         if not missing:
             return ""
@@ -31,7 +31,7 @@ def trouble() -> str:
     return f"{found}: . {paths.shown(home / 'bin' / 'activate')}"
 
 
-said = trouble()
-if said:
-    print(said, file=sys.stderr)
+problem = trouble()
+if problem:
+    print(problem, file=sys.stderr)
     sys.exit(2)

@@ -1,18 +1,18 @@
 # PYTHON_ARGCOMPLETE_OK
-"""``python -m postproc``: the paper's figures, scenes drawn to scale, numbers from finished runs."""
+"""``python -m postproc``: draws figures and scenes, and reads numbers from finished runs."""
 
 import argparse
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import drivers.environment  # noqa: F401 - before anything that it lacks
-from drivers.base import paths
-from drivers.base.command_line import Parser, engines_file, must_be_folder, run_main
+import drivers.environment  # noqa: F401 - checks the environment before further imports
+from drivers.base import command_line, paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.progress import step
 from postproc.figures import captions, make_figure
@@ -22,25 +22,15 @@ if TYPE_CHECKING:
     from drivers.scene.model import Scene
     from postproc.draw.product import Product
 
-Action = Callable[[argparse.Namespace], Iterable[Path]]  # does what a command says, and names the files it has written
-Options = dict[str, dict[str, Any]]  # of a command, with what argparse needs to know of them
+Action = Callable[[argparse.Namespace], Iterable[Path]]  # runs a command and returns the written files
+Options = dict[str, dict[str, Any]]  # arguments of argparse by option
 
 
 def main() -> int:
-    """Reads the command line and does what it says."""
-    parser = Parser(
-        prog="python -m postproc", description="Figures, scenes drawn to scale, numbers from finished runs."
-    )
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    drawn = {name: (caption.title, _figures, RUNS) for name, caption in captions().items()}
-    for name, (words, action, options) in (COMMANDS | drawn).items():
-        command = commands.add_parser(name, help=words)
-        for option, look in options.items():
-            command.add_argument(option, **look)
-        command.set_defaults(action=action, command=name)
-    arguments = parser.parse_args()
-    for option in ("out", "runs")[: 1 if "run" in arguments else 2]:  # nothing is written beside a run that is read
-        must_be_folder(f"--{option}", getattr(arguments, option, None))
+    """Runs the command line and returns its exit code."""
+    arguments = _parser().parse_args()
+    for option in ("out", "runs")[: 1 if "run" in arguments else 2]:  # a run is only read
+        command_line.must_be_folder(f"--{option}", getattr(arguments, option, None))
     for path in arguments.action(arguments):
         print(paths.shown(path), flush=True)
     return 0
@@ -53,15 +43,20 @@ def _write(arguments: argparse.Namespace, product: "Product", name: str, results
 
 
 def _observables(arguments: argparse.Namespace) -> Iterable[Path]:
-    from postproc.read.observables import LEVELS, observe
+    from postproc.read.observables import LEVELS, observe, without_unit
 
     run, _, _ = _open(arguments)
     observed = observe(run.layout, run.trace, tuple(arguments.level or LEVELS))
     values = {name: None if isnan(value) else value for name, value in observed.items()}
+    if arguments.json:
+        print(json.dumps(values, indent=2))
+        return ()
+    errors = {part["quantity"]: f"{abs(part['whole']):.1e}" for part in run.record.error_budget or ()}
     width = max(map(len, values))
-    shown = {name: "not seen" if value is None else format(value, ".6g") for name, value in values.items()}
-    lines = "\n".join(f"{name:<{width}}  {value}" for name, value in shown.items())
-    print(json.dumps(values, indent=2) if arguments.json else lines)
+    print(f"{'observable':<{width}}  {'value':<12}  relative error")
+    for name, value in values.items():
+        shown = "not seen" if value is None else format(value, ".6g")
+        print(f"{name:<{width}}  {shown:<12}  {errors.get(without_unit(name), '')}".rstrip())
     return ()
 
 
@@ -75,24 +70,21 @@ def _draw(arguments: argparse.Namespace) -> Iterable[Path]:
 
 
 def _study(arguments: argparse.Namespace) -> Iterable[Path]:
-    import pandas as pd
-
     from drivers.batch.study import column_name, read_study
+    from drivers.batch.study_table import read_study_table
     from postproc.draw.study_figure import draw_study, draw_tornado
     from postproc.read.labels import key_label
 
     study, results = read_study(arguments.study), arguments.results or paths.RESULTS
-    path = results / f"{study.name}.parquet"
-    if not path.is_file():
-        raise InputError(paths.shown(path), "", "no table", f"python -m drivers batch {arguments.study} makes it")
+    table = read_study_table(arguments.study, results)
     draw = draw_tornado if study.one_by_one else draw_study
     labels = {column_name(name, key): key_label(name, key) for name, key in study.columns.items()}
-    product = draw(pd.read_parquet(path), study.file.title or study.name, study.file.figure, study.where, labels)
+    product = draw(table, study.file.title or study.name, study.file.figure, study.where, labels)
     return _write(arguments, product, f"{study.name}-figure", results)
 
 
 def _figures(arguments: argparse.Namespace) -> Iterator[Path]:
-    """Makes one figure, or all: one that cannot be made leaves the others."""
+    """Makes one figure or all; a failed figure does not stop the others."""
     from drivers.engines import missing_codes
 
     titles, code = {name: caption.title for name, caption in captions().items()}, 0
@@ -108,7 +100,7 @@ def _figures(arguments: argparse.Namespace) -> Iterator[Path]:
         else:
             yield from written
     if missing_codes():
-        print(f"without what is not installed: {', '.join(missing_codes())}", file=sys.stderr)
+        print(f"left out, since not installed: {', '.join(missing_codes())}", file=sys.stderr)
     if code:
         sys.exit(code)
 
@@ -118,7 +110,7 @@ def _vtk(arguments: argparse.Namespace) -> Iterable[Path]:
 
     run, name, _ = _open(arguments)
     folder = (arguments.out or paths.RESULTS) / name
-    must_be_folder("--out", folder)
+    command_line.must_be_folder("--out", folder)
     return vtk.write_series(run, folder, arguments.frames or vtk.FRAMES)
 
 
@@ -128,7 +120,7 @@ def _film(arguments: argparse.Namespace) -> Iterator[Path]:
     run, name, title = _open(arguments)
     still = film.film_of(run, arguments.frames or film.FRAMES, arguments.sideways)
     yield from _write(arguments, film.sheet(still, title), name)
-    moving = film.film_of(run, film.ANIMATED, arguments.sideways)
+    moving = film.film_of(run, film.GIF_FRAMES, arguments.sideways)
     yield film.write_animation(moving, title, (arguments.out or paths.RESULTS) / f"{name}.gif")
 
 
@@ -140,7 +132,7 @@ def _spacetime(arguments: argparse.Namespace) -> Iterable[Path]:
 
 
 def _overlay(arguments: argparse.Namespace) -> Iterable[Path]:
-    """Lays measured traces over a run, or over the exact motion of a scene, and prints the misfits."""
+    """Draws measured traces over a run, or over the exact motion of a scene, and prints the misfits."""
     from drivers.engines import REFERENCE
     from drivers.limits.refusal import refuse
     from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
@@ -151,7 +143,7 @@ def _overlay(arguments: argparse.Namespace) -> Iterable[Path]:
 
     if _names_run(arguments.run):
         if arguments.settings:
-            raise InputError(f"--set {arguments.settings[0]}", "", "settings for a run", "settings for a scene")
+            raise InputError(f"--set {arguments.settings[0]}", "", "not allowed for a finished run")
         run, name, _ = _open(arguments)
         scene, layout, trace, engine = _scene_of(run, arguments.run), run.layout, run.trace, run.record.engine
     else:
@@ -170,12 +162,12 @@ def _overlay(arguments: argparse.Namespace) -> Iterable[Path]:
 
 
 def _names_run(source: str) -> bool:
-    """Whether a command's argument is a run folder or ``ENGINE:SCENE`` rather than a scene."""
+    """True if a command's argument is a run folder or ``ENGINE:SCENE``, not a scene."""
     return Path(source).is_dir() or (":" in source and not Path(source).exists())
 
 
 def _scene_of(run: "EndedRun", source: str) -> "Scene | None":
-    """The scene of a run as its file is now; None where that is gone or wrong."""
+    """The scene of a run, read again from its file; None if the file is missing or wrong."""
     from drivers.scene.read_scene import read_scene
 
     _, _, named = source.partition(":")
@@ -186,7 +178,7 @@ def _scene_of(run: "EndedRun", source: str) -> "Scene | None":
 
 
 def _open(arguments: argparse.Namespace) -> tuple["EndedRun", str, str]:
-    """A command's run, the name of what is made of it, after its engine and its folder, and its title."""
+    """The run of a command, a name for the files made from that run, and a title."""
     from drivers.inventory.run_folders import run_folder
     from drivers.run.finished import open_run
 
@@ -196,7 +188,7 @@ def _open(arguments: argparse.Namespace) -> tuple["EndedRun", str, str]:
 
 
 def _number(kind: Callable[[str], float], allowed: Callable[[float], bool], words: str) -> Callable[[str], float]:
-    """A reader of an option's number."""
+    """Reader of a number within limits, for argparse."""
 
     def read(text: str) -> float:
         with suppress(ValueError):
@@ -208,52 +200,111 @@ def _number(kind: Callable[[str], float], allowed: Callable[[float], bool], word
 
 
 FOLDER = {"type": Path, "metavar": "DIR"}
-OUT: Options = {"--out": {**FOLDER, "help": "folder to write to (default: results/)"}}
+OUT: Options = {"--out": {**FOLDER, "help": "folder for the files (default: results/ of the checkout)"}}
 ENGINES: Options = {
-    "--engines": {"type": engines_file, "metavar": "FILE", "help": "entries of own builds and adapters"}
+    "--engines": {"type": command_line.engines_file, "metavar": "FILE", "help": command_line.ENGINES_FILE}
 }
-FROM: Options = {"--runs": {**FOLDER, "help": "where run folders are (default: runs/)"}}
+FROM: Options = {"--runs": {**FOLDER, "help": command_line.RUNS}}
 RUNS: Options = {**ENGINES, **FROM, **OUT}
-RUN: Options = {"run": {"metavar": "RUN", "help": "a run folder, or ENGINE:SCENE for the newest"}, **FROM}
+RUN: Options = {"run": {"metavar": "RUN", "help": command_line.RUN}, **FROM}
 SCENE: Options = {
-    "scene": {"metavar": "SCENE", "help": "a scene file, or the name of one in inputs/scenes"},
-    "--set": {"action": "append", "default": [], "metavar": "KEY=VALUE", "dest": "settings"},
-}
-OVER: Options = {
-    "run": {"metavar": "SCENE|RUN", "help": "a scene, for its exact motion, or a run as other commands take it"},
+    "scene": {"metavar": "SCENE", "help": command_line.SCENE},
+    "--set": {
+        "action": "append", "default": [], "metavar": "KEY=VALUE", "dest": "settings", "help": command_line.SET,
+    },
+}  # fmt: skip
+OVERLAY: Options = {
+    "run": {"metavar": "SCENE|RUN", "help": "a scene, for its exact motion; or a run folder, or ENGINE:SCENE"},
     "--set": SCENE["--set"],
-    "--measured": {"type": Path, "metavar": "FILE", "help": "a CSV file (default: [[measured]] of the scene)"},
+    "--measured": {"type": Path, "metavar": "FILE", "help": command_line.MEASURED},
     **FROM,
     **OUT,
 }
 STUDY: Options = {
-    "study": {"metavar": "STUDY", "help": "a study file, or the name of one in inputs/studies"},
-    "--results": {**FOLDER, "help": "where its table is (default: results/)"},
+    "study": {"metavar": "STUDY", "help": command_line.STUDY},
+    "--results": {**FOLDER, "help": "folder of the table (default: results/ of the checkout)"},
 }
-FRAMES: Options = {
-    "--frames": {"metavar": "N", "help": "spread over the run (default: 100, and 12 on a sheet)",
-                 "type": _number(int, lambda count: 2 <= count <= 10_000, "whole numbers from 2 to 10000")},
-}  # fmt: skip
+
+
+def _frames(default: int) -> Options:
+    """Option for the number of times."""
+    kind = _number(int, lambda count: 2 <= count <= 10_000, "whole numbers from 2 to 10000")
+    return {"--frames": {"metavar": "N", "type": kind, "help": f"number of times (default: {default})"}}
+
+
 SIDEWAYS: Options = {
-    "--sideways": {"metavar": "X", "default": 1.0, "help": "exaggerate sideways displacements X times",
+    "--sideways": {"metavar": "X", "default": 1.0, "help": "multiply displacements from the axis by X (default: 1)",
                    "type": _number(float, lambda factor: 0 < factor <= 1e6, "a factor above 0, up to 1e6")},
 }  # fmt: skip
-SHOWN: Options = {
+OBSERVABLES: Options = {
     "--level": {"metavar": "X", "action": "append",
-                "help": "cut widths at this share of the peak; repeatable (default: 0.002 and 0.04)",
+                "help": "measure widths at this share of the peak; repeatable (default: 0.002 and 0.04)",
                 "type": _number(float, lambda share: 0 < share < 1, "a share of the peak, above 0 and below 1")},
     "--json": {"action": "store_true", "help": "print JSON"},
 }  # fmt: skip
-COMMANDS: dict[str, tuple[str, Action, Options]] = {
-    "observables": ("peaks, speeds, widths, reflections, energies of a run", _observables, RUN | SHOWN),
-    "draw": ("a scene drawn to scale", _draw, SCENE | OUT),
-    "overlay": ("measured traces over computed ones, and how far off they are", _overlay, OVER),
-    "study": ("the figure of a study that has been run: curves, or a tornado chart", _study, STUDY | ENGINES | OUT),
-    "vtk": ("a run as a ParaView series; it has to keep positions (run.record)", _vtk, RUN | FRAMES | OUT),
-    "film": ("a run's chain at some times: a contact sheet and an animation", _film, RUN | FRAMES | SIDEWAYS | OUT),
-    "spacetime": ("the contact forces of a run over the whole chain against time", _spacetime, RUN | OUT),
-    "figures": ("all figures and the table", _figures, RUNS),
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command: one line of help, its function, its options and example command lines, without the program."""
+
+    summary: str
+    action: Action
+    options: Options
+    examples: tuple[str, ...] = ("",)
+
+
+COMMANDS = {
+    "observables": Command(
+        "print peaks, speeds, widths, reflections, energies of a run",
+        _observables,
+        RUN | OBSERVABLES,
+        ("yade:fig4", "yade:fig4 --level 0.1 --json"),
+    ),
+    "draw": Command("draw a scene to scale", _draw, SCENE | OUT, ("fig4", "fig4 --set chain.count=5 --out drawings")),
+    "overlay": Command(
+        "draw measured traces over computed ones, with deviations",
+        _overlay,
+        OVERLAY,
+        ("example-measured", "example-measured --set contact.restitution=0.9", "yade:fig4 --measured shot-12.csv"),
+    ),
+    "study": Command(
+        "draw the table of a finished study: curves or a tornado chart", _study, STUDY | ENGINES | OUT, ("sensitivity",)
+    ),
+    "vtk": Command(
+        "write a run for ParaView (needs recorded positions)",
+        _vtk,
+        RUN | _frames(100) | OUT,
+        ("yade:fig4 --frames 200",),
+    ),
+    "film": Command(
+        "draw the chain of a run at several times, and an animated GIF",
+        _film,
+        RUN | _frames(12) | SIDEWAYS | OUT,
+        ("yade:fig4-tube --sideways 10",),
+    ),
+    "spacetime": Command(
+        "draw the force in every contact of a run against time", _spacetime, RUN | OUT, ("yade:fig4",)
+    ),
+    "figures": Command("make all figures and the table of the paper", _figures, RUNS),
 }
 
+
+def _parser() -> command_line.Parser:
+    program = "python -m postproc"
+    summary = "draw figures and scenes, and read numbers from finished runs"
+    first = [f"{program} {words}" for words in ("fig4", "draw fig4", "observables yade:fig4")]
+    parser = command_line.Parser(prog=program, summary=summary, examples=first, version=True)
+    add_command = parser.add_commands()
+    drawn = {name: Command(caption.title, _figures, RUNS) for name, caption in captions().items()}
+    for name, command in (COMMANDS | drawn).items():
+        examples = tuple(f"{program} {name} {example}".rstrip() for example in command.examples)
+        adder = add_command(name, command.summary, examples)
+        for option, look in command.options.items():
+            adder.add_argument(option, **look)
+        adder.set_defaults(action=command.action)
+    return parser
+
+
 if __name__ == "__main__":
-    run_main(main)
+    command_line.run_main(main)

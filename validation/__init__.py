@@ -1,1 +1,21 @@
-"""How far each number is from an independent reference, and what that accuracy cost."""
+"""Comparison of results with independent references, and the cost of their accuracy.
+
+For notebooks and scripts (see ``postproc/README.md``): ``plan``, ``assess``.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from validation.accuracy.assess import assess
+    from validation.accuracy.plan_of_scene import plan
+
+__all__ = ["assess", "plan"]
+EXPORTS = {"assess": "validation.accuracy.assess", "plan": "validation.accuracy.plan_of_scene"}
+
+
+def __getattr__(name: str) -> Any:
+    """Import an exported function when it is first used, so that command lines start fast."""
+    if name not in EXPORTS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(EXPORTS[name]), name)

@@ -1,23 +1,22 @@
 # PYTHON_ARGCOMPLETE_OK
-"""``python -m validation``: compares runs, measures what models and steps do, and writes the report."""
+"""``python -m validation``: compares runs, measures errors and limits, and writes the report."""
 
 import argparse
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import drivers.environment  # noqa: F401 - before anything that it lacks
-from drivers.base import paths
-from drivers.base.command_line import Parser, engines_file, must_be_file, must_be_folder, run_main, seconds
+import drivers.environment  # noqa: F401 - checks the environment before further imports
+from drivers.base import command_line, paths
 from drivers.base.errors import InputError
 
 if TYPE_CHECKING:
-    from validation.compare.asked import Asked
+    from validation.compare.selection import EngineSelection
 
 
 def _names(text: str) -> tuple[str, ...]:
-    """Reads names with commas between them."""
+    """Reads names that are separated by commas."""
     return tuple(name.strip() for name in text.split(","))
 
 
@@ -25,60 +24,94 @@ SEVERAL: dict[str, Any] = {"action": "append", "default": []}
 OPTIONS: dict[str, dict[str, Any]] = {
     "what": {
         "nargs": "*",
-        "metavar": "SCENE|RUN RUN",
-        "help": "scene files or names; or two run folders; none: all there are",
+        "metavar": "SCENE|RUN",
+        "help": "scenes by name or file, or exactly two runs: run folders, or ENGINE:SCENE for the newest run",
     },
-    "name": {"metavar": "NAME", "help": "an engine, such as verlet, or an entry of an engines.toml"},
-    "scenes": {"nargs": "*", "metavar": "SCENE", "help": "default: the paper's four (of fit: those of the data)"},
-    "--set": SEVERAL | {"metavar": "KEY=VALUE", "dest": "settings"},
-    "--unsafe": {"action": "store_true", "help": "run what a guard refuses"},
+    "name": {"metavar": "ENGINE", "help": "name of an engine, such as verlet or an entry of your engines.toml"},
+    "scenes": {"nargs": "*", "metavar": "SCENE", "help": "scenes by name or file (default: the paper's four)"},
+    "scenes (fit)": {
+        "nargs": "*",
+        "metavar": "SCENE",
+        "help": "scenes with [[measured]] data (default: the scenes of --quoted)",
+    },
+    "--set": SEVERAL | {"metavar": "KEY=VALUE", "dest": "settings", "help": command_line.SET},
+    "--unsafe": {
+        "action": "store_true",
+        "help": "accept a scene that a guard refuses, for instance a time step above the stability limit",
+    },
     "--budget": {
-        "type": seconds,
-        "metavar": "S",
+        "type": command_line.seconds,
+        "metavar": "SECONDS",
         "dest": "budget_s",
-        "help": "engine time in all (default: 300 s; of the short study 30 s)",
+        "help": "engine time of all runs together (default: 300 s; 30 s with --quick)",
     },
-    "--quick": {"action": "store_true", "help": "short: fewer scenes, steps and seeds, no long runs; a fit alone"},
-    "--studies": {"action": "store_true", "help": "let the page grow by the studies, short ones where none was made"},
+    "--quick": {"action": "store_true", "help": "short study: fewer scenes, steps and seeds, no long runs"},
+    "--quick (fit)": {"action": "store_true", "help": "fit alone: no profiles, no data left out, no runs of the codes"},
+    "--studies": {
+        "action": "store_true",
+        "help": "write the page first, then run the studies and add them; short studies where no table exists",
+    },
     "--free": SEVERAL
-    | {"metavar": "KEY[=LOW..HIGH]", "help": "a key of the scene whose value is to be found; repeatable"},
-    "--own": SEVERAL | {"metavar": "KEY[=LOW..HIGH]", "help": "likewise, for each data set by itself; repeatable"},
-    "--quoted": {"type": _names, "default": (), "metavar": "SET,...", "help": "data that the paper quotes"},
-    "--measured": {"type": Path, "metavar": "FILE", "help": "a measured trace (default: [[measured]] of the scenes)"},
-    "--engines": {"type": engines_file, "metavar": "FILE", "help": "entries of own builds and adapters (engines.toml)"},
-    "--file": {"type": Path, "metavar": "FILE", "help": "cases (default: inputs/independent.toml)"},
-    "--out": {"type": Path, "metavar": "FILE", "help": "default: results/report.html"},
-    "--results": {"type": Path, "metavar": "DIR", "help": "default: results/"},
-    "--runs": {"type": Path, "metavar": "DIR", "help": "where run folders are (default: runs/)"},
-    "--against": {"type": Path, "metavar": "NEW", "help": "a folder of runs, to be compared with those of --runs"},
-    "--engine": SEVERAL | {"metavar": "E", "help": "compare these beside the yardsticks; repeatable"},
-    "--require": SEVERAL | {"metavar": "E", "help": "an engine that has to run, or it is a failure; repeatable"},
+    | {
+        "metavar": "KEY[=LOW..HIGH]",
+        "help": "fit this key of the scene, such as contact.restitution=0.5..1; repeatable "
+        "(default bounds: inputs/calibration.toml)",
+    },
+    "--own": SEVERAL
+    | {"metavar": "KEY[=LOW..HIGH]", "help": "as --free, with a value of its own for each data set; repeatable"},
+    "--quoted": {
+        "type": _names,
+        "default": (),
+        "metavar": "SET,...",
+        "help": "fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1",
+    },
+    "--measured": {"type": Path, "metavar": "FILE", "help": command_line.MEASURED},
+    "--engines": {"type": command_line.engines_file, "metavar": "FILE", "help": command_line.ENGINES_FILE},
+    "--file": {"type": Path, "metavar": "FILE", "help": "file with the cases (default: inputs/independent.toml)"},
+    "--out": {"type": Path, "metavar": "FILE", "help": "page to write (default: results/report.html)"},
+    "--results": {"type": Path, "metavar": "DIR", "help": command_line.RESULTS},
+    "--runs": {"type": Path, "metavar": "DIR", "help": command_line.RUNS},
+    "--against": {
+        "type": Path,
+        "metavar": "DIR",
+        "help": "compare the run folders in --runs with those in this folder, run by run",
+    },
+    "--engine": SEVERAL
+    | {
+        "metavar": "ENGINE",
+        "help": "compare this engine with verlet and reference; repeatable (default: all installed ones)",
+    },
+    "--require": SEVERAL | {"metavar": "ENGINE", "help": "fail if this engine does not run; repeatable"},
     "--allow-missing": {
         "action": "store_true",
-        "help": "engines of --engine, codes and runs of --against may be missing",
+        "help": "accept that engines of --engine, all codes or runs of --against are missing",
     },
 }
-CHECKS = {"results": must_be_folder, "runs": must_be_folder, "out": must_be_file}
+CHECKS = {
+    "results": command_line.must_be_folder,
+    "runs": command_line.must_be_folder,
+    "out": command_line.must_be_file,
+}
 
 
 def main() -> int:
-    """Reads the command line and does what it says."""
+    """Runs the command line and returns its exit code."""
     arguments = _parser().parse_args()
     for option, check in CHECKS.items():
-        if not (option == "runs" and getattr(arguments, "against", None)):  # of which nothing is written
+        if not (option == "runs" and getattr(arguments, "against", None)):  # only read
             check(f"--{option}", getattr(arguments, option, None))
     return int(arguments.action(arguments))
 
 
-def _asked(arguments: argparse.Namespace) -> "Asked":
-    """Engines that are asked for; InputError where there is no such engine."""
+def _asked(arguments: argparse.Namespace) -> "EngineSelection":
+    """Engines of the options ``--engine`` and ``--require``; InputError if one is unknown."""
     from drivers.engines import load_engine
-    from validation.compare.asked import Asked
+    from validation.compare.selection import EngineSelection
 
     for option in ("engine", "require"):
         for name in getattr(arguments, option):
             load_engine(name, f"--{option}")
-    return Asked(tuple(arguments.engine), tuple(arguments.require), arguments.allow_missing)
+    return EngineSelection(tuple(arguments.engine), tuple(arguments.require), arguments.allow_missing)
 
 
 def _compare(arguments: argparse.Namespace) -> int:
@@ -86,25 +119,25 @@ def _compare(arguments: argparse.Namespace) -> int:
     folders = [what for what in arguments.what if Path(what).is_dir() or ":" in what]
     if folders:
         if len(folders) != 2 or len(arguments.what) != 2:
-            raise InputError("compare", "", " ".join(arguments.what), "scenes, or exactly two run folders")
+            raise InputError("compare", "", " ".join(arguments.what), "scenes, or exactly two runs")
         for option in ("settings", "engine", "require", "against"):
             if getattr(arguments, option):
                 words = option.replace("settings", "set")
-                raise InputError(f"--{words}", "", "two runs that are done", "an option for scenes")
+                raise InputError(f"--{words}", "", "not allowed with two runs")
         from drivers.inventory.run_folders import run_folder
         from validation.compare.pair import compare_runs
 
         return compare_runs(*(run_folder(folder, runs) for folder in folders))
     if arguments.against:
         if arguments.settings:
-            raise InputError("--set", "", "runs that are done", "an option for scenes to be run")
+            raise InputError("--set", "", "not allowed with --against")
         from validation.compare.moved import compare_folders
 
         return compare_folders(runs, arguments.against, arguments.what, asked)
     if not arguments.what and not asked.builds:
-        allowed = "scenes, two run folders, --against NEW, or --engine twice with builds of one code"
-        raise InputError("compare", "", "no scene", allowed)
-    from validation.compare.comparison import compare_scenes
+        needed = "scenes, two runs, --against DIR, or --engine twice with builds of one code"
+        raise InputError("compare", "", f"scene missing; give {needed}")
+    from validation.compare.compare_command import compare_scenes
 
     return compare_scenes(arguments.what, tuple(arguments.settings), runs, asked, unsafe=arguments.unsafe)
 
@@ -124,10 +157,10 @@ def _study(arguments: argparse.Namespace) -> int:
 
 
 def _fit(arguments: argparse.Namespace) -> int:
-    from validation.calibration.fit_command import Wanted, run_fit
+    from validation.calibration.fit_command import FitRequest, run_fit
 
-    given = {field.name: getattr(arguments, field.name) for field in fields(Wanted)}
-    return run_fit(Wanted(**given), arguments.runs or paths.RUNS, arguments.results or paths.RESULTS)
+    given = {field.name: getattr(arguments, field.name) for field in fields(FitRequest)}
+    return run_fit(FitRequest(**given), arguments.runs or paths.RUNS, arguments.results or paths.RESULTS)
 
 
 def _engine(arguments: argparse.Namespace) -> int:
@@ -143,41 +176,96 @@ def _wave(_: argparse.Namespace) -> int:
     return 0
 
 
-WHICH = "--runs --engine --require --allow-missing"
-# by name: what it does, how, and its options
-COMMANDS: dict[str, tuple[Callable[[argparse.Namespace], int], str, str]] = {
-    "compare": (
+@dataclass(frozen=True)
+class Command:
+    """A command: its function, one line of help, its options and example command lines, without the program."""
+
+    action: Callable[[argparse.Namespace], int]
+    summary: str
+    options: tuple[str, ...]
+    examples: tuple[str, ...] = ("",)
+
+
+WHICH = ("--runs", "--engine", "--require", "--allow-missing")
+QUICK = ("", "--quick")
+COMMANDS = {
+    "compare": Command(
         _compare,
-        "verdicts on scenes, run where needed; or how two runs, or those of two folders, differ",
-        f"what --set {WHICH} --against --unsafe",
+        "run scenes and judge them on every engine, or compare runs",
+        ("what", "--set", *WHICH, "--against", "--unsafe"),
+        ("fig4", "fig4 --set run.time_step='1 us'", "yade:fig4 liggghts:fig4", "--runs old --against new"),
     ),
-    "report": (_report, "write the report page, and its verdicts for programs", f"scenes --studies --out {WHICH}"),
-    "claims": (_study, "compute and judge every quantitative statement of the paper", "--results --runs"),
-    "trade": (_study, "errors against cost, for all engines and steps, and what to use", "--quick --budget --results"),
-    "stability": (_study, "limits of the time step, extremes, long runs, rounding", "--quick --results --runs"),
-    "elements": (_study, "what each modelling element adds and costs, step by step", "--quick --results --runs"),
-    "independent": (_study, "beyond the paper, against published numbers and theory", "--file --results --runs"),
-    "calibration": (_study, "parameters that the paper's experiments ask for, and how surely", "--quick --results"),
-    "fit": (
+    "report": Command(
+        _report,
+        "write the report page and its verdicts as JSON and JUnit XML",
+        ("scenes", "--studies", "--out", *WHICH),
+        ("", "fig4 --out fig4.html --allow-missing"),
+    ),
+    "claims": Command(_study, "compute and judge every quantitative statement of the paper", ("--results", "--runs")),
+    "trade": Command(
+        _study,
+        "measure error against cost for all engines and time steps",
+        ("--quick", "--budget", "--results"),
+        ("--quick", "--budget 600"),
+    ),
+    "stability": Command(
+        _study,
+        "measure stable steps, extreme scenes, long runs, rounding",
+        ("--quick", "--results", "--runs"),
+        QUICK,
+    ),
+    "elements": Command(
+        _study,
+        "measure effect and cost of each modelling element",
+        ("--quick", "--results", "--runs"),
+        QUICK,
+    ),
+    "independent": Command(
+        _study,
+        "judge the engines by published numbers and theory",
+        ("--file", "--results", "--runs"),
+        ("", "--file my-cases.toml"),
+    ),
+    "calibration": Command(
+        _study,
+        "fit parameters of each contact law to the paper's experiments",
+        ("--quick", "--results"),
+        QUICK,
+    ),
+    "fit": Command(
         _fit,
-        "find parameters of scenes by measured data, how surely, and let the codes confirm them",
-        "scenes --free --own --measured --quoted --set --quick --results --runs",
+        "fit parameters of scenes to measured data",
+        ("scenes (fit)", "--free", "--own", "--measured", "--quoted", "--set", "--quick (fit)", "--results", "--runs"),
+        (
+            "example-measured --free contact.restitution",
+            "--quoted fig4 --free contact.restitution=0.5..1",
+        ),
     ),
-    "engine": (_engine, "judge an adapter or a build: interface, decks, output, physics", "name --results --runs"),
-    "wave": (_wave, "constants of the exact solitary wave of the discrete chain", ""),
+    "engine": Command(
+        _engine,
+        "judge an adapter or a build of a code",
+        ("name", "--results", "--runs"),
+        ("verlet", "liggghts-old --engines mine.toml"),
+    ),
+    "wave": Command(_wave, "print constants of the discrete chain's solitary wave", ()),
 }
 
 
-def _parser() -> Parser:
-    parser = Parser(prog="python -m validation", description="How far runs are from an independent reference.")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
-    for name, (action, summary, options) in COMMANDS.items():
-        command = commands.add_parser(name, help=summary)
-        for option in (*options.split(), *["--engines"] * bool(options)):
-            command.add_argument(option, **OPTIONS[option])
-        command.set_defaults(action=action)
+def _parser() -> command_line.Parser:
+    program = "python -m validation"
+    summary = "compare runs with an independent reference and write the report"
+    parser = command_line.Parser(
+        prog=program, summary=summary, examples=(f"{program} compare fig4", f"{program} report"), version=True
+    )
+    add_command = parser.add_commands()
+    for name, command in COMMANDS.items():
+        examples = tuple(f"{program} {name} {example}".rstrip() for example in command.examples)
+        adder = add_command(name, command.summary, examples)
+        for option in (*command.options, *["--engines"] * bool(command.options)):
+            adder.add_argument(option.split(" ")[0], **OPTIONS[option])
+        adder.set_defaults(action=command.action)
     return parser
 
 
 if __name__ == "__main__":
-    run_main(main)
+    command_line.run_main(main)

@@ -1,4 +1,4 @@
-"""Cases run by one process of a code, one after another, of which no run folder stays."""
+"""Cases run one after another by one process of a code, without run folders."""
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -17,7 +17,7 @@ from drivers.run.session import Session, lent
 
 @dataclass(frozen=True)
 class Served:
-    """Trace of a case, with the seconds of its time loop and of the whole case."""
+    """Trace of a case, with the times of its time loop and of the whole case in s."""
 
     trace: Trace
     loop_s: float
@@ -25,7 +25,7 @@ class Served:
 
 
 def builds_of(name: str) -> list[str]:
-    """Builds of an installed engine: its own, which has no name, and those of higher precision that are there."""
+    """Names of an engine's installed builds: "" for the default one, then those of higher precision."""
     engine = load_engine(name)
     command = engine.find()
     assert command is not None
@@ -34,7 +34,7 @@ def builds_of(name: str) -> list[str]:
 
 @contextmanager
 def left_out_if_failed(what: str) -> Iterator[None]:
-    """Tells that a build or a launch that is installed failed, in place of ending the study; it has no row."""
+    """Reports a failed run of a build and continues the study without its row."""
     try:
         yield
     except RunError as error:
@@ -42,7 +42,7 @@ def left_out_if_failed(what: str) -> Iterator[None]:
 
 
 def serving(name: str, build: str = "") -> AbstractContextManager[Session]:
-    """A session of an installed engine, or of another build that stands beside its executable."""
+    """Session of an installed engine, or of another build in the folder of its executable."""
     engine = load_engine(name)
     command = engine.find()
     assert command is not None
@@ -50,7 +50,7 @@ def serving(name: str, build: str = "") -> AbstractContextManager[Session]:
 
 
 def serve(session: Session, case: Case) -> Served:
-    """Runs a case in a session; RunError where it failed."""
+    """Runs a case in a session; RunError if it failed."""
     outcome = session.run(session.engine.render(case), default_limit_s(case, session.engine))
     trace = checked_trace(case, session.engine, outcome, session.case)
     loop_s = session.engine.loop_seconds((session.case / "stdout.txt").read_text(errors="replace"))

@@ -1,8 +1,8 @@
-"""Tables and sections of the studies: what each measures, says, draws and shows in the report, behind one command.
+"""Frame of the studies: each measures, writes tables and figures, states its findings, and has a section in the report.
 
-The study of the room ``validation/<name>`` is ``STUDY`` in its module ``<name>_study``. Its tables are rows of a
-frozen dataclass as CSV, read back bit for bit with the types of its fields: ``str``, ``int``, ``float`` (NaN is an
-empty cell) or ``bool``. A field annotated as a mapping has a column of numbers for each of its keys, in its place.
+The study of the folder ``validation/<name>`` is ``STUDY`` in its module ``<name>_study``. A table holds the rows of a
+frozen dataclass as CSV, read back bit for bit with the types of the fields: ``str``, ``int``, ``float`` (NaN is an
+empty cell) or ``bool``. A field annotated as a mapping becomes one column of numbers per key.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -25,17 +25,17 @@ from validation.report.page_figures import read_image, stored_or_drawn
 
 Row = TypeVar("Row")
 STUDIES = ("independent", "claims", "trade", "stability", "elements", "calibration")
-ORDER_4, ADAPTIVE = "order 4", "adaptive"  # this repository's methods, beside the codes
-DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # what came of a run
-MADE = {"__pycache__", "tests"}  # folders of which no table depends
+ORDER_4, ADAPTIVE = "order 4", "adaptive"  # in-repo methods that are no engines
+DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # status of a run
+SKIPPED_FOLDERS = {"__pycache__", "tests"}  # tables do not depend on them
 Tables = Mapping[str, pd.DataFrame]
 
 
 def frame_of(kind: type[Row], rows: Iterable[Row]) -> pd.DataFrame:
-    """Rows as a table, a column for each field; the columns of ``kind`` where there are no rows."""
+    """Rows as a table with one column per field, also if there are no rows."""
     rows = list(rows)
     columns: dict[str, list[Any]] = {}
-    for field in fields(kind):  # type: ignore[arg-type]  # a dataclass, which its type does not say
+    for field in fields(kind):  # type: ignore[arg-type]  # kind is a dataclass
         values = [getattr(row, field.name) for row in rows]
         if _is_mapping(field.type):
             columns |= {key: [each.get(key) for each in values] for key in dict.fromkeys(k for v in values for k in v)}
@@ -45,19 +45,19 @@ def frame_of(kind: type[Row], rows: Iterable[Row]) -> pd.DataFrame:
 
 
 def write_table(path: Path, kind: type[Row], rows: Iterable[Row]) -> None:
-    """Writes rows, whole or not at all."""
+    """Writes rows as CSV, atomically."""
     write_frame(path, frame_of(kind, rows))
 
 
 def write_frame(path: Path, table: pd.DataFrame) -> None:
-    """Writes a table, whole or not at all."""
+    """Writes a table as CSV, atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as draft:
         table.to_csv(draft, index=False)
 
 
 def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
-    """A table that ``make target`` wrote, by its fields' types; InputError where it is missing or damaged."""
+    """Table written by ``make target``, with the types of its fields; InputError if it is missing or damaged."""
     with refused_if_damaged(path, target):
         types: dict[str, Any] = dict.fromkeys(pd.read_csv(path, nrows=0).columns, float)
         types |= {field.name: field.type for field in fields(kind) if not _is_mapping(field.type)}  # type: ignore[arg-type]
@@ -70,7 +70,7 @@ def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
 
 
 def rows_in(table: pd.DataFrame, kind: type[Row]) -> list[Row]:
-    """Rows of a table that ``read_table`` read, equal to those that were written."""
+    """Rows of a table from ``read_table``, equal to the rows that were written."""
     mapped = next((field.name for field in fields(kind) if _is_mapping(field.type)), None)  # type: ignore[arg-type]
     names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     rows = []
@@ -84,14 +84,13 @@ def rows_in(table: pd.DataFrame, kind: type[Row]) -> list[Row]:
 
 @contextmanager
 def refused_if_damaged(path: Path, target: str) -> Iterator[None]:
-    """Turns what reading a table, or computing from it, stumbles over into an InputError with the make target."""
-    allowed = f"the table that make {target} writes"
+    """Turns errors of reading or using a table into an InputError that names the make target."""
     try:
         yield
     except FileNotFoundError as error:
-        raise InputError(paths.shown(path), "", "no such file", allowed) from error
-    except (ValueError, LookupError, TypeError, AttributeError) as error:  # pandas' own errors are ValueErrors
-        raise InputError(paths.shown(path), "", f"a damaged table ({error})", allowed) from error
+        raise InputError(paths.shown(path), "", f"file not found; make {target} writes it") from error
+    except (ValueError, LookupError, TypeError, AttributeError) as error:  # pandas raises ValueErrors
+        raise InputError(paths.shown(path), "", f"damaged table ({error}); make {target} writes it again") from error
 
 
 def _is_mapping(annotation: Any) -> bool:
@@ -100,12 +99,12 @@ def _is_mapping(annotation: Any) -> bool:
 
 @dataclass(frozen=True)
 class Options:
-    """Options of the command; a study takes those that it names on the command line.
+    """Options of the command; each study takes some of them.
 
     Attributes:
-        file: the independent cases.
-        quick: the short study.
-        budget_s: engine time of all runs; None is the study's own.
+        file: file of the independent cases.
+        quick: True for the short study.
+        budget_s: engine time of all runs in s; None for the default of the study.
     """
 
     results: Path = paths.RESULTS
@@ -120,9 +119,9 @@ class Picture:
     """Figure of a study, stored as SVG and PNG.
 
     Attributes:
-        title: its heading in the report; empty where it is not shown there.
-        draw: makes it from the tables; None where it takes more than they hold, and comes with what was measured.
-        numbers: what is plotted, where it is stored beside the figure.
+        title: heading in the report; empty for a figure that the report leaves out.
+        draw: draws the figure from the tables; None if ``measure`` returns the figure itself.
+        numbers: plotted numbers, stored as CSV with the figure; None to store none.
     """
 
     title: str
@@ -132,17 +131,17 @@ class Picture:
 
 @dataclass(frozen=True)
 class Study:
-    """A study, from its runs to its section of the report; tables and figures are known by their files' stems.
+    """A study, from its runs to its section of the report; tables and figures have the names of their files.
 
     Attributes:
-        title: what it measures, in a few words.
-        tables: dataclass of each table's rows; the first table is the one that the section stands on.
-        measure: runs everything; rows by table, and by their names the figures that take more than tables hold.
-        sentences: what the tables say, computed from them.
-        section: what the report's template takes beside sentences and figures.
+        title: subject of the study in a few words, for progress lines.
+        tables: dataclass of the rows of each table; the section exists if the first table does.
+        measure: runs everything; returns rows by table, and figures that cannot be drawn from the tables.
+        sentences: findings, computed from the tables.
+        section: values for the report's template, in addition to sentences and figures.
         figures: pictures by name.
-        missed: requirements that are not met, a line each.
-        optional: tables that the short study leaves out.
+        missed: requirements that are not met, one line each.
+        optional: tables that the short study does not write.
     """
 
     name: str
@@ -157,24 +156,24 @@ class Study:
 
     @property
     def main_table(self) -> str:
-        """Name of the table that the section stands on."""
+        """Name of the first table."""
         return next(iter(self.tables))
 
     def read(self, results: Path) -> Tables:
-        """Tables of a results folder; InputError where one is damaged, or missing and not optional."""
+        """Tables of a results folder; InputError if one is damaged, or missing without being optional."""
         there = [name for name in self.tables if name not in self.optional or (results / f"{name}.csv").exists()]
         return {name: read_table(results / f"{name}.csv", self.tables[name], self.name) for name in there}
 
 
 def load_study(name: str) -> Study:
-    """The study of a room."""
+    """Study of a folder of this package."""
     study = import_module(f"validation.{name}.{name}_study").STUDY
     assert isinstance(study, Study)
     return study
 
 
 def run_study(study: Study, options: Options) -> int:
-    """Measures, writes tables and figures, says what they mean; the exit code is 1 where a requirement is missed."""
+    """Measures, writes tables and figures, prints the findings; the exit code is 1 if a requirement is not met."""
     with step(named(study.title, options)):
         tables = write_study(study, study.measure(options), options.results)
     for line in study.sentences(tables):
@@ -184,26 +183,26 @@ def run_study(study: Study, options: Options) -> int:
     for line in missed:
         say(line)
     if missing_codes():
-        say(f"without what is not installed: {', '.join(missing_codes())}")
+        say(f"not installed, and left out: {', '.join(missing_codes())}")
     return 1 if missed else 0
 
 
 def named(what: str, options: Options) -> str:
-    """A step in words; those of a short study take other times."""
+    """Name of a step for progress lines; a short study takes other times."""
     return f"{what}, short study" if options.quick else what
 
 
 def up_to_date(study: Study, results: Path) -> bool:
-    """Whether the study's table is there, and newer than all that the project and its engines are made of."""
+    """True if the first table exists and is newer than all sources of the project and of its engines."""
     table = results / f"{study.main_table}.csv"
     folders = (paths.ROOT / name for name in ("inputs", "templates", "drivers", "postproc", "validation"))
-    sources = [file for folder in folders for file in folder.rglob("*.*") if not MADE & {*file.parts}]
+    sources = [file for folder in folders for file in folder.rglob("*.*") if not SKIPPED_FOLDERS & {*file.parts}]
     newest = max(file.stat().st_mtime for file in (*sources, *entry_files()))
     return table.exists() and table.stat().st_mtime > newest
 
 
 def write_study(study: Study, measured: Mapping[str, Any], results: Path) -> Tables:
-    """Writes tables and figures, removes those of a former study that this one has not, and returns the tables."""
+    """Writes tables and figures, deletes files of earlier studies that are no longer made, and returns the tables."""
     rows = {name: list(measured[name]) for name in study.tables if name in measured}
     for name, kind in study.tables.items():
         if name in rows:
@@ -223,7 +222,7 @@ def write_study(study: Study, measured: Mapping[str, Any], results: Path) -> Tab
 
 
 def read_section(name: str, results: Path) -> dict[str, Any]:
-    """Sentences, figures and rows of a study as the report shows them; empty without its tables."""
+    """Values of a study's section in the report; empty if the study has no tables yet."""
     study = load_study(name)
     main = results / f"{study.main_table}.csv"
     if not main.exists():

@@ -1,1 +1,1 @@
-"""Errors, messages, paths, files, processes, units: what every room above stands on."""
+"""Errors, messages, paths, files, processes, units, progress: used by all other folders."""

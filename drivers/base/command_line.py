@@ -1,4 +1,4 @@
-"""What the command lines share: one-line errors and exit codes."""
+"""Parser, help texts, one-line errors and exit codes of the three command lines."""
 
 import argparse
 import errno
@@ -7,7 +7,7 @@ import platform
 import signal
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from typing import Any, NoReturn
@@ -15,29 +15,79 @@ from typing import Any, NoReturn
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
 from drivers.base.files import home_of
-from drivers.base.processes import git
+from drivers.base.processes import git, local_changes
 
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 
 
-class Parser(argparse.ArgumentParser):
-    """A parser that says in one line what is wrong, and takes options by their whole names only.
+# help texts that several commands share
+SCENE = "a scene file, or the name of a scene in inputs/scenes"
+STUDY = "a study file, or the name of a study in inputs/studies"
+RUN = "a run folder, or ENGINE:SCENE for the newest run of that scene"
+SET = "set a key of the scene, such as chain.count=60 or run.time_step='10 ns'; an empty value removes it; repeatable"
+ENGINES_FILE = "file with engines of your own, as well as those of each engines.toml (see inputs/README.md)"
+MEASURED = (
+    "CSV file with forces in N, in columns named after gauges, such as bead_9 [N] "
+    "(default: the [[measured]] tables of the scene, for any other file)"
+)
+RUNS = "folder of the run folders (default: runs/ of the checkout)"
+RESULTS = "folder for tables and figures (default: results/ of the checkout)"
 
-    That of a whole command line has a ``description``, and so ``--version``.
+
+class _Formatter(argparse.RawDescriptionHelpFormatter):
+    """Help formatter that adds the indent of the commands to the width of their column."""
+
+    def add_argument(self, action: argparse.Action) -> None:
+        super().add_argument(action)
+        if isinstance(action, argparse._SubParsersAction):
+            self._action_max_length += self._indent_increment
+
+
+class Parser(argparse.ArgumentParser):
+    """Parser of a command line or of one of its commands.
+
+    Errors take one line, and options are accepted by their full names only.
+
+    Args:
+        summary: one line on what the command does, in lower case without a full stop.
+        examples: command lines that are shown below the options.
+        version: True for a whole command line, which has ``--version``.
     """
 
-    def __init__(self, **words: Any) -> None:
-        super().__init__(allow_abbrev=False, **words)
-        if "description" in words:
+    def __init__(self, *, summary: str, examples: Sequence[str], version: bool = False, **words: Any) -> None:
+        epilog = "\n  ".join([f"example{'s' * (len(examples) > 1)}:", *examples])
+        description = f"{summary[0].upper()}{summary[1:]}."
+        super().__init__(
+            allow_abbrev=False, formatter_class=_Formatter, description=description, epilog=epilog, **words
+        )
+        self._commands: argparse._SubParsersAction[Parser] | None = None
+        if version:
+            self.description = f"{description}\nHelp on a command: {self.prog} COMMAND --help"
             self.add_argument("--version", action=_Version, nargs=0, help="print version and commit")
 
+    def add_commands(self) -> Callable[..., "Parser"]:
+        """Adds commands: the returned function adds one by its name, summary and examples."""
+        commands = self.add_subparsers(title="commands", required=True, metavar="COMMAND", dest="command")
+        self._commands = commands
+        return lambda name, summary, examples: commands.add_parser(
+            name, help=summary, summary=summary, examples=examples
+        )
+
     def parse_args(self, *words: Any, **more: Any) -> Any:
-        """Completes the words so far, if a shell asks for that."""
+        """Parses the words; completes them for a shell that asks, and prints the help if there are none."""
         if "_ARGCOMPLETE" in os.environ:
             from drivers.completion import complete
 
             complete(self)
-        return super().parse_args(*words, **more)
+        if not words and len(sys.argv) == 1:
+            self.print_help()
+            self.exit(2)
+        found, unknown = self.parse_known_args(*words, **more)
+        if unknown:
+            command = getattr(found, "command", None)
+            chosen = self._commands.choices[command] if self._commands and command else self
+            chosen.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return found
 
     def error(self, message: str) -> NoReturn:
         """Exits with code 2."""
@@ -47,7 +97,7 @@ class Parser(argparse.ArgumentParser):
 class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
         project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
-        changes = " and changes" * bool(git("status", "--porcelain"))
+        changes = " and changes" * local_changes()
         commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
         print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
         parser.exit()
@@ -65,23 +115,23 @@ def seconds(text: str) -> float:
 
 
 def engines_file(text: str) -> Path:
-    """Reads ``--engines``: from here on, its entries are engines of this process and of those it starts."""
+    """Reads ``--engines``: adds the engines of that file for this process and its child processes."""
     path = Path(text).absolute()
     os.environ[paths.ENGINES_VARIABLE] = str(path)
     return path
 
 
 def engines_again() -> list[str]:
-    """``--engines`` as it was given, for a command that does the same again."""
+    """The given option ``--engines``, for a command line that repeats this one."""
     given = os.environ.get(paths.ENGINES_VARIABLE)
     return ["--engines", given] if given else []
 
 
 def must_be_folder(option: str, path: Path | None) -> None:
-    """Refuses a folder that cannot be made or written to; tried beside or in what there is, and nothing stays.
+    """Refuses a folder that cannot be made or written to, by a trial that leaves no file.
 
     Raises:
-        InputError: it is a file, or below one, or the system refuses.
+        InputError: the path is a file or below a file, or the system refuses.
     """
     if path is None:
         return
@@ -101,7 +151,7 @@ def must_be_file(option: str, path: Path | None) -> None:
     """Refuses a folder or a device where a file is to be written.
 
     Raises:
-        InputError: it is one, or no folder can hold it.
+        InputError: the path is a folder or a device, or its folder cannot be written to.
     """
     if path is None or not path.exists():
         must_be_folder(option, path)
@@ -112,13 +162,13 @@ def must_be_file(option: str, path: Path | None) -> None:
 
 
 def run_main(main: Callable[[], int]) -> NoReturn:
-    """Runs a command line: 0 all good, 1 something ran and failed, 2 the input is wrong.
+    """Runs a command line and exits with code 0 (all good), 1 (a run failed) or 2 (wrong input).
 
-    A request to end is met like Ctrl-C, so that engines are killed and nothing half-done stays.
+    SIGTERM and SIGHUP act like Ctrl-C: engines are killed and unfinished files removed.
     """
     for request in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(request, signal.default_int_handler)
-    if not any(os.access(place, os.W_OK) for place in (paths.ROOT, home_of("~"))):  # where numba keeps compiled code
+    if not any(os.access(place, os.W_OK) for place in (paths.ROOT, home_of("~"))):  # numba writes compiled code there
         os.environ.setdefault("NUMBA_CACHE_DIR", gettempdir())
     try:
         code = main()
@@ -129,11 +179,11 @@ def run_main(main: Callable[[], int]) -> NoReturn:
         code = 2
     except (RunError, OSError, UnicodeError) as error:
         if isinstance(error, BrokenPipeError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone: nothing to say
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed the pipe
         else:
             print(one_line("error: ", error), file=sys.stderr)
         code = 2 if isinstance(error, OSError) and error.errno in IMPOSSIBLE_NAMES else 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print(": ".join(["interrupted", *map(str, error.args)]), file=sys.stderr)
         code = 130
     sys.exit(code)

@@ -13,12 +13,12 @@ from drivers.base import paths
 
 @dataclass(frozen=True)
 class Deck:
-    """What an engine needs to run a case.
+    """Input of an engine for one case.
 
     Attributes:
-        files: text by file name; the first line of the main file is the command.
-        command: the argument vector, to be run inside the folder that holds the files.
-        raw: the raw output files the engine writes there.
+        files: text by file name; the first line of the main file names the command.
+        command: argument vector, run inside the folder with the files.
+        raw: names of the raw output files that the engine writes into that folder.
     """
 
     files: Mapping[str, str]
@@ -34,14 +34,14 @@ class Deck:
         return digest.hexdigest()
 
     def write(self, folder: Path) -> list[Path]:
-        """Writes the files into a folder; their paths."""
+        """Write the files into a folder and return their paths."""
         for name, text in self.files.items():
             (folder / name).write_text(text)
         return [folder / name for name in self.files]
 
 
 def render(template: str | Path, **values: object) -> str:
-    """A template of ``templates/``, or of a path, with its values; a missing one is an error."""
+    """Fill in a template, named relative to ``templates/`` or by path; a missing value is an error."""
     path = paths.TEMPLATES / template
     folder = path.parent if isinstance(template, Path) else paths.TEMPLATES
     return _environment(folder).get_template(str(path.relative_to(folder))).render(values)
@@ -63,11 +63,11 @@ def _environment(folder: Path) -> jinja2.Environment:
 
 
 def exact(value: float) -> str:
-    """The shortest decimal number that reads back as the same double."""
+    """Shortest decimal number that reads back as the same double."""
     text = repr(float(value))
     return text.removesuffix(".0")
 
 
 def _exact_row(values: Iterable[float]) -> str:
-    """Numbers of a line: a filter called once for many, as each call costs as much as ten of them."""
+    """Numbers of one line; one call for many, since a filter's call costs as much as ten numbers."""
     return " ".join(map(exact, values))

@@ -1,4 +1,4 @@
-"""Kills the process that imports it when its parent ends: for fork servers, which notice that only between forks."""
+"""Importing this module makes the process die with its parent; fork servers notice their parent's end too late."""
 
 import ctypes
 import os
@@ -9,5 +9,5 @@ PR_SET_PDEATHSIG = 1  # <linux/prctl.h>; forked children do not inherit it
 
 with suppress(OSError, AttributeError):  # not on Linux
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-if os.getppid() == 1:  # it has ended already
+if os.getppid() == 1:  # the parent has ended already
     os._exit(1)

@@ -1,15 +1,17 @@
-"""Errors that end a command or a run, told in one line."""
+"""Errors that end a command or a run, each a message of one line."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
-InputProblem = tuple[str, str, str]  # key, found, allowed
-LONGEST = 270  # characters of a message; with the name of its scene before it, a line stays below 300
+InputProblem = tuple[str, str, str]  # key, found, allowed; without the last `found` is a whole statement
+MAX_CHARACTERS = 270  # of a message; with the name of its scene in front a line stays below 300
+MAX_PROBLEMS = 12  # listed of one input
 
 
-def one_line(*parts: object, longest: int = LONGEST) -> str:
-    """Parts of a message on one line; what is too long loses its middle, the longest part first."""
+def one_line(*parts: object, longest: int = MAX_CHARACTERS) -> str:
+    """Joins the parts of a message on one line; parts that are too long lose their middle, the longest first."""
     lines = [re.sub(r"[\s\x00-\x1f\x7f]+", " ", str(part)) for part in parts]
     for left, place in enumerate(sorted(range(len(lines)), key=lambda place: len(lines[place]))):
         line, share = lines[place], longest // (len(lines) - left)
@@ -20,41 +22,72 @@ def one_line(*parts: object, longest: int = LONGEST) -> str:
 
 
 class InputError(Exception):
-    """The input is wrong: exit code 2.
+    """Wrong input: exit code 2.
 
     Args:
         where: the file (or option) that holds the input.
-        key: dotted path of the offending key; empty when the whole file is meant.
-        found: what stands there.
-        allowed: what may stand there.
+        key: dotted path of the offending key; empty for the whole file.
+        found: the value found; or, with no ``allowed``, a whole statement such as "file not found".
+        allowed: the values allowed.
+        more: further problems of the same input.
     """
 
-    def __init__(self, where: str, key: str, found: str, allowed: str) -> None:
-        super().__init__(where, key, found, allowed)  # so that it passes from process to process
+    def __init__(self, where: str, key: str, found: str, allowed: str = "", *more: InputProblem) -> None:
+        super().__init__(where, key, found, allowed, *more)  # kept by pickle, from process to process
+
+    @property
+    def problems(self) -> list[InputProblem]:
+        """All problems of the input."""
+        return [self.args[1:4], *self.args[4:]]
 
     def __str__(self) -> str:
-        """The one line."""
-        where, key, found, allowed = self.args
-        return one_line(where, f": {key}" if key else "", f": found {found}", f"; allowed: {allowed}")
+        """All problems on one line, numbered if there are several."""
+        where, problems = self.args[0], self.problems
+        if len(problems) == 1:
+            return one_line(where, ": ", *_statement(*problems[0]))
+        listed = [
+            one_line(f" ({number}) ", *_statement(*problem))
+            for number, problem in enumerate(problems[:MAX_PROBLEMS], 1)
+        ]
+        rest = f" and {len(problems) - MAX_PROBLEMS} more" if len(problems) > MAX_PROBLEMS else ""
+        return one_line(where, f": {len(problems)} problems:", *listed, rest, longest=MAX_PROBLEMS * MAX_CHARACTERS)
+
+
+def _statement(key: str, found: str, allowed: str) -> tuple[str, str, str]:
+    """Parts of a message: the key, then the value found and those allowed, or a whole statement."""
+    place = f"{key}: " if key else ""
+    return (place, f"found {found}", f"; allowed: {allowed}") if allowed else (place, found, "")
 
 
 def refuse_any(where: str, problems: Iterable[InputProblem]) -> None:
-    """Refuses an input for the first of its problems.
+    """Refuses an input that has any problems.
 
     Raises:
-        InputError: there is one.
+        InputError: lists them all.
     """
-    for problem in problems:
-        raise InputError(where, *problem)
+    found = list(problems)
+    if found:
+        raise InputError(where, *found[0], *found[1:])
+
+
+@contextmanager
+def gathered(problems: list[InputProblem], where: str) -> Iterator[None]:
+    """Collects the problems of an input instead of raising the first; problems of other files are raised."""
+    try:
+        yield
+    except InputError as error:
+        if error.args[0] != where:
+            raise
+        problems += error.problems
 
 
 class RunError(Exception):
-    """A run that cannot count as done; the message is the reason that its record keeps.
+    """A run that cannot count as done.
 
     Args:
-        reason: why.
+        reason: the message, kept in the run's record.
         status: ``failed`` or ``timeout``.
-        partial: what there is of its result, for whoever asks what went wrong; kept in memory alone.
+        partial: the part of the result that exists, for a diagnosis; in memory only.
     """
 
     def __init__(self, reason: str, status: str = "failed", partial: Any = None) -> None:
@@ -63,5 +96,5 @@ class RunError(Exception):
         self.partial = partial
 
     def __str__(self) -> str:
-        """The reason."""
+        """Reason of the failure."""
         return str(self.args[0])

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, and known by their digest."""
+"""Files: atomic writing, digests, home folders."""
 
 import hashlib
 import os
@@ -10,34 +10,34 @@ from pathlib import Path
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A draft beside ``path`` that takes its place once it is written; gone if that fails."""
+    """Yield a temporary path; on success it replaces ``path``, on failure it is removed."""
     draft = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}")
     try:
         yield draft
         draft.replace(path)
     except OSError as error:
         if error.filename in (None, str(draft)):
-            error.filename = str(path)  # a full disk does not say which file
+            error.filename = str(path)  # the error of a full disk names no file
         raise
     finally:
         draft.unlink(missing_ok=True)
 
 
 def sha256_of(path: Path) -> str:
-    """Digest of a file's content."""
+    """SHA-256 digest of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def readable(path: Path) -> bool:
-    """Whether there is such a file, which may be read; that nobody may look there is no error."""
+    """True if this is a file that may be read; a folder without access is no error."""
     with suppress(OSError):
         return path.is_file() and os.access(path, os.R_OK)
     return False
 
 
 def home_of(path: str) -> Path:
-    """A path in which ``~`` stands for the home of the user, where there is one."""
+    """Path with ``~`` replaced by the home of the user, if known."""
     with suppress(RuntimeError):
         return Path(path).expanduser()
     return Path(path)

@@ -1,4 +1,4 @@
-"""Results kept on disk, in files named by a digest of all that they depend on: this program, its inputs, arguments."""
+"""Results kept on disk, in files named by a digest of the sources, inputs and arguments that they depend on."""
 
 import hashlib
 import json
@@ -12,37 +12,37 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.files import whole_file
 
-MOST = 500  # files; the oldest go
-LIBRARIES = ("numpy", "scipy", "numba", "pint")  # that numbers depend on
+MAX_FILES = 500  # beyond these the oldest are removed
+LIBRARIES = ("numpy", "scipy", "numba", "pint")  # their versions may change numbers
 
 
 def kept(depends_on: Any, compute: Callable[[], Any]) -> Any:
-    """The result of ``compute``, as JSON holds it: of the same call before, if there was one, else computed and kept.
+    """Result of ``compute``, from the cache or computed and stored there.
 
     Args:
-        depends_on: all that the result depends on, as JSON holds it, beside sources, inputs, packages and machine.
-        compute: what takes long, and tells nothing but its result.
+        depends_on: JSON value with everything the result depends on besides sources, inputs, packages and machine.
+        compute: function without side effects that returns a JSON value.
     """
     name = hashlib.sha256(json.dumps([_program(), depends_on]).encode()).hexdigest()
-    path = paths.KEPT / f"{name}.json"
+    path = paths.CACHE / f"{name}.json"
     try:
         (found,) = json.loads(path.read_text())
-    except (OSError, ValueError, TypeError):  # there is none, or it is damaged
+    except (OSError, ValueError, TypeError):  # missing or damaged
         text = json.dumps([compute()])
         (found,) = json.loads(text)
-        with suppress(OSError):  # a place where nobody may write: it is computed again
+        with suppress(OSError):  # not writable: computed again the next time
             path.parent.mkdir(exist_ok=True)
             with whole_file(path) as draft:
                 draft.write_text(text)
             files = sorted(path.parent.glob("[!.]*"), key=lambda file: file.stat().st_mtime)
-            for old in files[:-MOST]:
+            for old in files[:-MAX_FILES]:
                 old.unlink(missing_ok=True)
     return found
 
 
 @cache
 def _program() -> str:
-    """Digest of all sources and inputs, with the versions of what computes and the machine, as it rounds."""
+    """Digest of all sources and inputs, versions of Python and libraries, and the machine's name."""
     packages = (paths.ROOT / name for name in ("drivers", "postproc", "validation"))
     sources = (file for package in packages for file in package.rglob("*.py") if "tests" not in file.parts)
     digest = hashlib.sha256()

@@ -1,16 +1,17 @@
-"""Validation errors in words: what was found, what is allowed."""
+"""Messages of validation errors: the value found and those allowed."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from drivers.base.errors import InputError
+from drivers.base.errors import InputProblem, refuse_any
 from drivers.base.units import NotAllowedError
 
 Model = TypeVar("Model", bound=BaseModel)
-EXPECTED = {  # by the type of pydantic's error, with what its context names
+MISPLACED = ("missing", "extra_forbidden")  # types of pydantic's errors on keys
+EXPECTED = {  # allowed values by the type of pydantic's error, filled in from its context
     "int_type": "a whole number",
     "float_type": "a plain number",
     "bool_type": "true or false",
@@ -30,30 +31,63 @@ EXPECTED = {  # by the type of pydantic's error, with what its context names
 
 
 def validate(model: type[Model], data: object, where: str, prefix: str = "") -> Model:
-    """``data`` as a ``model``; its first problem becomes an InputError."""
+    """Validates ``data`` as a ``model``.
+
+    Raises:
+        InputError: lists every problem, each with its key, the value found and those allowed.
+    """
     try:
         return model.model_validate(data)
     except ValidationError as failure:
-        first = failure.errors(include_url=False)[0]
-        more = failure.error_count() - 1
-        path = list(first["loc"])
-        if path[:2] == ["run", "accuracy"]:
-            path = path[:2]  # what follows names a branch of its type
-        elif path and path[-1] == "[key]":
-            path.pop()
-        key = (prefix + ".".join(str(part) for part in path)).rstrip(".")
-        found, allowed = _told(first, model, path)
-        raise InputError(where, key, found, allowed + (f" (and {more} more to mend)" if more else "")) from None
+        problems = _problems(failure.errors(include_url=False), model, prefix)
+    refuse_any(where, problems)
+    raise AssertionError("a validation error without a problem")
 
 
-def _told(error: Any, model: type[BaseModel], path: list[int | str]) -> tuple[str, str]:
-    """What was found and what is allowed, in words, from one of pydantic's errors."""
-    if error["type"] == "extra_forbidden":
-        keys = keys_at(model, path[:-1])
-        close = get_close_matches(str(path[-1]), keys, 1)
-        return "an unknown key", f"did you mean {close[0]}?" if close else ", ".join(keys)
-    if error["type"] == "missing":
-        return "nothing", "this key is needed"
+def _problems(errors: Sequence[Any], model: type[BaseModel], prefix: str) -> Iterator[InputProblem]:
+    """Problems of pydantic's errors, one a key; missing and unknown keys of a table are one problem."""
+    wrong: dict[str, InputProblem] = {}
+    tables: dict[tuple[int | str, ...], tuple[list[str], list[str]]] = {}
+    for error in errors:
+        path = _path(error["loc"])
+        if error["type"] in MISPLACED:
+            tables.setdefault(path[:-1], ([], []))[MISPLACED.index(error["type"])].append(str(path[-1]))
+        else:
+            key = _dotted(prefix, path)
+            wrong.setdefault(key, (key, *_found_and_allowed(error)))
+    for table, (missing, unknown) in tables.items():
+        yield _misplaced(_dotted(prefix, table), missing, unknown, keys_at(model, table))
+    yield from wrong.values()
+
+
+def _path(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    if location[:2] == ("run", "accuracy"):
+        return location[:2]  # the rest names a branch of its type
+    return location[:-1] if location and location[-1] == "[key]" else location
+
+
+def _dotted(prefix: str, path: tuple[int | str, ...]) -> str:
+    return (prefix + ".".join(str(part) for part in path)).rstrip(".")
+
+
+def _misplaced(table: str, missing: list[str], unknown: list[str], known: list[str]) -> InputProblem:
+    """The missing and the unknown keys of a table."""
+    close = {name: get_close_matches(name, known, 1) for name in unknown}
+    if len(missing) + len(unknown) == 1:
+        (name,) = missing or unknown
+        hint = f"did you mean {close[name][0]}?" if close.get(name) else f"allowed: {', '.join(known)}"
+        return f"{table}.{name}".lstrip("."), "missing key" if missing else f"unknown key; {hint}", ""
+    hinted = [
+        f"{name} (did you mean {close[name][0]}?)" if close[name] and close[name][0] not in missing else name
+        for name in unknown
+    ]
+    lists = (("missing", missing), ("unknown", hinted))
+    found = [f"{kind} key{'s' * (len(keys) > 1)} {', '.join(keys)}" for kind, keys in lists if keys]
+    return table, "; ".join(found), ""
+
+
+def _found_and_allowed(error: Any) -> tuple[str, str]:
+    """The value found and those allowed, from one of pydantic's errors."""
     found = shorten(error["input"])
     cause = error.get("ctx", {}).get("error")
     if isinstance(cause, NotAllowedError):
@@ -63,7 +97,7 @@ def _told(error: Any, model: type[BaseModel], path: list[int | str]) -> tuple[st
 
 
 def shorten(value: object) -> str:
-    """A value as a message quotes it."""
+    """Quotes a value for a message."""
     try:
         text = f'"{value}"' if isinstance(value, str) else repr(value)
     except ValueError:  # a whole number of more digits than Python writes
@@ -72,10 +106,10 @@ def shorten(value: object) -> str:
 
 
 def keys_at(model: type[BaseModel], path: Sequence[int | str]) -> list[str]:
-    """The keys that a table may have, following ``path`` down the models."""
+    """Keys that the table at ``path`` may have."""
     for part in path:
         if isinstance(part, int) or part not in model.model_fields:
-            continue  # an entry of a list, or the free name of a material: the same model goes on
+            continue  # an entry of a list, or the free name of a material: of the same model
         found = _models_in(model.model_fields[part].annotation)
         model = found[0] if found else model
     return sorted(model.model_fields)

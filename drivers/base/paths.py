@@ -1,8 +1,9 @@
-"""Where things lie: the one place that knows the layout of the checkout."""
+"""Files and folders of the checkout."""
 
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("drivers", "postproc", "validation")
 INPUTS = ROOT / "inputs"
 SCENES = INPUTS / "scenes"
 STUDIES = INPUTS / "studies"
@@ -22,14 +23,14 @@ CLAIMS = INPUTS / "paper" / "claims.toml"
 TEMPLATES = ROOT / "templates"
 RUNS = ROOT / "runs"
 RESULTS = ROOT / "results"
-KEPT = ROOT / ".kept_cache"  # may be deleted at any time
+CACHE = ROOT / ".kept_cache"  # may be deleted at any time
 LOCK = ROOT / "requirements.lock"
-ENGINES_VARIABLE = "BEAD_CHAINS_ENGINES"  # names files as --engines does, for processes started from here too
+ENGINES_VARIABLE = "BEAD_CHAINS_ENGINES"  # set by --engines, read by all child processes
 
 
 def shown(path: Path) -> str:
-    """The path as a person would type it: relative to here where it lies below."""
+    """Path relative to the present folder if it lies below, else unchanged."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))
-    except (ValueError, OSError, RuntimeError):  # not below, or a loop of links
+    except (ValueError, OSError, RuntimeError):  # not below the present folder, or a loop of links
         return str(path)

@@ -1,4 +1,4 @@
-"""Runs an engine as a process of its own, in a scrubbed environment and within a time limit."""
+"""Engine processes: a minimal environment, a time limit, no orphans."""
 
 import os
 import re
@@ -21,20 +21,20 @@ from drivers.base import paths
 KEPT_VARIABLES = ("PATH", "HOME", "USER", "LOGNAME", "TMPDIR", "LD_LIBRARY_PATH")
 PROBE_LIMIT_S = 20.0
 UNKNOWN_VERSION = "unknown"
-COULD_NOT_START = 127  # as a shell says it
+COULD_NOT_START = 127  # as in a shell
 
 Stream = IO[bytes] | int
 
 _lock = threading.Lock()
-_running: set[int] = set()  # leaders of the process groups under way
-_stops = 0  # how many ask that nothing runs
+_running: set[int] = set()  # leaders of the running process groups
+_stops = 0  # number of active all_stopped()
 
 
-# runs a command and writes the most memory that it held into a pipe: the system counts that of a process from before
-# it began its program, and so as what this one holds, which is large
+# Runs a command and writes its peak memory into a pipe. Started directly, its peak would include the memory that this
+# large Python process holds at the fork.
 LAUNCHER = """
 import os, sys
-os.set_inheritable(int(sys.argv[1]), False)  # what outlives the command does not hold the pipe open
+os.set_inheritable(int(sys.argv[1]), False)  # children that outlive the command must not hold the pipe open
 try:
     child = os.posix_spawnp(sys.argv[2], sys.argv[2:], os.environ)
 except OSError as error:
@@ -50,13 +50,14 @@ os._exit(code)
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a process ended.
+    """End of a process.
 
     Attributes:
         code: exit code; negative for a signal.
-        timed_out: it was killed at the time limit, ``limit_s``.
-        wall_s, cpu_s: of the whole process with its children.
-        memory_bytes: the most it held; 0 where it was killed from here.
+        timed_out: True if it was killed at the time limit.
+        limit_s: time limit.
+        wall_s, cpu_s: wall and CPU time of the process with its children.
+        memory_bytes: peak memory; 0 if the process was killed from here.
     """
 
     code: int
@@ -68,16 +69,16 @@ class Outcome:
 
 
 def scrubbed_environment() -> dict[str, str]:
-    """Nothing of a virtual environment reaches an engine: YADE would pick up foreign modules."""
+    """Environment of engines, without the virtual environment: YADE would import its modules."""
     kept = {name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}
     return kept | {"LC_ALL": "C.UTF-8", "PYTHONNOUSERSITE": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
 
 
 def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variables: str) -> Outcome:
-    """Runs a command inside ``folder``; its output goes to ``stdout.txt`` and ``stderr.txt`` there.
+    """Run a command inside ``folder``; its output goes to ``stdout.txt`` and ``stderr.txt`` there.
 
-    ``variables`` are added to the environment. The process leads a group of its own, which is killed at the time
-    limit; where the system can, it is also killed when this one dies.
+    ``variables`` are added to the environment. The process leads its own group, which is killed at the time limit
+    and, where ``setpriv`` is available, when this process dies.
     """
     began, (told, telling) = time.perf_counter(), os.pipe()
     launch = (sys.executable, "-I", "-S", "-c", LAUNCHER, str(telling), *_dies_with_parent())
@@ -97,10 +98,10 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
         timer = threading.Timer(min(limit_s, threading.TIMEOUT_MAX), expire)
         timer.start()
         try:
-            os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # its id stays its own until it is reaped below
+            os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # the id stays reserved until reaped below
         finally:
             timer.cancel()
-            usage = reap(process)  # or stop it, if this was interrupted
+            usage = reap(process)  # also kills it after an interruption
         memory_bytes = int(memory.read() or 0)
     return Outcome(
         code=process.returncode,
@@ -113,7 +114,7 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
 
 
 def _dies_with_parent() -> tuple[str, ...]:
-    """Words before a command that make the system kill it when its parent dies, where it can."""
+    """Prefix of a command that makes the system kill it when its parent dies; empty without ``setpriv``."""
     return ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
 
 
@@ -126,10 +127,10 @@ def start(
     variables: dict[str, str],
     kept_open: tuple[int, ...] = (),
 ) -> subprocess.Popen[bytes]:
-    """Starts a process that leads a group of its own and, where the system can, dies with this one.
+    """Start a process that leads its own group and, where possible, dies with this process.
 
     Raises:
-        OSError: it cannot be started.
+        OSError: the process cannot be started.
     """
     process = subprocess.Popen(
         (*_dies_with_parent(), *command),
@@ -150,10 +151,10 @@ def start(
 
 
 def reap(process: subprocess.Popen[bytes]) -> resource.struct_rusage:
-    """Kills what is left of a process and of its group; what it used.
+    """Kill the rest of a process and its group; return the resources it used.
 
     Raises:
-        KeyboardInterrupt: everything is being stopped.
+        KeyboardInterrupt: all processes are being stopped.
     """
     with _lock:
         _running.discard(process.pid)
@@ -167,9 +168,9 @@ def reap(process: subprocess.Popen[bytes]) -> resource.struct_rusage:
 
 
 def used_by(leader: int) -> tuple[float, int]:
-    """CPU seconds that a process and its children have used, and the most memory that one of them held.
+    """CPU seconds of a process with its children, and the largest peak memory of one of them in bytes.
 
-    Zeros where the system has no ``/proc``.
+    Zeros without ``/proc``.
     """
     cpu_s, memory_bytes = 0.0, 0
     with suppress(OSError, IndexError, ValueError):
@@ -182,7 +183,7 @@ def used_by(leader: int) -> tuple[float, int]:
 
 
 def reset_peak(leader: int) -> None:
-    """Makes the system forget the most memory that a process and its children have held, where it can."""
+    """Reset the peak memory of a process and its children, where the system allows it."""
     with suppress(OSError):
         for process in _family(leader):
             Path(f"/proc/{process}/clear_refs").write_text("5")
@@ -195,13 +196,13 @@ def _family(process: int) -> Iterator[int]:
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """Number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def all_stopped() -> Iterator[None]:
-    """Kills all that other threads run, and all they start meanwhile: it ends there as if by Ctrl-C."""
+    """Kill all processes of other threads and any they start within this context; there they end as by Ctrl-C."""
     global _stops
     with _lock:
         _stops += 1
@@ -215,9 +216,9 @@ def all_stopped() -> Iterator[None]:
 
 
 def find_command(words: tuple[str, ...]) -> tuple[str, ...] | None:
-    """A command with the path of its first program, on PATH or beside the interpreter; None where it is not there.
+    """Command with the path of its first program, found on PATH or next to the interpreter; None if not found.
 
-    The last word stays a name where it is found on PATH, or nowhere: in a container it may be.
+    The last word gets a path only if it is next to the interpreter and not on PATH; in a container it may be neither.
     """
     beside = str(Path(sys.executable).parent)
     first, last = shutil.which(words[0]) or shutil.which(words[0], path=beside), words[-1]
@@ -229,15 +230,15 @@ def find_command(words: tuple[str, ...]) -> tuple[str, ...] | None:
 
 
 def line_of(command: tuple[str, ...], option: str, pattern: str) -> str:
-    """The first line that a program prints with ``option`` in which ``pattern`` is found."""
-    with tempfile.TemporaryDirectory() as folder:  # LIGGGHTS leaves a log wherever it is asked
+    """First line printed by a program with ``option`` that matches ``pattern``."""
+    with tempfile.TemporaryDirectory() as folder:  # LIGGGHTS leaves a log in its folder
         run_command((*command, option), Path(folder), PROBE_LIMIT_S)
         lines = (Path(folder) / "stdout.txt").read_text(errors="replace").splitlines()
     return next((line.strip() for line in lines if re.search(pattern, line)), UNKNOWN_VERSION)
 
 
 def git(*words: str) -> str:
-    """What git says of the checkout; empty where it does not."""
+    """Output of a git command in the checkout; empty if git fails."""
     try:
         done = subprocess.run(("git", *words), cwd=paths.ROOT, capture_output=True, text=True, check=False)
     except OSError:
@@ -245,8 +246,14 @@ def git(*words: str) -> str:
     return done.stdout.strip() if done.returncode == 0 else ""
 
 
+def local_changes() -> bool:
+    """True if the checkout has changed files, or new files in its packages; other new files do not count."""
+    new = tuple(f"?? {package}/" for package in paths.PACKAGES)
+    return any(line.startswith(new) or not line.startswith("??") for line in git("status", "--porcelain").splitlines())
+
+
 def kill_group(leader: int) -> None:
-    """Kills a process with all it started: its group, and others of its session, as mpirun makes them."""
+    """Kill a process with its group and with the other groups of its session, which mpirun makes."""
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(leader, signal.SIGKILL)
     for stat in Path("/proc").glob("[0-9]*/stat"):

@@ -1,7 +1,7 @@
-"""Progress on the terminal: which step, what it does, how long it is likely to take.
+"""Progress on the standard error: step number, title, estimated time.
 
-A bar where somebody watches; elsewhere a line for each step, and one now and then while it lasts. Estimates are what
-the step took the last time on this machine, or what ``inputs/durations.toml`` has of another.
+On a terminal a bar; elsewhere a line for each step and a further line every few seconds. The estimate is the duration
+of the step's last run on this machine, or the one in ``inputs/durations.toml``.
 """
 
 import json
@@ -19,14 +19,14 @@ from drivers.base import paths
 from drivers.base.files import whole_file
 
 Item = TypeVar("Item")
-NOTE = ".durations.json"  # in the runs folder
-QUIET_S = 4.0  # the longest time without a word
+DURATIONS_FILE = ".durations.json"  # in the runs folder
+MAX_SILENCE_S = 4.0
 REFRESH_S = 0.5
 
 
 @dataclass(eq=False)
 class _Task:
-    """What is under way: ``done`` of ``total`` units since ``began``; with its bar."""
+    """Running task: ``done`` of ``total`` units since ``began``, with its bar."""
 
     what: str
     total: int | None
@@ -36,7 +36,7 @@ class _Task:
     done: int = 0
 
     def __str__(self) -> str:
-        """How far it is, for a line of its own."""
+        """Progress as a line of text."""
         took_s = time.perf_counter() - self.began
         if self.total is None:
             return f"{self.what}: {took_s:.0f} s so far"
@@ -45,26 +45,26 @@ class _Task:
 
 
 _under_way: list[_Task] = []
-_depth = 0  # of steps within steps
-_last_word = 0.0
+_depth = 0  # nesting of steps
+_last_line = 0.0
 _lock = threading.RLock()
 _news = threading.Event()
 
 
 def say(line: str) -> None:
-    """Prints a line to the standard error, above the bars."""
-    global _last_word
+    """Print a line to the standard error, above the bars."""
+    global _last_line
     from tqdm import tqdm
 
     with _lock:
         tqdm.write(line, file=sys.stderr)
         sys.stderr.flush()
-        _last_word = time.perf_counter()
+        _last_line = time.perf_counter()
 
 
 @contextmanager
 def step(what: str, number: int = 1, of: int = 1, *, total: int | None = None, unit: str = "run") -> Iterator[Any]:
-    """One of some steps: a line when it begins, unless it is alone; yields the function that counts its units."""
+    """Show one step of a command, with a line at its start if ``of`` is above 1; yields a function to count units."""
     global _depth
     expected, began = _expected(what), time.perf_counter()
     if of > 1:
@@ -81,8 +81,8 @@ def step(what: str, number: int = 1, of: int = 1, *, total: int | None = None, u
 
 @contextmanager
 def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[Callable[[], None]]:
-    """Something that takes a while, without a line of its own; yields the function that counts a unit of it."""
-    global _last_word
+    """Show a task without a line at its start; yields a function that counts units."""
+    global _last_line
     from tqdm import tqdm
 
     look: dict[str, Any] = {"leave": False, "dynamic_ncols": True, "file": sys.stderr, "disable": not _watched()}
@@ -90,7 +90,7 @@ def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[
     task = _Task(what, total, unit, bar)
     with _lock:
         if not _under_way:
-            _last_word = time.perf_counter()
+            _last_line = time.perf_counter()
         if not any(thread.name == __name__ for thread in threading.enumerate()):
             threading.Thread(target=_keep_talking, name=__name__, daemon=True).start()
         _under_way.append(task)
@@ -109,7 +109,7 @@ def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[
 
 
 def _watched() -> bool:
-    """Whether a terminal shows the standard error; recorders have some without a size, where no bar is seen."""
+    """True if the standard error is a terminal with a size; recorders may have none, and show no bar."""
     try:
         return sys.stderr.isatty() and all(os.get_terminal_size(sys.stderr.fileno()))
     except (OSError, AttributeError, ValueError):
@@ -117,7 +117,7 @@ def _watched() -> bool:
 
 
 def following(items: Iterable[Item], what: str, total: int | None = None, unit: str = "run") -> Iterator[Item]:
-    """Items as they come, counted."""
+    """Yield items and count them as progress."""
     with counted(what, total, unit) as count:
         for item in items:
             yield item
@@ -125,7 +125,7 @@ def following(items: Iterable[Item], what: str, total: int | None = None, unit: 
 
 
 def _keep_talking() -> None:
-    """Keeps bars moving, or says now and then how far the innermost task is; for ever, in a thread of its own."""
+    """Refresh the bars, or print the progress of the innermost task; runs for ever in its own thread."""
     while True:
         time.sleep(REFRESH_S)
         with _lock:
@@ -135,14 +135,14 @@ def _keep_talking() -> None:
             elif not task.bar.disable:
                 for each in _under_way:
                     each.bar.refresh()
-            elif time.perf_counter() - _last_word > QUIET_S - REFRESH_S:
+            elif time.perf_counter() - _last_line > MAX_SILENCE_S - REFRESH_S:
                 say(f"{'  ' * _depth}{task}")
         if task is None:
             _news.wait()
 
 
 def in_words(seconds: float) -> str:
-    """A time as people say it."""
+    """Duration as text, such as ``20 s``, ``5 min``, ``2.0 h``."""
     if seconds < 100:
         return f"{seconds:.2g} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
@@ -150,20 +150,22 @@ def in_words(seconds: float) -> str:
 
 def _noted() -> dict[str, float]:
     with suppress(OSError, ValueError):
-        return {str(what): float(seconds) for what, seconds in json.loads((paths.RUNS / NOTE).read_text()).items()}
+        return {
+            str(what): float(seconds) for what, seconds in json.loads((paths.RUNS / DURATIONS_FILE).read_text()).items()
+        }
     return {}
 
 
 def _expected(what: str) -> str:
     here = _noted().get(what)
     if here is not None:
-        return f" (about {in_words(here)}, an estimate by the last time)"
+        return f" (about {in_words(here)}, estimated from the last run)"
     elsewhere = tomllib.loads(paths.DURATIONS.read_text()).get(what)
-    return f" (about {in_words(elsewhere)}, an estimate by another machine)" if elsewhere else ""
+    return f" (about {in_words(elsewhere)}, estimated from another machine)" if elsewhere else ""
 
 
 def _note(what: str, seconds: float) -> None:
-    with suppress(OSError):  # a place where nobody may write: there is no estimate the next time
+    with suppress(OSError):  # not writable: no estimate the next time
         paths.RUNS.mkdir(parents=True, exist_ok=True)
-        with whole_file(paths.RUNS / NOTE) as draft:
+        with whole_file(paths.RUNS / DURATIONS_FILE) as draft:
             draft.write_text(json.dumps(_noted() | {what: round(seconds, 1)}, indent=1))

@@ -1,4 +1,4 @@
-"""Tolerances are data: ``inputs/tolerances.toml`` holds each with its reason."""
+"""Tolerances of ``inputs/tolerances.toml``, each with its reason."""
 
 import tomllib
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from drivers.base import paths
 
 @dataclass(frozen=True)
 class Tolerance:
-    """A limit with its reason.
+    """Allowed deviation with its reason.
 
     Attributes:
-        predicted: the part of the limit that a run without faults is expected to take.
+        predicted: deviation expected of a run without faults, a part of ``limit``.
     """
 
     limit: float
@@ -27,6 +27,6 @@ def _table() -> dict[str, Any]:
 
 
 def tolerance(kind: str, quantity: str) -> Tolerance:
-    """The tolerance of a quantity."""
+    """Tolerance of a quantity."""
     found = _table()[kind][quantity]
     return Tolerance(float(found["limit"]), found["reason"])

@@ -1,7 +1,7 @@
-"""Quantities with units, such as ``"4.76 mm"``, read to SI floats.
+"""Quantities with units, such as ``"4.76 mm"``, converted to SI floats.
 
-The conversion runs in decimal arithmetic, so "4.76 mm" becomes the double nearest to 0.00476
-and a deck shows 0.00476, not 0.0047599999999999995.
+The conversion uses decimal arithmetic: "4.76 mm" becomes the double closest to 0.00476, and a deck shows 0.00476, not
+0.0047599999999999995.
 """
 
 import re
@@ -22,11 +22,14 @@ NUMBER_AND_UNIT = re.compile(
 )
 PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 PREFIXED = ("m", "s", "N", "Pa", "m/s")
-LARGEST, SMALLEST = Decimal("1e30"), Decimal("1e-30")  # in SI units: well inside what products of doubles can hold
+LARGEST, SMALLEST = (
+    Decimal("1e30"),
+    Decimal("1e-30"),
+)  # in SI units; products of such numbers stay within the range of doubles
 
 
 class NotAllowedError(ValueError):
-    """A value that a scene may not hold; the message is what would be allowed there."""
+    """Value not allowed in a scene; the message names the allowed values."""
 
 
 @cache
@@ -38,7 +41,7 @@ def _registry() -> "pint.UnitRegistry[Any]":
 
 @lru_cache(maxsize=256)
 def _factor(unit_text: str, unit: str) -> str:
-    """How many of ``unit`` make one of ``unit_text``, in decimal; any exception where none do."""
+    """Factor from ``unit_text`` to ``unit``, as decimal text; any exception if the units do not convert."""
 
     def by_pint() -> str:
         registry = _registry()
@@ -53,17 +56,17 @@ def _factor(unit_text: str, unit: str) -> str:
 
 @lru_cache(maxsize=4096)  # scenes that differ in one key are read by the thousand
 def to_si(text: str, unit: str) -> float:
-    """The value of ``text`` in the SI ``unit``.
+    """Value of ``text`` in the SI ``unit``.
 
     Raises:
-        ValueError: it is no number with a unit of that dimension, or out of a double's range.
+        ValueError: not a number with a unit of that dimension, or out of range.
     """
     match = NUMBER_AND_UNIT.fullmatch(text)
     if match is None:
         raise ValueError("not a number with a unit")
     number, unit_text = match.groups()
     try:
-        # offset units (degC) and odd exponents end in various errors of pint: all mean "no such unit"
+        # offset units (degC) and odd exponents raise various errors of pint
         value = Decimal(number) * Decimal(_factor(unit_text, unit))
     except Exception as error:
         raise ValueError(f"not a unit of {unit}") from error
@@ -73,7 +76,7 @@ def to_si(text: str, unit: str) -> float:
 
 
 def quantity(value: float, unit: str) -> str:
-    """A value in an SI unit as people write it, such as ``0.1 us``; it reads back as the same double."""
+    """Text of a value in an SI unit, such as ``0.1 us``; it reads back as the same double."""
     number = Decimal(repr(value))
     if unit == "kg":
         number, unit = number.scaleb(3), "g"
@@ -87,13 +90,13 @@ def quantity(value: float, unit: str) -> str:
 
 @dataclass(frozen=True)
 class InUnit(BeforeValidator):
-    """What reads a quantity, and the SI unit it is read to."""
+    """Validator that reads a quantity, and the SI unit of its result."""
 
     unit: str = ""
 
 
 def _quantity(what: str, unit: str, example: str, least: float, most: float, *, zero: bool = False) -> InUnit:
-    """A reader of quantities between bounds in the SI unit; ``zero``: that, too."""
+    """Validator of quantities between bounds in the SI unit; with ``zero``, 0 is allowed as well."""
     allowed = f'{what} with its unit, such as "{example}"'
     bounds = f"{'0, or ' * zero}from {least:g} to {most:g} {unit}"
 
@@ -111,7 +114,7 @@ def _quantity(what: str, unit: str, example: str, least: float, most: float, *, 
     return InUnit(read, unit=unit)
 
 
-# bounds are generous: from colloids to boulders, and what doubles and a search for neighbours hold
+# generous bounds, from colloids to boulders
 Length = Annotated[float, _quantity("a length above zero", "m", "4.76 mm", 1e-9, 1e3)]
 Gap = Annotated[float, _quantity("a length of zero or more", "m", "10 um", 1e-30, 1e12, zero=True)]
 Height = Annotated[float, _quantity("a height", "m", "0.1 m", -1e12, 1e12)]

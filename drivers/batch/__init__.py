@@ -1,5 +1,5 @@
-"""Batch studies: many cases of one scene, run once, kept together, and tabulated.
+"""Batch studies: many cases of one scene, run once and tabulated.
 
-study (what is varied) -> planned (cases with their identities) -> worker (runs them, served by sessions)
--> store (finished rows) -> table. ``on_clusters`` only says where else workers run.
+study (varied values) -> study_cases (cases with identities) -> worker (runs cases on server processes) -> store
+(finished rows) -> study_table. ``on_clusters`` runs slices of a study on Dask or Slurm.
 """

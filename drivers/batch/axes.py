@@ -1,4 +1,4 @@
-"""Axes of a study: what one of them varies, expanded to one choice of values after the other."""
+"""Axes of a study, expanded to lists of choices."""
 
 import csv
 import math
@@ -21,7 +21,7 @@ FORMS = ("values", "from", "factors", "zip", "seeds", "table")
 HEADING = re.compile(r"(?P<key>[^\[\]]+?)(?: *\[(?P<unit>[^\[\]]+)\])?")
 NAME = r"^[A-Za-z][A-Za-z0-9_.-]*$"
 
-Choice = dict[str, Any]  # scene key -> value as a scene file has it
+Choice = dict[str, Any]  # key of a scene -> value as in a scene file
 
 Keys = Annotated[
     tuple[Annotated[str, Field(min_length=1)], ...],
@@ -30,11 +30,11 @@ Keys = Annotated[
 
 
 class Axis(Part):
-    """One ``[[axis]]`` of a study file, in one of six forms.
+    """Table ``[[axis]]`` of a study file, in one of six forms.
 
-    ``key`` with ``values``; with ``from``, ``to``, ``count`` and ``spacing``; or with ``factors`` of the base scene's
-    value. Several keys all get the same value. ``zip``: keys whose lists are walked together. ``seeds``: that many
-    random draws. ``table``: a CSV file with a column per key and a row per case.
+    ``key`` with ``values``; ``key`` with ``from``, ``to``, ``count`` and ``spacing``; or ``key`` with ``factors`` of
+    the base scene's value. With several keys all get the same value. ``zip``: lists of equal length, one for each key.
+    ``seeds``: number of random draws. ``table``: a CSV file with a column for each key and a row for each case.
     """
 
     key: Keys = Field(default=(), strict=False)
@@ -51,21 +51,25 @@ class Axis(Part):
 
 
 def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: str) -> list[Choice]:
-    """The choices of an axis, in order.
+    """Choices of an axis, in order.
 
-    Factors multiply what stands in the ``base`` scene; tables lie in the study's ``folder``; messages name the study
-    ``where`` and the axis ``place``.
+    Args:
+        axis: the axis.
+        base: tables of the base scene, whose values factors multiply.
+        folder: folder of the study file, to which the paths of tables are relative.
+        where: study file as named in messages.
+        place: key of the axis in messages.
 
     Raises:
-        InputError: it has no form or no values.
+        InputError: the axis is wrong or has no values.
     """
     given = {form: getattr(axis, "from_" if form == "from" else form) for form in FORMS}
     forms = [form for form, value in given.items() if value is not None]
     if len(forms) != 1:
-        raise InputError(where, place, "none or several of its forms", f"exactly one of {', '.join(FORMS)}")
+        raise InputError(where, place, f"{', '.join(forms) or 'none of them'}", f"exactly one of {', '.join(FORMS)}")
     form, value = forms[0], given[forms[0]]
     if bool(axis.key) != (form in ("values", "from", "factors")):
-        needs = "a key" if not axis.key else f"no key beside {form}"
+        needs = "a key" if not axis.key else f"no key with {form}"
         raise InputError(where, f"{place}.key", str(list(axis.key)), needs)
     if value == ():
         raise InputError(where, f"{place}.{form}", "an empty list", f"at least one {form.removesuffix('s')}")
@@ -93,10 +97,10 @@ def _zipped(lists: dict[str, tuple[Any, ...]], where: str, place: str) -> list[C
 
 
 def _range(axis: Axis, where: str, place: str) -> list[Any]:
-    """Values from one end to the other, both included; whole ends give whole values."""
+    """Values from one end to the other, both included; whole numbers at both ends give whole numbers."""
     if axis.from_ is None or axis.to is None or axis.count is None:
         missing = "count" if axis.to is not None else "to"
-        raise InputError(where, f"{place}.{missing}", "nothing", "from, to and count go together")
+        raise InputError(where, f"{place}.{missing}", "missing key; give from, to and count")
     low, unit = _number(axis.from_, where, f"{place}.from")
     high, other = _number(axis.to, where, f"{place}.to")
     if unit != other:
@@ -107,7 +111,7 @@ def _range(axis: Axis, where: str, place: str) -> list[Any]:
             raise InputError(where, f"{place}.to", shorten(str(axis.to)), allowed) from error
     ends, log = f"{axis.from_} to {axis.to}", axis.spacing == "log"
     if not math.isfinite(high - low):
-        raise InputError(where, f"{place}.from", shorten(ends), "ends that are not so far apart")
+        raise InputError(where, f"{place}.from", shorten(ends), "a finite range")
     if log and not (low > 0 and high > 0):
         raise InputError(where, f"{place}.from", ends, 'ends above zero for spacing = "log"')
     first, last = (math.log(low), math.log(high)) if log else (low, high)
@@ -119,12 +123,12 @@ def _range(axis: Axis, where: str, place: str) -> list[Any]:
 
 
 def _number(value: str | int | float, where: str, place: str) -> tuple[float, str]:
-    """A plain number, or a number with its unit."""
+    """Number and unit of a value; the unit is empty for a plain number."""
     number, unit = str(value), ""
     if isinstance(value, str):
         match = units.NUMBER_AND_UNIT.fullmatch(value)
         if match is None:
-            raise InputError(where, place, shorten(value), 'a number, with its unit where it has one: "2 m/s"')
+            raise InputError(where, place, shorten(value), 'a number with its unit, such as "2 m/s", or a plain number')
         number, unit = match.groups()
     if not math.isfinite(float(number)):
         raise InputError(where, place, shorten(value), "a finite number")
@@ -132,12 +136,12 @@ def _number(value: str | int | float, where: str, place: str) -> tuple[float, st
 
 
 def _multiplied(base: dict[str, Any], key: str, factor: float, where: str, place: str) -> Any:
-    """The base scene's value at a key, times a factor."""
+    """Value of the base scene at a key, times a factor."""
     value = look_up(base, key)
     if value is None and key.startswith("materials."):
         value = look_up(read_toml(paths.MATERIALS), key.removeprefix("materials."))
     if isinstance(value, (int, float)) and not isinstance(value, bool):
-        product = float(str(value)) * factor  # by its text: a whole number may be too large to be a float
+        product = float(str(value)) * factor  # by its text: float() fails for very large whole numbers
         return int(product) if isinstance(value, int) and product.is_integer() else product
     match = units.NUMBER_AND_UNIT.fullmatch(value) if isinstance(value, str) else None
     if match is None:
@@ -147,7 +151,7 @@ def _multiplied(base: dict[str, Any], key: str, factor: float, where: str, place
 
 
 def _table(path: Path, where: str, place: str) -> list[Choice]:
-    """The rows of a CSV file: the heading of a column is a key, with its unit in brackets over plain numbers."""
+    """Rows of a CSV file; headings are keys, with a unit in brackets for columns of plain numbers."""
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.reader(file, strict=True) if row]
@@ -177,7 +181,7 @@ def _table(path: Path, where: str, place: str) -> list[Choice]:
 def _cell(text: str, unit: str, where: str, place: str) -> Any:
     if not unit:
         if not text:
-            raise InputError(where, place, "nothing", "a value")
+            raise InputError(where, place, "empty cell; give a value")
         return read_value(text)
     with suppress(ValueError):
         if math.isfinite(float(text)):

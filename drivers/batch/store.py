@@ -1,6 +1,6 @@
-"""Finished rows, many to a file; a file is written whole, named by its digest, and never changed.
+"""Store of finished rows, many to a file; files are written atomically, named by their digest, and never changed.
 
-Rows on their way to the store wait a second at most, however long the next case takes.
+A finished row is stored within a second.
 """
 
 import hashlib
@@ -13,24 +13,27 @@ from pathlib import Path
 from drivers.run.workplaces import show_alive
 
 ENDING = ".jsonl"
-COMMIT_S = 1.0
-WORK = ".work"  # below its folder: where workplaces are
+COMMIT_INTERVAL_S = 1.0
+WORK = ".work"  # folder of the workplaces, in the store's folder
 
 
 @dataclass(frozen=True)
 class Row:
-    """One case on one engine.
+    """Row of the table: one case on one engine.
 
     Attributes:
-        identity: of all that determines the row; ``run``: of the run, as run folders have it.
-        study, label: for whom it was run, under which values: a row of the same label and another identity is stale.
-        status: ``done``, ``failed`` or ``timeout``; ``reason`` says why in the latter cases.
+        identity: digest of everything that determines the row.
+        run: digest of everything that determines the run, as in names of run folders.
+        study, label: study and case; a row of the same label with another identity is stale.
+        engine: name of the engine.
+        status: ``done``, ``failed`` or ``timeout``.
+        reason: reason of a failure; else empty.
         values: observables by name.
-        force_error: largest force difference from the exact forces, over the largest change of force; None for these.
-        trace_sha256: digest of the forces and energies.
+        force_error: largest error of the force over the largest change of force; None for the reference.
+        trace_sha256: digest of forces and energies.
         work: bodies times steps.
-        cost: seconds by what they were spent on.
-        ended: when it was run, in seconds of Unix time.
+        cost: time in s by activity.
+        ended: time of the end, in seconds of Unix time.
     """
 
     identity: str
@@ -49,17 +52,19 @@ class Row:
 
     @property
     def done(self) -> bool:
-        """Whether its numbers count."""
+        """True if the run succeeded."""
         return self.status == "done"
 
 
 class Store:
-    """All rows of a runs folder; files are read once, so that looking again costs little.
+    """All rows of a runs folder; each file is read once.
 
     Attributes:
-        rows: by identity; of several, one that is done, or else the last.
-        labels: study, engine and label of each row there has been, whatever its identity.
-        damaged: files that are not as this version writes them; their rows do not count.
+        runs: the runs folder.
+        folder: folder of the store.
+        rows: rows by identity; finished rows take precedence over failed ones, later rows over earlier ones.
+        labels: study, engine and label of all rows.
+        damaged: files that are damaged or of another version; their rows do not count.
     """
 
     def __init__(self, runs: Path) -> None:
@@ -71,7 +76,7 @@ class Store:
         self.labels: set[tuple[str, str, str]] = set()
 
     def refresh(self) -> list[Row]:
-        """Reads what is new; the new rows."""
+        """Read new files and return their rows."""
         names = {file.name for file in self.folder.glob(f"*{ENDING}")}
         fresh: list[Row] = []
         for name in sorted(names - self._read):
@@ -79,7 +84,7 @@ class Store:
             content = (self.folder / name).read_bytes()
             try:
                 if _name_of(content) != name:
-                    raise ValueError("not as it was written")
+                    raise ValueError("damaged")
                 fresh += [Row(**json.loads(line)) for line in content.splitlines()]
             except (ValueError, TypeError):  # damaged, or rows of another version
                 self.damaged.add(name)
@@ -96,7 +101,7 @@ def _name_of(content: bytes) -> str:
 
 
 class Outbox:
-    """Collects rows at a workplace and commits them every second, many to a file; empty after its block."""
+    """Collects rows and commits them to the store every second, and at the end of its ``with`` block."""
 
     def __init__(self, store: Path, place: Path) -> None:
         self._store = store
@@ -108,28 +113,28 @@ class Outbox:
         self._thread = threading.Thread(target=self._keep_flushing, daemon=True)
 
     def __enter__(self) -> "Outbox":
-        """Begins to commit."""
+        """Start the thread that commits."""
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Commits what is left, whatever happened."""
+        """Commit the remaining rows, also after an error."""
         self._through.set()
         self._thread.join()
         self.flush()
 
     def add(self, row: Row) -> None:
-        """Takes a row; an OSError where earlier ones could not be committed."""
+        """Add a row; OSError if earlier rows could not be committed."""
         with self._lock:
             if self._error is not None:
                 raise self._error
             self._rows.append(row)
 
     def flush(self) -> None:
-        """Commits what there is in one file that is there whole or not at all, even after the power went.
+        """Commit all rows in one file, atomically and synced to the disk.
 
         Raises:
-            OSError: the disk is full, or something else is wrong with the runs folder.
+            OSError: the disk is full or the runs folder cannot be written to.
         """
         with self._lock:
             content = "".join(f"{json.dumps(vars(row))}\n" for row in self._rows).encode()
@@ -149,7 +154,7 @@ class Outbox:
             self._rows = []
 
     def _keep_flushing(self) -> None:
-        while not self._through.wait(COMMIT_S):
+        while not self._through.wait(COMMIT_INTERVAL_S):
             try:
                 show_alive(self._place)
                 self.flush()

@@ -1,6 +1,6 @@
 """Cases of a study with their decks, and the identities by which finished rows are found.
 
-All identities of a study are worked out once and kept until something that they depend on changes.
+All identities of a study are computed once and kept until something that they depend on changes.
 """
 
 import hashlib
@@ -27,23 +27,23 @@ from drivers.limits.refusal import inability, refuse
 from drivers.run.build import Build, build_of
 from drivers.run.run import run_identity
 
-KEPT_DECKS_BODIES = 1000  # decks of longer chains are rendered again, since many cases are planned at a time
+MAX_BODIES_OF_KEPT_DECKS = 1000  # decks of longer chains are rendered again, to save memory
 PLANS = ".plans"
-KEPT_PLANS = 20  # of a runs folder
-PACKAGES = ("drivers", "postproc", "validation")
+MAX_PLANS = 20  # kept in a runs folder
 IMPORT = re.compile(r"^ *(?:from ([\w.]+) )?import (\([^)]*\)|.*)", re.MULTILINE)
 RUNNING = ("drivers.run.guard", "drivers.run.session")  # modules that turn raw output into a trace
 
 
 @dataclass(frozen=True)
 class Steps:
-    """Functions of higher rooms that a batch is handed, as ``module:name``: these pass between processes.
+    """Functions of other packages used by a batch, as ``module:name``, which can be sent to other processes.
 
     Attributes:
-        plan: of a case: the case at the time step of its accuracy, where its scene asks for one.
-        observe: of a layout and a trace: observables by name.
-        residual: of two traces: largest force difference at each sample, over the second's largest change.
-        assess: of a run that ended and its case: the run with its errors measured.
+        plan: function of a case that returns it with the time step planned for its accuracy.
+        observe: function of a layout and a trace that returns observables by name.
+        residual: function of two traces that returns the largest force difference at each sample, over the largest
+            change of force of the second.
+        assess: function of a finished run and its case that returns the run with its errors measured.
     """
 
     plan: str
@@ -53,22 +53,22 @@ class Steps:
 
     @property
     def observing(self) -> tuple[str, ...]:
-        """Modules that turn raw output into a row."""
+        """Names of the modules that turn raw output into a row."""
         return (*RUNNING, *(step.partition(":")[0] for step in (self.observe, self.residual)))
 
 
 @dataclass(frozen=True)
 class Request:
-    """A study that is asked for, on a command line or by a scheduler.
+    """Request of a study, by a command line or a scheduler.
 
     Attributes:
-        source: path of the study file, or its name in ``inputs/studies``.
-        runs: the runs folder, the same for all workers.
-        steps: functions of higher rooms.
-        engines: of the study or beyond it; all of the study where there are none.
-        patterns: that select cases; all where there are none.
+        source: path of the study file, or name in ``inputs/studies``.
+        runs: runs folder, the same for all workers.
+        steps: functions of other packages.
+        engines: selected engines, also beyond the study; if empty, the engines of the study.
+        patterns: patterns that select cases; if empty, all cases.
         retry_before: failures that ended before this time are run again.
-        entries: files of engines, for workers elsewhere.
+        entries: ``engines.toml`` files, for workers in other folders or on other machines.
     """
 
     source: str | Path
@@ -82,11 +82,13 @@ class Request:
 
 @dataclass(frozen=True)
 class Setup:
-    """A study with all else that identifies its rows.
+    """Study with everything else that identifies its rows.
 
     Attributes:
-        builds: of the installed engines, and of the reference, by which errors are counted.
-        readers: by engine, digest of the sources and tolerances that make a row of its raw output.
+        study: the study.
+        steps: functions of other packages.
+        builds: builds of the installed engines and of the reference, by engine.
+        readers: digests of the sources and tolerances that turn raw output into a row, by engine.
     """
 
     study: Study
@@ -95,14 +97,14 @@ class Setup:
     readers: dict[str, str]
 
     def case(self, number: int) -> "StudyCase":
-        """A case of the study with what identifies it on each engine.
+        """Build a case of the study with its identities on all engines.
 
         Raises:
-            InputError: it makes no scene, or none that can end well on an engine (``drivers.limits.refusal``).
+            InputError: the scene is wrong, or an engine refuses the case (``drivers.limits.refusal``).
         """
         study, builds = self.study, self.builds
         case: Case = resolve_name(self.steps.plan)(study.case(number))
-        # exact forces, by which errors are counted, are known of straight chains only
+        # the exact motion, for errors, is known for straight chains only
         names = [name for name in builds if name in study.engines or inability(case, name) is None]
         if not study.file.unsafe:
             for name in names:
@@ -111,12 +113,12 @@ class Setup:
         runs = {name: run_identity(name, builds[name], deck.sha256) for name, deck in decks.items()}
         gauges = f"{case.layout}\0{builds[REFERENCE].version}"
         identities = {name: _digest(f"{run}\0{gauges}\0{self.readers[name]}")[:20] for name, run in runs.items()}
-        kept = decks if case.chain.bodies < KEPT_DECKS_BODIES else {}
+        kept = decks if case.chain.bodies < MAX_BODIES_OF_KEPT_DECKS else {}
         return StudyCase(number, study.label(number), case, kept, runs, identities)
 
 
 def set_up(study: Study, engines: Iterable[str], runs: Path, steps: Steps) -> Setup:
-    """A study on those of the engines that are installed."""
+    """Setup of a study on the installed engines."""
     builds, readers = {}, {}
     guards = [tolerance("guard", each).limit for each in ("energy", "impacts", "rounding", "friction", "least")]
     for name in dict.fromkeys((*installed(engines), REFERENCE)):
@@ -129,13 +131,16 @@ def set_up(study: Study, engines: Iterable[str], runs: Path, steps: Steps) -> Se
 
 @dataclass(frozen=True)
 class StudyCase:
-    """A case of a study.
+    """Case of a study.
 
     Attributes:
-        kept_decks: by engine; none of long chains.
-        runs: identities of the runs by engine, as run folders have them; the reference is not among them where it does
-            not model what the case has.
-        identities: of the rows by engine: of the run, the gauges, and what observes them.
+        number: number of the case, from 1.
+        label: label of the case.
+        case: the case.
+        kept_decks: decks by engine; empty for long chains.
+        runs: identities of the runs by engine, as in names of run folders; without the reference if it cannot model the
+            case.
+        identities: identities of the rows by engine, from the run, the gauges and the sources that observe them.
     """
 
     number: int
@@ -146,12 +151,12 @@ class StudyCase:
     identities: dict[str, str]
 
     def wanted(self, identities: set[str]) -> list[str]:
-        """The engines of which the row is among these."""
+        """Engines whose rows have one of these identities."""
         return [name for name, identity in self.identities.items() if identity in identities]
 
     @property
     def work(self) -> int:
-        """Bodies times steps: what a run's cost goes with."""
+        """Bodies times steps, to which the cost of a run is proportional."""
         return self.case.chain.bodies * self.case.scene.steps
 
 
@@ -160,9 +165,9 @@ class StudyPlan:
     """All cases of a study, in order.
 
     Attributes:
-        identities: of the rows by engine, one for each case; only engines that are installed.
+        identities: identity of each case's row, by installed engine.
         work: bodies times steps of each case.
-        values: swept values by column, in SI units, one for each case.
+        values: varied values in SI units of each case, by column.
     """
 
     identities: dict[str, list[str]]
@@ -170,19 +175,19 @@ class StudyPlan:
     values: dict[str, list[Any]]
 
     def rows_of(self, store: Store, engine: str) -> list[Row | None]:
-        """The rows that the store has on an engine, in the order of the cases; none where it is not installed."""
+        """Rows of an engine in the order of the cases; None for missing rows."""
         return [store.rows.get(identity) for identity in self.identities.get(engine, [""] * len(self.work))]
 
 
 def facts_of(setup: Setup, number: int) -> tuple[list[str], int, list[Any]]:
-    """Identities by engine, work and swept values of a case, as a plan has them (errors as of ``Setup.case``)."""
+    """Identities by engine, work and varied values of a case; raises as ``Setup.case``."""
     case = setup.case(number)
-    identities = [case.identities.get(name, "") for name in setup.builds]  # none of what does not model the case
+    identities = [case.identities.get(name, "") for name in setup.builds]  # empty if the engine cannot model the case
     return identities, case.work, [value_at(case.case.scene, key) for key in setup.study.columns.values()]
 
 
 def plan_of(setup: Setup, facts: Iterable[tuple[list[str], int, list[Any]]]) -> StudyPlan:
-    """The plan of a study from the facts of all its cases."""
+    """Plan of a study from the facts of all its cases."""
     identities, work, values = zip(*facts, strict=True)
     columns = itertools.starmap(column_name, setup.study.columns.items())
     return StudyPlan(
@@ -193,7 +198,7 @@ def plan_of(setup: Setup, facts: Iterable[tuple[list[str], int, list[Any]]]) -> 
 
 
 def kept_plan(setup: Setup, store: Store) -> StudyPlan | None:
-    """The plan as it was worked out before, if nothing it depends on has changed since."""
+    """Plan from the cache, if nothing that it depends on has changed; else None."""
     try:
         return StudyPlan(**json.loads(_plan_file(setup, store).read_text()))
     except (OSError, ValueError, TypeError):
@@ -201,19 +206,19 @@ def kept_plan(setup: Setup, store: Store) -> StudyPlan | None:
 
 
 def keep_plan(plan: StudyPlan, setup: Setup, store: Store) -> None:
-    """Keeps a plan, and not too many old ones."""
+    """Store a plan in the cache and remove old ones."""
     path = _plan_file(setup, store)
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as draft:
         draft.write_text(json.dumps(asdict(plan)))
-    with suppress(OSError):  # another batch may be tidying up too
+    with suppress(OSError):  # another batch may remove them as well
         kept = sorted(path.parent.glob("[!.]*.json"), key=lambda each: each.stat().st_mtime)
-        for old in kept[:-KEPT_PLANS]:
+        for old in kept[:-MAX_PLANS]:
             old.unlink(missing_ok=True)
 
 
 def _plan_file(setup: Setup, store: Store) -> Path:
-    """Named by all that a plan depends on: the study with its scene, builds, sources, templates and tolerances."""
+    """File of a plan, named by a digest of study, scene, builds, sources, templates and tolerances."""
     sources = sources_of((__name__, setup.steps.plan.partition(":")[0], *map(_source_of, setup.builds)))
     elsewhere = (Path(source).parent for source in map(_source_of, setup.builds) if "/" in source)
     templates = sorted({file for place in (paths.TEMPLATES, *elsewhere) for file in place.rglob("*.j2")})
@@ -223,13 +228,13 @@ def _plan_file(setup: Setup, store: Store) -> Path:
 
 
 def _source_of(engine: str) -> str:
-    """Module of an engine's adapter, or its file, where it lies elsewhere."""
+    """Module of an engine's adapter, or the file of an external adapter."""
     adapter = load_engine(engine).entry.adapter
     return adapter if adapter.endswith(".py") else f"{load_engine.__module__}.{adapter}"
 
 
 def sources_of(modules: Iterable[str]) -> tuple[Path, ...]:
-    """Source files of modules of this project, or of files, and of all that these import, in order."""
+    """Source files of modules of this project, given by name or file, and of all their imports."""
     found: set[Path] = set()
     waiting = [*modules]
     while waiting:
@@ -244,16 +249,16 @@ def sources_of(modules: Iterable[str]) -> tuple[Path, ...]:
 
 @cache
 def _imports_of(file: Path) -> tuple[str, ...]:
-    """What a file imports of this project, wherever in it; some of it may be no module."""
+    """Names that a file imports from this project, at any place; some may be functions instead of modules."""
     found: list[str] = []
     for module, names in IMPORT.findall(file.read_text()):
         words = re.findall(r"[\w.]+", names)
         found += [module, *(f"{module}.{word}" for word in words)] if module else words
-    return tuple(name for name in found if name.partition(".")[0] in PACKAGES)
+    return tuple(name for name in found if name.partition(".")[0] in paths.PACKAGES)
 
 
 def _content_of(files: Iterable[Path]) -> str:
-    """Digest of what stands in some files, wherever the checkout is."""
+    """Digest of the contents of files, independent of their paths."""
     return _digest("".join(_digest(file.read_text()) for file in files))
 
 

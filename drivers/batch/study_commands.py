@@ -1,6 +1,7 @@
-"""``batch``, ``status`` and ``show``: what the command line does with a study."""
+"""Commands ``batch``, ``status`` and ``show``."""
 
 import itertools
+import shlex
 import shutil
 import sys
 from collections import Counter
@@ -8,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -20,20 +22,25 @@ from drivers.batch.study_cases import Request, Setup, StudyPlan, keep_plan, kept
 from drivers.batch.worker import get_ready, plan_side_by_side, run_locally, run_slice, to_run
 from drivers.run.workplaces import leased
 
-MAX_CASES = 20_000  # more are not run by accident
-SPENT = ("start_s", "engine_s", "workflow_s", "reference_s")  # of a worker's time
-STATES = ("done", "failed", "stale", "running", "to do", "not installed")
+if TYPE_CHECKING:
+    from drivers.batch.on_clusters import JobScript
+
+MAX_CASES = 20_000  # more need --yes
+WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
+STATES = ("done", "failed", "timeout", "stale", "claimed", "to do", "not installed")
 
 
 @dataclass(frozen=True)
 class Where:
-    """Place and manner of a batch.
+    """Options of a batch: workers, Dask or Slurm.
 
     Attributes:
-        workers: processes on this machine.
-        dask: address of a scheduler, or ``local``.
-        slurm: as a job array; ``wait``: until it is through; ``parts``: its tasks, None: by the time to expect.
-        lines: of the job's script, before its command.
+        workers: number of processes on this machine.
+        dask: address of a Dask scheduler, or ``local``.
+        slurm: True for a Slurm job array.
+        wait: True to wait for the job array.
+        parts: number of tasks of the job array; None for one by the expected time.
+        lines: lines of the job's script before its command.
     """
 
     workers: int
@@ -46,7 +53,7 @@ class Where:
 
 @dataclass(frozen=True)
 class _Batch:
-    """A study that is asked for, with its plan, what is selected of it, and what the store has."""
+    """Requested study with its plan, selection and stored rows."""
 
     request: Request
     setup: Setup
@@ -55,7 +62,7 @@ class _Batch:
     store: Store
 
     def todo(self) -> dict[str, list[int]]:
-        """Numbers of the selected cases that are not done, by engine."""
+        """Numbers of the selected cases to run, by engine."""
         return {
             name: [
                 n for n in self.selection.numbers if to_run(self.store, identities[n - 1], self.request.retry_before)
@@ -64,9 +71,15 @@ class _Batch:
             if (identities := self.plan.identities.get(name)) is not None
         }
 
+    def progress(self) -> str:
+        """Number of rows done in the whole table, as text."""
+        study = self.setup.study
+        rows = [row for name in study.engines for row in self.plan.rows_of(self.store, name)]
+        return f"{sum(row is not None and row.done for row in rows)} of {study.count * len(study.engines)} rows done"
+
     def states(self) -> dict[str, dict[int, str]]:
         """States of all cases by engine and number."""
-        running, label = leased(self.store.folder / WORK), self.setup.study.label
+        claimed, label = leased(self.store.folder / WORK), self.setup.study.label
 
         def state(name: str, number: int) -> str:
             if name not in self.plan.identities:
@@ -74,9 +87,9 @@ class _Batch:
             identity = self.plan.identities[name][number - 1]
             row = self.store.rows.get(identity)
             if row is not None:
-                return "done" if row.done else "failed"
-            if identity in running:
-                return "running"
+                return row.status
+            if identity in claimed:
+                return "claimed"
             return "stale" if (self.setup.study.name, name, label(number)) in self.store.labels else "to do"
 
         numbers = range(1, self.setup.study.count + 1)
@@ -84,9 +97,9 @@ class _Batch:
 
 
 def batch(request: Request, results: Path, where: Where, *, dry_run: bool = False, yes: bool = False) -> int:
-    """Runs what is not done of a study and writes its tables; the exit code."""
-    if where.slurm and shutil.which("sbatch") is None:
-        raise InputError("--slurm", "", "no sbatch", "a machine that submits to Slurm")
+    """Run the unfinished cases of a study and write its tables; returns the exit code."""
+    if where.slurm and not dry_run and shutil.which("sbatch") is None:
+        raise InputError("--slurm", "", "sbatch not found; run this on a machine that submits to Slurm")
     if where.dask:
         from drivers.batch.on_clusters import check_dask
 
@@ -96,28 +109,47 @@ def batch(request: Request, results: Path, where: Where, *, dry_run: bool = Fals
     found = _open(request, where.workers, yes=yes)
     todo = found.todo()
     if dry_run:
-        return _print_plan(found, todo, where.workers)
+        return _print_plan(found, todo, where)
     study = found.setup.study
     numbers = sorted({number for some in todo.values() for number in some})
     if numbers:
         awaited = {found.plan.identities[name][n - 1]: n for name, some in todo.items() for n in some}
-        _follow(_run(found, todo, numbers, where), found, awaited)
+        try:
+            _follow(_run(found, todo, numbers, where), found, awaited)
+        except KeyboardInterrupt as interrupt:
+            found.store.refresh()
+            goes_on = "the same command continues"
+            if where.slurm:
+                goes_on = "the job continues; the same command without --slurm writes the table when it has ended"
+            raise KeyboardInterrupt(f"{found.progress()}; {goes_on}") from interrupt
         if where.slurm and not where.wait:
-            print("once the jobs are through, the same command without --slurm writes the table")
+            print("when the jobs have ended, the same command without --slurm writes the table")
             return 0
-    from drivers.batch.study_table import unmatched, write_tables
+    from drivers.batch.study_table import TableKeptError, unmatched, write_tables
 
-    for path in write_tables(study, found.plan, found.store, results):
-        print(paths.shown(path))
+    kept = None
+    try:
+        for path in write_tables(study, found.plan, found.store, results):
+            print(paths.shown(path))
+        if study.file.figure:
+            place = ["--results", paths.shown(results)] if results != paths.RESULTS else []
+            draw = ["python", "-m", "postproc", "study", str(found.request.source), *place]
+            print(f"to draw the table: {shlex.join(draw)}")
+    except TableKeptError as error:
+        kept = error
     code = _print_end(found)
+    print(found.progress())
+    if kept:
+        print(kept, file=sys.stderr)
+        code = 1
     for pattern in unmatched(study, found.plan, found.store):
-        print(f'{study.where}: observables: nothing is called like "{pattern}"', file=sys.stderr)
+        print(f'{study.where}: observables: "{pattern}" matches no observable', file=sys.stderr)
         code = 1
     return code
 
 
 def run_part(request: Request, part: int, parts: int) -> int:
-    """Runs part I of N of a study; the exit code."""
+    """Run part I of N of a study; returns the exit code."""
     rows = run_slice(request, part, parts)
     failures = [row for row in rows if not row.done]
     print(f"slice {part}/{parts}: {len(rows) - len(failures)} rows done, {len(failures)} failed")
@@ -127,19 +159,19 @@ def run_part(request: Request, part: int, parts: int) -> int:
 
 
 def status(request: Request, *, every: bool = False) -> int:
-    """Prints what is done, failed, stale, running and to do; ``every``: case by case."""
+    """Print the number of rows in each state; with ``every`` also each case."""
     found = _open(request, cores(), yes=True)
     if every:
         by_engine = found.states()
         for number in found.selection.numbers:
-            said = ", ".join(f"{name} {states[number]}" for name, states in by_engine.items())
-            sys.stdout.write(f"{number}: {found.setup.study.label(number)}: {said}\n")
+            text = ", ".join(f"{name} {states[number]}" for name, states in by_engine.items())
+            sys.stdout.write(f"{number}: {found.setup.study.label(number)}: {text}\n")
     _print_end(found)
     return 0
 
 
 def show(request: Request, number: int) -> int:
-    """Lays a case out as run folders with their decks, and says whether they are what the batch found."""
+    """Run a case in run folders with their decks, and compare the results with the rows of the batch."""
     from drivers.chain.trace import digest_of
     from drivers.run.finished import EndedRun
     from drivers.run.run import run_case
@@ -147,7 +179,7 @@ def show(request: Request, number: int) -> int:
     study, runs = read_study(request.source, request.engines), request.runs
     store, selection = Store(runs), select(study, request.engines, ())
     if not 1 <= number <= study.count:
-        raise InputError(f"case {number}", "", f"no such case in {study.where}", f"1 to {study.count}")
+        raise InputError(f"case {number}", "", f"{study.where} has cases 1 to {study.count}")
     store.refresh()
     case = set_up(study, selection.engines, runs, request.steps).case(number)
     print(f"case {number}: {case.label}")
@@ -170,14 +202,14 @@ def show(request: Request, number: int) -> int:
             words, bad = f"{'not run yet' if row is None else row.status} in the batch", False
         else:
             bad = digest_of(ended.trace) != row.trace_sha256
-            words = "differs from what the batch found" if bad else "as in the batch, bit for bit"
+            words = "differs from the batch" if bad else "as in the batch, bit for bit"
         print(f"{folder}  {words}", file=sys.stderr if bad else sys.stdout)
         code = 1 if bad else code
     return code
 
 
 def _open(request: Request, workers: int, *, yes: bool) -> _Batch:
-    """Reads a study and plans it, which validates every case."""
+    """Read and plan a study; this validates every case."""
     study, store = read_study(request.source, request.engines), Store(request.runs)
     if study.count > MAX_CASES and not yes:
         raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
@@ -190,12 +222,12 @@ def _open(request: Request, workers: int, *, yes: bool) -> _Batch:
     store.refresh()
     if store.damaged:
         count = len(store.damaged)
-        print(f"{count} damaged file{'s' * (count > 1)} in {paths.shown(store.folder)}: left out", file=sys.stderr)
+        print(f"{count} damaged file{'s' * (count > 1)} in {paths.shown(store.folder)}: ignored", file=sys.stderr)
     return _Batch(request, setup, plan, selection, store)
 
 
 def _run(found: _Batch, todo: dict[str, list[int]], numbers: list[int], where: Where) -> Iterator[None]:
-    """Runs cases where they are to be run; yields now and then."""
+    """Run cases at the requested place; yields repeatedly."""
     setup, selection, store = found.setup, found.selection, found.store
     if where.dask:
         from drivers.batch.on_clusters import run_on_dask
@@ -203,17 +235,26 @@ def _run(found: _Batch, todo: dict[str, list[int]], numbers: list[int], where: W
         request = replace(found.request, source=setup.study.path, runs=store.runs.resolve())
         yield from run_on_dask(where.dask, request, selection, numbers, where.workers)
     elif where.slurm:
-        from drivers.batch.on_clusters import parts_for, submit, waiting_for
+        from drivers.batch.on_clusters import submit, waiting_for
 
-        parts = where.parts or parts_for(len(selection.numbers), expected_s(found.plan, store, todo))
-        job = submit(found.request, setup.study, selection, numbers, store, parts, where.lines)
+        job = submit(_job_script(found, todo, numbers, where))
         if where.wait:
             yield from waiting_for(job)
     else:
         yield from run_locally(setup, numbers, selection.engines, store, where.workers, found.request.retry_before)
 
 
-def _print_plan(found: _Batch, todo: dict[str, list[int]], workers: int) -> int:
+def _job_script(found: _Batch, todo: dict[str, list[int]], numbers: list[int], where: Where) -> "JobScript":
+    """Script of the Slurm job array for some cases."""
+    from drivers.batch.on_clusters import job_script, parts_for
+
+    selection, store = found.selection, found.store
+    parts = where.parts or parts_for(len(selection.numbers), expected_s(found.plan, store, todo))
+    return job_script(found.request, found.setup.study, selection, numbers, store, parts, where.lines)
+
+
+def _print_plan(found: _Batch, todo: dict[str, list[int]], where: Where) -> int:
+    workers = 1 if where.slurm or where.dask not in (None, "local") else where.workers
     cases = len(found.selection.numbers)
     print(f"{found.setup.study.name}: {cases} case{'s' * (cases != 1)}, all valid")
     for name in found.selection.engines:
@@ -224,12 +265,22 @@ def _print_plan(found: _Batch, todo: dict[str, list[int]], workers: int) -> int:
         time_s = expected_s(found.plan, found.store, {name: some})
         expected = "cost not measured yet" if time_s is None else f"about {in_words(time_s / workers)}"
         print(f"  {name:<10} {cases - len(some)} done, {len(some)} to do" + (f", {expected}" if some else ""))
-    print(f"on {workers} worker{'s' * (workers != 1)}; nothing has been run")
+    numbers = sorted({number for some in todo.values() for number in some})
+    if where.slurm and numbers:
+        script = _job_script(found, todo, numbers, where)
+        print(f"\n{script.text}\nsbatch --parsable {shlex.quote(str(script.path))}")
+        print(f"job array of {script.tasks} task{'s' * (script.tasks != 1)} with one worker each; nothing submitted")
+    elif where.slurm:
+        print("no job; nothing submitted")
+    elif where.dask not in (None, "local"):
+        print(f"times of one worker; on the Dask cluster at {where.dask}; nothing has been run")
+    else:
+        print(f"on {workers} worker{'s' * (workers != 1)}; nothing has been run")
     return 0
 
 
 def _print_end(found: _Batch) -> int:
-    """Prints counts by engine, failures last; 1 unless all that was asked for is done."""
+    """Print counts by engine, then failures; returns 1 unless all requested rows are done."""
     limit, numbers = tolerance("warning", "force").limit, found.selection.numbers
     failures: list[str] = []
     code = 0
@@ -238,11 +289,11 @@ def _print_end(found: _Batch) -> int:
         print(f"{name:<10} {', '.join(f'{counts[state]} {state}' for state in STATES if counts[state])}")
         code = code if counts["done"] == len(numbers) else 1
         rows = found.plan.rows_of(found.store, name)
-        failed = [(number, row) for number in numbers if states[number] == "failed" and (row := rows[number - 1])]
+        failed = [(number, row) for number in numbers if (row := rows[number - 1]) and not row.done]
         failures += [failure_line(found.setup.study.label(number), row) for number, row in failed]
         useless = sum(row is not None and row.done and (row.force_error or 0.0) > limit for row in rows)
         if useless:
-            words = f"{name} warning: forces of {useless} rows are off by more than a tenth of the largest"
+            words = f"{name} warning: {useless} rows have force errors above a tenth of the largest force"
             print(f"{words} (force_error_share)", file=sys.stderr)
     for line in failures:
         print(line, file=sys.stderr)
@@ -252,27 +303,26 @@ def _print_end(found: _Batch) -> int:
 
 
 def _follow(under_way: Iterator[None], found: _Batch, awaited: dict[str, int]) -> None:
-    """Counts the rows that are awaited, of cases by their numbers, and tells failures to who looks on."""
+    """Show progress by the awaited rows (number of the case by identity), and failures on a terminal."""
     with counted(found.setup.study.name, len(awaited), "row") as count:
         for _ in itertools.chain(under_way, [None]):
             for row in found.store.refresh():
                 number = awaited.pop(row.identity, None)
                 if number is not None:
                     count()
-                    if not row.done and sys.stderr.isatty():  # else the summary tells it
+                    if not row.done and sys.stderr.isatty():  # else printed at the end
                         say(failure_line(found.setup.study.label(number), row))
 
 
 def failure_line(label: str, row: Row) -> str:
-    """A failed row of a case in one line."""
+    """One line for a failed row."""
     return f"{label}: {row.engine} {row.status}: {row.reason}"
 
 
 def expected_s(plan: StudyPlan, store: Store, todo: dict[str, list[int]]) -> float | None:
-    """Seconds of one worker that some cases will take, by engine; None where nothing tells.
+    """Expected time in s of one worker for some cases by engine; None without any finished row.
 
-    A row costs so much by itself and so much per body and step; both are fitted to what the store's rows have cost,
-    neither is negative.
+    A row costs a constant plus a time proportional to bodies times steps; both are fitted to stored rows.
     """
     import numpy as np
     from scipy.optimize import nnls
@@ -284,7 +334,7 @@ def expected_s(plan: StudyPlan, store: Store, todo: dict[str, list[int]]) -> flo
         rows = [row for row in store.rows.values() if row.engine == engine and row.cost.get("engine_s")]
         if not rows:
             return None
-        spent = np.array([sum(row.cost[name] or 0.0 for name in SPENT) for row in rows])
+        spent = np.array([sum(row.cost[name] or 0.0 for name in WORKER_COSTS) for row in rows])
         work = np.array([float(row.work) for row in rows])
         scale = work.max() or 1.0
         each, rate = 0.0, spent.mean()

@@ -1,4 +1,4 @@
-"""The table of a study, a row per case and engine, and the table of what the rows cost."""
+"""Tables of a study: one row for each case and engine, and the costs of these rows."""
 
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -6,16 +6,30 @@ from typing import Any
 
 import pandas as pd
 
+from drivers.base import paths
+from drivers.base.errors import InputError, RunError
 from drivers.base.files import whole_file
 from drivers.batch.store import Row, Store
 from drivers.batch.study import Study
 from drivers.batch.study_cases import StudyPlan
 
-COSTS = ("start_s", "engine_s", "loop_s", "workflow_s", "reference_s")  # the last: exact forces, for the error
+COSTS = (
+    "start_s",
+    "engine_s",
+    "loop_s",
+    "workflow_s",
+    "reference_s",
+)  # the last one is the time of the reference, for the error
+
+FINISHED = ("done", "failed", "timeout")  # states of a row that has been run
+
+
+class TableKeptError(RunError):
+    """An unfinished table would replace a table with more rows done."""
 
 
 def tables(study: Study, plan: StudyPlan, store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The numbers, which depend on nothing but the study, and the costs, which differ from run to run."""
+    """Table of the numbers, which depend on the study only, and table of the costs, which vary between runs."""
     by_engine = {name: plan.rows_of(store, name) for name in study.engines}
     rows = [(place, name, by_engine[name][place]) for place in range(study.count) for name in study.engines]
     found = [row for _, _, row in rows]
@@ -37,21 +51,33 @@ def tables(study: Study, plan: StudyPlan, store: Store) -> tuple[pd.DataFrame, p
 
 
 def unmatched(study: Study, plan: StudyPlan, store: Store) -> list[str]:
-    """Patterns of observables that nothing is called like, as far as anything has been observed."""
+    """Patterns that match no observable of the rows; empty if there are no rows."""
     names = _observed([row for engine in plan.identities for row in plan.rows_of(store, engine)])
     return [glob for glob in study.file.observables if names and not any(fnmatchcase(name, glob) for name in names)]
 
 
 def _observed(rows: list[Row | None]) -> list[str]:
-    """Names of all observables of some rows, in the order in which they come."""
+    """Names of all observables of some rows, in order of appearance."""
     return list(dict.fromkeys(name for row in rows if row for name in row.values))
 
 
 def write_tables(study: Study, plan: StudyPlan, store: Store, results: Path) -> list[Path]:
-    """Writes ``<study>.parquet`` and ``.csv``, and the costs beside them, each whole or not at all."""
+    """Write the tables ``STUDY`` and ``STUDY-cost`` as ``.parquet`` and ``.csv``, each atomically.
+
+    Raises:
+        TableKeptError: rows are to do or not installed, and the existing table has more rows done.
+    """
     results.mkdir(parents=True, exist_ok=True)
-    written = []
-    for table, name in zip(tables(study, plan, store), (study.name, f"{study.name}-cost"), strict=True):
+    made, written = tables(study, plan, store), []
+    unfinished = not made[0]["status"].isin(FINISHED).all()
+    done, done_before = _rows_done(made[0]), _rows_done(_read_table(results / f"{study.name}.parquet"))
+    if unfinished and done < done_before:
+        place = paths.shown(results / f"{study.name}.csv")
+        raise TableKeptError(
+            f"table {place} kept: it has {done_before} rows done, this batch {done} of {len(made[0])}; "
+            "--results DIR writes another table"
+        )
+    for table, name in zip(made, (study.name, f"{study.name}-cost"), strict=True):
         for ending, write in (("parquet", table.to_parquet), ("csv", table.to_csv)):
             written.append(results / f"{name}.{ending}")
             with whole_file(written[-1]) as draft:
@@ -59,8 +85,45 @@ def write_tables(study: Study, plan: StudyPlan, store: Store, results: Path) -> 
     return written
 
 
+def _read_table(path: Path) -> pd.DataFrame | None:
+    """Table of an earlier batch; None if it is missing or damaged."""
+    try:
+        return pd.read_parquet(path)
+    except (OSError, ValueError):
+        return None
+
+
+def _rows_done(table: pd.DataFrame | None) -> int:
+    return 0 if table is None or "status" not in table else int((table["status"] == "done").sum())
+
+
+def read_study_table(study: str | Path, results: str | Path | None = None) -> pd.DataFrame:
+    """Read the table that a batch has written for a study.
+
+    Args:
+        study: Name of a study in ``inputs/studies``, or path of a study file.
+        results: Folder of the tables; by default ``results/`` of the checkout.
+
+    Returns:
+        DataFrame: One row per case and engine: ``case``, the varied values in SI units, ``engine``, ``status``,
+            ``reason``, ``force_error_share`` and the observables, whose names end in their units; NaN where a run
+            does not show one.
+
+    Raises:
+        InputError: There is no table; ``python -m drivers batch STUDY`` writes it.
+
+    Examples:
+        >>> read_study_table("striker-mass", results=folder)["status"].unique()  # doctest: +SKIP
+        array(['done'], dtype=object)
+    """
+    path = Path(results or paths.RESULTS) / f"{Path(study).name.removesuffix('.toml')}.parquet"
+    if not path.is_file():
+        raise InputError(paths.shown(path), "", f"table not found; run python -m drivers batch {study}")
+    return pd.read_parquet(path)
+
+
 def _frame(columns: dict[str, list[Any]], free: set[str]) -> pd.DataFrame:
-    """A table of numbers; of the ``free`` columns those that hold any text hold nothing else."""
+    """Table of numbers; a column of ``free`` that contains any text is converted to text."""
     texts = {"engine", "status", "reason"}
     for name in free:
         if any(isinstance(value, (str, bool)) for value in columns[name]):

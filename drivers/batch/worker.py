@@ -1,6 +1,6 @@
-"""Workers: run cases of a study into the store; safe to be killed at any moment and to be run twice.
+"""Workers: run cases of a study and store their rows; may be killed at any moment and run several times.
 
-On this machine they are processes that live as long as the batch.
+On this machine workers are processes that end with the batch.
 """
 
 import multiprocessing
@@ -34,27 +34,27 @@ from drivers.run.run import default_limit_s
 from drivers.run.session import Session, served_by
 from drivers.run.workplaces import lease, workplace
 
-CHUNK = 64  # cases in a chunk, at most
+CHUNK = 64  # largest number of cases in a chunk
 PROBE_BYTES = 1 << 20
-POLL_S = 0.2
-RETRY_S = 2.0  # between looks at what another batch is at work on
+POLL_INTERVAL_S = 0.2
+RETRY_INTERVAL_S = 2.0  # while another batch works on the remaining cases
 EXIT_LIMIT_S = 10.0  # for workers that are asked to end
-LIBRARIES = ("scipy.interpolate", "scipy.signal")  # that rows are made with, loaded once for all workers
-QUIET = "ignore:resource_tracker"  # after a kill the system has semaphores to clear up, and would say so
-MAX_DEATHS = 5  # of workers in a row, without a row done
+LIBRARIES = ("scipy.interpolate", "scipy.signal")  # imported once for all workers
+WARNING_FILTER = "ignore:resource_tracker"  # after a kill, Python would warn of leaked semaphores
+MAX_DEATHS = 5  # of workers in a row, without a finished row
 PLAN_CHUNK = 250
-MANY_TO_PLAN = 500  # cases; from here on, workers share the planning
+MIN_PARALLEL_CASES = 500  # from this number on, workers share the planning
 
-_work: tuple[Setup, Store, Any]  # of a worker process; the last: how many numbers all workers have taken up
+_work: tuple[Setup, Store, Any]  # of a worker process; the last is the number of cases taken by all workers
 
 
 class WorkersKilledError(RunError):
-    """Workers, or what they are forked from, were killed from outside."""
+    """Workers or their fork server were killed from outside."""
 
 
 @dataclass
 class _Result:
-    """A case on one engine, not yet a row; ``cost`` in seconds by what they were spent on."""
+    """Result of a case on one engine; ``cost`` is time in s by activity."""
 
     trace: Trace | None = None
     status: str = "done"
@@ -65,16 +65,16 @@ class _Result:
 def run_cases(
     setup: Setup, chunks: Iterable[Sequence[int]], engines: Sequence[str], store: Store, retry_before: float = 0.0
 ) -> list[int]:
-    """Runs what is not done of some cases of a study.
+    """Run the unfinished rows of some cases of a study.
 
-    The cases of a chunk are planned and leased together; engines that are not installed are left out; failures that
+    The cases of a chunk are planned and leased together. Engines that are not installed are skipped. Failures that
     ended before ``retry_before`` are run again.
 
     Returns:
-        The cases of which another live process works on a row.
+        Numbers of the cases with a row on which another process is working.
 
     Raises:
-        OSError: the disk is full, or something else is wrong with the runs folder.
+        OSError: the disk is full or the runs folder cannot be written to.
     """
     names = [name for name in engines if name in setup.builds]
     left: list[int] = []
@@ -91,10 +91,10 @@ def run_cases(
             asked = {each.identities[name] for each in cases for name in names}
             missing = {identity for identity in asked if to_run(store, identity, retry_before)}
             free = lease(place, missing) if missing else set()
-            store.refresh()  # what others finished before the lease
+            store.refresh()  # rows finished by others before the lease
             free = {identity for identity in free if to_run(store, identity, retry_before)}
             for each in cases:
-                for name in each.wanted(free):  # they start side by side
+                for name in each.wanted(free):  # all engines start in parallel
                     for engine in {name, REFERENCE} & set(each.runs):
                         with suppress(OSError):
                             session_of(engine).start()
@@ -102,27 +102,27 @@ def run_cases(
                 for name in each.wanted(free - ran):
                     box.add(runner.row(each, name))
                     ran.add(each.identities[name])
-            box.flush()  # before the lease is given up
+            box.flush()  # before the lease ends
             others = {each for each in missing - free - ran if to_run(store, each, retry_before)}
             left += [each.number for each in cases if others & set(each.identities.values())]
     return left
 
 
 def to_run(store: Store, identity: str, retry_before: float) -> bool:
-    """Whether a row is missing, or is a failure to be tried again."""
+    """True if a row is missing, or is a failure to be run again."""
     row = store.rows.get(identity)
     return row is None or (not row.done and row.ended < retry_before)
 
 
 def run_slice(request: Request, part: int, parts: int) -> list[Row]:
-    """Runs what is not done of part I of N of a study, and returns its rows when all is done or failed.
+    """Run the unfinished rows of part I of N of a study and return all rows of the part.
 
-    The one door for schedulers. Safe to be called twice, to be killed, and to be called again; every case of the slice
-    is validated first.
+    Schedulers call this function. It may be called several times and killed at any moment. Every case of the part is
+    validated first.
 
     Raises:
-        InputError: the study or a case of the slice is wrong.
-        OSError: the disk is full, or something else is wrong with the runs folder.
+        InputError: the study or a case of the part is wrong.
+        OSError: the disk is full or the runs folder cannot be written to.
     """
     if request.entries:
         use_entries(request.entries)
@@ -134,14 +134,14 @@ def run_slice(request: Request, part: int, parts: int) -> list[Row]:
     while left:
         chunks = [left[start : start + CHUNK] for start in range(0, len(left), CHUNK)]
         left = run_cases(setup, chunks, selection.engines, store, request.retry_before)
-        if left:  # another process is at work on them
-            time.sleep(POLL_S)
+        if left:  # another process works on them
+            time.sleep(POLL_INTERVAL_S)
     store.refresh()
     return [row for name in selection.engines for each in identities if (row := store.rows.get(each.get(name, "")))]
 
 
 class _Runner:
-    """Makes rows of cases; engines, and time steps, share the exact forces of the last case asked for."""
+    """Makes rows of cases; consecutive rows of a case share the run of the reference."""
 
     def __init__(self, setup: Setup, session_of: Callable[[str], Session]) -> None:
         self._setup = setup
@@ -149,9 +149,9 @@ class _Runner:
         self._exact: dict[str, _Result] = {}
 
     def row(self, case: StudyCase, name: str) -> Row:
-        """A case on an engine, with its error against the exact forces; where these fail it fails, to be retried.
+        """Row of a case on an engine, with its error against the reference.
 
-        Of three-dimensional cases there are no exact forces.
+        If the reference fails, the row fails, too. Three-dimensional cases have no reference and no error.
         """
         result, steps = self._exact_result(case) if name == REFERENCE else self._run(case, name), self._setup.steps
         began = time.perf_counter()
@@ -161,7 +161,10 @@ class _Runner:
             result.cost["reference_s"] = time.perf_counter() - began
             began = time.perf_counter()
             if exact.trace is None:
-                result.status, result.reason = exact.status, f"no exact forces to count its error by: {exact.reason}"
+                result.status, result.reason = (
+                    exact.status,
+                    f"the reference failed, so the error is unknown: {exact.reason}",
+                )
             else:
                 force_error = float(resolve_name(steps.residual)(result.trace, exact.trace).max())
         if result.trace is not None:
@@ -190,7 +193,7 @@ class _Runner:
         return self._exact[run]
 
     def _run(self, case: StudyCase, name: str) -> _Result:
-        """A case on an engine; if it kills a process that served others, or that did not start, it gets another."""
+        """Run a case on an engine, a second time in a new process if it ended one that had served other cases."""
         session = self._session_of(name)
         result = self._run_once(case, name, session)
         if result.status == "failed" and session.ended and session.served != 1:
@@ -216,7 +219,7 @@ class _Runner:
 
 
 def _disk_has_room(folder: Path) -> None:
-    """Raises OSError where the disk is full, which is no fault of the case."""
+    """Raise OSError if the disk is full, which is not a failure of the case."""
     try:
         with TemporaryFile(dir=folder) as probe:
             os.posix_fallocate(probe.fileno(), 0, PROBE_BYTES)
@@ -226,7 +229,7 @@ def _disk_has_room(folder: Path) -> None:
 
 @contextmanager
 def _sessions(folder: Path) -> Iterator[Callable[[str], Session]]:
-    """Sessions by engine, made when first asked for, ended afterwards."""
+    """Yield a function that returns the session of an engine; all sessions end with the context."""
     with ExitStack() as stack:
 
         @cache
@@ -238,22 +241,22 @@ def _sessions(folder: Path) -> Iterator[Callable[[str], Session]]:
 
 
 def get_ready(steps: Steps) -> multiprocessing.context.ForkServerContext:
-    """Starts what workers are forked from, with all that they need loaded, without waiting for it."""
+    """Start the fork server of the workers, with their modules loaded, without waiting for it."""
     context = multiprocessing.get_context("forkserver")
     modules = (run_cases.__module__, steps.plan.partition(":")[0], *steps.observing, *LIBRARIES)
     context.set_forkserver_preload(["drivers.base.ends_with_parent", *modules])
-    if QUIET not in sys.warnoptions:
-        sys.warnoptions.append(QUIET)
+    if WARNING_FILTER not in sys.warnoptions:
+        sys.warnoptions.append(WARNING_FILTER)
     forkserver.ensure_running()
     return context
 
 
 @contextmanager
 def worker_pool(workers: int, setup: Setup, store: Store) -> Iterator[ProcessPoolExecutor]:
-    """Worker processes for a study; whatever happens here, they end with it.
+    """Worker processes for a study, which end with the context.
 
     Raises:
-        RunError: one was killed, or what they are forked from.
+        RunError: a worker or the fork server was killed.
     """
     context = get_ready(setup.steps)
     pool = ProcessPoolExecutor(workers, context, _begin, (setup, store.runs, context.Value("q", 0)))
@@ -265,18 +268,18 @@ def worker_pool(workers: int, setup: Setup, store: Store) -> Iterator[ProcessPoo
             process.terminate()
         for process in processes:
             process.join(EXIT_LIMIT_S)
-        # only now: a worker that is stopped while it reads the pool's farewell leaves half of it to the next
+        # after the workers have ended: one that is stopped while it reads from the pool's queue would damage the queue
         pool.shutdown(wait=False, cancel_futures=True)
         if isinstance(error, (BrokenProcessPool, EOFError, ConnectionError)):
-            raise WorkersKilledError("workers were killed; what is done is kept") from error
+            raise WorkersKilledError("workers were killed; finished rows are kept") from error
         raise
     pool.shutdown()
 
 
 def plan_side_by_side(setup: Setup, store: Store, workers: int) -> StudyPlan:
-    """The plan of the whole study; an InputError where a case makes no scene, or none that can end well."""
+    """Plan of the whole study, by several workers if it is large; InputError if a case is wrong or refused."""
     numbers = range(1, setup.study.count + 1)
-    if len(numbers) < MANY_TO_PLAN or workers == 1:
+    if len(numbers) < MIN_PARALLEL_CASES or workers == 1:
         return plan_of(setup, (facts_of(setup, number) for number in numbers))
     with worker_pool(workers, setup, store) as pool:
         facts = pool.map(_facts, numbers, chunksize=PLAN_CHUNK)
@@ -286,11 +289,11 @@ def plan_side_by_side(setup: Setup, store: Store, workers: int) -> StudyPlan:
 def run_locally(
     setup: Setup, numbers: Sequence[int], engines: Sequence[str], store: Store, workers: int, retry_before: float
 ) -> Iterator[None]:
-    """Runs cases side by side, and yields now and then until all are through.
+    """Run cases on several workers; yields repeatedly until all have ended.
 
     Raises:
-        RunError: workers die again and again.
-        OSError: the disk is full, or something else is wrong with the runs folder.
+        RunError: workers were killed repeatedly.
+        OSError: the disk is full or the runs folder cannot be written to.
     """
     deaths = 0
     while numbers:
@@ -300,59 +303,59 @@ def run_locally(
                 futures = [pool.submit(_run, numbers, workers, engines, retry_before) for _ in range(workers)]
                 yield from waiting_for_all(futures)
             numbers = [number for future in futures for number in future.result()]
-            if numbers:  # another batch is at work on them
-                time.sleep(RETRY_S)
+            if numbers:  # another batch works on them
+                time.sleep(RETRY_INTERVAL_S)
         except WorkersKilledError:
             store.refresh()
             deaths = 0 if len(store.rows) > known else deaths + 1
             if deaths == MAX_DEATHS:
                 raise
-            time.sleep(POLL_S)  # what was killed needs a moment to be gone: until then it looks alive, but refuses work
+            time.sleep(POLL_INTERVAL_S)  # killed processes look alive for a moment
 
 
 def waiting_for_all(futures: list[Future[Any]]) -> Iterator[None]:
-    """Yields until all are through; the first error ends it."""
+    """Yield repeatedly until all futures have ended; raises their first error."""
     waiting = set(futures)
     while waiting:
-        ended, waiting = wait(waiting, POLL_S)
+        ended, waiting = wait(waiting, POLL_INTERVAL_S)
         for future in ended:
             future.result()
         yield
 
 
 def _begin(setup: Setup, runs: Path, taken: Any) -> None:
-    """A worker's first act: it leaves Ctrl-C to the batch, ends in order when asked to, and never outlives it."""
+    """Initialize a worker: it ignores Ctrl-C, ends in order at SIGTERM, and dies with the batch."""
     global _work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
     _work = setup, Store(runs), taken
-    signal.signal(signal.SIGTERM, _end)  # last: until here there is nothing to leave in order
+    signal.signal(signal.SIGTERM, _end)  # last: nothing to clean up before
 
 
 def _end_with(sentinel: int) -> None:
-    """Ends this worker, and so its engines, when the batch has died without a word."""
+    """Kill this worker, and so its engines, when the batch dies."""
     connection.wait([sentinel])
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _end(*_: object) -> None:
-    """Leaves what is under way, so that its engines are ended and its rows kept."""
+    """Leave all contexts, so that engines are ended and rows stored."""
     raise SystemExit
 
 
 def _run(numbers: Sequence[int], workers: int, engines: Sequence[str], retry_before: float) -> list[int]:
-    """Takes up chunk after chunk of the numbers that all workers share; those left to another batch."""
+    """Run chunks of the shared numbers; return the numbers left to another batch."""
     setup, store, taken = _work
     try:
         return run_cases(setup, _chunks(numbers, workers, taken), engines, store, retry_before)
     except SystemExit:
-        os._exit(1)  # everything is closed: the pool must not hand out more, nor say a word
+        os._exit(1)  # everything is closed: the pool must not submit more, or print
 
 
 def _chunks(numbers: Sequence[int], workers: int, taken: Any) -> Iterator[Sequence[int]]:
-    """Chunks that get smaller towards the end, so that all workers end at about the same time."""
+    """Chunks that get smaller towards the end, so that all workers end at the same time."""
     while True:
         with taken.get_lock():
             start = taken.value

@@ -1,1 +1,1 @@
-"""Scene -> Case: the chain as arrays, its contact law, its modelling elements, its trace."""
+"""Scene -> Case: the chain as arrays, the contact law, the modelling elements and the trace of a run."""

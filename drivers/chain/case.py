@@ -1,4 +1,4 @@
-"""A case: one scene made ready for any engine, and rules that only the built chain can be judged by."""
+"""Case: a scene prepared for all engines. The rules here need the built chain."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,12 +12,12 @@ from drivers.chain.chain import Array, Chain, build_chain, moving_at_start
 from drivers.chain.elements import Element, choose_elements
 from drivers.scene.model import RIGID, Scene
 
-MAX_OVERLAP = 0.5  # of the radius, at rest: far beyond Hertz, and close to where engines lose a contact
+MAX_OVERLAP = 0.5  # at rest, over the radius; far beyond Hertz's law, and codes lose contacts at larger overlaps
 
 
 @dataclass(frozen=True)
 class SensorBead:
-    """A bead that carries a gauge, counted from the wall; its height is that at time 0."""
+    """Bead with a gauge, counted from the wall; ``height_m`` is the height at time 0."""
 
     from_wall: int
     height_m: float
@@ -26,15 +26,17 @@ class SensorBead:
 
 @dataclass(frozen=True)
 class Layout:
-    """Which contacts there are and where the sensors sit.
+    """Properties of a chain that post-processing needs; stored in ``run.json``.
 
     Attributes:
-        sensors: from the top bead towards the wall: the order in which a wave meets them.
-        load_N: sum of all weights and of the precompression, upwards positive.
-        moving_N_s: momenta of all bodies at time 0 without their directions.
-        damped: whether contacts lose energy in impacts.
-        slips: whether they have friction.
-        time_constant_s: of the electronics behind the gauges; None: they show the force itself.
+        sensors: sensor beads from the top of the chain to the wall, in the order in which a wave passes them.
+        wall: True if the chain has a wall.
+        striker: True if the chain has a striker.
+        load_N: sum of all weights and the precompression, upwards positive.
+        moving_N_s: sum of the magnitudes of all momenta at time 0.
+        damped: True if contacts dissipate energy in impacts.
+        slips: True if contacts have friction.
+        time_constant_s: time constant of the gauges' electronics; None if gauges show the force itself.
     """
 
     sensors: tuple[SensorBead, ...]
@@ -48,21 +50,22 @@ class Layout:
 
 
 def read_layout(stored: dict[str, Any]) -> Layout:
-    """A layout as a run record holds it; older records know of no electronics."""
+    """Layout from a run record; keys missing in older records get their defaults."""
     sensors = tuple(SensorBead(**sensor) for sensor in stored["sensors"])
     return Layout(**(stored | {"sensors": sensors}))
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What was asked for and what is predicted, by quantity; errors as in ``validation.accuracy.schemes``.
+    """Time step planned for an accuracy; errors by quantity, as in ``validation.accuracy.schemes``.
 
     Attributes:
-        predicted: the error of the codes' scheme at the chosen step, measured with it on this very case.
-        rounding_share: what rounding of absolute heights may add on engines that hold them, of the largest change.
-        refused_steps: the largest step found too coarse, in steps a sample; 0 where none was.
-        trials: runs of the in-repo scheme that it took.
-        seconds: what the plan cost.
+        asked: largest errors allowed.
+        predicted: errors of velocity Verlet at the chosen step, measured on this case.
+        rounding_share: rounding error of engines that hold absolute heights, over the largest change of force.
+        refused_steps: steps per sample at the smallest step that was too coarse; 0 if no step was too coarse.
+        trials: number of Verlet runs of the planner.
+        seconds: computing time of the planner.
     """
 
     asked: dict[str, float]
@@ -75,11 +78,11 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What every engine's deck is rendered from, and what its raw output is read with.
+    """Scene with its chain and modelling elements; input of decks and of the readers of raw output.
 
     Attributes:
-        plan: how the time step was chosen, where the scene asks for an accuracy (``validation.accuracy.plan``).
-        full: the case with all that the scene has, where that accuracy lets some of it be left out.
+        plan: planned time step if the scene asks for an accuracy (``validation.accuracy.plan``).
+        full: case with all elements of the scene, if elements are left out for the accuracy; else None.
     """
 
     scene: Scene
@@ -89,13 +92,13 @@ class Case:
     full: "Case | None" = None
 
     def at(self, steps_per_sample: int) -> "Case":
-        """The same case at another time step."""
+        """Case with another time step."""
         step = self.scene.run.sample_interval / steps_per_sample
         run = self.scene.run.model_copy(update={"time_step": step})
         return replace(self, scene=self.scene.model_copy(update={"run": run, "steps_per_sample": steps_per_sample}))
 
     def sampled_at_every(self, time_step_s: float) -> "Case":
-        """The same case with any time step, and a sample at each; it ends within a step of where it ended."""
+        """Case with any time step and a sample at every step; the duration changes by less than a step."""
         samples = max(2, int(float(self.sample_times_s[-1]) / time_step_s * (1 + 1e-12)) + 1)
         run = self.scene.run.model_copy(update={"sample_interval": time_step_s, "time_step": time_step_s})
         changes = {"run": run, "steps_per_sample": 1, "samples": samples}
@@ -103,12 +106,12 @@ class Case:
 
     @property
     def work(self) -> int:
-        """Bodies times steps: what a run's cost goes with."""
+        """Number of bodies times steps; the cost of a run is proportional to it."""
         return self.chain.bodies * self.scene.steps
 
     @property
     def sample_times_s(self) -> Array:
-        """Times of the samples as multiples of the time step. Shape (samples,)."""
+        """Sample times as multiples of the time step, in s. Shape (samples,)."""
         return np.arange(self.scene.samples, dtype=float) * (self.scene.steps_per_sample * self.scene.time_step_s)
 
     @property
@@ -118,12 +121,12 @@ class Case:
         return range(0, self.scene.steps + 1, every)
 
     def models(self, element: str) -> bool:
-        """Whether the deck models an element, by its name."""
+        """True if decks model the named element."""
         return next(each.modelled for each in self.elements if each.name == element)
 
     @property
     def layout(self) -> Layout:
-        """What post-processing needs to know of the chain."""
+        """Properties of the chain that post-processing needs."""
         scene, chain = self.scene, self.chain
         places = sorted((sensor.from_wall for sensor in scene.chain.sensors), reverse=True)
         heights, radii = chain.height_m, chain.radius_m
@@ -140,7 +143,7 @@ class Case:
 
     @property
     def summary(self) -> str:
-        """The case in words, for a deck's head: free of names, since equal decks are one run."""
+        """Description of the case for the head of a deck; without the scene's name, as equal decks share a run."""
         chain, striker = self.chain, self.scene.striker
         beads = f"{chain.beads} bead{'s' if chain.beads != 1 else ''}"
         wall = "a rigid wall" if chain.wall == RIGID else f"a wall of {chain.wall}"
@@ -154,30 +157,31 @@ class Case:
 
 
 def build_case(scene: Scene) -> Case:
-    """The case of a scene; where it asks for an accuracy, the time step is still to be planned.
+    """Case of a scene; a time step for an accuracy is not planned here.
 
     Raises:
-        InputError: its masses or loads make no chain.
+        InputError: a mass, a load or the tube is not allowed.
     """
     chain = build_chain(scene)
     refuse_any(scene.file, _impossible(scene, chain))
     if scene.three_dimensional:
-        from drivers.chain.lateral_start import with_lateral  # scipy: only where it is needed
+        from drivers.chain.lateral_start import with_lateral  # imports scipy
 
         chain = with_lateral(scene, chain)
     return Case(scene, chain, choose_elements(scene, chain))
 
 
 def _impossible(scene: Scene, chain: Chain) -> Iterator[InputProblem]:
-    """What shows only in the chain as built: masses below zero, beads that overlap or pass each other."""
+    """Problems of the built chain: masses below zero, large overlaps at rest, tubes that do not fit."""
     if (chain.mass_kg <= 0).any():
         place = int(np.argmin(chain.mass_kg)) + 1
-        yield "chain.mass_scatter", f"{scene.chain.mass_scatter:g} kg, which leaves bead {place} no mass", "less"
+        found = f"{scene.chain.mass_scatter:g} kg, with which the mass of bead {place} is not above zero"
+        yield "chain.mass_scatter", found, "a smaller scatter"
     deepest = chain.overlap_m / chain.smaller_radius_m
     if (deepest > MAX_OVERLAP).any():
         contact = int(np.argmax(deepest)) + 1
         key = "chain.precompression" if chain.precompression_N else "gravity"
-        found = f"a load that presses {chain.overlap_m[contact - 1]:g} m deep at contact {contact}"
+        found = f"a load that makes an overlap of {chain.overlap_m[contact - 1]:g} m at contact {contact}"
         yield key, found, f"overlaps of at most {MAX_OVERLAP:g} of the radius"
     tube = scene.tube
     if not scene.three_dimensional or tube is None:
@@ -187,16 +191,16 @@ def _impossible(scene: Scene, chain: Chain) -> Iterator[InputProblem]:
     if tube.top is not None and height[chain.beads - 1] > tube.top:
         yield "tube.top", f"{tube.top:g} m", f"at least {height[chain.beads - 1]:.4g} m, the height of the top bead"
     if scene.striker is not None and radius[-1] >= tube.inner_diameter / 2:
-        # where the striker's surface stands above the rim of the bore
+        # height of a rim that the striker touches
         sphere = np.isfinite(radius[-1])
         rim = height[-1] - (sqrt(radius[-1] ** 2 - tube.inner_diameter**2 / 4) if sphere else 0.0)
         if tube.top is None or tube.top > rim:
-            found = "nothing" if tube.top is None else f"{tube.top:g} m"
-            yield "tube.top", found, f"at most {rim:.4g} m: the striker is wider than the bore and stays above it"
+            most = f"at most {rim:.4g} m, as the striker is wider than the bore and starts above it"
+            yield "tube.top", *((f"missing key; give {most}", "") if tube.top is None else (f"{tube.top:g} m", most))
 
 
 def _passing(bore_radius_m: float, chain: Chain) -> Iterator[InputProblem]:
-    """Beads so loose that they would touch the next but one."""
+    """Problem of a tube in which a bead could pass a neighbour or touch its second neighbour."""
     radius = chain.radius_m[chain.radius_m < bore_radius_m]
     play = bore_radius_m - radius
     reach, across = radius[1:] + radius[:-1], play[1:] + play[:-1]

@@ -1,7 +1,7 @@
-"""The chain: a scene as arrays of masses, radii, contact stiffnesses, overlaps and start values.
+"""Chain: a scene as arrays of masses, radii, contact stiffnesses, overlaps and start values.
 
-Bodies are the beads 1 to n from the wall upwards, then the striker; contact j lies under body j, so that
-all arrays have one entry a body. A contact that does not exist (under bead 1 of a free chain) has stiffness 0.
+Bodies are the beads 1 to n from the wall upwards, then the striker. Contact j is below body j, so all arrays have one
+entry for each body. A missing contact (below bead 1 of a free chain) has stiffness 0.
 """
 
 from collections.abc import Sequence
@@ -30,30 +30,33 @@ from drivers.scene.model import Contact, Scene
 from validation.reference.hertz_chain import ENERGY_SHARE, HertzChain, TubeChain, dissipative_force
 
 Array = NDArray[np.float64]
-LEVEL_M = 10.0  # places 0.1 mm off the axis are level to 1e-5, and heights round to 1e-15 m
-AT_REST = 1e-9  # of the whole load: forces that a packing may leave on a bead
+LEVEL_M = 10.0  # radius of a sphere that replaces a flat face; its slope is 1e-5 at 0.1 mm off the axis
+AT_REST = 1e-9  # largest unbalanced force on a bead at rest, over the total load
 
 
-@dataclass(frozen=True, eq=False)  # known by itself: what is worked out of one is kept for the engines that share it
+@dataclass(frozen=True, eq=False)  # compared by identity, for caches
 class Chain:
-    """Everything that determines the motion, in SI units; arrays of shape (bodies,), read only.
+    """Parameters and start values of a chain, in SI units; read-only arrays of shape (bodies,).
 
     In a three-dimensional chain overlaps are along the lines of centres; heights, velocities and forces along the axis.
 
     Attributes:
-        materials: the material's name of each body.
-        radius_m: inf for a flat striker.
+        materials: name of each body's material.
+        mass_kg: masses.
+        radius_m: radii; inf for a flat striker.
         stiffness: k of each contact in F = k overlap^(3/2), N m^-3/2.
-        overlap_m: at time 0; a gap is negative.
-        velocity_m_s: at time 0, upwards positive.
-        load_N: constant force on each body, upwards positive: weight and precompression.
-        beads: how many of the bodies are beads.
-        wall: the wall's material, None for a free chain.
-        wall_height_m: height of the wall (of a free chain: of bead 1's underside).
-        damping_ratio: B of ``drivers.chain.contact_law``; 0 for elastic contacts, and where there is a gamma.
-        gamma: of its other law of dissipation, by a power of the closing speed, in N (s/m)^alpha; else 0.
-        alpha: that power; 0 where there is no gamma.
-        lateral: what a three-dimensional chain has beside; None for a straight one.
+        overlap_m: overlaps at time 0; a gap is negative.
+        velocity_m_s: velocities at time 0, upwards positive.
+        load_N: constant force on each body, weight and precompression, upwards positive.
+        beads: number of beads.
+        wall: material of the wall; None for a free chain.
+        wall_height_m: height of the wall, or of bead 1's lowest point in a free chain.
+        gravity_m_s2: acceleration of gravity.
+        precompression_N: constant force downwards on the top bead.
+        damping_ratio: B of ``drivers.chain.contact_law``; 0 for elastic contacts and the power law.
+        gamma: coefficient of the power law of dissipation, in N (s/m)^alpha; else 0.
+        alpha: exponent of the power law; else 0.
+        lateral: additional properties of a three-dimensional chain; None for a straight chain.
     """
 
     materials: tuple[str, ...]
@@ -75,42 +78,42 @@ class Chain:
 
     @property
     def bodies(self) -> int:
-        """Beads, and the striker where there is one."""
+        """Number of beads, plus one for the striker if present."""
         return len(self.mass_kg)
 
     @property
     def sphere_radius_m(self) -> Array:
-        """The radius of each body, 0 for a flat striker."""
+        """Radius of each body; 0 for a flat striker. Shape (bodies,)."""
         return np.where(np.isinf(self.radius_m), 0.0, self.radius_m)
 
     @property
     def damped(self) -> bool:
-        """Whether contacts lose energy in impacts."""
+        """True if contacts dissipate energy in impacts."""
         return self.damping_ratio > 0 or self.gamma > 0
 
     @property
     def dissipation(self) -> str:
-        """What contacts lose, in words."""
+        """Description of the dissipation."""
         if self.gamma:
-            return f"contacts have {self.gamma:.6g} N (s/m)^a times closing speed^a beside, a = {self.alpha:.6g}"
+            return f"dissipative force of {self.gamma:.6g} N (s/m)^a times closing speed^a, a = {self.alpha:.6g}"
         return f"impacts have a restitution of {restitution(self.damping_ratio):.6g}"
 
     @property
     def slips(self) -> bool:
-        """Whether contacts have friction."""
+        """True if contacts have friction."""
         return self.lateral is not None and self.lateral.slips
 
     @property
     def bore(self) -> Bore | None:
-        """Inside of the tube that a three-dimensional chain moves in; None where there is none."""
+        """Bore of the tube; None for a straight chain or without a tube."""
         return self.lateral.bore if self.lateral else None
 
     @cached_property
     def height_m(self) -> Array:
-        """Heights of the centres at time 0; of a flat striker: of its face. Shape (bodies,).
+        """Heights of the centres at time 0 (of a flat striker: its face). Shape (bodies,).
 
-        Damped bodies that just touch are kept apart by more than rounding, since the force of the one law goes with
-        overlap^(1/4); by the power law those that close overlap by it, since they have a force then.
+        Damped bodies that just touch start with a gap of a few rounding errors, since the viscoelastic force grows as
+        overlap^(1/4). With the power law, closing bodies start with an overlap of that size, since they have a force.
         """
         radius = self.sphere_radius_m
         below = np.concatenate([[0.0], radius[:-1]])
@@ -123,40 +126,40 @@ class Chain:
 
     @property
     def place_m(self) -> Array:
-        """Centres at time 0 (of a flat striker: its face), across the axis and along it. Shape (bodies, 3)."""
+        """Positions of the centres at time 0 (of a flat striker: its face). Shape (bodies, 3)."""
         offset = np.zeros((self.bodies, 2)) if self.lateral is None else self.lateral.offset_m
         return np.column_stack([offset, self.height_m])
 
     @property
     def velocity_xyz_m_s(self) -> Array:
-        """At time 0, across the axis and along it. Shape (bodies, 3)."""
+        """Velocities at time 0. Shape (bodies, 3)."""
         across = np.zeros((self.bodies, 2)) if self.lateral is None else self.lateral.velocity_m_s
         return np.column_stack([across, self.velocity_m_s])
 
     @cached_property
     def axial_share(self) -> Array:
-        """Cosine between the axis and each contact's line of centres: 1 in a straight chain. Shape (bodies,)."""
+        """Cosine of the angle between the axis and each line of centres; 1 in a straight chain. Shape (bodies,)."""
         if self.lateral is None:
             return np.ones(self.bodies)
         across = np.zeros(self.bodies)
         across[1:] = np.hypot(*np.diff(self.lateral.offset_m, axis=0).T)
-        across[np.isinf(self.radius_m)] = 0.0  # a flat face is level
+        across[np.isinf(self.radius_m)] = 0.0  # a flat face stays level
         apart = self.radius_m + np.append(0.0, self.radius_m[:-1]) - self.overlap_m
         return np.asarray(np.sqrt(1 - (across / apart) ** 2))
 
     @cached_property
     def smaller_radius_m(self) -> Array:
-        """The smaller radius of the two bodies at each contact. Shape (bodies,)."""
+        """Smaller radius of the two bodies at each contact. Shape (bodies,)."""
         return np.asarray(np.minimum(self.radius_m, np.append(np.inf, self.radius_m[:-1])))
 
     @property
     def closing_m_s(self) -> Array:
-        """Speeds at which contacts close along the axis at time 0. Shape (bodies,)."""
+        """Closing speeds of the contacts along the axis at time 0. Shape (bodies,)."""
         return np.asarray(np.append(0.0, self.velocity_m_s[:-1]) - self.velocity_m_s)
 
     @cached_property
     def force_N(self) -> Array:
-        """Contact forces along the axis at time 0; one that then closes has by the power law the force just after."""
+        """Contact forces along the axis at time 0; with the power law, just after contacts close. Shape (bodies,)."""
         elastic = self.elastic_N
         if not self.damped:
             return elastic
@@ -165,37 +168,34 @@ class Chain:
 
     @cached_property
     def elastic_N(self) -> Array:
-        """The elastic share of the contact forces at time 0, which loads are balanced by. Shape (bodies,)."""
+        """Elastic part of the contact forces along the axis at time 0. Shape (bodies,)."""
         return np.asarray(hertz_force(self.stiffness, np.maximum(self.overlap_m, 0.0)) * self.axial_share)
 
     @cached_property
     def reduced_mass_kg(self) -> Array:
-        """``1 / (1/m1 + 1/m2)`` of the two bodies at each contact, the bead's own at the wall. Shape (bodies,)."""
+        """``1 / (1/m1 + 1/m2)`` of the two bodies at each contact; at the wall the bead's mass. Shape (bodies,)."""
         inverse = 1 / self.mass_kg
         return np.asarray(1 / (inverse + np.append(0.0, inverse[:-1])))
 
     @cached_property
     def damping(self) -> Array:
-        """C of each contact in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, N s m^-5/4; 0 if elastic. Shape (bodies,).
-
-        By the power law it is gamma.
-        """
+        """C of each contact in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, N s m^-5/4; gamma for the power law."""
         if self.gamma:
             return np.where(self.stiffness > 0, self.gamma, 0.0)
         return damping_coefficient(self.damping_ratio, self.stiffness, self.reduced_mass_kg)
 
     @cached_property
     def acceleration_m_s2(self) -> Array:
-        """At time 0, exactly zero where a bead rests in equilibrium. Shape (bodies,)."""
+        """Accelerations at time 0; exactly zero for beads in equilibrium. Shape (bodies,)."""
         return self._net(self.force_N) / self.mass_kg
 
     @property
     def unbalanced_N(self) -> Array:
-        """Each body's load that elastic contacts do not balance at time 0, upwards positive. Shape (bodies,)."""
+        """Unbalanced force on each body at time 0 with elastic contacts, upwards positive. Shape (bodies,)."""
         return self._net(self.elastic_N)
 
     def _net(self, force_N: Array) -> Array:
-        """Sum of contact forces and load of each body, without rounding."""
+        """Sum of contact forces and load on each body; sums within the rounding error are set to 0."""
         above = np.append(force_N[1:], 0.0)
         net = force_N - above + self.load_N
         rounding = 1e-12 * (force_N + above + np.abs(self.load_N))
@@ -205,11 +205,11 @@ class Chain:
 
 
 def build_chain(scene: Scene) -> Chain:
-    """The straight chain of a scene.
+    """Straight chain of a scene.
 
     Beads that rest on the wall start in static equilibrium: contact j carries the precompression and the weight
-    of beads j to n. Beads above a gap, and those of a free chain, start touching without force. The striker just
-    touches; it is no part of the equilibrium.
+    of beads j to n. Beads above a gap, and beads of a free chain, start touching without force. The striker just
+    touches the top bead; its weight is not part of the equilibrium.
     """
     table = scene.chain
     count, striker = table.count, scene.striker
@@ -254,23 +254,23 @@ def build_chain(scene: Scene) -> Chain:
 
 
 def _damping_ratio(contact: Contact) -> float:
-    """The damping ratio of a scene's contacts, given or by their restitution."""
+    """Damping ratio of a scene's contacts, given or computed from the restitution."""
     if contact.damping_ratio is not None:
         return contact.damping_ratio
     return 0.0 if contact.restitution is None else damping_ratio(contact.restitution)
 
 
 def arrays_of(chain: Chain) -> HertzChain:
-    """A straight chain as the integrators take it."""
+    """Straight chain as input of the integrators."""
     arrays = (chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N, chain.damping)
     return HertzChain(*arrays, chain.alpha)
 
 
 def tube_arrays_of(chain: Chain) -> TubeChain:
-    """A three-dimensional chain as the integrators take it; its bore is a true cylinder."""
+    """Three-dimensional chain as input of the integrators; the bore is a true cylinder."""
     lateral = chain.lateral
     assert lateral is not None
-    bore, nowhere = lateral.bore, np.zeros(chain.bodies)
+    bore, zero = lateral.bore, np.zeros(chain.bodies)
     return TubeChain(
         mass_kg=chain.mass_kg,
         radius_m=chain.radius_m,
@@ -278,8 +278,8 @@ def tube_arrays_of(chain: Chain) -> TubeChain:
         damping=chain.damping,
         shear=lateral.shear_stiffness,
         load_N=chain.load_N,
-        bore_stiffness=bore.stiffness if bore else nowhere,
-        bore_shear=bore.shear_stiffness if bore else nowhere,
+        bore_stiffness=bore.stiffness if bore else zero,
+        bore_shear=bore.shear_stiffness if bore else zero,
         place_m=chain.place_m,
         velocity_m_s=chain.velocity_xyz_m_s,
         wall_m=chain.wall_height_m,
@@ -292,11 +292,11 @@ def tube_arrays_of(chain: Chain) -> TubeChain:
 
 @lru_cache(maxsize=2)
 def energy_put_in(chain: Chain, duration_s: float) -> float:
-    """Energy that can turn into motion, in J; of a chain in which nothing moves, what its contacts hold at rest.
+    """Energy in J that can turn into motion; if nothing moves, the Hertz energy at rest.
 
-    Kinetic energy at time 0, what loads do by closing gaps, and by pressing in what is not in equilibrium. The Hertz
-    energy of an equilibrium is none of it: loads and contacts hold each other. Nor is that of a free chain as a whole:
-    it falls, and what presses its beads together is how unlike they are loaded.
+    Sum of the kinetic energy at time 0, the work of loads while gaps close, and the work of unbalanced loads. The Hertz
+    energy of an equilibrium is not included, and neither is the common fall of a free chain, whose beads are pressed
+    together only by differences of their accelerations.
     """
     kinetic = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
     if chain.lateral is not None:
@@ -310,31 +310,31 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
 
 
 def moving_at_start(chain: Chain) -> float:
-    """Momenta of the bodies at time 0 without their directions, in N s: what meets head on has some, too.
+    """Sum of the magnitudes of all momenta at time 0, in N s.
 
-    At least that of moving by the rounding of their heights in a second, below which there is no motion.
+    The lower limit is the momentum of the total mass at a speed of one rounding error of heights per second.
     """
     moving = float(chain.mass_kg @ np.abs(chain.velocity_m_s))
     return max(moving, float(chain.mass_kg.sum() * np.spacing(np.abs(chain.height_m).max(initial=0.0))))
 
 
 def free_fall(chain: Chain) -> float:
-    """Acceleration of a free chain as a whole, in m/s^2, upwards positive."""
+    """Acceleration of the centre of mass of a free chain, in m/s^2, upwards positive."""
     return float(chain.load_N.sum() / chain.mass_kg.sum())
 
 
 def furthest_m(chain: Chain) -> float:
-    """The largest coordinate that a code may hold, of which heights are rounded."""
+    """Largest coordinate in a deck, in m; the rounding error of heights is proportional to it."""
     height = float(np.abs(chain.height_m).max())
     return height + LEVEL_M if chain.lateral is not None and np.isinf(chain.radius_m[-1]) else height
 
 
 def sphere_for_face(scene: Scene, chain: Chain) -> tuple[float, float]:
-    """Radius and Young's modulus, in SI units, of the sphere whose contact is that of the striker's flat face.
+    """Radius and Young's modulus, in SI units, of a sphere with the same contact law as the striker's flat face.
 
-    With the flat contact's ``1/E* = c_bead + c_face`` the sphere's radius S and its compliance c have
-    ``c_bead + c = sqrt(S / (S + R)) / E*``. c is above zero for ``S > R c_bead / (2 c_face)``; S is about twice that,
-    since the heights of larger ones round more. Where beads move sideways it is a large one, which they find level.
+    With ``1/E* = c_bead + c_face`` of the flat contact, the sphere's radius S and compliance c satisfy
+    ``c_bead + c = sqrt(S / (S + R)) / E*``. c is positive for ``S > R c_bead / (2 c_face)``; S is about twice that,
+    since larger spheres increase the rounding error of heights. If beads move sideways, S is at least ``LEVEL_M``.
     """
     bead, face = (scene.materials[name] for name in chain.materials[-2:])
     under = float(chain.radius_m[-2])
@@ -346,7 +346,7 @@ def sphere_for_face(scene: Scene, chain: Chain) -> tuple[float, float]:
 
 
 def _unbalanced(chain: Chain) -> Array:
-    """What no contact balances of each body's load, and in a free chain does not make all fall together, in N."""
+    """Magnitude of each body's unbalanced load in N, without the common fall of a free chain. Shape (bodies,)."""
     net = chain.unbalanced_N
     if chain.wall is None:
         net = net - chain.mass_kg * free_fall(chain)
@@ -355,7 +355,7 @@ def _unbalanced(chain: Chain) -> Array:
 
 
 def _settling(chain: Chain) -> float:
-    """What loads that nothing balances do while the contacts below give way to them, at most, in J."""
+    """Upper bound on the work done by unbalanced loads, in J."""
     unbalanced = _unbalanced(chain)
     load = float(unbalanced.sum())
     if not load:
@@ -369,11 +369,11 @@ def _settling(chain: Chain) -> float:
 
 
 def stiffness_by(law: ContactStiffness, scene: Scene, materials: Sequence[str], radius_m: Array) -> Array:
-    """Stiffness of the contact under each body, by a law of two materials and radii; 0 where there is none."""
+    """Stiffness of the contact below each body, from a contact law; 0 for a missing contact. Shape (bodies,)."""
 
     @cache
     def between(below: str, radius_below_m: float, above: str, radius_above_m: float) -> float:
-        # a rigid wall has no material
+        # None for a rigid wall
         return law(scene.materials.get(below), radius_below_m, scene.materials[above], radius_above_m)
 
     bodies = list(zip(materials, radius_m.tolist(), strict=True))
@@ -382,11 +382,11 @@ def stiffness_by(law: ContactStiffness, scene: Scene, materials: Sequence[str], 
 
 
 def _overlaps(stiffness: Array, bead_load_N: Array, gaps: dict[int, float], *, resting: bool) -> Array:
-    """Overlaps at time 0: of static equilibrium up to the first gap, zero above it."""
+    """Overlaps at time 0: of the static equilibrium below the first gap, and 0 above it."""
     overlap = np.zeros(len(stiffness))
-    first_loose = min(gaps, default=len(bead_load_N) + 1) if resting else 1
-    held = slice(0, first_loose - 1)
-    carried = -np.cumsum(bead_load_N[held][::-1])[::-1]  # what lies on each contact
+    first_free = min(gaps, default=len(bead_load_N) + 1) if resting else 1
+    held = slice(0, first_free - 1)
+    carried = -np.cumsum(bead_load_N[held][::-1])[::-1]  # load on each contact
     overlap[held] = hertz_overlap(stiffness[held], np.maximum(carried, 0.0))
     for place, gap in gaps.items():
         overlap[place - 1] = -gap

@@ -1,20 +1,20 @@
-"""The contact law of all engines: elastic force, stiffness, energy, and the dissipation and restitution of impacts.
+"""Contact law of all engines: elastic force, stiffness, energy, dissipation and restitution.
 
 ``F = max(0, k d^(3/2) + 2 B sqrt(m* K) d')`` with the tangent stiffness ``K = (3/2) k d^(1/2)``, the reduced mass
-``1/m* = 1/m1 + 1/m2`` (at the wall the bead's own) and the damping ratio B (Tsuji, Tanaka and Ishida, Powder Technol.
-71:239, 1992; without attraction). In ``u ~ d^(5/4)`` and a time of its own an impact is that of a linear oscillator of
-damping ratio ``zeta = sqrt(6/5) B``, and ends where its acceleration is zero (as Schwager and Poeschel, Granular
-Matter 9:465, 2007, have it for a linear spring). So the restitution depends on B alone, not on speed, size or modulus:
+``1/m* = 1/m1 + 1/m2`` (at the wall the bead's own mass) and the damping ratio B (Tsuji, Tanaka and Ishida, Powder
+Technol. 71:239, 1992; without attraction). In ``u ~ d^(5/4)`` and a rescaled time an impact is a linear oscillator with
+the damping ratio ``zeta = sqrt(6/5) B``; the impact ends when the acceleration is zero (Schwager and Poeschel, Granular
+Matter 9:465, 2007, for a linear spring). So the restitution depends only on B, not on speed, size or modulus:
 
 ``e = exp(-2 a / tan(a))`` with ``cos(a) = zeta``; for zeta > 1 ``e = exp(-2 a / tanh(a))`` with ``cosh(a) = zeta``.
 
-The other law of dissipation is ``F = max(0, k d^(3/2) + gamma sgn(d') |d'|^alpha)`` where d >= 0, with one gamma and
-alpha for all contacts (Carretero-Gonzalez, Khatri, Porter, Kevrekidis and Daraio, Phys. Rev. Lett. 102:024102, 2009,
-who find an alpha of 1.75 for steel, brass and PTFE). Its force jumps by ``gamma v^alpha`` where a contact closes at v,
-and its restitution depends on the speed.
+The power law of dissipation is ``F = max(0, k d^(3/2) + gamma sgn(d') |d'|^alpha)`` for d >= 0, with the same gamma and
+alpha for all contacts (Carretero-Gonzalez, Khatri, Porter, Kevrekidis and Daraio, Phys. Rev. Lett. 102:024102, 2009;
+alpha = 1.75 for steel, brass and PTFE). The force jumps by ``gamma v^alpha`` when a contact closes at speed v, and the
+restitution depends on the speed.
 
-Functions of overlap, force and energy take one contact or arrays of contacts. The forces of both laws are
-``validation.reference.hertz_chain.dissipative_force`` for arrays, ``contact_kernels`` beside it compiled.
+Functions of overlap, force and energy accept one contact or arrays of contacts. Dissipative forces are computed by
+``validation.reference.hertz_chain.dissipative_force`` and, compiled, in ``validation.reference.contact_kernels``.
 """
 
 from collections.abc import Callable
@@ -27,45 +27,46 @@ import numpy as np
 from drivers.scene.model import Material
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Array
 
-Value = TypeVar("Value", float, Array)  # a stiffness of type Any is one or the other, too
-# k or k_t of a contact, by material and radius of both bodies
+Value = TypeVar("Value", float, Array)  # stiffnesses of type Any are also floats or Arrays
+# k or k_t of a contact, from material and radius of both bodies
 ContactStiffness = Callable[[Material | None, float, Material | None, float], float]
 
-ZETA_1 = sqrt(5 / 6)  # the damping ratio B at which zeta is 1
-ALPHA = 1.75  # of the law by a power of the closing speed, where a scene gives none
+ZETA_1 = sqrt(5 / 6)  # damping ratio B at which zeta is 1
+ALPHA = 1.75  # default of the power law
 
 
 def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
-    """Hertz stiffness k of F = k overlap^(3/2), in N m^-3/2.
+    """Hertz stiffness k in F = k overlap^(3/2), in N m^-3/2.
 
-    ``k = (4/3) E* sqrt(R*)`` with ``1/E* = (1-nu1^2)/E1 + (1-nu2^2)/E2`` and ``1/R* = 1/R1 + 1/R2``: the general
-    form of the paper's Eq. (7). A radius of inf is a flat face, a material of None is rigid.
+    ``k = (4/3) E* sqrt(R*)`` with ``1/E* = (1-nu1^2)/E1 + (1-nu2^2)/E2`` and ``1/R* = 1/R1 + 1/R2``, the general
+    form of the paper's Eq. (7). A radius of inf is a flat face; None is a rigid material.
     """
-    yielding = sum(m.compliance for m in (first, second) if m is not None)
+    compliance = sum(m.compliance for m in (first, second) if m is not None)
     curvature = 1 / radius_1_m + 1 / radius_2_m
-    return 4 / 3 / yielding / sqrt(curvature)
+    return 4 / 3 / compliance / sqrt(curvature)
 
 
 def mindlin_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
-    """Shear stiffness k_t of ``dF_t = k_t sqrt(overlap) ds``, in N m^-3/2.
+    """Shear stiffness k_t in ``dF_t = k_t sqrt(overlap) ds``, in N m^-3/2.
 
     ``k_t = 8 G* sqrt(R*)`` with ``1/G* = 2(2-nu1)(1+nu1)/E1 + 2(2-nu2)(1+nu2)/E2``: Mindlin's contact without slip.
     """
-    yielding = sum(
+    compliance = sum(
         2 * (2 - m.poisson_ratio) * (1 + m.poisson_ratio) / m.youngs_modulus for m in (first, second) if m is not None
     )
-    return 8 / yielding / sqrt(1 / radius_1_m + 1 / radius_2_m)
+    return 8 / compliance / sqrt(1 / radius_1_m + 1 / radius_2_m)
 
 
 @cache
 def conformity(radius_m: float, bore_radius_m: float) -> float:
-    """Stiffness of a sphere in a bore over that on a flat of the same material.
+    """Ratio of the contact stiffness of a sphere in a bore to that on a flat of the same material.
 
     Hertz's elliptic contact (Johnson, Contact Mechanics, section 4.2) with the relative curvatures ``1/R - 1/R_bore``
-    across the axis and ``1/R`` along it; the force still goes with overlap^(3/2). A bore of inf is a flat.
+    across the axis and ``1/R`` along the axis; the force is proportional to overlap^(3/2) as well. A bore radius of
+    inf is a flat.
 
     Raises:
-        ValueError: the sphere does not fit.
+        ValueError: the sphere does not fit into the bore.
     """
     from scipy.optimize import brentq
     from scipy.special import ellipe, ellipkm1
@@ -77,7 +78,7 @@ def conformity(radius_m: float, bore_radius_m: float) -> float:
         return 1.0
 
     def curvatures(squared: float) -> tuple[float, float]:
-        """``E/m - K`` and ``K - E``, which are as the relative curvatures along and across."""
+        """``E/m - K`` and ``K - E``; their ratio is that of the relative curvatures along and across the axis."""
         second, first = float(ellipkm1(squared)), float(ellipe(1 - squared))
         return first / squared - second, second - first
 
@@ -95,60 +96,60 @@ def conformity(radius_m: float, bore_radius_m: float) -> float:
 
 
 def side_share(sides: int) -> float:
-    """Stiffness of each flat side of a mesh over that of the cylinder it stands for.
+    """Ratio of the contact stiffness of a flat side of a mesh to that of the cylinder which the mesh replaces.
 
-    Beads come to rest in its edges, where two sides hold them: ``2 k_side cos(pi/n)^(5/2) = k``.
+    Beads rest in an edge, on two sides: ``2 k_side cos(pi/n)^(5/2) = k``.
     """
     return float(1 / (2 * cos(pi / sides) ** 2.5))
 
 
 def hertz_force(stiffness: Any, overlap_m: Value) -> Value:
-    """``F = k d^(3/2)`` of an overlap of 0 or more, in N."""
+    """Force ``F = k d^(3/2)`` for an overlap of 0 or more, in N."""
     force: Value = stiffness * overlap_m**EXPONENT
     return force
 
 
 def hertz_overlap(stiffness: Any, force_N: Value) -> Value:
-    """``d = (F / k)^(2/3)`` of a force of 0 or more, in m."""
+    """Overlap ``d = (F / k)^(2/3)`` for a force of 0 or more, in m."""
     overlap: Value = (force_N / stiffness) ** (1 / EXPONENT)
     return overlap
 
 
 def contact_stiffness(stiffness: float | Array, overlap_m: Array) -> Array:
-    """Slope of the force, ``dF/dd = (3/2) k d^(1/2)``, in N/m."""
+    """Tangent stiffness ``dF/dd = (3/2) k d^(1/2)``, in N/m."""
     return np.asarray(EXPONENT * stiffness * np.sqrt(overlap_m))
 
 
 def contact_stiffness_at(stiffness: float, force_N: float) -> float:
-    """Slope of the force where it is F, ``(3/2) k^(2/3) F^(1/3)``, in N/m."""
+    """Tangent stiffness at the force F, ``(3/2) k^(2/3) F^(1/3)``, in N/m."""
     return float(EXPONENT * float(stiffness) ** (2 / 3) * float(force_N) ** (1 / 3))
 
 
 def hertz_energy(stiffness: Any, overlap_m: Value) -> Value:
-    """``E = (2/5) k d^(5/2)`` of an overlap of 0 or more, in J."""
+    """Elastic energy ``E = (2/5) k d^(5/2)`` for an overlap of 0 or more, in J."""
     energy: Value = ENERGY_SHARE * stiffness * overlap_m ** (1 + EXPONENT)
     return energy
 
 
 def hertz_energy_at(stiffness: Any, force_N: Value) -> Value:
-    """Energy of a contact that carries the force F, ``(2/5) F (F / k)^(2/3)``, in J."""
+    """Elastic energy of a contact with the force F, ``(2/5) F (F / k)^(2/3)``, in J."""
     energy: Value = ENERGY_SHARE * force_N * hertz_overlap(stiffness, force_N)
     return energy
 
 
 def overlap_of_energy(stiffness: Value, energy_J: float) -> Value:
-    """Overlap at which a contact holds an energy, ``d = (5 E / (2 k))^(2/5)``, in m."""
+    """Overlap at which a contact has the elastic energy E, ``d = (5 E / (2 k))^(2/5)``, in m."""
     overlap: Value = ((1 + EXPONENT) * energy_J / stiffness) ** ENERGY_SHARE
     return overlap
 
 
 def damping_coefficient(damping_ratio: float, stiffness: Array, reduced_mass_kg: Array) -> Array:
-    """C of ``F = max(0, k d^(3/2) + C d^(1/4) d')``, that is ``2 B sqrt((3/2) k m*)``, in N s m^-5/4."""
+    """Coefficient ``C = 2 B sqrt((3/2) k m*)`` in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, in N s m^-5/4."""
     return np.asarray(2 * damping_ratio * np.sqrt(EXPONENT * stiffness * reduced_mass_kg))
 
 
 def restitution(damping_ratio: float) -> float:
-    """Restitution of an impact of two bodies under no other force; 1 for a damping ratio of 0."""
+    """Restitution of an impact of two free bodies; 1 for a damping ratio of 0."""
     zeta = damping_ratio / ZETA_1
     root = sqrt(abs(1 - zeta) * (1 + zeta))
     if root == 0:
@@ -158,7 +159,7 @@ def restitution(damping_ratio: float) -> float:
 
 @cache
 def damping_ratio(wanted: float) -> float:
-    """Damping ratio B at which an impact has a restitution, which is above 0 and at most 1."""
+    """Damping ratio B of an impact with the restitution ``wanted``, above 0 and at most 1."""
     from scipy.optimize import brentq
 
     loss = -log(wanted)
@@ -169,15 +170,15 @@ def damping_ratio(wanted: float) -> float:
 
 
 def restitution_with_attraction(damping_ratio: float) -> float:
-    """``e' = exp(-pi zeta / sqrt(1 - zeta^2))``, the restitution if bodies could pull; 0 where none is left.
+    """Restitution ``e' = exp(-pi zeta / sqrt(1 - zeta^2))`` of the law with attractive forces; 0 for zeta >= 1.
 
-    It is what LIGGGHTS has to be given, whether it limits forces or not: ``zeta = |ln e'| / sqrt(ln(e')^2 + pi^2)``.
+    LIGGGHTS takes e' with and without ``limitForce``: ``zeta = |ln e'| / sqrt(ln(e')^2 + pi^2)``.
     """
     zeta = damping_ratio / ZETA_1
     return exp(-pi * zeta / sqrt((1 - zeta) * (1 + zeta))) if zeta < 1 else 0.0
 
 
 def damping_ratio_with_attraction(wanted: float) -> float:
-    """Damping ratio of a restitution e' of the law with attraction."""
+    """Damping ratio B of a restitution e' of the law with attractive forces."""
     loss = -log(wanted)
     return ZETA_1 * loss / sqrt(loss**2 + pi**2)

@@ -1,7 +1,7 @@
-"""Model only what a scene requires: which elements the deck gets, and why.
+"""Modelling elements: the parts of a scene that decks model or leave out, each with the reason.
 
-What provably changes nothing is left out. An exactly collinear chain has no force across its axis, so it
-never touches its tube, never slips and never turns.
+Elements without any effect are left out. An exactly straight chain has no force across its axis, so its beads never
+touch the tube, slip or turn.
 """
 
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from drivers.chain.lateral import Lateral
 from drivers.chain.masses import bead_mass
 from drivers.scene.model import RIGID, Scene
 
-# what every engine of a straight chain models, and what one of three dimensions does beside
+# elements of straight chains, and further elements of three-dimensional chains
 STRAIGHT = frozenset({"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter", "damping"})
 SIDEWAYS = frozenset({"lateral freedom", "tube", "friction", "rotation"})
-Row = tuple[str, object, str | None, str]  # name, what there is of it, reason where there is some, and where none
+Row = tuple[str, object, str | None, str]  # name, value (false: not modelled), reason if modelled, reason if not
 
 
 @dataclass(frozen=True)
 class Element:
-    """One thing that a deck models, or does not, with the reason."""
+    """Modelling element, modelled or left out, with the reason."""
 
     name: str
     modelled: bool
@@ -27,19 +27,24 @@ class Element:
 
 
 def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
-    """The modelling elements of a scene, each in or out with its reason."""
+    """Modelling elements of a scene, each modelled or left out, with the reason."""
     none = "the scene has none"
     striker, scatter = scene.striker, scene.chain.mass_scatter
     ordinary = bead_mass(scene) if scene.chain.sensors else None
     unlike = len([sensor for sensor in scene.chain.sensors if sensor.mass not in (None, ordinary)])
     wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
     shape = "flat face" if striker and striker.shape == "flat" else "sphere"
-    alike = "sensor beads weigh what the others do" if scene.chain.sensors else "no bead carries a sensor"
+    alike = "sensor beads weigh as much as the others" if scene.chain.sensors else "no bead carries a sensor"
     damped = chain.dissipation + (f", by a damping ratio of {chain.damping_ratio:.6g}" if chain.damping_ratio else "")
     table = [
         ("gravity", scene.gravity, f"{scene.gravity:g} m/s^2", none),
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),
-        ("striker", striker, striker and f"{shape} of {striker.material} at {striker.speed:g} m/s", "nothing strikes"),
+        (
+            "striker",
+            striker,
+            striker and f"{shape} of {striker.material} at {striker.speed:g} m/s",
+            "the scene has none",
+        ),
         ("precompression", chain.precompression_N, f"{chain.precompression_N:g} N on the top bead", none),
         ("sensor masses", unlike, f"{unlike} sensor bead(s) of another mass than the beads", alike),
         ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", none),
@@ -68,7 +73,7 @@ def _sideways(scene: Scene, lateral: Lateral) -> list[Row]:
         tube = f"bore of {2 * bore.radius_m:g} m, {kind}"
     slipping = f"coefficient {lateral.friction:g} between beads and with the wall"
     slipping += f", {bore.friction if bore else 0.0:g} in the bore"
-    still = "the scene forbids it" if lateral.slips else "without friction no bead turns"
+    still = "rotation = false in the scene" if lateral.slips else "without friction no bead turns"
     return [
         ("lateral freedom", True, freedom, ""),
         ("tube", bore, tube, "the scene has none"),

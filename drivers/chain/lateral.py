@@ -1,7 +1,4 @@
-"""What a three-dimensional chain has beside a straight one: places off the axis, friction, the bore of its tube.
-
-Meshes of bores, for decks and pictures, are written by meshio.
-"""
+"""Additional properties of three-dimensional chains: positions off the axis, friction, the bore of the tube."""
 
 import io
 from dataclasses import dataclass
@@ -16,18 +13,18 @@ from numpy.typing import NDArray
 from validation.reference.hertz_chain import Array
 
 Cells = NDArray[np.int64]
-CELL_ASPECT = 4.0  # height over width of a mesh's cells: as few as are no slivers
+CELL_ASPECT = 4.0  # height over width of a mesh's cells; LIGGGHTS rejects long slivers
 
 
 @dataclass(frozen=True)
 class Bore:
-    """The inside of a tube about the chain's axis; arrays of shape (bodies,).
+    """Bore of a tube about the chain's axis; arrays of shape (bodies,).
 
     Attributes:
-        stiffness: k of each body's contact with it in F = k overlap^(3/2); 0 for a body that is not in the tube.
-        shear_stiffness: as ``Lateral.shear_stiffness``.
-        low_m, high_m: heights of its ends.
-        sides: flat sides of the mesh that stands for it; None: a true cylinder.
+        stiffness: k of each body's contact with the bore in F = k overlap^(3/2); 0 for bodies outside the tube.
+        shear_stiffness: k_t of these contacts, as in ``Lateral.shear_stiffness``.
+        low_m, high_m: heights of the ends.
+        sides: number of flat sides of the mesh; None for a true cylinder.
     """
 
     radius_m: float
@@ -40,7 +37,7 @@ class Bore:
 
     @property
     def mesh(self) -> str:
-        """The text of the STL file of the mesh; empty for a true cylinder."""
+        """Text of an STL file of the mesh; empty for a true cylinder."""
         if self.sides is None:
             return ""
         import meshio
@@ -52,7 +49,7 @@ class Bore:
 
     @property
     def triangles(self) -> int:
-        """Of the mesh; 0 for a true cylinder."""
+        """Number of triangles of the mesh; 0 for a true cylinder."""
         return 0 if self.sides is None else 2 * self.sides * self._rings
 
     @property
@@ -62,11 +59,11 @@ class Bore:
         return max(1, round((self.high_m - self.low_m) / (CELL_ASPECT * width)))
 
     def overlaps(self, radius_m: Array, place_m: Array) -> Array:
-        """How deep bodies are in the bore, or in each of its flat sides; a gap is negative.
+        """Overlaps of bodies with the bore, or with each of its flat sides, in m; a gap is negative.
 
         Args:
-            radius_m: shape (bodies,).
-            place_m: off the axis, shape (..., bodies, 2).
+            radius_m: radii of the bodies, shape (bodies,).
+            place_m: positions across the axis, shape (..., bodies, 2).
 
         Returns:
             Shape (..., bodies, 1), or (..., bodies, sides).
@@ -79,26 +76,27 @@ class Bore:
 
     @cached_property
     def guided(self) -> list[int]:
-        """The bodies in the tube, counted from 0."""
+        """Indices of the bodies in the tube, from 0."""
         return [int(body) for body in np.flatnonzero(self.stiffness)]
 
 
 def side_normals(sides: int) -> Array:
-    """Directions in which the flat sides of ``tube_mesh`` stand. Shape (sides, 2)."""
+    """Unit normals of the flat sides of ``tube_mesh``, away from the axis. Shape (sides, 2)."""
     angle = 2 * pi * (np.arange(sides) + 0.5) / sides
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 @dataclass(frozen=True)
 class Lateral:
-    """Freedom to move sideways and to turn; arrays of shape (bodies, 2), or (bodies,).
+    """Properties of bodies that can move sideways and turn.
 
     Attributes:
-        offset_m: centres off the axis at time 0.
-        velocity_m_s: across the axis at time 0.
-        shear_stiffness: k_t of each contact: a shear ds adds ``k_t sqrt(overlap) ds`` to its tangential force.
-        friction: of contacts between bodies and with the wall.
-        turns: whether friction turns bodies.
+        offset_m: positions of the centres across the axis at time 0, shape (bodies, 2).
+        velocity_m_s: velocities across the axis at time 0, shape (bodies, 2).
+        shear_stiffness: k_t of each contact, shape (bodies,): a shear ds adds ``k_t sqrt(overlap) ds`` to the
+            tangential force.
+        friction: coefficient between bodies and with the wall.
+        turns: True if friction turns bodies.
     """
 
     offset_m: Array
@@ -110,31 +108,35 @@ class Lateral:
 
     @property
     def slips(self) -> bool:
-        """Whether any contact has friction."""
+        """True if any contact has friction."""
         return self.friction > 0 or (self.bore is not None and self.bore.friction > 0)
 
 
-def block_bands(own: Array, beside: Array) -> Array:
-    """Upper bands, as scipy has them, of a matrix of blocks: (bodies, 3, 3) on its diagonal, one less above it."""
+def block_bands(own: Array, coupling: Array) -> Array:
+    """Upper bands, in scipy's layout, of a symmetric block-tridiagonal matrix.
+
+    Args:
+        own: blocks on the diagonal, shape (bodies, 3, 3).
+        coupling: blocks above the diagonal, shape (bodies - 1, 3, 3).
+    """
     bands = np.zeros((6, 3 * len(own)))
     for row in range(3):
         for column in range(3):
             if column >= row:
                 bands[5 - (column - row), column::3] = own[:, row, column]
-            bands[5 - (column + 3 - row), 3 + column :: 3] = beside[:, row, column]
+            bands[5 - (column + 3 - row), 3 + column :: 3] = coupling[:, row, column]
     return bands
 
 
 def tube_mesh(inner_radius_m: float, low_m: float, high_m: float, sides: int, rings: int) -> tuple[Array, Cells]:
-    """The bore as a prism of flat sides about the z axis, open at both ends.
+    """Mesh of the bore: a prism of flat sides about the z axis, open at both ends.
 
-    The middle of every side touches the bore from outside: no bead finds less room than in the round bore, and
-    at the edges ``inner_radius_m (1 / cos(pi / sides) - 1)`` more.
+    The middle of every side touches the round bore from outside, so beads have at least as much room as in the round
+    bore, and ``inner_radius_m (1 / cos(pi / sides) - 1)`` more at the edges.
 
     Returns:
         Points of shape ``((rings + 1) sides, 3)``, and triangles as indices of their corners, of shape
-        ``(2 rings sides, 3)``: ``rings`` rows of cells from end to end, each cut once along a diagonal. Seen from the
-        axis the corners go round counterclockwise: normals point inwards.
+        ``(2 rings sides, 3)``. The mesh has ``rings`` rows of cells, each cut along a diagonal. Normals point inwards.
     """
     width = 2 * inner_radius_m * tan(pi / sides)
     corner = width / 2 / np.sin(pi / sides)
@@ -153,7 +155,7 @@ def tube_mesh(inner_radius_m: float, low_m: float, high_m: float, sides: int, ri
 
 
 def write_mesh(path: Path, points: Array, kind: str, cells: Cells, **fields: NDArray[Any]) -> None:
-    """Writes cells of one kind, named as meshio does, in the format of the file's ending; fields are of points."""
+    """Write a mesh in the format of the file's suffix; ``kind`` is meshio's cell type, ``fields`` are point data."""
     import meshio
 
     meshio.write(path, meshio.Mesh(points, [(kind, cells)], point_data=fields))

@@ -1,10 +1,10 @@
-"""Where a three-dimensional chain starts.
+"""Start of a three-dimensional chain.
 
-Beads that rest on the wall lean from side to side, where gravity or a precompression presses them down: they start in
-the rest that they fall into without friction from their seeded places. All others start at those, just touching.
+Beads pressed onto the wall by gravity or a precompression start at the frictionless equilibrium closest to their seeded
+positions, where they lean alternately against the bore. All other beads start at their seeded positions and just touch.
 
-Rest is a minimum of the potential energy, found by Newton's method with damping (Levenberg and Marquardt): the matrix
-of second derivatives is banded, since a bead meets only its neighbours.
+The equilibrium is a minimum of the potential energy, found by damped Newton steps (Levenberg and Marquardt). The
+Hessian is banded, since beads touch neighbours only.
 """
 
 from dataclasses import replace
@@ -20,20 +20,22 @@ from drivers.chain.lateral import Bore, Lateral, block_bands, side_normals
 from drivers.scene.model import Scene
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 
-TUBE_ABOVE = 8.0  # bore radii above the highest body, where no tube.top is given
-OFFSET_STREAM = 1  # stream of random numbers beside that of the masses
-POLISHING_STEPS = 5  # more steps, down to rounding
+TUBE_ABOVE = 8.0  # length of the tube above the highest body in bore radii, without a tube.top
+OFFSET_STREAM = 1  # stream of random numbers; masses have another stream
+POLISHING_STEPS = 5  # Newton steps after convergence, to reach the rounding error
 MAX_STEPS = 20_000
-MAX_SHIFT = 1e3  # a shift at which steps lead nowhere
-MIN_SHIFT = 1e-14  # of the contacts' stiffness: turning about the axis costs nothing, and needs some
-MAX_STEP_SHARE = 0.25  # of the play that a step may move a bead
+MAX_SHIFT = 1e3  # over the contact stiffness; a larger shift ends the search
+MIN_SHIFT = 1e-14  # over the contact stiffness; without a shift the Hessian is singular, by rotation about the axis
+MAX_STEP_SHARE = 0.25  # largest step of a bead over its play
 
 
 def with_lateral(scene: Scene, chain: Chain) -> Chain:
-    """The chain of a three-dimensional scene at its start; of a straight one, as it is.
+    """Chain with the additional properties and the start of a three-dimensional scene.
+
+    The chain of a straight scene is returned unchanged.
 
     Raises:
-        InputError: its beads do not come to rest.
+        InputError: no equilibrium was found.
     """
     if not scene.three_dimensional:
         return chain
@@ -49,7 +51,7 @@ def with_lateral(scene: Scene, chain: Chain) -> Chain:
         bore=_bore(scene, chain),
     )
     started = replace(chain, lateral=lateral)
-    pressed = chain.overlap_m[: chain.beads] > 0  # onto the wall, from it up
+    pressed = chain.overlap_m[: chain.beads] > 0  # beads pressed onto the wall
     resting = int(pressed.argmin()) if not pressed.all() else chain.beads
     if lateral.bore is None or not lateral.offset_m[:resting].any():
         return started
@@ -57,12 +59,12 @@ def with_lateral(scene: Scene, chain: Chain) -> Chain:
 
 
 def _seeded_offsets(scene: Scene, chain: Chain) -> Array:
-    """Places off the axis, drawn from a normal distribution and kept within the play. Shape (bodies, 2)."""
+    """Positions across the axis, drawn from a normal distribution and limited to the play. Shape (bodies, 2)."""
     tube, spread = scene.tube, scene.chain.lateral_offset
     if tube is None or not spread:
         return np.zeros((chain.bodies, 2))
     offset = np.random.default_rng([scene.seed, OFFSET_STREAM]).normal(0.0, spread, (chain.bodies, 2))
-    play = np.maximum(tube.inner_diameter / 2 - chain.radius_m, 0.0)  # what is wider stands above the tube, on the axis
+    play = np.maximum(tube.inner_diameter / 2 - chain.radius_m, 0.0)  # a wider body is above the tube, on the axis
     distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-300)
     return np.asarray(offset * np.minimum(1.0, play / distance)[:, np.newaxis])
 
@@ -84,15 +86,15 @@ def _bore(scene: Scene, chain: Chain) -> Bore | None:
 
 
 def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
-    """The chain with its lowest beads at rest."""
+    """Chain with its lowest ``resting`` beads in equilibrium."""
     assert chain.lateral is not None
     touching = replace(chain, overlap_m=np.minimum(chain.overlap_m, 0.0))
     start = np.column_stack([chain.lateral.offset_m, touching.height_m - chain.wall_height_m])[:resting]
     place, left = _rest(chain, start)
     worst = int(np.argmax(left))
     if left[worst] > AT_REST * float(np.abs(chain.load_N[:resting]).sum()):
-        found = f"beads that do not come to rest: {left[worst]:.2g} N are left on bead {worst + 1}"
-        allowed = f"at most {AT_REST:g} of the load: fewer beads, another seed or a wider tube"
+        found = f"no equilibrium: {left[worst]:.2g} N are unbalanced on bead {worst + 1}"
+        allowed = f"at most {AT_REST:g} of the load; try fewer beads, another seed or a wider tube"
         raise InputError(scene.file, "chain.lateral_offset", found, allowed)
     offset, overlap = chain.lateral.offset_m.copy(), chain.overlap_m.copy()
     offset[:resting] = place[:, :2]
@@ -104,7 +106,7 @@ def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
 
 
 def _rest(chain: Chain, start: Array) -> tuple[Array, Array]:
-    """As ``find_rest``, once for all chains that differ in what has no part in it."""
+    """Result of ``find_rest``, cached."""
     beads, bore = len(start), chain.bore
     assert bore is not None
     arrays = (start, chain.load_N[:beads], chain.stiffness[:beads], chain.radius_m[:beads], bore.stiffness[:beads])
@@ -114,17 +116,22 @@ def _rest(chain: Chain, start: Array) -> tuple[Array, Array]:
 
 
 def find_rest(chain: Chain, place_m: Array, steps: int = MAX_STEPS) -> tuple[Array, Array]:
-    """The rest that a chain's lowest beads fall into from given places over the wall, of shape (beads, 3).
+    """Frictionless equilibrium of a chain's lowest beads.
+
+    Args:
+        chain: the chain.
+        place_m: positions to start from, heights above the wall, shape (beads, 3).
+        steps: largest number of Newton steps.
 
     Returns:
-        Their places there, and what is left on each that nothing balances, in N.
+        Positions in equilibrium, and the unbalanced force on each bead in N.
     """
     place, shift, beads = place_m.copy(), 1e-6, len(place_m)
     assert chain.bore is not None
     load = float(np.abs(chain.load_N[:beads]).sum())
     scale = contact_stiffness_at(chain.stiffness[:beads].max(), load)
     longest = MAX_STEP_SHARE * float((chain.bore.radius_m - chain.radius_m[:beads]).min())
-    rounding = 1e-15 * load * float(place[-1, 2])  # of the energy: below it, Newton's steps count unchecked
+    rounding = 1e-15 * load * float(place[-1, 2])  # rounding error of the energy; smaller decreases are accepted
     energy, gradient, bands = _potential(chain, chain.bore, place)
     best, least, polished = place, float(np.abs(gradient).max()), 0
     for _ in range(steps):
@@ -146,7 +153,7 @@ def find_rest(chain: Chain, place_m: Array, steps: int = MAX_STEPS) -> tuple[Arr
 
 
 def _step(bands: Array, gradient: Array, shift: float) -> Array | None:
-    """Newton's step with every direction stiffened by ``shift``; None where that does not suffice."""
+    """Newton step with ``shift`` added to the Hessian's diagonal; None if the Hessian is not positive definite."""
     shifted = bands.copy()
     shifted[-1] += shift
     try:
@@ -156,7 +163,7 @@ def _step(bands: Array, gradient: Array, shift: float) -> Array | None:
 
 
 def _potential(chain: Chain, bore: Bore, place: Array) -> tuple[float, Array, Array]:
-    """Energy, its gradient of shape (beads, 3), and its second derivatives as upper bands of shape (6, 3 beads)."""
+    """Potential energy, its gradient (beads, 3), and its Hessian as upper bands (6, 3 beads)."""
     count = len(place)
     radius, load, stiffness = chain.radius_m[:count], chain.load_N[:count], chain.stiffness[:count]
     energy = -float(load @ place[:, 2])
@@ -188,7 +195,7 @@ def _potential(chain: Chain, bore: Bore, place: Array) -> tuple[float, Array, Ar
 
 
 def _bore_potential(bore: Bore, radius: Array, place: Array) -> tuple[float, Array, Array]:
-    """The bore's share of the energy, its gradient of shape (beads, 2) and second derivatives, (beads, 2, 2)."""
+    """Potential energy in the bore contacts, its gradient (beads, 2) and its Hessian (beads, 2, 2)."""
     overlap, stiffness = bore.overlaps(radius, place), bore.stiffness[: len(place), None]
     energy, force, slope = _hertz(stiffness, overlap)
     if bore.sides is not None:
@@ -202,7 +209,7 @@ def _bore_potential(bore: Bore, radius: Array, place: Array) -> tuple[float, Arr
 
 
 def _hertz(stiffness: Array, overlap: Array) -> tuple[Array, Array, Array]:
-    """Energy, force and contact stiffness."""
+    """Energy, force and tangent stiffness of Hertz contacts."""
     closed = np.maximum(overlap, 0.0)
     root = np.sqrt(closed)
     return ENERGY_SHARE * stiffness * closed**2 * root, stiffness * closed * root, EXPONENT * stiffness * root

@@ -1,6 +1,6 @@
-"""The force trace: what every engine's raw output becomes, and where post-processing starts.
+"""Trace of a run: the output of every engine and the input of post-processing.
 
-Columns of the files that it is kept in, ``forces.parquet`` and ``state.parquet``, are named here alone.
+This module defines the columns of ``forces.parquet`` and ``state.parquet``.
 """
 
 import hashlib
@@ -17,9 +17,9 @@ from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 if TYPE_CHECKING:
     import pandas as pd
 
-# numbers that hardly repeat: 30 % smaller and sooner written than by default
+# options for values that rarely repeat: 30 % smaller and faster than the defaults
 COMPRESSED: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
-FORCES, STATE, SENSORS = "forces.parquet", "state.parquet", "sensors.csv"  # of a run folder
+FORCES, STATE, SENSORS = "forces.parquet", "state.parquet", "sensors.csv"  # files of a run folder
 CONTACT, BORE, BORE_FRICTION = "contact_{}_N", "bore_{}_N", "bore_friction_N"
 BALANCES = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
 PLACES = ("body_{}_x_m", "body_{}_y_m", "body_{}_height_m")
@@ -29,13 +29,13 @@ SPINS = ("body_{}_spin_x_rad_s", "body_{}_spin_y_rad_s", "body_{}_spin_z_rad_s")
 
 @dataclass(frozen=True)
 class Sideways:
-    """What a three-dimensional run shows beside; arrays of shape (samples, bodies), the first three with an axis more.
+    """Additional samples of a three-dimensional run.
 
     Attributes:
-        place_m: of the centres off the axis, x and y.
-        velocity_m_s: across the axis, x and y.
-        spin_rad_s: about x, y and z.
-        bore_N: by which the bore presses on each body, towards the axis.
+        place_m: x and y of the centres. Shape (samples, bodies, 2).
+        velocity_m_s: x and y velocities. Shape (samples, bodies, 2).
+        spin_rad_s: spin about x, y and z. Shape (samples, bodies, 3).
+        bore_N: force of the bore on each body, towards the axis. Shape (samples, bodies).
     """
 
     place_m: Array
@@ -46,18 +46,21 @@ class Sideways:
 
 @dataclass(frozen=True)
 class Trace:
-    """Samples of a run; forces are the engine's own, along the axis, compression positive.
+    """Samples of a run, all at the same times.
 
     Attributes:
-        time_s: shape (samples,).
-        force_N: shape (samples, contacts); column j-1 is contact j, which lies under body j.
-        kinetic_energy_J: with velocities at the time of the positions. Shape (samples,).
-        total_energy_J: kinetic, Hertz, weight and precompression; weight counted from time 0. Shape (samples,).
-        momentum_N_s: of all bodies, upwards positive. Shape (samples,).
-        height_m: of the centres (of a flat striker: its face). Shape (samples, bodies); None where not kept.
-        velocity_m_s: upwards positive. Shape (samples, bodies); None where not kept.
-        bore_friction_N: along the axis, on all bodies together, upwards positive. Shape (samples,); None: no tube.
-        sideways: of a three-dimensional run; None of others, and where not kept.
+        time_s: sample times. Shape (samples,).
+        force_N: contact forces of the engine along the axis, compression positive. Shape (samples, contacts); column
+            j-1 is contact j, below body j.
+        kinetic_energy_J: kinetic energy of all bodies. Shape (samples,).
+        total_energy_J: kinetic and Hertz energy and the potential of weight and precompression, which is 0 at time 0.
+            Shape (samples,).
+        momentum_N_s: momentum of all bodies, upwards positive. Shape (samples,).
+        height_m: heights of the centres, or of a flat striker's face. Shape (samples, bodies); None if not kept.
+        velocity_m_s: velocities, upwards positive. Shape (samples, bodies); None if not kept.
+        bore_friction_N: sum of the bore's friction along the axis on all bodies, upwards positive. Shape (samples,);
+            None without a tube.
+        sideways: None for straight chains, and if not kept.
     """
 
     time_s: Array
@@ -72,7 +75,7 @@ class Trace:
 
 
 def part_of(trace: Trace, chosen: slice) -> Trace:
-    """Some of a trace's samples, with all that it has of them."""
+    """Selected samples of a trace, all columns."""
 
     def cut(values: Any) -> Any:
         if isinstance(values, Sideways):
@@ -83,7 +86,7 @@ def part_of(trace: Trace, chosen: slice) -> Trace:
 
 
 def until(trace: Trace, samples: int) -> Trace:
-    """The first samples of a trace."""
+    """First samples of a trace."""
     return part_of(trace, slice(samples))
 
 
@@ -96,21 +99,21 @@ def make_trace(
     spin_rad_s: Array | None = None,
     bore_N: Array | None = None,
 ) -> Trace:
-    """A trace with its energies; of a three-dimensional chain with sideways motion and spin.
+    """Build a trace with its energies, and for a three-dimensional chain with sideways motion and spin.
 
-    Hertz energy is that of the engine's own forces, ``(2/5) F overlap`` with the overlap ``(F/k)^(2/3)``. Where
-    contacts are damped or not in line the force does not tell it: there it is ``(2/5) k overlap^(5/2)`` from places.
-    What friction stores in shear is not seen, so with friction the energy may fall a little and return.
+    The Hertz energy is ``(2/5) F overlap`` with the overlap ``(F/k)^(2/3)`` from the engine's force. If contacts are
+    damped or off the axis, it is ``(2/5) k overlap^(5/2)`` with the overlap from positions. Shear energy is not
+    included, so with friction the energy may decrease a little and increase again.
 
     Args:
         chain: the chain.
-        time_s: shape (samples,).
-        force_N: along the axis. Shape (samples, bodies).
-        place_m: of centres, and of a flat striker's face: heights, shape (samples, bodies), or with x and y before
-            them, shape (samples, bodies, 3).
-        velocity_m_s: likewise.
-        spin_rad_s: shape (samples, bodies, 3); left out where nothing turns.
-        bore_N: the bore's force on each body, likewise; left out where there is no tube.
+        time_s: sample times, shape (samples,).
+        force_N: contact forces along the axis, shape (samples, bodies).
+        place_m: heights of the centres (of a flat striker: its face), shape (samples, bodies); for a
+            three-dimensional chain x, y and height, shape (samples, bodies, 3).
+        velocity_m_s: velocities, same shape as ``place_m``.
+        spin_rad_s: spins, shape (samples, bodies, 3); None if no body turns.
+        bore_N: force of the bore on each body, shape (samples, bodies, 3); None without a tube.
     """
     if chain.lateral is None:
         height, upward, sideways, friction = place_m, velocity_m_s, None, None
@@ -120,7 +123,7 @@ def make_trace(
         towards_axis = _towards_axis(place_m[:, :, :2], by_bore[:, :, :2])
         sideways = Sideways(place_m[:, :, :2], velocity_m_s[:, :, :2], spin, towards_axis)
         friction = by_bore[:, :, 2].sum(axis=1) if chain.bore else None
-    with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up, which the guard says in words
+    with np.errstate(over="ignore", invalid="ignore"):  # runs that blow up are reported by the guard
         if sideways is not None:
             elastic = _elastic_energy(chain, sideways.place_m, height)
             speed = upward**2 + (sideways.velocity_m_s**2).sum(axis=2)
@@ -140,10 +143,10 @@ def make_trace(
 
 
 def _elastic_energy(chain: Chain, place_m: Array, height_m: Array) -> Array:
-    """Hertz energy of all contacts, those with the bore too, from places off the axis and heights. Shape (samples,)."""
+    """Hertz energy of all contacts, including bore contacts, from positions. Shape (samples,)."""
     radius = chain.sphere_radius_m
     across = np.diff(place_m, axis=1, prepend=place_m[:, :1])
-    across[:, np.isinf(chain.radius_m)] = 0.0  # a flat face is level
+    across[:, np.isinf(chain.radius_m)] = 0.0  # a flat face stays level
     along = np.diff(height_m, axis=1, prepend=chain.wall_height_m)
     overlap = radius + np.append(0.0, radius[:-1]) - np.sqrt((across**2).sum(axis=2) + along**2)
     elastic = hertz_energy(1.0, np.maximum(overlap, 0.0)) @ chain.stiffness
@@ -154,22 +157,23 @@ def _elastic_energy(chain: Chain, place_m: Array, height_m: Array) -> Array:
 
 
 def _towards_axis(place_m: Array, bore_N: Array) -> Array:
-    """The bore's force on each body towards the axis, from places and forces across it. Shape (samples, bodies)."""
+    """Force of the bore on each body towards the axis, from x and y components. Shape (samples, bodies)."""
     distance = np.maximum(np.hypot(place_m[:, :, 0], place_m[:, :, 1]), 1e-300)
-    with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up, which the guard says in words
+    with np.errstate(over="ignore", invalid="ignore"):  # runs that blow up are reported by the guard
         return np.asarray(-(place_m * bore_N).sum(axis=2) / distance)
 
 
 def overlaps(chain: Chain, height_m: Array) -> Array:
-    """Overlaps from heights, a gap negative. Shape (samples, bodies)."""
+    """Overlaps from heights; a gap is negative. Shape (samples, bodies)."""
     moved = height_m - chain.height_m
     return np.asarray(chain.overlap_m + np.column_stack([np.zeros(len(moved)), moved[:, :-1]]) - moved)
 
 
 def energy_error_J(energy_J: Array, *, damped: bool, slips: bool) -> Array:
-    """By how much a total energy errs: its change; where contacts lose energy, what it gains over its least.
+    """Error of the total energy at each sample, in J.
 
-    Where contacts slip their shear holds some that is not seen and comes back: what it gains over its start.
+    For elastic contacts the change since time 0; for damped contacts the gain over the smallest value so far. With
+    friction the gain over the value at time 0, since shear energy is not included.
     """
     if slips:
         return np.asarray(np.maximum(energy_J - energy_J[0], 0.0))
@@ -177,7 +181,7 @@ def energy_error_J(energy_J: Array, *, damped: bool, slips: bool) -> Array:
 
 
 def digest_of(trace: Trace) -> str:
-    """Digest of the forces and energies: equal only where they are, bit for bit."""
+    """Digest of forces and energies; equal only if all are equal bit for bit."""
     digest = hashlib.sha256()
     for array in (trace.force_N, trace.kinetic_energy_J, trace.total_energy_J, trace.momentum_N_s):
         digest.update(np.ascontiguousarray(array).data)
@@ -185,7 +189,7 @@ def digest_of(trace: Trace) -> str:
 
 
 def write_forces(trace: Trace, path: Path) -> None:
-    """Writes ``forces.parquet``: time, every contact, what the bore presses with, energies and momentum."""
+    """Write ``forces.parquet``: time, contact and bore forces, energies and momentum."""
     import pandas as pd
 
     columns = {"time_s": trace.time_s} | _numbered(CONTACT, trace.force_N)
@@ -198,7 +202,7 @@ def write_forces(trace: Trace, path: Path) -> None:
 
 
 def read_forces(path: Path) -> Trace:
-    """Reads ``forces.parquet`` back, bit for bit; the state is not in it."""
+    """Read ``forces.parquet``, without positions and velocities."""
     import pandas as pd
 
     table = pd.read_parquet(path)
@@ -210,7 +214,7 @@ def read_forces(path: Path) -> Trace:
 
 
 def read_bore_forces(path: Path, bodies: int) -> Array | None:
-    """Forces between the bore and each body from ``forces.parquet``, shape (samples, bodies); None without any."""
+    """Bore forces on each body from ``forces.parquet``, shape (samples, bodies); None if the file has none."""
     import pandas as pd
 
     table = pd.read_parquet(path)
@@ -219,7 +223,7 @@ def read_bore_forces(path: Path, bodies: int) -> Array | None:
 
 
 def write_state(trace: Trace, path: Path) -> None:
-    """Writes ``state.parquet``: height and velocity of each body; of a three-dimensional run x, y and spin too."""
+    """Write ``state.parquet``: height and velocity of each body; for three-dimensional runs x, y and spin as well."""
     import pandas as pd
 
     assert trace.height_m is not None
@@ -238,12 +242,12 @@ def write_state(trace: Trace, path: Path) -> None:
 
 @dataclass(frozen=True)
 class State:
-    """Where bodies are and how they move; one that went straight up and down has 0 sideways.
+    """Positions and velocities of all bodies; x and y are 0 for straight chains.
 
     Attributes:
-        time_s: shape (samples,).
-        place_m: x, y and height of the centres (of a flat striker: of its face). Shape (samples, bodies, 3).
-        velocity_m_s: shape (samples, bodies, 3).
+        time_s: sample times. Shape (samples,).
+        place_m: x, y and height of the centres (of a flat striker: its face). Shape (samples, bodies, 3).
+        velocity_m_s: velocities. Shape (samples, bodies, 3).
     """
 
     time_s: Array
@@ -252,10 +256,10 @@ class State:
 
 
 def read_state(path: Path, bodies: int) -> State:
-    """Reads positions and velocities of so many bodies from ``state.parquet``, bit for bit.
+    """Read positions and velocities from ``state.parquet``.
 
     Raises:
-        KeyError: a column that is not there.
+        KeyError: a missing column.
     """
     import pandas as pd
 
@@ -272,10 +276,10 @@ def read_state(path: Path, bodies: int) -> State:
 
 
 def _numbered(pattern: str, values: Array) -> dict[str, Array]:
-    """Columns of an array of shape (samples, bodies), numbered from the wall."""
+    """Named columns of an array of shape (samples, bodies), numbered from the wall."""
     return {pattern.format(j): column for j, column in enumerate(values.T, start=1)}
 
 
 def _or_zero(table: "pd.DataFrame", names: list[str]) -> Array:
-    """Columns of a table, 0 where it lacks one. Shape (rows, names)."""
+    """Columns of a table, with zeros for missing columns. Shape (rows, names)."""
     return np.asarray(table.reindex(columns=names, fill_value=0.0).to_numpy(dtype=float))

@@ -1,7 +1,8 @@
-"""Engines: an adapter for each code, found by its file's name, so that a further engine touches nothing else.
+"""Engines: one adapter module for each code.
 
-The module of an adapter defines ``ENGINE = Engine(...)``; names that begin with ``_`` are none of an adapter. An engine
-is an adapter with the command that starts a build of its code; ``engines.toml`` adds engines, and adapters elsewhere.
+Each module of this folder whose name does not begin with ``_`` is an adapter and defines ``ENGINE = Engine(...)``. An
+engine is an adapter with the command that starts a build of its code. ``engines.toml`` adds engines, with adapters of
+this folder or of other files.
 """
 
 import os
@@ -27,17 +28,22 @@ from drivers.chain.trace import Trace
 from drivers.engines._entries import Entry, entries
 from drivers.scene.model import VISCOELASTIC
 
-REFERENCE, VERLET = "reference", "verlet"  # this repository's: exact forces, and the codes' scheme
+REFERENCE, VERLET = "reference", "verlet"  # in-repo engines: exact motion, and the scheme of the codes
 IN_HEIGHTS = "velocity Verlet in absolute heights"
 IN_OVERLAPS = "velocity Verlet in overlaps"
-EXACT = "exact to its tolerance, whatever the time step"
-TOTAL, INCREMENTAL = "total", "incremental"  # the shear displacement, or the force
+EXACT = "exact to its tolerance, at any time step"
+TOTAL, INCREMENTAL = "total", "incremental"  # friction that stores the shear displacement, or the shear force
 
 
 def last_line(stdout: str, stderr: str, chatter: tuple[str, ...] = ()) -> str:
-    """The last line of words that does not begin with any of ``chatter``: of the standard error, else of the output."""
+    """Last line with words, of the standard error or else of the output, that does not begin with ``chatter``."""
     lines = [line.strip() for line in f"{stdout}\n{stderr}".splitlines() if re.search(r"\w", line)]
     return ([line for line in lines if not line.startswith(chatter)] or lines or ["no output"])[-1]
+
+
+def _absolute(word: str) -> str:
+    """Word of a command; the path of an existing file is absolute, as a deck runs in a folder of its own."""
+    return str(Path(word).absolute()) if "/" in word and "=" not in word and Path(word).exists() else word
 
 
 @dataclass(frozen=True)
@@ -46,10 +52,10 @@ class Style:
 
     Attributes:
         colour: as ``#rrggbb``.
-        width: of the line, in points.
-        dashes: as matplotlib takes them.
-        marker: matplotlib's letter.
-        size: of the marker, in points.
+        width: width of the line in points.
+        dashes: dash pattern of matplotlib.
+        marker: marker of matplotlib.
+        size: size of the marker in points.
     """
 
     colour: str
@@ -61,11 +67,11 @@ class Style:
 
 @dataclass(frozen=True)
 class Defaults:
-    """What a code takes where a deck says nothing, by which a forgotten line is found out; None where it refuses.
+    """Default values of a code, used to recognise missing lines of a deck; None if the code has no default.
 
     Attributes:
         local_damping: d of Cundall's non-viscous damping, ``a (1 - d sign(a v))``.
-        wall_stiffness: of a sphere's contact with a wall, over that of a plane.
+        wall_stiffness: stiffness of a sphere's contact with a wall over the stiffness on a plane.
     """
 
     youngs_modulus_Pa: float | None = None
@@ -76,39 +82,38 @@ class Defaults:
 
 @dataclass(frozen=True)
 class Engine:
-    """Interface of an engine: what an adapter module provides, in values and functions.
+    """Interface of an engine, provided by its adapter module.
 
     Attributes:
-        how_to_get: what to install where it is missing.
-        program: the word of its commands that stands for its program; the command of the build takes its place.
-        version: line with the version, date and commit of a build, asked of the command that starts it.
-        libraries: files that a program loads and its own file does not name, such as those of a script that starts it.
-        render: deck of a case, complete with the command that runs it inside its folder.
-        read: raw output of a finished run in its folder, as a trace; a RunError says what is wrong with it. Shapes and
-            signs are those of ``drivers.chain.trace.make_trace``.
-        loop_pattern: regular expression of the line that gives the seconds in its own time loop, its first group.
-        server: files, if any, and command of a process that runs many decks, asked over its standard input; every
-            engine has one. It may end on a deck that fails: the next one gets a new process.
-        request: input for the server to run the deck of a folder beside its own files, and then to print a word on a
-            line and flush it; for an empty folder, at the start, to print the word only.
-        in_repository: whether it is part of this repository, and so a yardstick for the others.
-        scheme: integration scheme, one of those named above, which its runs are measured against. In velocity Verlet,
-            damping has the closing speed of half a step before, and at time 0 that of time 0.
-        shear: what its friction keeps in three dimensions, ``TOTAL`` or ``INCREMENTAL``.
-        dissipation: laws by which its contacts can lose energy, as scenes name them.
-        models: modelling elements (``drivers.chain.elements``) that it can take.
+        how_to_get: package to install if the code is missing.
+        program: word of the deck's command that is replaced by the command of the build.
+        version: function that returns the version line of a build, with date and commit, given its command.
+        libraries: function that lists files that a program loads without naming them, such as those of a script.
+        render: function that returns the deck of a case, with the command that runs it inside its folder.
+        read: function that reads the raw output of a finished run in its folder as a trace and raises RunError if the
+            output is damaged. Shapes and signs as in ``drivers.chain.trace.make_trace``.
+        loop_pattern: regular expression of the output line with the seconds spent in the code's time loop (group 1).
+        server: files and command of a process that runs many decks one after another, requested on its standard
+            input. It may end on a deck that fails; the next deck gets a new process.
+        request: function of a folder and a word that returns the input by which the server runs the deck of the
+            folder and then prints the word on a line and flushes it; for an empty folder it prints the word only.
+        in_repository: True for ``verlet`` and ``reference``.
+        scheme: integration scheme, one of the constants above. Velocity Verlet uses the closing speed of half a step
+            before for damping, and at time 0 the one of time 0.
+        shear: ``TOTAL`` or ``INCREMENTAL`` friction in three dimensions.
+        dissipation: laws of dissipation that it models, as named in scenes.
+        models: modelling elements (``drivers.chain.elements``) that it models.
         variables: environment variables that it needs, with their values.
-        refusal: key, what was found and what is allowed, where it cannot take a case; else None.
-        partial_trace: samples of a run that ended badly; None where there are none.
-        failure_reason: the engine's own words for a bad end, from its standard output and error.
-        loss_message: words of the failure reason when a body left the space it watches, which is a blow-up; empty where
-            it watches none.
-        on_two_cores: a deck changed so that it runs on two cores; None where the engine cannot.
-        precise_builds: executables beside its own that compute in higher precision, each with the number of beads up
-            to which a few steps take seconds.
-        defaults: what it takes where a deck says nothing.
-        style: its look in figures; None gives it one that no other engine has.
-        name, adapter, entry: of the engine; ``load_engine`` fills them in.
+        refusal: function that returns key, found and allowed of a case that the engine cannot run; else None.
+        partial_trace: function that reads the samples of a failed run; None if there are none.
+        failure_reason: function that extracts the code's own error message from its standard output and error.
+        loss_message: text in the failure reason if a body left the simulated space, which means a blow-up; empty if
+            the code does not check for that.
+        on_two_cores: function that changes a deck to run on two cores; None if the code cannot.
+        precise_builds: programs of higher precision, with the largest number of beads that they run in seconds.
+        defaults: default values of the code.
+        style: style in figures; None gives the engine a style of its own.
+        name, entry: set by ``load_engine``.
     """
 
     how_to_get: str
@@ -138,18 +143,33 @@ class Engine:
     entry: Entry = field(default_factory=lambda: Entry("", ()))
 
     def find(self) -> tuple[str, ...] | None:
-        """Words of the command that starts it, programs with their paths; None where it is not installed."""
+        """Command that starts the build, with paths of its programs; None if it is not installed."""
         if self.in_repository:
             return (sys.executable,)
         return next((found for words in self.entry.commands if (found := find_command(words))), None)
 
     def started(self, deck: Deck, build: tuple[str, ...]) -> tuple[str, ...]:
-        """The command of a deck, with the command of the build in place of the program's name."""
+        """Command of a deck, with the program's name replaced by the command of the build."""
         return tuple(word for each in deck.command for word in (build if each == self.program else (each,)))
+
+    def command_by_hand(self, deck: Deck) -> str:
+        """Command of a deck for a shell, with the program's name replaced by the command of the engine's entry."""
+        registered: tuple[str, ...] = (self.program,)
+        if not self.in_repository and self.entry.commands:
+            commands = self.entry.commands
+            registered = next((words for words in commands if find_command(words)), commands[0])
+        return shlex.join(self.started(deck, tuple(map(_absolute, registered))))
+
+    def deck_by_hand(self, deck: Deck) -> Deck:
+        """Deck whose first line names ``command_by_hand``, to be written for a reader; all else is unchanged."""
+        name, text = next(iter(deck.files.items()))
+        first, end, rest = text.partition("\n")
+        first = first.replace(" ".join(deck.command), self.command_by_hand(deck))
+        return replace(deck, files={**deck.files, name: f"{first}{end}{rest}"})
 
     @property
     def environment(self) -> dict[str, str]:
-        """Environment variables that it needs or its entry passes through, with their values."""
+        """Environment variables that the engine needs or its entry passes on, with their values."""
         passed = {
             name: value
             for name, value in os.environ.items()
@@ -159,18 +179,18 @@ class Engine:
 
     @property
     def absence(self) -> str:
-        """That it is not there, in words for people."""
+        """Message for an engine that is not installed."""
         words = ", ".join(shlex.join(words) for words in self.entry.commands)
         where = f" of {self.entry.where}" if self.entry.where else ""
         return f"not installed; it comes with {self.how_to_get} (looked for {words}{where})"
 
     def version_of(self, command: tuple[str, ...], **more: str) -> str:
-        """Version line of a command, asked in the environment of its runs, and with ``more`` variables."""
+        """Version line of a command, in the environment of runs with ``more`` variables."""
         variables = [f"{name}={value}" for name, value in (self.environment | more).items()]
         return self.version(("env", *variables, *command) if variables else command)
 
     def loop_seconds(self, stdout: str) -> float | None:
-        """Seconds in its own time loop, by its standard output; None where it did not get to the end."""
+        """Seconds spent in the code's time loop, from its standard output; None if the run did not finish."""
         match = re.search(self.loop_pattern, stdout, re.MULTILINE)
         return float(match.group(1)) if match else None
 
@@ -181,35 +201,44 @@ def _adapters() -> tuple[str, ...]:
 
 
 def load_engine(name: str, where: str = "engine", key: str = "", also: tuple[str, ...] = ()) -> Engine:
-    """The engine of a name, which stands in a file or an option ``where``, which may hold other words ``also``.
+    """Load an engine by name.
+
+    Args:
+        name: name of the engine.
+        where: file or option that names it, for messages.
+        key: key in that file, for messages.
+        also: further words that the option allows.
 
     Raises:
-        InputError: there is none, its adapter cannot be loaded, or its entry is one of this repository's engines.
+        InputError: unknown name, an adapter that cannot be loaded, or an entry for an in-repo engine.
     """
     known = entries(_adapters())
     if name not in known:
-        raise InputError(where, key, f'"{name}"', ", ".join((*sorted(known), *also)))
+        own = "; own engines are read from ./engines.toml, ~/.config/bead-chains/engines.toml and --engines FILE"
+        raise InputError(where, key, f'"{name}"', ", ".join((*sorted(known), *also)) + own)
     return _engine_of(name, known[name])
 
 
 @cache
 def _engine_of(name: str, entry: Entry) -> Engine:
-    """The engine of an entry, put together once: a batch asks for it with every case."""
+    """Engine of an entry, cached since a batch loads it for every case."""
     if entry.adapter in _adapters():
         engine = import_module(f"{__name__}.{entry.adapter}").ENGINE
     else:
-        engine = _adapter_elsewhere(Path(entry.adapter), f"{entry.where}: {name}")
+        engine = _external_adapter(Path(entry.adapter), f"{entry.where}: {name}")
     assert isinstance(engine, Engine)
     if engine.in_repository and entry.where:
-        raise InputError(entry.where, name, f'adapter "{entry.adapter}"', "a code: this one is part of the repository")
+        raise InputError(
+            entry.where, name, f'adapter "{entry.adapter}"', "an adapter of a code; in-repo engines take no entry"
+        )
     return replace(engine, name=name, entry=entry, how_to_get=entry.how_to_get or engine.how_to_get)
 
 
-def _told(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of an adapter elsewhere, of which any error is a RunError that says where it arose."""
+def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap a function of an external adapter: any error becomes a RunError with its file and line."""
 
     @wraps(function)
-    def told(*arguments: Any) -> Any:
+    def guarded(*arguments: Any) -> Any:
         try:
             return function(*arguments)
         except (InputError, RunError):
@@ -218,17 +247,17 @@ def _told(function: Callable[..., Any]) -> Callable[..., Any]:
             place = extract_tb(error.__traceback__)[-1]
             raise RunError(f"{place.filename}:{place.lineno}: {type(error).__name__}: {error}") from error
 
-    return told
+    return guarded
 
 
 @cache
-def _adapter_elsewhere(path: Path, where: str) -> Engine:
-    """The engine of an adapter outside the package.
+def _external_adapter(path: Path, where: str) -> Engine:
+    """Engine of an adapter outside this package.
 
     Raises:
-        InputError: it cannot be loaded, or defines none.
+        InputError: the file cannot be loaded or defines no ``ENGINE``.
     """
-    spec = util.spec_from_file_location(f"{__name__}.at.{path}", path)  # a name that no module of the package has
+    spec = util.spec_from_file_location(f"{__name__}.at.{path}", path)  # no module of the package has such a name
     assert spec is not None
     assert spec.loader is not None
     module = sys.modules[spec.name] = util.module_from_spec(spec)
@@ -237,45 +266,45 @@ def _adapter_elsewhere(path: Path, where: str) -> Engine:
         engine = module.ENGINE
         if not isinstance(engine, Engine):
             raise TypeError(f"ENGINE is {type(engine).__name__}")
-    except (Exception, SystemExit) as error:  # whatever is wrong with it
+    except (Exception, SystemExit) as error:  # any error of the adapter
         raise InputError(
             where, "adapter", f"{path}: {type(error).__name__}: {error}", "ENGINE = Engine(...)"
         ) from error
     return replace(
         engine,
-        render=_told(engine.render),
-        read=_told(engine.read),
-        partial_trace=_told(engine.partial_trace),
-        refusal=_told(engine.refusal),
+        render=_guarded(engine.render),
+        read=_guarded(engine.read),
+        partial_trace=_guarded(engine.partial_trace),
+        refusal=_guarded(engine.refusal),
     )
 
 
 def engine_names() -> list[str]:
-    """All engines there are, installed or not."""
+    """Names of all engines, installed or not."""
     return sorted(entries(_adapters()))
 
 
 def in_order(names: Iterable[str]) -> list[str]:
-    """Engines as tables show them: the codes by name, then those of this repository and what is none of its engines."""
+    """Names in the order of tables: codes, then in-repo engines and names that are no engines."""
     known = engine_names()
     return sorted(set(names), key=lambda name: (name not in known or load_engine(name).in_repository, name))
 
 
 def codes() -> list[str]:
-    """The engines to be checked: all but those of this repository."""
+    """Names of all engines that are not part of this repository."""
     return [name for name in engine_names() if not load_engine(name).in_repository]
 
 
 def installed(names: Iterable[str]) -> tuple[str, ...]:
-    """Those of the engines that are there."""
+    """Names of installed engines."""
     return tuple(name for name in names if load_engine(name).find() is not None)
 
 
 def installed_codes() -> list[str]:
-    """The codes that are there."""
+    """Names of installed codes."""
     return list(installed(codes()))
 
 
 def missing_codes() -> list[str]:
-    """The codes that are not."""
+    """Names of codes that are not installed."""
     return [name for name in codes() if name not in installed_codes()]

@@ -1,4 +1,4 @@
-"""Values of decks that several codes need: elastic constants, tables of pairs of types."""
+"""Values for decks of several codes: elastic constants, tables of pairs of types."""
 
 from collections.abc import Iterable, Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.scene.model import RIGID, Scene
 
-RIGID_PA = 1e40  # a wall that does not yield: its share of 1/E* is below rounding
+RIGID_PA = 1e40  # modulus of a rigid wall: its part of 1/E* is below rounding
 
 
 def elastic_constants(scene: Scene, name: str) -> tuple[float, float]:
@@ -17,7 +17,7 @@ def elastic_constants(scene: Scene, name: str) -> tuple[float, float]:
 
 
 def table_of_pairs(types: Sequence[str], pairs: Iterable[tuple[str, str, float]], otherwise: float) -> list[float]:
-    """Symmetric table of a value for each pair of types, row by row; the last word on a pair counts."""
+    """Symmetric table with a value for each pair of types, row by row; the last value given for a pair counts."""
     table = np.full((len(types), len(types)), otherwise)
     for one, other, value in pairs:
         i, j = types.index(one), types.index(other)

@@ -1,4 +1,4 @@
-"""Entries of ``engines.toml``: the command, and so the build, by which an engine of a name is started."""
+"""Entries of ``engines.toml``: name, adapter and command of an engine."""
 
 import os
 import shlex
@@ -17,7 +17,7 @@ from drivers.base.messages import validate
 from drivers.scene.model import Name, Part
 from drivers.scene.read_scene import read_toml
 
-RESERVED = ("auto", "batch", "reference", "verlet")  # a word of --engine, a folder of runs/, the yardsticks
+RESERVED = ("auto", "batch", "reference", "verlet")  # a value of --engine, a folder of runs/, the in-repo engines
 
 
 def _alternatives(value: object) -> object:
@@ -40,15 +40,15 @@ class _Entry(Part):
 
 @dataclass(frozen=True)
 class Entry:
-    """An engine by name.
+    """Entry of an engine.
 
     Attributes:
         adapter: module of this package, or path of a file, that defines ``ENGINE``.
-        commands: alternatives to start it, of which the first that is found is taken.
-        variables: names of environment variables that are passed through, ``*`` standing for any characters.
-        time_limit_s: of a run; None: by the case's size.
-        how_to_get: what to install where it is missing; None: the adapter says it.
-        where: file that it stands in, as messages name it; empty for an adapter without an entry.
+        commands: alternative commands; the first one found is used.
+        variables: environment variables passed on to runs; ``*`` matches any characters.
+        time_limit_s: time limit of a run; None for one that depends on the case.
+        how_to_get: package to install if the code is missing; None for the adapter's text.
+        where: file of the entry, for messages; empty for an adapter without an entry.
     """
 
     adapter: str
@@ -60,8 +60,8 @@ class Entry:
 
 
 def entry_files() -> tuple[Path, ...]:
-    """Files of entries, later ones over earlier ones: shipped, the user's, the present folder's, ``--engines``."""
-    here = os.getcwd()  # noqa: PTH109 - asked for many times a case, where a Path takes ten times as long
+    """Files with entries: shipped, the user's, the present folder's, ``--engines``; later files take precedence."""
+    here = os.getcwd()  # noqa: PTH109 - called many times for each case; Path.cwd() takes ten times as long
     places = _places(os.environ.get("XDG_CONFIG_HOME") or "~/.config", os.environ.get("HOME"), here)
     found = [place for place in places if os.access(place, os.R_OK)]
     return _paths((*found, *filter(None, os.environ.get(paths.ENGINES_VARIABLE, "").split(os.pathsep))))
@@ -69,7 +69,7 @@ def entry_files() -> tuple[Path, ...]:
 
 @cache
 def _places(settings: str, _: str | None, here: str) -> tuple[str, ...]:
-    """Where entries may stand, by the user's settings, home and present folder."""
+    """Possible files with entries, in the order of precedence."""
     name = paths.ENGINES.name
     return (str(paths.ENGINES), str(home_of(settings) / "bead-chains" / name), f"{here}/{name}")
 
@@ -80,12 +80,12 @@ def _paths(places: tuple[str, ...]) -> tuple[Path, ...]:
 
 
 def use_entries(files: Iterable[Path]) -> None:
-    """Makes entries of files those of this process and of all that it starts, wherever these work."""
+    """Use the entries of these files in this process and its child processes, in any folder."""
     os.environ[paths.ENGINES_VARIABLE] = os.pathsep.join(map(str, files))
 
 
 def entries(adapters: tuple[str, ...]) -> dict[str, Entry]:
-    """Entries by name: of the package's ``adapters``, each started by its own name unless a file says otherwise.
+    """Entries by name; without an entry, each of the package's ``adapters`` has the command of its own name.
 
     Raises:
         InputError: a file is missing or wrong.
@@ -109,7 +109,7 @@ def _entries(adapters: tuple[str, ...], files: tuple[Path, ...]) -> dict[str, En
             commands = entry.command or (known.commands if known else ((name,),))
             found[name] = Entry(
                 adapter,
-                tuple(tuple(_beside(path, word) for word in words) for words in commands),
+                tuple(tuple(_relative_to_file(path, word) for word in words) for words in commands),
                 entry.variables,
                 entry.time_limit,
                 entry.how_to_get,
@@ -122,16 +122,16 @@ def _read(path: Path) -> Iterator[tuple[str, _Entry]]:
     where, names = paths.shown(path), TypeAdapter(Name)
     for name, table in read_toml(path).items():
         if name in RESERVED:
-            raise InputError(where, name, "a name that means something else", f"any other than {', '.join(RESERVED)}")
+            raise InputError(where, name, "a reserved name", f"any name except {', '.join(RESERVED)}")
         try:
             names.validate_python(name)
         except ValidationError:
             allowed = "letters, digits, '-' and '_', beginning with a letter"
-            raise InputError(where, name, "a name of other characters", allowed) from None
+            raise InputError(where, name, "not a valid name", allowed) from None
         yield name, validate(_Entry, table, where, f"{name}.")
 
 
-def _beside(path: Path, word: str) -> str:
-    """A word of a command; a relative path in it counts from the file that it stands in."""
+def _relative_to_file(path: Path, word: str) -> str:
+    """Word of a command; a relative path is relative to the folder of the entry's file."""
     there = path.parent / home_of(word)
     return str(there) if "/" in word and "=" not in word and there.exists() else word

@@ -1,4 +1,4 @@
-"""What the in-repo engines share: their deck is the chain's arrays, their program ``validation.reference``."""
+"""In-repo engines: their deck holds the chain's arrays, their program is ``validation.reference``."""
 
 import hashlib
 import json
@@ -20,11 +20,11 @@ from drivers.scene.model import POWER, VISCOELASTIC
 from validation.reference.hertz_chain import TUBE_KEYS
 
 COMMAND = ("python", "-m", "validation.reference", "chain.json")
-COLUMNS = 13  # of a three-dimensional chain: force along the axis; the bore's, place, velocity, spin: three each
+COLUMNS = 13  # three-dimensional chain: axial force; bore force, position, velocity and spin with three each
 
 
 def version(command: tuple[str, ...]) -> str:
-    """Digest of the integrators' source, with the versions of what they compute with."""
+    """Digest of the integrators' source, with versions of their libraries."""
     digest = hashlib.sha256()
     for source in sorted((paths.ROOT / "validation" / "reference").glob("*.py")):
         digest.update(source.read_bytes())
@@ -33,7 +33,7 @@ def version(command: tuple[str, ...]) -> str:
 
 
 def refusal(case: Case) -> InputProblem | None:
-    """A three-dimensional chain in a bore of flat sides; it takes every straight one."""
+    """Refuse a bore with flat sides; all other chains are allowed."""
     bore = case.chain.bore
     if bore is None or bore.sides is None:
         return None
@@ -56,7 +56,7 @@ def render(case: Case, method: str, **timing: float) -> Deck:
         "load_N": chain.load_N,
         **({"damping_N_s_m-5/4": chain.damping} if chain.damping_ratio else {}),
         **({"gamma_N_(s/m)^alpha": chain.damping, "alpha": chain.alpha} if chain.gamma else {}),
-        "height_m": chain.height_m,  # not integrated, but part of what the run reports
+        "height_m": chain.height_m,  # not integrated, but used for the trace
         "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
     }
     if chain.lateral is not None:
@@ -67,10 +67,10 @@ def render(case: Case, method: str, **timing: float) -> Deck:
 
 
 def read(case: Case, folder: Path) -> Trace:
-    """The array as a trace.
+    """Read the output array as a trace.
 
     Raises:
-        RunError: the file or part of it is missing.
+        RunError: the file is missing or incomplete.
     """
     chain, times = case.chain, case.sample_times_s
     shape = (COLUMNS if chain.lateral else 3, case.scene.samples, chain.bodies)
@@ -83,7 +83,7 @@ def read(case: Case, folder: Path) -> Trace:
 
 
 def in_repository_engine(kernels: str, **own: Any) -> Engine:
-    """An in-repo engine, from what is its own; its server loads some compiled kernels before the first case."""
+    """Build an in-repo engine with ``own`` fields; its server loads the module ``kernels`` before the first case."""
     return Engine(
         how_to_get="nothing: it is part of this repository",
         program="python",
@@ -92,7 +92,7 @@ def in_repository_engine(kernels: str, **own: Any) -> Engine:
         variables={"PYTHONPATH": str(paths.ROOT)},
         refusal=refusal,
         dissipation=frozenset({VISCOELASTIC, POWER}),
-        server=Deck({}, (*COMMAND[:-1], "-", kernels), raw=()),  # takes requests from stdin
+        server=Deck({}, (*COMMAND[:-1], "-", kernels), raw=()),  # reads requests from stdin
         read=read,
         loop_pattern=r"^completed \d+ samples in ([0-9.]+) s$",
         **own,

@@ -1,4 +1,4 @@
-"""Readers of raw output, for any adapter: arrays, binary dumps, and contact forces from the forces on bodies."""
+"""Readers of raw output for all adapters: arrays, binary dumps, contact forces from forces on bodies."""
 
 import sys
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from drivers.base.errors import RunError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 
-# fields of a frame of a binary dump up to its chunks, one of each process: a count and as many values
+# fields of a frame of a binary dump; then follows one chunk for each process, a count and as many values
 _FRAME: tuple[tuple[Any, ...], ...] = (
     ("step", "i8"),
     ("atoms", "i8"),
@@ -23,12 +23,12 @@ _FRAME: tuple[tuple[Any, ...], ...] = (
     ("box", "f8", 6),
     ("columns", "i4"),
 )
-_MAGIC = (-10).to_bytes(8, sys.byteorder, signed=True) + b"DUMPCUSTOM"  # LAMMPS since 2020 begins frames with it
+_MAGIC = (-10).to_bytes(8, sys.byteorder, signed=True) + b"DUMPCUSTOM"  # first bytes of frames since LAMMPS 2020
 
 
 @dataclass(frozen=True)
 class _Dump:
-    """A binary dump, and its frames, if all have chunks of the sizes that the first one has, in values."""
+    """Binary dump; ``frames`` assumes that all frames have chunks of the first frame's sizes (in values)."""
 
     raw: bytes
     head: np.dtype[np.void]
@@ -38,10 +38,10 @@ class _Dump:
 
 
 def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
-    """Arrays of a ``.npz``, or the only one of a ``.npy``, by name and of the expected shapes.
+    """Arrays of a ``.npz`` file, or the only array of a ``.npy`` file, by name.
 
     Raises:
-        RunError: the file, an array or part of it is missing.
+        RunError: a missing file or array, or another shape than expected.
     """
     if not path.exists():
         raise RunError(f"no output: {path.name} was not written")
@@ -50,8 +50,8 @@ def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, 
         alone = isinstance(stored, np.ndarray)
         found = dict(zip(shapes, [stored], strict=True)) if alone else {name: stored[name] for name in shapes}
         arrays = {name: array.astype(float, casting="safe", copy=False) for name, array in found.items()}
-    except Exception as error:  # a torn file can make numpy and zipfile raise almost anything
-        raise RunError(f"output is torn: {path.name}: {error}") from error
+    except Exception as error:  # numpy and zipfile raise many kinds of errors for damaged files
+        raise RunError(f"output is damaged: {path.name}: {error}") from error
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise RunError(f"output has {name} of shape {arrays[name].shape}, expected {shape}")
@@ -63,11 +63,11 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
 
     Args:
         case: the case; its bodies are atoms 1, 2, ... from the lowest up.
-        path: the dump, of any number of processes, whose frames are sorted by atom.
-        columns: their names; the first is the atom's number.
+        path: the dump, written by any number of processes, with frames sorted by atom.
+        columns: names of the columns; the first is the atom's number.
 
     Raises:
-        RunError: frames or bodies are missing, or the file is torn.
+        RunError: frames or bodies are missing, or the file is damaged.
     """
     bodies, samples = case.chain.bodies, case.scene.samples
     dump = _open_dump(path, columns, bodies)
@@ -80,7 +80,7 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
             raise RunError(f"unstable at t = {at:g} s: {atoms} bodies instead of {bodies}, one was lost")
         if atoms == bodies and values == bodies * len(columns):
             raise RunError(f"output of {len(dump.sizes)} processes is in another order from sample {first + 1} on")
-        raise RunError(f"output is torn in sample {first + 1}")
+        raise RunError(f"output is damaged in sample {first + 1}")
     if len(frames) != samples:
         raise RunError(f"output ends in sample {min(len(frames) + 1, samples)} of {samples}")
     if not np.array_equal(frames["step"], case.sample_steps):
@@ -92,7 +92,7 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
 
 
 def read_partial_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Array] | None:
-    """As ``read_dump``, of the samples before a body was lost or the run ended; None where there are none."""
+    """Like ``read_dump``, for the samples before a body was lost or the run ended; None if there are none."""
     try:
         dump = _open_dump(path, columns, case.chain.bodies)
     except RunError:
@@ -102,7 +102,7 @@ def read_partial_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[
 
 
 def _open_dump(path: Path, columns: tuple[str, ...], bodies: int) -> _Dump:
-    """Complete frames, whatever is in them."""
+    """Open a dump; its complete frames are not checked further."""
     try:
         raw = path.read_bytes()
     except OSError as error:
@@ -114,7 +114,7 @@ def _open_dump(path: Path, columns: tuple[str, ...], bodies: int) -> _Dump:
     head = np.dtype([*fields, ("processes", "i4")])
     sizes = _chunks(raw, head, 0)
     if sum(sizes) != bodies * len(columns):
-        sizes = (bodies * len(columns),)  # the first frame is torn or has lost a body
+        sizes = (bodies * len(columns),)  # the first frame is incomplete or has lost a body
     chunks = [((f"count{i}", "i4"), (f"values{i}", "f8", size)) for i, size in enumerate(sizes)]
     frame = np.dtype([*fields, ("processes", "i4"), *chain.from_iterable(chunks)])
     frames = np.frombuffer(raw, frame, count=len(raw) // frame.itemsize)
@@ -125,7 +125,7 @@ def _open_dump(path: Path, columns: tuple[str, ...], bodies: int) -> _Dump:
 
 
 def _chunks(raw: bytes, head: np.dtype[np.void], start: int) -> tuple[int, ...]:
-    """How many values the processes have in the frame that begins at ``start``, as far as the file goes."""
+    """Number of values of each process in the frame that begins at ``start``, as far as the file is complete."""
     if start + head.itemsize > len(raw):
         return ()
     (begun,), at = np.frombuffer(raw, head, 1, start), start + head.itemsize
@@ -144,13 +144,13 @@ def _columns(dump: _Dump, columns: tuple[str, ...], samples: int) -> dict[str, A
 
 
 def contact_forces(lowest_N: Array, contacts_N: Array) -> Array:
-    """Forces along the axis, contact by contact from the lowest up: ``F_{j+1} = F_j - f_j``.
+    """Contact forces along the axis from the lowest contact upwards: ``F_{j+1} = F_j - f_j``.
 
     Args:
-        lowest_N: of contact 1, zero where there is no wall. Shape (samples,).
-        contacts_N: on each body by its two contacts, upwards positive. Shape (samples, bodies).
+        lowest_N: force of contact 1, zero without a wall. Shape (samples,).
+        contacts_N: force on each body by its two contacts, upwards positive. Shape (samples, bodies).
 
     Returns:
-        Shape (samples, bodies).
+        Contact forces, compression positive. Shape (samples, bodies).
     """
     return np.subtract.accumulate(np.column_stack([lowest_N, contacts_N[:, :-1]]), axis=1)

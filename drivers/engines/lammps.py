@@ -1,4 +1,4 @@
-"""LAMMPS: renders its deck of a straight chain, reads its dump."""
+"""LAMMPS: deck of a straight chain, reader of its dump."""
 
 import math
 
@@ -13,17 +13,25 @@ from drivers.chain.elements import STRAIGHT
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Style
 from drivers.engines._deck_values import table_of_pairs
-from drivers.engines._lammps_family import DUMP, FLAT, MAX_BODIES_IN_PAIRS, axial_forces, command_of, contact_kn, member
+from drivers.engines._lammps_family import (
+    DUMP,
+    FLAT_PREFIX,
+    MAX_BODIES_IN_PAIRS,
+    axial_forces,
+    command_of,
+    contact_kn,
+    member,
+)
 from drivers.scene.model import POWER, VISCOELASTIC
 
 WALL_FORCE = "f_wall[4]"
-# of LAMMPS' damping tsuji, in powers of its coefficient from the 0th up: gamma / sqrt(m* kn sqrt(R* overlap))
+# polynomial of LAMMPS' damping tsuji, lowest power first: gamma / sqrt(m* kn sqrt(R* overlap)) of its coefficient
 TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
-LEAST = 1.1  # the coefficient near which that is least, and below zero
+MINIMUM_AT = 1.1  # coefficient close to the polynomial's minimum, which is negative
 
 
 def refusal(case: Case) -> InputProblem | None:
-    """A power of the closing speed other than 1: its damping is a velocity's, or goes with the overlap as well."""
+    """Refuse a power law with an exponent other than 1."""
     alpha = case.chain.alpha
     return (
         ("contact.alpha", f"{alpha:g}", '1, or contact.dissipation = "viscoelastic"') if alpha not in (0, 1) else None
@@ -31,9 +39,9 @@ def refusal(case: Case) -> InputProblem | None:
 
 
 def tsuji_coefficient(damping_ratio: float) -> float:
-    """Coefficient of LAMMPS' ``damping tsuji`` for a damping ratio B, at which its polynomial is ``2 sqrt(3/2) B``.
+    """Coefficient of LAMMPS' ``damping tsuji`` for a damping ratio B: its polynomial equals ``2 sqrt(3/2) B``.
 
-    It is the restitution of beads that can pull up to B = 0.52, and of no meaning above, where it is beyond 1.
+    Up to B = 0.52 it is the restitution of the law with attractive forces; above, it exceeds 1 and has no meaning.
     """
     from scipy.optimize import brentq
 
@@ -42,16 +50,16 @@ def tsuji_coefficient(damping_ratio: float) -> float:
     def excess(coefficient: float) -> float:
         return sum(factor * coefficient**power for power, factor in enumerate(TSUJI)) - wanted
 
-    ends = (0.0, LEAST) if wanted <= TSUJI[0] else (LEAST, 3 + wanted)
+    ends = (0.0, MINIMUM_AT) if wanted <= TSUJI[0] else (MINIMUM_AT, 3 + wanted)
     return float(brentq(excess, *ends, xtol=1e-300, rtol=1e-15))
 
 
 def render(case: Case) -> Deck:
-    """``chain.in`` and ``chain.data``; atoms are numbered as the bodies, from the wall up."""
+    """Render ``chain.in`` and ``chain.data``; atoms have the numbers of the bodies, from the wall up."""
     chain, radius = case.chain, _radii(case.chain)
     labels = list(chain.materials)
     if np.isinf(chain.radius_m[-1]):
-        labels[-1] = FLAT + labels[-1]
+        labels[-1] = FLAT_PREFIX + labels[-1]
     types = list(dict.fromkeys(labels))
     kn = contact_kn(chain, radius).tolist()
     table = table_of_pairs(types, zip(labels[:-1], labels[1:], kn[1:], strict=True), 1.0)
@@ -85,14 +93,14 @@ def render(case: Case) -> Deck:
 
 
 def _radii(chain: Chain) -> Array:
-    """Radii of the atoms; that of a flat face, whose contact gets its own stiffness, is as large as the bead below."""
+    """Radii of the atoms; a flat face has the radius of the bead below and its own contact stiffness."""
     return np.where(np.isinf(chain.radius_m), chain.radius_m[-2:][0], chain.radius_m)
 
 
 def _above_face(chain: Chain) -> Array:
-    """By how much atoms are higher than their bodies: a face's touches the bead below with its lowest point."""
+    """Height of atoms above their bodies: a flat face is the lowest point of its atom."""
     above = np.where(np.isinf(chain.radius_m), _radii(chain), 0.0)
-    if chain.damped:  # just touching, which rounding must not make an overlap of, or must: see Chain.height_m
+    if chain.damped:  # a gap or an overlap above the rounding error: see Chain.height_m
         above += (-4 if chain.gamma else 4) * np.spacing(2 * above) * (above > 0)
     return above
 
@@ -103,7 +111,7 @@ def _columns(case: Case) -> tuple[str, ...]:
 
 
 def _trace(case: Case, found: dict[str, Array]) -> Trace:
-    """The trace of a dump's columns."""
+    """Trace of a dump's columns."""
     chain, height = case.chain, found["z"] - _above_face(case.chain)
     force = axial_forces(chain, found, WALL_FORCE)
     return make_trace(chain, case.sample_times_s[: len(height)], force, height, found["vz"])

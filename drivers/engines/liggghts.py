@@ -1,4 +1,4 @@
-"""LIGGGHTS: renders its deck, reads its dump."""
+"""LIGGGHTS: deck, reader of its dump."""
 
 import math
 from collections import Counter
@@ -18,13 +18,21 @@ from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import TOTAL, Style
 from drivers.engines._deck_values import elastic_constants, table_of_pairs
-from drivers.engines._lammps_family import DUMP, FLAT, MAX_BODIES_IN_PAIRS, axial_forces, command_of, contact_kn, member
+from drivers.engines._lammps_family import (
+    DUMP,
+    FLAT_PREFIX,
+    MAX_BODIES_IN_PAIRS,
+    axial_forces,
+    command_of,
+    contact_kn,
+    member,
+)
 
-HARD_PA, SOFT_PA = 1e9, 5e6  # LIGGGHTS refuses moduli beyond these unless told
+HARD_PA, SOFT_PA = 1e9, 5e6  # moduli outside this range need hard_particles or soft_particles
 MESH = "tube.stl"
-MAX_TRIANGLES = 100_000  # of a mesh: some 20 MB of text
-MAX_BINS = 100_000_000  # of its neighbour search: each takes 16 bytes, and beyond 2^31 it gives up
-MIN_COEFFICIENT = 0.05  # of restitution, which it takes only from above here
+MAX_TRIANGLES = 100_000  # about 20 MB of text
+MAX_BINS = 100_000_000  # bins of the neighbour search take 16 bytes each; LIGGGHTS fails above 2^31
+MIN_COEFFICIENT = 0.05  # coefficientRestitution has to be larger
 TUBE = " tube"  # the type of the bore: no material's name begins with a space
 PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
 WALL_FORCE, BORE_FORCE = "f_force_wall[3]", tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
@@ -32,7 +40,7 @@ WALL_FORCE, BORE_FORCE = "f_force_wall[3]", tuple(f"f_force_tube[{axis}]" for ax
 
 @dataclass(frozen=True)
 class Box:
-    """The space that LIGGGHTS searches for neighbours; lengths in m."""
+    """Simulation box of LIGGGHTS; lengths in m."""
 
     half_width: float
     low: float
@@ -41,7 +49,7 @@ class Box:
 
 
 def refusal(case: Case) -> InputProblem | None:
-    """Too much damping, too fine a mesh, or a box too high for its neighbour search, whose bins are half a cutoff."""
+    """Refuse too much damping, too fine a mesh, or a box with too many bins of half a cutoff."""
     chain, radius = case.chain, _radii(case)
     if restitution_with_attraction(chain.damping_ratio) <= MIN_COEFFICIENT:
         most = damping_ratio_with_attraction(MIN_COEFFICIENT)
@@ -59,18 +67,18 @@ def refusal(case: Case) -> InputProblem | None:
     bins = height / bin_m * (2 * box.half_width / bin_m) ** 2
     if bins <= MAX_BINS:
         return None
-    found = f"a space {height:.3g} m high for beads to fly in, {bins:.2g} bins"
+    found = f"a box {height:.3g} m high with {bins:.2g} bins"
     return "run.duration", found, f"at most {MAX_BINS:.0e} bins: less speed, smaller gaps or a shorter run"
 
 
 def _binned(chain: Chain) -> bool:
-    """Whether neighbours are searched in bins: where there are many, and where a mesh asks for it."""
+    """True if neighbours are searched in bins: for many bodies, and with a mesh."""
     bore = chain.bore
     return chain.bodies > MAX_BODIES_IN_PAIRS or (bore is not None and bore.sides is not None)
 
 
 def _radii(case: Case) -> Array:
-    """Radii of the atoms; that of a flat face is as large as the bead below it, or a damped one's of ``face``."""
+    """Radii of the atoms; a flat face has the radius of the bead below, or of ``sphere_for_face``."""
     chain = case.chain
     if not np.isinf(chain.radius_m[-1]):
         return chain.radius_m
@@ -79,20 +87,20 @@ def _radii(case: Case) -> Array:
 
 
 def _by_springs(case: Case) -> bool:
-    """Whether contacts get their stiffness by pairs of types: all that an elastic, straight, flat strike needs."""
+    """True if contacts get their stiffness by pairs of types: elastic straight chains with a flat striker."""
     chain = case.chain
     return bool(np.isinf(chain.radius_m[-1])) and not chain.damping_ratio and chain.lateral is None
 
 
 def _above_face(case: Case) -> Array:
-    """By how much atoms are higher than their bodies: a face's is a sphere that touches the bead below off its axis."""
+    """Height of atoms above their bodies: a flat face is a sphere, which may touch the bead below off the axis."""
     chain, radius = case.chain, _radii(case)
     above = np.zeros(chain.bodies)
     if np.isinf(chain.radius_m[-1]):
         apart = radius[-1] + radius[-2]
         off = float(np.hypot(*chain.lateral.offset_m[-2])) if chain.lateral else 0.0
         above[-1] = math.sqrt(apart**2 - off**2) - radius[-2] if off else radius[-1]
-        if chain.damping_ratio:  # just touching, which rounding must not make an overlap of: see Chain.height_m
+        if chain.damping_ratio:  # a gap above the rounding error: see Chain.height_m
             above[-1] += 4 * np.spacing(apart)
     return above
 
@@ -104,19 +112,21 @@ def _box(case: Case, radius: Array, height: Array) -> Box:
         fastest += (
             abs(float(chain.mass_kg @ chain.velocity_m_s / chain.mass_kg.sum())) + abs(free_fall(chain)) * duration
         )
-    reach = 1.1 * fastest * duration + 4 * radius.max()  # nothing gets further: what leaves the box has blown up
+    reach = (
+        1.1 * fastest * duration + 4 * radius.max()
+    )  # largest possible distance: a bead that leaves the box has blown up
     if chain.bore is not None:
-        reach = max(reach, chain.bore.high_m - float(height.min()))  # a mesh has to be inside
+        reach = max(reach, chain.bore.high_m - float(height.min()))  # a mesh has to be inside the box
     width = float(f"{4 * radius.max():.1g}")
     if chain.lateral is not None and (chain.bore is None or len(chain.bore.guided) < chain.bodies):
-        width = max(width, float(f"{reach:.2g}"))  # nothing holds it on the axis
+        width = max(width, float(f"{reach:.2g}"))  # some bodies may leave the axis
     digits = 2 - math.floor(math.log10(reach))
     low, high = round(float(height.min() - reach), digits), round(float(height.max() + reach), digits)
     return Box(width, low, high, skin=float(f"{0.2 * radius.min():.1g}"))
 
 
 def render(case: Case) -> Deck:
-    """``chain.in`` and ``chain.data``; atoms are numbered as the bodies, from the wall up."""
+    """Render ``chain.in`` and ``chain.data``; atoms have the numbers of the bodies, from the wall up."""
     scene, chain, bore, radius = case.scene, case.chain, case.chain.bore, _radii(case)
     flat, springs = bool(np.isinf(chain.radius_m[-1])), _by_springs(case)
     labels = _labels(case)
@@ -134,7 +144,7 @@ def render(case: Case) -> Deck:
     density, place = chain.mass_kg / (4 / 3 * math.pi * radius**3), chain.place_m
     place[:, 2] += _above_face(case)
     type_of = [types.index(label) + 1 for label in labels]
-    below = [chain.wall, *labels[:-1]]  # what each contact joins to the body above
+    below = [chain.wall, *labels[:-1]]  # type of the lower body of each contact
     contacts = zip(below, labels, contact_kn(chain, radius).tolist(), strict=True)
     kn_of_contacts = [(one, other, kn) for one, other, kn in contacts if one]
     values = {
@@ -160,7 +170,7 @@ def render(case: Case) -> Deck:
         "mesh": MESH,
         "columns": _columns(case),
     }
-    templates = ("liggghts/chain.in.j2", "lammps/chain.data.j2")  # its data files are those of its ancestor
+    templates = ("liggghts/chain.in.j2", "lammps/chain.data.j2")  # same format of data files
     files = {Path(name).stem: render_template(name, **values) for name in templates}
     if bore and bore.sides:
         files[MESH] = bore.mesh
@@ -168,7 +178,7 @@ def render(case: Case) -> Deck:
 
 
 def _labels(case: Case) -> list[str]:
-    """Names of the types of the bodies: a material, and a size where the bore tells one from another."""
+    """Types of the bodies: the material, with the size if bore contacts differ by it."""
     chain = case.chain
     labels = list(chain.materials)
     if chain.bore is not None:
@@ -179,12 +189,12 @@ def _labels(case: Case) -> list[str]:
             for label, radius in sized
         ]
     if np.isinf(chain.radius_m[-1]):
-        labels[-1] = FLAT + labels[-1]
+        labels[-1] = FLAT_PREFIX + labels[-1]
     return labels
 
 
 def _bore_kn(chain: Chain, labels: list[str], *, shear: bool = False) -> Iterator[tuple[str, str, float]]:
-    """The same for contacts with the bore, ``F = kn sqrt(R) overlap^(3/2)``; with ``shear`` kt."""
+    """Stiffness of bore contacts by pairs of types, kn in ``F = kn sqrt(R) overlap^(3/2)``; with ``shear`` kt."""
     bore = chain.bore
     if bore is None:
         return
@@ -194,7 +204,7 @@ def _bore_kn(chain: Chain, labels: list[str], *, shear: bool = False) -> Iterato
 
 
 def _friction(chain: Chain, types: list[str]) -> list[float]:
-    """Coefficients of friction of each pair of types, row by row; nothing where none slips."""
+    """Coefficients of friction of all pairs of types, row by row; empty without friction."""
     if chain.lateral is None or not chain.lateral.slips:
         return []
     in_bore = [(each, TUBE, chain.bore.friction) for each in types] if chain.bore else []
@@ -211,7 +221,7 @@ def _columns(case: Case) -> tuple[str, ...]:
 
 
 def _trace(case: Case, found: dict[str, Array]) -> Trace:
-    """The trace of a dump's columns."""
+    """Trace of a dump's columns."""
     chain, height = case.chain, found["z"]
     times = case.sample_times_s[: len(height)]
     if np.isinf(chain.radius_m[-1]):

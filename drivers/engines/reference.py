@@ -1,4 +1,4 @@
-"""``reference``: adaptive and exact to its tolerance: what a run pays for its time step is measured against it."""
+"""``reference``: the exact motion, by adaptive steps to a tolerance; the error of every run is measured against it."""
 
 from drivers.base.decks import Deck
 from drivers.chain.case import Case
@@ -6,7 +6,7 @@ from drivers.engines import EXACT, Style, _in_repo
 
 
 def render(case: Case) -> Deck:
-    """``chain.json``; without a time step, so that every step is judged by the same run."""
+    """Render ``chain.json``, without a time step: runs at all time steps share one reference run."""
     return _in_repo.render(case, "adaptive", sample_interval_s=case.scene.run.sample_interval)
 
 

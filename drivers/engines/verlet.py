@@ -1,7 +1,7 @@
-"""``verlet``: velocity Verlet at the time step of the scene: the scheme of the codes.
+"""``verlet``: velocity Verlet at the scene's time step, the scheme of all codes.
 
-In three dimensions its friction keeps the shear displacement, as LIGGGHTS does: of the two codes' laws it is the one
-whose force is Mindlin's without slip at the present radius of the contact.
+In three dimensions its friction stores the shear displacement, as in LIGGGHTS. Without slip this is Mindlin's force at
+the present contact radius; YADE stores the shear force instead.
 """
 
 from drivers.base.decks import Deck
@@ -11,7 +11,7 @@ from drivers.engines import IN_OVERLAPS, TOTAL, Style, _in_repo
 
 
 def render(case: Case) -> Deck:
-    """``chain.json``."""
+    """Render ``chain.json``."""
     scene = case.scene
     return _in_repo.render(case, "verlet", time_step_s=scene.time_step_s, steps_per_sample=scene.steps_per_sample)
 

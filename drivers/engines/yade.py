@@ -1,4 +1,4 @@
-"""YADE: renders its deck, reads its arrays."""
+"""YADE: deck, reader of its arrays."""
 
 import os
 import re
@@ -21,13 +21,13 @@ from drivers.engines._deck_values import elastic_constants
 from drivers.engines._raw_output import contact_forces, read_arrays
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
-# of FrictMat and NewtonIntegrator (2023.02a; ``FrictMat()`` prints them), and of walls taken for spheres: R* = R/2
+# defaults of FrictMat and NewtonIntegrator (2023.02a); walls have R* = R/2 by default
 DEFAULTS = Defaults(youngs_modulus_Pa=1e9, poisson_ratio=0.25, local_damping=0.2, wall_stiffness=0.5**0.5)
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
 
 
 def refusal(case: Case) -> InputProblem | None:
-    """Damped contacts that are pressed and moving at time 0: its velocities begin half a step before."""
+    """Refuse damped contacts that are pressed and moving at time 0: YADE's velocities start half a step earlier."""
     chain = case.chain
     closing = np.append(0.0, chain.velocity_m_s[:-1]) - chain.velocity_m_s
     moving = (chain.overlap_m > 0) & (closing != 0)
@@ -38,7 +38,7 @@ def refusal(case: Case) -> InputProblem | None:
 
 
 def render(case: Case) -> Deck:
-    """``chain.py``; velocities are those of half a step before time 0, where YADE's leapfrog keeps them."""
+    """Render ``chain.py``; velocities are given half a step before time 0, as YADE's leapfrog needs them."""
     chain, early = case.chain, case.chain.velocity_xyz_m_s
     early[:, 2] -= 0.5 * case.scene.time_step_s * chain.acceleration_m_s2
     bodies = list(zip(chain.place_m, chain.radius_m, chain.mass_kg, early, chain.materials, strict=True))
@@ -55,13 +55,13 @@ def render(case: Case) -> Deck:
 
 
 def read(case: Case, folder: Path) -> Trace:
-    """The arrays as a trace, brought to the time of the forces.
+    """Read the arrays as a trace, with positions and velocities shifted to the time of the forces.
 
     After a step YADE's positions are one step and its velocities half a step ahead of its forces, so with
     ``m a = F_j - F_{j+1} + load``: ``z_n = z - v dt`` and ``v_n = v - a dt/2``.
 
     Raises:
-        RunError: the file, an array or part of it is missing.
+        RunError: the file or an array is missing or incomplete.
     """
     trace = _read_straight(case, folder) if case.chain.lateral is None else _read_sideways(case, folder)
     try:
@@ -69,12 +69,12 @@ def read(case: Case, folder: Path) -> Trace:
     except OSError as error:
         raise RunError(f"no stdout: {error.strerror}") from error
     if not completed:
-        raise RunError("the deck's closing line is missing: it did not run to its end")
+        raise RunError("the deck's last line of output is missing: it did not run to its end")
     return trace
 
 
 def _read_straight(case: Case, folder: Path) -> Trace:
-    """Forces of the contacts, heights and velocities along the axis."""
+    """Read a straight chain: contact forces, heights and velocities."""
     chain, step, samples = case.chain, case.scene.time_step_s, case.scene.samples
     contacts = chain.bodies - (chain.wall is None)
     shapes = {"force": (samples, contacts), **dict.fromkeys(("height", "velocity"), (samples, chain.bodies))}
@@ -88,7 +88,7 @@ def _read_straight(case: Case, folder: Path) -> Trace:
 
 
 def _read_sideways(case: Case, folder: Path) -> Trace:
-    """Forces on the bodies, from which those of the contacts follow by summing from the wall up."""
+    """Read a three-dimensional chain: contact forces are sums of the forces on bodies, from the wall up."""
     chain, samples, step = case.chain, case.scene.samples, case.scene.time_step_s
     assert chain.lateral is not None
     bore, turns = chain.bore, chain.lateral.turns
@@ -99,7 +99,7 @@ def _read_sideways(case: Case, folder: Path) -> Trace:
     by_bore = np.zeros(shape)
     if bore:
         by_bore[:, bore.guided] = arrays["on_bore"]
-    total = arrays["force"].copy()  # all but gravity's
+    total = arrays["force"].copy()  # without gravity
     total[:, :, 2] -= chain.gravity_m_s2 * chain.mass_kg
     velocity = arrays["velocity"] - 0.5 * step * total / chain.mass_kg[:, np.newaxis]
     place = arrays["place"] - step * arrays["velocity"]
@@ -115,7 +115,7 @@ def _read_sideways(case: Case, folder: Path) -> Trace:
 
 
 def libraries(program: Path) -> Iterator[Path]:
-    """Files of the build that a ``yade`` script loads: the script names their folder in three parts."""
+    """Files that a ``yade`` script loads; the script names their folder in three parts."""
     parts = re.search(
         r"prefix,suffix='([^']*)'.*,'([^']*)'[\s\S]*?libPATH='([^']*)'", program.read_text(errors="replace")
     )

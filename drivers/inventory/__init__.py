@@ -1,1 +1,1 @@
-"""Runs that a folder keeps: listed, found by name and settings, and those of no use removed."""
+"""Existing runs: listed, found by name and settings, and removed if no command would use them."""

@@ -1,4 +1,4 @@
-"""Runs that a folder of runs keeps: listed, found by scene, engine and settings, and by names without a hash."""
+"""Runs of a folder: listed, found by scene, engine and settings, and by names without a hash."""
 
 import json
 import os
@@ -25,20 +25,22 @@ from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_scene, read_value, stored_scene
 from drivers.scene.settings import FREE_TEXT, look_up, setting_text, settings_between, unit_of
 
-NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-[0-9a-f]{12}(-failed)?")  # of a run folder, beginning with its scene's
+FOLDER_NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-[0-9a-f]{12}(-failed)?")  # group 1: name of the scene
 NO_PHYSICS = (*FREE_TEXT, "title", "name")  # keys of a scene that change no number
-UNREAD = "a record that is damaged or of another version"
+UNREADABLE = "a record that is damaged or of another version"
+RECORDED = "run.record"  # key of the files to be written, which changes no run
 ROUNDING = 1e-12
 Json = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class KeptRun:
-    """A run in a folder, well or badly ended.
+    """Finished or failed run in a folder.
 
     Attributes:
-        record: None where it cannot be read.
-        resolved: its scene in SI units, with the keys of today.
+        folder: run folder.
+        record: record of the run; None if it cannot be read.
+        resolved: complete scene in SI units.
     """
 
     folder: Path
@@ -47,49 +49,49 @@ class KeptRun:
 
     @property
     def engine(self) -> str:
-        """Name of its engine."""
+        """Name of the engine."""
         return self.record.engine if self.record else self.folder.parent.name
 
     @property
     def scene(self) -> str:
-        """Name of its scene."""
-        found = NAME.fullmatch(self.folder.name)
+        """Name of the scene."""
+        found = FOLDER_NAME.fullmatch(self.folder.name)
         return self.record.scene_name if self.record else found[1] if found else self.folder.name
 
     @property
     def key(self) -> tuple[str, str]:
-        """Its engine, and its scene with all settings."""
+        """Engine, and scene with all settings."""
         return self.engine, json.dumps(_physics(self.resolved), sort_keys=True) if self.record else self.folder.name
 
     @property
     def build(self) -> str:
-        """Build of its engine, in words."""
+        """Version line and digest of the build."""
         return f"{self.record.engine_version} {self.record.build_sha256[:12]}".strip() if self.record else "not known"
 
     @property
     def trouble(self) -> str:
-        """Why it has no numbers; empty where it has."""
+        """Reason why the run has no numbers; empty if it has."""
         if self.record is None:
-            return UNREAD
+            return UNREADABLE
         if self.record.status != "done":
             return f"{self.record.status}: {self.record.reason}"
         return "" if FORCES in self.files else f"{FORCES}: found no such file"
 
     @cached_property
     def files(self) -> dict[str, os.stat_result]:
-        """Files by name; none where the folder is gone by now."""
+        """Files by name; empty if the folder has been removed meanwhile."""
         with suppress(OSError), os.scandir(self.folder) as entries:
             return {entry.name: entry.stat() for entry in entries}
         return {}
 
     @property
     def size(self) -> int:
-        """Bytes of its files."""
+        """Total size of the files in bytes."""
         return sum(stat.st_size for stat in self.files.values())
 
     @property
     def ended(self) -> float:
-        """When its record was written, in seconds of Unix time; where there is none, a file."""
+        """Time of the record, or of the newest file, in seconds of Unix time."""
         dates = {name: stat.st_mtime for name, stat in self.files.items()}
         return dates.get(FILE, max(dates.values(), default=0.0))
 
@@ -101,10 +103,10 @@ def _physics(part: Any) -> Any:
 
 
 def kept_runs(runs: Path) -> list[KeptRun]:
-    """All runs of a folder, the newest last; other folders in it are passed over."""
+    """All runs of a folder, the newest last; other folders are ignored."""
     batches = Store(runs).folder
     found = [_read(folder) for folder in runs.glob("[!.]*/[!.]*") if folder.parent != batches]
-    named = [run for run in found if run.record or (NAME.fullmatch(run.folder.name) and run.folder.is_dir())]
+    named = [run for run in found if run.record or (FOLDER_NAME.fullmatch(run.folder.name) and run.folder.is_dir())]
     return sorted(named, key=lambda run: (run.ended, run.folder))
 
 
@@ -113,7 +115,7 @@ def _read(folder: Path) -> KeptRun:
     try:
         if record and all(isinstance(each, str) for each in (record.engine, record.scene_name, record.status)):
             return KeptRun(folder, record, _in_si(stored_scene(record.scene)))
-    except (TypeError, ValueError, LookupError, AttributeError):  # a scene of something else
+    except (TypeError, ValueError, LookupError, AttributeError):  # not a complete scene
         pass
     return KeptRun(folder, None, {})
 
@@ -125,41 +127,42 @@ def _in_si(scene: Scene) -> Json:
 def select(
     kept: Sequence[KeptRun], scenes: Iterable[str], engines: Iterable[str], settings: Sequence[str]
 ) -> list[KeptRun]:
-    """Runs of scenes, by name or file, on engines, with ``KEY=VALUE`` of all keys; none given: all.
+    """Select runs by scenes (name or file), engines and settings ``KEY=VALUE``; an empty selector takes all.
 
-    Values may be globs; those of one key add up.
+    Values may be globs. Of several values of one key any may match; all keys have to match.
 
     Raises:
-        InputError: there is none.
+        InputError: no run matches.
     """
     found = list(kept)
     for what, asked in (("scene", [_name_of(scene) for scene in scenes]), ("engine", list(engines))):
         known = {getattr(run, what) for run in kept}
         for name in asked:
             if name not in known:
-                raise InputError("runs", what, f'no run of "{name}"', ", ".join(sorted(known)) or "none: no runs here")
+                names = ", ".join(sorted(known)) or "none, since the folder has no runs"
+                raise InputError("runs", what, f'no run of "{name}"; allowed: {names}')
         found = [run for run in found if not asked or getattr(run, what) in asked]
     by_key: dict[str, list[str]] = {}
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals:
-            raise InputError(f"--set {setting}", "", "no KEY=VALUE", "such as 'striker.speed=2 m/s'; globs do as well")
+            raise InputError(f"--set {setting}", "", "not of the form KEY=VALUE, such as 'striker.speed=2 m/s'")
         by_key.setdefault(key.strip(), []).append(value.strip())
     for key, values in by_key.items():
         found = [run for run in found if run.record and any(_has(run.resolved, key, value) for value in values)]
     if settings and not found:
-        allowed = "values that runs have, such as python -m drivers runs lists"
-        raise InputError(f"--set {' --set '.join(settings)}", "", "no run", allowed)
+        allowed = "values of existing runs, as listed by python -m drivers runs"
+        raise InputError(f"--set {' --set '.join(settings)}", "", f"matches no run; allowed: {allowed}")
     return found
 
 
 def _name_of(source: str) -> str:
-    """Name of a scene given by name or file."""
+    """Name of a scene, given by name or file."""
     return Path(source).stem if source.endswith(".toml") else source
 
 
 def _has(scene: Json, key: str, asked: str) -> bool:
-    """Whether a scene has a value at a key, or one that matches it as a glob."""
+    """True if the scene's value at a key equals or matches the value asked for."""
     value = look_up(scene, key)
     if fnmatchcase(setting_text(key, value), asked) or (asked and read_value(asked) == value):
         return True
@@ -169,10 +172,10 @@ def _has(scene: Json, key: str, asked: str) -> bool:
 
 
 def _base_of(source: str) -> Json | None:
-    """The scene of a file; None where there is none that can be read.
+    """Scene of a file in SI units; None if it cannot be read.
 
     Args:
-        source: a name as records have it, of a shipped scene or else of a file in the present folder; or a path.
+        source: name of a shipped scene or of a file in the present folder, or a path.
     """
     for path in (source, f"{source}.toml"):
         with suppress(InputError):
@@ -181,22 +184,25 @@ def _base_of(source: str) -> Json | None:
 
 
 def _settings(run: KeptRun, base: Json | None) -> dict[str, str] | None:
-    return None if base is None or run.record is None else settings_between(run.resolved, base)
+    """Settings of a run that differ from its scene file; ``run.record`` is ignored, since it changes no number."""
+    if base is None or run.record is None:
+        return None
+    return {key: value for key, value in settings_between(run.resolved, base).items() if key != RECORDED}
 
 
 def _newest(kept: Iterable[KeptRun], base: Json | None) -> KeptRun | None:
-    """The newest done run of a scene as its file has it, else with other settings."""
+    """Newest finished run without settings, else the newest finished run with settings."""
     done = [run for run in kept if not run.trouble]
     return max(done, key=lambda run: (_settings(run, base) == {}, run.ended), default=None)
 
 
 def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
-    """A run folder by its path, or by ``ENGINE:SCENE``: the newest done run of the scene as its file has it.
+    """Run folder by its path, or by ``ENGINE:SCENE``: the newest finished run of the scene without settings.
 
-    Where there is none, the newest one with other settings is taken, and a line on stderr says so.
+    If there is none, the newest run with settings is used, and a line on the standard error reports the settings.
 
     Raises:
-        InputError: there is no such run.
+        InputError: no such run.
     """
     engine, colon, source = str(name).partition(":")
     if not colon or Path(name).exists():
@@ -207,25 +213,25 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
         known = sorted({f"{run.engine}:{run.scene}" for run in kept if not run.trouble})
         near = [each for each in known if each.startswith(f"{engine}:")]
         near = near or [each for each in known if each.endswith(f":{scene}")] or known
-        allowed = ", ".join(near) or "none: no run is done there"
-        raise InputError(str(name), "", f"no such run in {paths.shown(runs)}", allowed)
+        allowed = ", ".join(near) or "a run folder; no run is done there"
+        raise InputError(str(name), "", f"no such run in {paths.shown(runs)}; allowed: {allowed}")
     if differs := _difference(found, base):
         print(
-            one_line(f"{name}: no run of the scene as its file has it; took {paths.shown(found.folder)}, ", differs),
+            one_line(f"{name}: no run of the scene file without changes; using {paths.shown(found.folder)}, ", differs),
             file=sys.stderr,
         )
     return found.folder
 
 
 def _difference(run: KeptRun, base: Json | None) -> str:
-    """Settings that differ from the scene file, in words."""
+    """Settings that differ from the scene file, as text."""
     if base is None:
         return "" if run.record is None else "no scene file to compare with"
     return ", ".join(f"{key}={value}" for key, value in (_settings(run, base) or {}).items())
 
 
 def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settings: Sequence[str]) -> None:
-    """Prints runs, a line each, the newest last, and their sum."""
+    """Print one line for each run, the newest last, and the total size."""
     kept = kept_runs(runs)
     sources = {Path(scene).stem: scene for scene in scenes if scene.endswith(".toml")}
     sources = {run.scene: sources.get(run.scene, run.scene) for run in kept}
@@ -253,14 +259,14 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
         cells = [f"{cell:<{width}}" for cell, width in zip(row, widths, strict=False)]
         print("  ".join((*cells, one_line(row[6]))).rstrip())
     states = Counter(row[5] for row in rows)
-    told = ", ".join(f"{count} {state}" for state, count in sorted(states.items()))
-    print(f"{len(rows)} runs{f' ({told})' * bool(told)}: {size_text(sum(run.size for run in chosen))}")
+    counts = ", ".join(f"{count} {state}" for state, count in sorted(states.items()))
+    print(f"{len(rows)} runs{f' ({counts})' * bool(counts)}: {size_text(sum(run.size for run in chosen))}")
     if words := batches_text(runs):
         print(words)
 
 
 def batches_text(runs: Path) -> str:
-    """What batches keep, in words; empty where there is nothing."""
+    """Number and size of the rows of batches, as text; empty if there are none."""
     folder = Store(runs).folder
     rows = sum(file.read_bytes().count(b"\n") for file in folder.glob(f"*{ENDING}"))
     size = size_text(size_below(folder) - size_below(folder / WORK))
@@ -268,7 +274,7 @@ def batches_text(runs: Path) -> str:
 
 
 def size_below(folder: Path) -> int:
-    """Bytes of all files below a folder, less those that are gone by now."""
+    """Total size in bytes of all files below a folder; files removed meanwhile do not count."""
     size = 0
     for place, _, names in os.walk(folder):
         for name in names:
@@ -278,6 +284,6 @@ def size_below(folder: Path) -> int:
 
 
 def size_text(size: float) -> str:
-    """Bytes as people write them."""
+    """Size in bytes as text, such as ``1.2 MB``."""
     power = 1 if size < 1e6 else 2 if size < 1e9 else 3
     return f"{size / 1000**power:,.{0 if power == 1 else 1}f} {('kB', 'MB', 'GB')[power - 1]}"

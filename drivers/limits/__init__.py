@@ -1,1 +1,1 @@
-"""Limits of the time step, and refusal of cases that cannot end well."""
+"""Limits of the time step, and refusal of cases that would fail."""

@@ -1,4 +1,4 @@
-"""Criteria by which users choose time steps, none of which looks at the motion: Rayleigh, Hertz, P-wave."""
+"""Common time-step criteria that do not integrate the motion: Rayleigh, Hertz and P-wave time."""
 
 from collections.abc import Iterator
 from math import inf, pi, sqrt
@@ -10,7 +10,7 @@ from drivers.scene.model import RIGID, Material
 
 
 def rayleigh_time(case: Case) -> float:
-    """``pi R sqrt(rho / G) / (0.1631 nu + 0.8766)``, the shortest of all beads, in s."""
+    """Smallest Rayleigh time of any bead, ``pi R sqrt(rho / G) / (0.1631 nu + 0.8766)``, in s."""
     shortest = inf
     for radius, density, material in _balls(case):
         shear = material.youngs_modulus / (2 * (1 + material.poisson_ratio))
@@ -20,14 +20,14 @@ def rayleigh_time(case: Case) -> float:
 
 
 def p_wave_time(case: Case) -> float:
-    """``R sqrt(rho / E)``, the shortest of all beads, in s: what YADE's ``PWaveTimeStep`` gives."""
+    """Smallest ``R sqrt(rho / E)`` of any bead, in s, as in YADE's ``PWaveTimeStep``."""
     return min((radius * sqrt(density / material.youngs_modulus) for radius, density, material in _balls(case)))
 
 
 def hertz_time(case: Case) -> float:
-    """Duration of the collision of two bodies alone, ``2.87 (m*^2 / (R* E*^2 v))^(1/5)``, the shortest pair's, in s.
+    """Smallest duration of an isolated collision of two neighbours, ``2.87 (m*^2 / (R* E*^2 v))^(1/5)``, in s.
 
-    The speed v is the largest at time 0: what LIGGGHTS' ``check/timestep/gran`` takes. inf where nothing moves.
+    The speed v is the largest at time 0, as in LIGGGHTS' ``check/timestep/gran``. inf if nothing moves.
     """
     chain = case.chain
     speed = float(np.abs(chain.velocity_m_s).max())
@@ -39,12 +39,12 @@ def hertz_time(case: Case) -> float:
     return float(2.87 * (1 / inverse[worst] ** 2 / ((0.75 * chain.stiffness[worst]) ** 2 * speed)) ** 0.2)
 
 
-# fractions that users take
+# usual fraction of each time, and its function
 CRITERIA = {"0.2 Rayleigh": (0.2, rayleigh_time), "0.1 Hertz": (0.1, hertz_time), "P-wave": (1.0, p_wave_time)}
 
 
 def _balls(case: Case) -> Iterator[tuple[float, float, Material]]:
-    """Radius, density and material of each different round body."""
+    """Radius, density and material of each distinct sphere."""
     chain = case.chain
     for name, radius, mass in sorted(set(zip(chain.materials, chain.radius_m, chain.mass_kg, strict=True))):
         if np.isfinite(radius) and name != RIGID:

@@ -1,8 +1,8 @@
-"""Bounds of the time step by the frequencies that contacts can reach, from energy alone.
+"""Lower bound of the stability limit from energy alone.
 
-A contact's overlap cannot exceed what all the energy that turns into motion could press into it, so its stiffness and
-the chain's highest frequency are bounded without following the motion. The bound is within a tenth of the limit for
-most scenes; ``drivers.limits.stable_step`` follows the motion where that is not enough.
+The total energy bounds each overlap, and so each contact stiffness and the highest frequency, without integrating the
+motion. For most scenes the bound is within a tenth of the limit; ``drivers.limits.stable_step`` integrates the motion
+if a closer bound is needed.
 """
 
 from functools import lru_cache
@@ -13,27 +13,30 @@ from drivers.chain.chain import Array, Chain, energy_put_in
 from drivers.chain.contact_law import contact_stiffness, overlap_of_energy
 from validation.reference.hertz_chain import Extremes
 
-SAFETY = 0.968  # of 2 / omega_max, impacts counted: of 2,750 random scenes none blows up below
-# overlaps of a first step count so many times: a light body that touches a heavy one gains its own kinetic energy where
-# y = (v dt / overlap)^(5/2) has (5/8 y)^2 = 1 + y / 4, which is 2 / omega at 1.195 times the overlap v dt
+SAFETY = 0.968  # factor on 2 / omega_max; below this limit none of 2,750 random scenes blows up
+# Factor on the overlap v dt of the first step of an impact. A light body that hits a heavy one doubles its kinetic
+# energy if y = (v dt / overlap)^(5/2) solves (5/8 y)^2 = 1 + y / 4; then dt = 2 / omega at 1.195 times that overlap.
 OVERSHOOT = 1.195
-# coarse steps change the energy of impacts at random: of 20,000 bodies that bounce n + 1 times, fewer than one in a
-# thousand gains its own energy below (n + 1)^-0.2 of the limit
+# Coarse steps change the energy of impacts at random. At steps below (n + 1)^-0.2 of the limit, fewer than one in a
+# thousand of 20,000 bodies that bounce n + 1 times doubled its energy.
 WEAR_EXPONENT = 0.2
 
 
 def deepest_m(overlap_m: Array, closing_m_s: Array, time_step_s: float) -> Array:
-    """Largest overlaps with steps of that size: the motion's, or one step's at the speed of closing."""
+    """Largest overlaps at a given step, in m: of the motion, or of one step at the closing speed, if larger."""
     return np.asarray(np.maximum(overlap_m, OVERSHOOT * closing_m_s * time_step_s))
 
 
 def late_damping(chain: Chain, spring_N_m: Array, speed_m_s: Array, time_step_s: float) -> Array:
-    """``K + 2 D / dt``: springs that are as unstable at a step as damped ones, shape (bodies,), in N/m.
+    """Stiffness ``K + 2 D / dt`` of undamped springs with the same stability limit as the damped contacts.
 
-    The codes take the closing speed half a step late, ``M (x+ - 2 x + x-) / dt^2 = -K x - D (x - x-) / dt``, which
-    flips from step to step (x+ = -x) at ``4 M / dt^2 = K + 2 D / dt``; a contact has ``D = 2 B sqrt(m* K)``. So a
-    single contact of frequency w is stable up to ``(sqrt(1 + B^2) - B) 2 / w``. By a power of the closing speed it has
-    ``D = gamma alpha |d'|^(alpha - 1)``, the slope of the force at the speeds given.
+    The codes use the closing speed of half a step before, ``M (x+ - 2 x + x-) / dt^2 = -K x - D (x - x-) / dt``. The
+    solution alternates in sign (x+ = -x) at ``4 M / dt^2 = K + 2 D / dt``. With ``D = 2 B sqrt(m* K)`` a single
+    contact of frequency w is stable up to ``(sqrt(1 + B^2) - B) 2 / w``. For the power law D is the slope of the force
+    at the given speeds, ``D = gamma alpha |d'|^(alpha - 1)``.
+
+    Returns:
+        Stiffness in N/m, shape (bodies,).
     """
     if not chain.damped or not time_step_s:
         return spring_N_m
@@ -44,16 +47,16 @@ def late_damping(chain: Chain, spring_N_m: Array, speed_m_s: Array, time_step_s:
 
 
 def wear(impacts: float) -> float:
-    """By what impacts beyond the first divide the limit (``drivers.limits.stable_step.impacts_counted``)."""
+    """Divisor of the stability limit for a number of impacts (``drivers.limits.stable_step.impacts_counted``)."""
     return float((1 + impacts) ** WEAR_EXPONENT)
 
 
 @lru_cache(maxsize=2)
 def at_most(chain: Chain, duration_s: float) -> Extremes:
-    """Bounds of what contacts and the bore reach, by energy; impacts are not bounded so.
+    """Energy bounds on overlaps and speeds of contacts and bore contacts; energies of impacts are set to 0.
 
-    About equilibrium, a contact that takes up the energy E by a further overlap x has ``E >= (2/5) k x^(5/2)`` and
-    ``E >= K x^2 / 2`` with its stiffness K at rest, since Hertz's force curves upwards.
+    If a contact at equilibrium, with tangent stiffness K, takes up the energy E by an additional overlap x, then
+    ``E >= (2/5) k x^(5/2)`` and ``E >= K x^2 / 2``, since Hertz's force is convex.
     """
     energy = energy_put_in(chain, duration_s)
     resting = np.maximum(chain.overlap_m, 0.0)
@@ -64,7 +67,7 @@ def at_most(chain: Chain, duration_s: float) -> Extremes:
     inverse = 1 / chain.mass_kg
     closing = np.sqrt(2 * energy * (inverse + np.append(0.0, inverse[:-1]))) * (chain.stiffness > 0)
     bore = bore_stiffness(chain)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a straight chain has no bore, and may have no energy
+    with np.errstate(divide="ignore", invalid="ignore"):  # without a bore the stiffness is 0; the energy may be 0
         deepest = np.where(bore > 0, overlap_of_energy(bore, energy), 0.0)
     return Extremes(
         overlap_m=resting + further,
@@ -77,40 +80,40 @@ def at_most(chain: Chain, duration_s: float) -> Extremes:
 
 
 def bore_stiffness(chain: Chain) -> Array:
-    """Hertz stiffness of each body's contact with the bore; 0 where there is none."""
+    """Hertz stiffness of each body's contact with the bore; 0 without a bore."""
     return np.zeros(chain.bodies) if chain.bore is None else chain.bore.stiffness
 
 
 @lru_cache(maxsize=2)
 def share_at_most(chain: Chain, duration_s: float, time_step_s: float) -> tuple[float, float]:
-    """Bounds of the step's share of ``SAFETY * 2 / omega_max``, and of the impacts there can be.
+    """Upper bounds of the ratio of the step to ``SAFETY * 2 / omega_max``, and of the number of impacts.
 
-    The highest frequency is bounded by rows of the matrix of springs and masses (Gershgorin). An impact lasts longer
-    than ``4 / omega``, and only one at a time has all the energy.
+    The highest frequency is bounded by the row sums of the stiffness matrix (Gershgorin). An impact lasts longer than
+    ``4 / omega``, and only one impact at a time can have all the energy.
     """
     bounds = at_most(chain, duration_s)
     spring = contact_stiffness(chain.stiffness, deepest_m(bounds.overlap_m, bounds.closing_m_s, time_step_s))
-    # the highest K / m of a body that presses into the bore with all the energy; eigenvalues of both add up
+    # largest K / m of a body pressed into the bore with all the energy; the eigenvalues add up
     in_bore = float((contact_stiffness(bore_stiffness(chain), bounds.bore_overlap_m) / chain.mass_kg).max())
     highest = float(np.sqrt(_rows(chain, spring).max() + in_bore))
     impacts = duration_s * highest / 4
-    if chain.damped:  # 1 / limit is where limit^2 (K + b / limit) = 4, row by row
+    if chain.damped:  # solves limit^2 (K + b / limit) = 4 for each row
         late = _rows(chain, late_damping(chain, spring, bounds.speed_m_s, 1.0) - spring)
         highest = float((late + np.sqrt(late**2 + 16 * _rows(chain, spring))).max()) / 4
     return time_step_s * highest / 2 / SAFETY, impacts
 
 
 def _rows(chain: Chain, spring_N_m: Array) -> Array:
-    """What bounds the eigenvalues of springs and masses, row by row. Shape (bodies,)."""
+    """Row sums that bound the eigenvalues of springs and masses (Gershgorin), shape (bodies,)."""
     root = np.sqrt(chain.mass_kg)
-    beside = spring_N_m / (root * np.append(np.inf, root[:-1]))
+    coupling = spring_N_m / (root * np.append(np.inf, root[:-1]))
     return np.asarray(
-        (spring_N_m + np.append(spring_N_m[1:], 0.0)) / chain.mass_kg + beside + np.append(beside[1:], 0.0)
+        (spring_N_m + np.append(spring_N_m[1:], 0.0)) / chain.mass_kg + coupling + np.append(coupling[1:], 0.0)
     )
 
 
 def certainly_stable(chain: Chain, duration_s: float, time_step_s: float) -> bool:
-    """Whether a step is stable by these bounds, which know of straight chains only."""
+    """True if the energy bounds prove that the step is stable; always False for three-dimensional scenes."""
     if chain.lateral is not None:
         return False
     share, impacts = share_at_most(chain, duration_s, time_step_s)

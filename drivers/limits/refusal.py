@@ -1,6 +1,7 @@
-"""What is refused before it runs: steps that blow up, beads pressed through each other, what an engine cannot take.
+"""Refusal of cases before they run.
 
-Accuracies cannot be had either beyond what rounding of absolute heights leaves of them.
+Refused are unstable time steps, overlaps beyond the range of Hertz's law, scenes that an engine cannot model, and
+accuracies that rounding of absolute heights makes unattainable.
 """
 
 from math import ceil, floor, log10
@@ -14,21 +15,21 @@ from drivers.engines import EXACT, IN_HEIGHTS, engine_names, load_engine
 from drivers.limits.energy_bounds import at_most, certainly_stable
 from validation.reference.hertz_chain import Extremes
 
-FORCE = "force"  # the quantity of an accuracy without a name
-ROOM = 1.3  # times the rounding that is predicted, where a step has to leave room for it
+FORCE = "force"  # quantity of an accuracy given as a plain number
+ROUNDING_MARGIN = 1.3  # factor on the predicted rounding error when a step is chosen
 ON_COMMAND = "--unsafe"
 
 
 def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
-    """Refuses what cannot end well on an engine; ``override`` is what runs it all the same.
+    """Refuse a case that would fail on an engine; ``override`` is the option that runs it anyway, for the message.
 
     Raises:
-        InputError: the time step fails in a trial, or may blow up where a trial takes too long; contacts would be
-            pressed deeper than Hertz's law can mean; the engine's coordinates cannot give the accuracy asked for; the
-            engine cannot take the case; nobody has planned the time step of a scene that asks for an accuracy.
+        InputError: the time step blows up in a trial, or may blow up and a trial takes too long; an overlap exceeds a
+            radius; rounding of absolute heights exceeds the accuracy; the engine cannot model the case; or the
+            scene has an accuracy and no time step was planned for it.
     """
     if case.scene.run.accuracy is not None and case.plan is None:
-        raise InputError(case.scene.file, "run.accuracy", "an accuracy", "a run.time_step: nothing plans one here")
+        raise InputError(case.scene.file, "run.accuracy", "no time step is planned for it here; give run.time_step")
     refuse_beyond_rounding(case, engine)
     cannot = inability(case, engine)
     if cannot is not None:
@@ -39,20 +40,19 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
 
 
 def inability(case: Case, engine: str) -> InputError | None:
-    """What an engine cannot take, by name; None where it takes the case."""
-    asked, needed = load_engine(engine), [each.name for each in case.elements if each.modelled]
-    missing = [name for name in needed if name not in asked.models]
+    """Error that says why an engine cannot model a case; None if the engine can."""
+    interface, needed = load_engine(engine), [each.name for each in case.elements if each.modelled]
+    missing = [name for name in needed if name not in interface.models]
     if missing:
         able = ", ".join(name for name in engine_names() if load_engine(name).models >= set(needed))
-        where = f'"{engine}" for a scene with {", ".join(missing)}'
-        return InputError(
-            case.scene.file, "", where, f"an engine that models it: {able}" if able else "nothing: none models it"
-        )
+        found = f'"{engine}" for a scene with {", ".join(missing)}'
+        allowed = f"an engine that models it: {able}" if able else "none, since no engine models the scene"
+        return InputError(case.scene.file, "", found, allowed)
     law = case.scene.contact.dissipation
-    if case.chain.damped and law not in asked.dissipation:
-        allowed = " or ".join(f'"{each}"' for each in sorted(asked.dissipation))
+    if case.chain.damped and law not in interface.dissipation:
+        allowed = " or ".join(f'"{each}"' for each in sorted(interface.dissipation))
         return InputError(case.scene.file, "contact.dissipation", f'"{law}"', f"on {engine} {allowed}")
-    problem = asked.refusal(case)
+    problem = interface.refusal(case)
     if problem is None:
         return None
     key, found, allowed = problem
@@ -60,32 +60,32 @@ def inability(case: Case, engine: str) -> InputError | None:
 
 
 def _refuse_step(case: Case, shear: str, override: str) -> None:
-    """A step beyond the predicted bound, where a trial of the scheme fails or takes too long."""
+    """Refuse a step above the predicted limit if a trial fails or takes too long."""
     chain, duration, step = case.chain, float(case.sample_times_s[-1]), case.scene.time_step_s
     if certainly_stable(chain, duration, step):
         return
-    from drivers.limits.stable_step import BEGINNING, predicted_limit
+    from drivers.limits.stable_step import FIRST_SHARE, predicted_limit
     from drivers.limits.trial import failure
 
-    for share in (BEGINNING, 1.0):
+    for share in (FIRST_SHARE, 1.0):
         limit = predicted_limit(chain, duration, share)
         if step > limit:
             if problem := failure(case, shear):
                 digits = 10.0 ** (floor(log10(limit)) - 2)
-                most = f"at most {floor(limit / digits) * digits:.3g} s, which is stable"
+                most = f"at most {floor(limit / digits) * digits:.3g} s, the predicted stability limit"
                 allowed = f"{most}; a trial at this step {problem} ({override} runs it)"
                 raise InputError(case.scene.file, "run.time_step", f"{step:g} s", allowed)
             return
 
 
 def _refuse_depth(case: Case, override: str) -> None:
-    """Contacts, with the bore too, that are pressed deeper than Hertz's law can mean."""
+    """Refuse overlaps of contacts, or with the bore, of a radius or more."""
     chain, duration = case.chain, float(case.sample_times_s[-1])
     if (_depths(chain, at_most(chain, duration)) < 1).all():
         return
-    from drivers.limits.stable_step import BEGINNING, reached
+    from drivers.limits.stable_step import FIRST_SHARE, reached
 
-    for share in (BEGINNING, 1.0):
+    for share in (FIRST_SHARE, 1.0):
         between, in_bore = _depths(chain, reached(chain, duration, share))
         for key, what, depth, where in (
             ("striker.speed" if case.scene.striker else "chain", "contact", between, ""),
@@ -94,12 +94,12 @@ def _refuse_depth(case: Case, override: str) -> None:
             if (depth >= 1).any():
                 place = int(np.argmax(depth))
                 found = f"a motion that presses {what} {place + 1} {depth[place]:.3g} radii deep{where}"
-                allowed = f"overlaps below a radius: beyond, Hertz's law means nothing ({override} runs it)"
+                allowed = f"overlaps below a radius, the range of Hertz's law ({override} runs it)"
                 raise InputError(case.scene.file, key, found, allowed)
 
 
 def _depths(chain: Chain, reached: Extremes) -> Array:
-    """Overlaps of contacts, and with the bore, over the smaller radius. Shape (2, bodies)."""
+    """Overlaps of contacts and of bore contacts over the smaller radius. Shape (2, bodies)."""
     return np.array([reached.overlap_m / chain.smaller_radius_m, reached.bore_overlap_m / chain.radius_m])
 
 
@@ -113,15 +113,16 @@ def unattainable(case: Case, name: str, asked: float, least: float, why: str) ->
 
 
 def attainable_in_heights(asked: float, rounding: float) -> float:
-    """The accuracy that leaves room for the rounding of heights, from what rounding leaves at the accuracy asked for.
+    """Best accuracy attainable with absolute heights, from the rounding error at the accuracy asked for.
 
-    Steps go with accuracy^(-1/2), and rounding with the root of the steps: ``2.6 rounding (asked / a)^(1/4) = a``.
+    The number of steps scales as accuracy^(-1/2), and rounding as the square root of the number of steps. So the
+    attainable accuracy a solves ``2.6 rounding (asked / a)^(1/4) = a``.
     """
-    return 1.5 * float((2 * ROOM * rounding * asked**0.25) ** 0.8)
+    return 1.5 * float((2 * ROUNDING_MARGIN * rounding * asked**0.25) ** 0.8)
 
 
 def beyond_rounding(case: Case, engine: str) -> str | None:
-    """The first quantity whose accuracy the engine's coordinates cannot give; None where they can."""
+    """First quantity whose accuracy is unattainable because of rounding of absolute heights, or None."""
     if case.plan is None or load_engine(engine).scheme != IN_HEIGHTS:
         return None
     plan = case.plan
@@ -130,14 +131,14 @@ def beyond_rounding(case: Case, engine: str) -> str | None:
 
 
 def refuse_beyond_rounding(case: Case, engine: str) -> None:
-    """Refuses an accuracy that the engine's coordinates cannot give.
+    """Refuse an accuracy that is unattainable because of rounding of absolute heights.
 
     Raises:
-        InputError: rounding of absolute heights may take more than is asked for; the attainable accuracy is named.
+        InputError: rounding may exceed the accuracy asked for; the message names the attainable accuracy.
     """
     name = beyond_rounding(case, engine)
     if name is not None:
         assert case.plan is not None
         share = case.plan.asked[name]
-        why = f"what absolute heights leave on {engine}; verlet holds overlaps and reaches it"
+        why = f"limited by rounding of absolute heights on {engine}; verlet holds overlaps and attains it"
         raise unattainable(case, name, share, attainable_in_heights(share, case.plan.rounding_share), why)

@@ -1,11 +1,11 @@
-"""Stability limit of velocity Verlet on a chain, from below: 2 over the highest frequency that its contacts can reach.
+"""Lower bound of the stability limit of velocity Verlet on a chain, 2 / omega_max.
 
-The largest stiffnesses count as if all came at once and lasted. Contacts that are closed for a few steps only, apart
-from each other, may be stable at several times that: ``drivers.limits.trial`` shows it.
+All contacts are assumed to have their largest stiffness, simultaneously and permanently. Contacts that close one at a
+time and only for a few steps may be stable at several times this limit; ``drivers.limits.trial`` tests such steps.
 
-In three dimensions there are springs of contacts and bore, displacement across the axis and spin. All contacts are
-taken at the largest overlaps of the motion, lines of centres along the axis, and the bore on one side. Friction only
-cuts shear springs, so that a contact that slides may be stable beyond.
+In three dimensions the bound includes shear springs, bore contacts, displacements across the axis and spin. Contacts
+are assumed to have the largest overlaps of the motion and lines of centres along the axis, and all beads to touch the
+bore on the same side. Sliding only weakens shear springs.
 """
 
 from dataclasses import replace
@@ -23,19 +23,20 @@ from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import integrate_verlet
 
 STEP_TOLERANCE, MAX_ITERATIONS = 1e-9, 100
-FINE_STEP_SHARE = 0.05  # of the bounds' step: 0.01 of it changes limits by up to 0.3 %, 2 % where light beads fly
-BODY_STEPS_PER_CHUNK = 1_000_000  # bodies times steps kept at a time
-# bodies times steps that are followed, some seconds; what comes later is taken to be alike
+# step over the energy bound of the limit; 0.01 would change limits by up to 0.3 %, or 2 % with light flying beads
+FINE_STEP_SHARE = 0.05
+BODY_STEPS_PER_CHUNK = 1_000_000  # bodies times steps held in memory
+# largest number of bodies times steps integrated, a few seconds; the rest of the run is extrapolated
 MAX_BODY_STEPS, MAX_BODY_STEPS_3D = 500_000_000, 20_000_000
-BEGINNING = 0.01  # share of them, followed first: most of what is refused shows there
+FIRST_SHARE = 0.01  # fraction of these steps integrated first; sufficient for most refusals
 
 _limits: WeakKeyDictionary[Chain, dict[tuple[float, float], float]] = WeakKeyDictionary()
 
 
 def predicted_limit(chain: Chain, duration_s: float, share: float = 1.0) -> float:
-    """Lower bound of the time steps in s at which a run of that duration may blow up; inf where nothing closes.
+    """Lower bound of the stability limit of a run, in s; inf if no contact closes.
 
-    Worked out once for each chain: every engine's run is held against it.
+    Computed once for each chain, duration and share.
     """
     known = _limits.setdefault(chain, {})
     if (duration_s, share) not in known:
@@ -44,7 +45,7 @@ def predicted_limit(chain: Chain, duration_s: float, share: float = 1.0) -> floa
 
 
 def reached(chain: Chain, duration_s: float, share: float = 1.0) -> Extremes:
-    """Extremes of a motion, followed at a fine step: all of it, or what a share of the most body steps takes."""
+    """Extremes of the motion, integrated at a fine step for at most the fraction ``share`` of ``MAX_BODY_STEPS``."""
     bounds = at_most(chain, duration_s)
     step = FINE_STEP_SHARE * stable_step(chain, bounds, duration_s)
     if not np.isfinite(step):
@@ -60,40 +61,41 @@ def reached(chain: Chain, duration_s: float, share: float = 1.0) -> Extremes:
 
 
 def stable_step(chain: Chain, reached: Extremes, duration_s: float) -> float:
-    """Predicted limit in s, ``SAFETY / wear * 2 / omega_max``; inf for a chain without a contact that closes.
+    """Predicted limit in s, ``SAFETY / wear * 2 / omega_max``; inf for a chain in which no contact closes.
 
-    Stiffnesses are tangents of Hertz's law at the largest overlaps, or at those that a step of that size makes. Many
-    impacts lower the limit, and so does damping, which codes have half a step late (``late_damping``).
+    Contact stiffnesses belong to the largest overlap of the motion, or to the overlap made by one step, if larger.
+    Many impacts lower the limit, and so does damping (``late_damping``).
     """
     safety = SAFETY / wear(impacts_counted(chain, reached, duration_s))
     step = safety * _limit(chain, reached, 0.0, safety)
-    if not np.isfinite(step):  # no overlap to begin with: a step's own
+    if not np.isfinite(step):  # no overlap in the motion
         step = 1.0
     found = step
     for _ in range(MAX_ITERATIONS):
         found = safety * _limit(chain, reached, step, safety)
         if not np.isfinite(found) or abs(found / step - 1) < STEP_TOLERANCE:
             break
-        step = (step * found**4) ** 0.2  # where steps make the overlap, found goes with step^(-1/4)
+        step = (step * found**4) ** 0.2  # the limit scales as step^(-1/4) if one step makes the overlap
     return found
 
 
 def impacts_counted(chain: Chain, reached: Extremes, duration_s: float) -> float:
-    """Impacts of the body that has most, each by the share f that it has of the energy that is put in.
+    """Largest weighted number of impacts of any body.
 
-    The error of an impact multiplies its energy, so the logarithm walks at random, and has ``ln (1 + 1/f)`` to go until
-    as much is gained as was put in. The steps of such a walk go with the square: ``(ln 2 / ln (1 + 1/f))^2`` an impact.
+    An impact has the fraction f of the energy put in. Its error multiplies its energy, so the logarithm of the energy
+    is a random walk, which has to cover ``ln (1 + 1/f)`` to gain the energy put in. The number of steps of a random
+    walk scales as the square of the distance, so an impact has the weight ``(ln 2 / ln (1 + 1/f))^2``.
     """
     largest = 0.5 * chain.reduced_mass_kg * reached.closing_m_s**2
     hit = (reached.impacts_J > 0) & (largest > 0)
     put_in = max(energy_put_in(chain, duration_s), float(largest.max()))
-    counted = np.zeros(chain.bodies + 1)  # with the body above, and none
+    counted = np.zeros(chain.bodies + 1)  # contacts under each body and above the last
     counted[:-1][hit] = reached.impacts_J[hit] / largest[hit] * (log(2) / np.log1p(put_in / largest[hit])) ** 2
     return float((counted[:-1] + counted[1:]).max())
 
 
 def _limit(chain: Chain, reached: Extremes, step: float, safety: float) -> float:
-    """``2 / omega_max`` of the springs that contacts are with steps of that size."""
+    """``2 / omega_max`` of the contact springs at a given step, in s."""
     deepest = deepest_m(reached.overlap_m, reached.closing_m_s, step)
     spring = contact_stiffness(chain.stiffness, deepest)
     normal = late_damping(chain, spring, reached.speed_m_s, step / safety)
@@ -110,40 +112,42 @@ def _limit(chain: Chain, reached: Extremes, step: float, safety: float) -> float
 
 
 def linear_limit(chain: Chain, spring_N_m: Array) -> float:
-    """``2 / omega_max`` of the chain with springs for contacts, by the eigenvalues of a tridiagonal matrix; or inf."""
+    """``2 / omega_max`` in s of a straight chain of springs (a tridiagonal matrix); inf without springs."""
     from scipy.linalg import eigvalsh_tridiagonal
 
     above = np.append(spring_N_m[1:], 0.0)
     mass = chain.mass_kg
     diagonal = (spring_N_m + above) / mass
-    beside = -spring_N_m[1:] / np.sqrt(mass[:-1] * mass[1:])
+    coupling = -spring_N_m[1:] / np.sqrt(mass[:-1] * mass[1:])
     last = len(mass) - 1
-    highest = eigvalsh_tridiagonal(diagonal, beside, select="i", select_range=(last, last))[0] if last else diagonal[0]
+    highest = (
+        eigvalsh_tridiagonal(diagonal, coupling, select="i", select_range=(last, last))[0] if last else diagonal[0]
+    )
     return float(2 / np.sqrt(highest)) if highest > 0 else float("inf")
 
 
 def linear_sideways_limit(chain: Chain, normal: Array, shear: Array, held: Array, dragged: Array) -> float:
-    """``2 / omega_max`` of springs in N/m, by the eigenvalues of banded matrices; or inf.
+    """``2 / omega_max`` in s of a three-dimensional chain of springs in N/m (banded matrices); inf without springs.
 
-    In the plane through the axis and the bore's contact each body has a displacement w along the axis, u across it and
-    a spin, times its radius, s: contact j strains by ``w_j - w_{j-1}`` and ``u_j - u_{j-1} - s_j - s_{j-1}``, the bore
-    by ``u`` and ``w + s``. Across that plane are u, the spin as before and the one about the axis, t: the bore strains
-    by ``u + t``. Inertias are m and ``2/5 m``.
+    In the plane through the axis and the bore's contact each body has a displacement w along the axis, u across the
+    axis, and s, the spin times the radius. Contact j has the strains ``w_j - w_{j-1}`` and
+    ``u_j - u_{j-1} - s_j - s_{j-1}``, the bore contact ``u`` and ``w + s``. Perpendicular to that plane the bore
+    contact has the strain ``u + t``, with t for the spin about the axis. Inertias are m and ``2/5 m``.
 
     Args:
-        chain: the bodies; a level face moves along the axis only.
-        normal: of contacts, shape (bodies,).
-        shear: of contacts.
-        held: by the bore, normal to it.
-        dragged: by the bore, along it.
+        chain: the chain; a flat face moves along the axis only.
+        normal: normal stiffness of contacts, shape (bodies,).
+        shear: shear stiffness of contacts.
+        held: normal stiffness of the bore contacts.
+        dragged: shear stiffness of the bore contacts.
     """
     level = np.isinf(chain.radius_m)
     inverse = np.column_stack([1 / chain.mass_kg, np.where(level, 0, 1 / chain.mass_kg)])
     inverse = np.sqrt(np.column_stack([inverse, 2.5 * inverse[:, 1]]))
     along, across, spin = np.eye(3)
-    beside = [(normal, along, -along), (shear, across - spin, -across - spin)]
-    within = _highest(inverse, beside, [(held, across), (dragged, along + spin)])
-    aside, about = np.eye(3)[1], np.eye(3)[0]  # the axis' place goes to the spin about it
+    contacts = [(normal, along, -along), (shear, across - spin, -across - spin)]
+    within = _highest(inverse, contacts, [(held, across), (dragged, along + spin)])
+    aside, about = np.eye(3)[1], np.eye(3)[0]  # the first coordinate is the spin about the axis here
     turned = np.column_stack([inverse[:, 2], inverse[:, 1:]])
     beyond = _highest(turned, [(shear, aside - spin, -aside - spin)], [(dragged, aside + about)])
     highest = max(within, beyond)
@@ -151,31 +155,32 @@ def linear_sideways_limit(chain: Chain, normal: Array, shear: Array, held: Array
 
 
 def _highest(inverse: Array, contacts: list[tuple[Array, Array, Array]], alone: list[tuple[Array, Array]]) -> float:
-    """The highest eigenvalue of springs on three coordinates a body.
+    """Largest eigenvalue of springs with three coordinates for each body.
 
     Args:
-        inverse: roots of the inverse inertias, shape (bodies, 3).
-        contacts: springs under each body, how its own coordinates strain them, and how those of the body below do.
-        alone: springs of each body with what does not move, and how its coordinates strain them.
+        inverse: square roots of the inverse inertias, shape (bodies, 3).
+        contacts: for each kind of spring below the bodies: stiffnesses, and strains per coordinate of the body and per
+            coordinate of the body below.
+        alone: for each kind of spring between body and bore: stiffnesses, and strains per coordinate of the body.
     """
     from scipy.linalg import eigvals_banded
 
     bodies = len(inverse)
-    own, beside = np.zeros((bodies, 3, 3)), np.zeros((bodies, 3, 3))
+    own, coupling = np.zeros((bodies, 3, 3)), np.zeros((bodies, 3, 3))
     for spring, here, below in contacts:
         own += spring[:, None, None] * np.outer(here, here)
         own[:-1] += spring[1:, None, None] * np.outer(below, below)
-        beside[1:] += spring[1:, None, None] * np.outer(below, here)
+        coupling[1:] += spring[1:, None, None] * np.outer(below, here)
     for spring, here in alone:
         own += spring[:, None, None] * np.outer(here, here)
     own *= inverse[:, :, None] * inverse[:, None, :]
-    beside[1:] *= inverse[:-1, :, None] * inverse[1:, None, :]
+    coupling[1:] *= inverse[:-1, :, None] * inverse[1:, None, :]
     last = 3 * bodies - 1
-    return float(eigvals_banded(block_bands(own, beside[1:]), select="i", select_range=(last, last))[0])
+    return float(eigvals_banded(block_bands(own, coupling[1:]), select="i", select_range=(last, last))[0])
 
 
 def _follow(chain: Chain, step: float, left: int) -> Extremes:
-    """Extremes by velocity Verlet of a straight chain, of which no samples are kept."""
+    """Extremes of a straight chain's motion, by velocity Verlet for ``left`` steps."""
     arrays = arrays_of(chain)
     nothing = np.zeros(chain.bodies)
     found = Extremes(nothing, nothing, nothing, nothing, nothing, nothing)
@@ -194,16 +199,16 @@ def _follow(chain: Chain, step: float, left: int) -> Extremes:
 
 
 def _extremes(chain: Chain, force_N: Array, velocity_m_s: Array, overlap_m: Array) -> Extremes:
-    """Extremes of samples as fine as steps.
+    """Extremes of samples taken at every step.
 
-    Overlaps are those of the forces; of damped contacts, whose forces do not tell them, those of the places.
+    Overlaps are computed from forces, or from positions if contacts are damped.
     """
     there, nothing = chain.stiffness > 0, np.zeros(chain.bodies)
     closing = np.column_stack([np.zeros(len(velocity_m_s)), velocity_m_s[:, :-1]]) - velocity_m_s
     speed = np.where((force_N > 0) | (overlap_m <= 0) & (closing > 0), np.abs(closing), 0.0)
-    parted = (force_N <= 0) | (overlap_m <= 0)  # by the power law what just touches may have a force
-    closing = np.where(parted & there, np.maximum(closing, 0.0), 0.0)  # 0 where it is closed or opens
-    closes = (force_N[:-1] <= 0) & (force_N[1:] > 0) & (overlap_m[:-1] < 0)  # not what touches at the start
+    is_open = (force_N <= 0) | (overlap_m <= 0)  # with the power law, bodies that just touch may have a force
+    closing = np.where(is_open & there, np.maximum(closing, 0.0), 0.0)  # 0 for closed and opening contacts
+    closes = (force_N[:-1] <= 0) & (force_N[1:] > 0) & (overlap_m[:-1] < 0)  # excludes contacts that touch at time 0
     energies = np.where(closes, 0.5 * chain.reduced_mass_kg * closing[:-1] ** 2, 0.0)
     largest = np.maximum(overlap_m.max(axis=0), 0.0) if chain.damped else nothing.copy()
     if not chain.damped:

@@ -1,7 +1,7 @@
-"""Trial of a case before it runs: its motion by velocity Verlet at its own step, judged as a run is.
+"""Trial of a case before a run: velocity Verlet at the scene's step, judged by the guard of runs.
 
-The predicted limit (``drivers.limits.stable_step``) is a lower bound. Of larger steps the scheme itself shows whether
-they blow up: a light bead that is struck once, say, gains at a step that a standing contact could not have.
+The predicted limit (``drivers.limits.stable_step``) is a lower bound; a trial tests larger steps. For example, a light
+bead that is struck once is stable at steps at which a lasting contact is unstable.
 """
 
 import numpy as np
@@ -14,16 +14,16 @@ from drivers.run.guard import reason_to_fail
 from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import integrate_verlet
 
-MAX_BODY_STEPS, MAX_BODY_STEPS_3D = 20_000_000, 1_000_000  # bodies times steps: some tenths of a second
-MAX_VALUES = 4_000_000  # bodies times samples, which are held at a time
-SCAN = 1.02 ** np.arange(1, 106)  # steps are tried one by one, since stable ones lie between unstable ones
-MAX_SCANNED = 200_000  # bodies times steps of each of them
+MAX_BODY_STEPS, MAX_BODY_STEPS_3D = 20_000_000, 1_000_000  # bodies times steps, some tenths of a second
+MAX_VALUES = 4_000_000  # bodies times samples held in memory
+SCAN = 1.02 ** np.arange(1, 106)  # factors on the first step; all are tried, as stable and unstable steps alternate
+MAX_SCAN_BODY_STEPS = 200_000  # bodies times steps of one trial of a scan
 
 
 def failure(case: Case, shear: str = TOTAL) -> str | None:
-    """Words for a trial that fails, with the time, or takes too long; None for one that ends well.
+    """Reason why a trial fails, with the time, or that it takes too long; None if the trial succeeds.
 
-    ``shear`` is the law of friction in three dimensions.
+    ``shear`` is the friction law of three-dimensional scenes.
     """
     chain, scene = case.chain, case.scene
     most = MAX_BODY_STEPS if chain.lateral is None else MAX_BODY_STEPS_3D
@@ -42,10 +42,10 @@ def failure(case: Case, shear: str = TOTAL) -> str | None:
 
 
 def first_failure_s(case: Case, from_s: float) -> float | None:
-    """The smallest step at which a trial blows up, of those 2 % apart from ``from_s`` on; None where none is found."""
+    """Smallest step in s at which a trial blows up, scanned in steps of 2 % from ``from_s``; None if none is found."""
     for step in from_s * SCAN:
         tried = case.sampled_at_every(step)
-        if tried.scene.steps * tried.chain.bodies > MAX_SCANNED:
+        if tried.scene.steps * tried.chain.bodies > MAX_SCAN_BODY_STEPS:
             return None
         if failure(tried) is not None:
             return float(step)

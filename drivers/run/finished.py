@@ -1,4 +1,4 @@
-"""Runs that ended, with their records in ``run.json``: written, found, or read back from their folders."""
+"""Finished runs and their records in ``run.json``: writing, finding, reading."""
 
 import json
 import platform
@@ -12,42 +12,51 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import sha256_of, whole_file
-from drivers.base.processes import git
+from drivers.base.processes import git, local_changes
 from drivers.chain.case import Layout, read_layout
 from drivers.chain.trace import FORCES, Trace, read_forces
 
 FILE = "run.json"
-UNASSESSED: dict[str, Any] = dict.fromkeys(
+NOT_ASSESSED: dict[str, Any] = dict.fromkeys(
     ("error_budget", "error_note", "exact_to", "exact_until_s", "warnings", "step_limit_s", "accuracy")
 )
-BUILD_NOT_KNOWN = {"executable": "", "build_sha256": ""}  # in records that are older than these keys
+BUILD_NOT_KNOWN = {"executable": "", "build_sha256": ""}  # records older than these keys
 
 
 @dataclass(frozen=True)
 class RunRecord:
-    """The record of one run; times in seconds.
+    """Record of a run, the content of ``run.json``; times in seconds.
 
-    What ``validation.accuracy.assess`` adds is None until a run that is done has been assessed: ``error_budget``,
-    ``error_note``, ``exact_to``, ``exact_until_s``, ``warnings``, ``step_limit_s``, ``accuracy``.
+    ``error_budget``, ``error_note``, ``exact_to``, ``exact_until_s``, ``warnings``, ``step_limit_s`` and ``accuracy``
+    are None until ``validation.accuracy.assess`` has assessed the run.
 
     Attributes:
-        engine_version: line with which its build introduces itself.
-        executable: command that started it, with the paths of its programs.
-        build_sha256: digest of its programs and libraries (``drivers.run.build``); empty of this repository's engines.
-        status: ``done``, ``failed`` or ``timeout``; ``reason`` says why in the latter cases.
-        scene: resolved, in SI units.
-        layout: what post-processing needs to know of the chain (``drivers.chain.case.Layout``).
+        engine: name of the engine.
+        engine_version: version line of the build.
+        executable: command of the build, with the paths of its programs.
+        build_sha256: digest of programs and libraries (``drivers.run.build``); empty for in-repo engines.
+        scene_name: name of the scene.
+        status: ``done``, ``failed`` or ``timeout``.
+        reason: reason of a failure; else empty.
+        scene: complete scene in SI units.
+        layout: properties of the chain for post-processing (``drivers.chain.case.Layout``).
         elements: modelling elements, each in or out with its reason.
-        wall_s, cpu_s: of the whole process; of a case in a process that serves many, of the case alone.
-        loop_s: of the engine's own time loop.
-        error_budget: parts of the error of the force and of what gauges show (``validation.accuracy.budget``).
-        error_note: what of it could not be measured, and why.
-        exact_to: measured error of the exact motion itself until ``exact_until_s``, of the largest change; None too of
+        deck_sha256: digest of the deck.
+        command: command of the deck.
+        time_step_s, steps, bodies: time step, number of time steps and of bodies.
+        wall_s, cpu_s: wall and CPU time of the process; for a process that runs many decks, of this deck alone.
+        loop_s: time in the code's time loop.
+        memory_bytes: peak memory.
+        forces_sha256: digest of ``forces.parquet``, to detect damage; empty for a failed run.
+        error_budget: parts of the errors of the force and of observables (``validation.accuracy.budget``).
+        error_note: parts that could not be measured, with the reason.
+        exact_to: error of the exact motion until ``exact_until_s``, over the largest change of force; None for
             three-dimensional chains.
-        warnings: of a run that is done and of little use.
-        step_limit_s: the predicted stability limit of the time step; None too where no contact closes.
-        accuracy: by quantity what was ``asked``, ``predicted`` and ``measured``; None too where none is asked for.
-        forces_sha256: of ``forces.parquet``, so that a damaged one is not taken for done; empty where there is none.
+        warnings: reasons why a finished run is of little use.
+        step_limit_s: predicted stability limit of the time step; None if no contact closes.
+        accuracy: ``asked``, ``predicted`` and ``measured`` error by quantity; None without an accuracy.
+        host, commit, dirty, lock_sha256: machine, commit of the checkout, True if it had local changes (new files
+            outside the packages do not count), digest of the lock file.
     """
 
     engine: str
@@ -83,19 +92,19 @@ class RunRecord:
     lock_sha256: str
 
     def write(self, folder: Path) -> None:
-        """Writes ``run.json`` into the run folder."""
+        """Write ``run.json`` into the run folder."""
         with whole_file(folder / FILE) as draft:
             draft.write_text(json.dumps(asdict(self), indent=2) + "\n")
 
 
 def read_record(folder: Path) -> RunRecord | None:
-    """The record of a run folder; None where there is none that can be read."""
+    """Record of a run folder; None if missing or damaged."""
     try:
         record = RunRecord(**BUILD_NOT_KNOWN | json.loads((folder / FILE).read_text()))
         for part in record.error_budget or ():
             shares = [share for key, share in part.items() if key not in ("quantity", "where")]
             if not (isinstance(part["quantity"], str) and all(isinstance(share, float | int) for share in shares)):
-                raise ValueError("an error budget of something else")
+                raise ValueError("not an error budget")
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None
     return record
@@ -103,10 +112,10 @@ def read_record(folder: Path) -> RunRecord | None:
 
 @dataclass(frozen=True)
 class EndedRun:
-    """A run that ended, well or badly, and its folder.
+    """Finished or failed run with its folder.
 
     Attributes:
-        partial_trace: what there is of the trace of a run that just failed, which no folder keeps.
+        partial_trace: samples of a run that just failed; they are not stored in the folder.
     """
 
     folder: Path
@@ -115,14 +124,14 @@ class EndedRun:
 
     @property
     def done(self) -> bool:
-        """Whether its numbers count."""
+        """True if the run succeeded."""
         return self.record.status == "done"
 
     @property
     def missed(self) -> str | None:
-        """Quantities that miss the accuracy its scene asks for, in words; None before it is assessed."""
+        """Message on quantities that miss the scene's accuracy; None if there are none, or before the assessment."""
         beyond = [
-            f"{name} is off by {each['measured']:.3g}, asked were {each['asked']:g}"
+            f"{name} has an error of {each['measured']:.3g}, allowed are {each['asked']:g}"
             for name, each in (self.record.accuracy or {}).items()
             if not each["measured"] <= each["asked"]
         ]
@@ -135,7 +144,7 @@ class EndedRun:
 
     @cached_property
     def trace(self) -> Trace:
-        """The force trace of a run that is done; the state is not in it.
+        """Trace of a finished run, without positions and velocities.
 
         Raises:
             InputError: the file is missing or damaged.
@@ -144,18 +153,18 @@ class EndedRun:
         try:
             trace = read_forces(path)
             if trace.time_s[0] != 0 or not (np.diff(trace.time_s) > 0).all() or not trace.force_N.size:
-                raise ValueError("sample times that do not rise from 0")
+                raise ValueError("sample times that do not increase from 0")
             return trace
-        except Exception as error:  # a damaged file can make pyarrow raise almost anything
+        except Exception as error:  # pyarrow raises many kinds of errors for damaged files
             found = "no such file" if isinstance(error, FileNotFoundError) else "a damaged file"
             raise InputError(paths.shown(path), "", found, "the forces of a run (run it again with --rerun)") from error
 
 
 def open_run(folder: Path) -> EndedRun:
-    """The run in a folder.
+    """Open a finished run by its folder.
 
     Raises:
-        InputError: there is none, or it is not done.
+        InputError: no run in the folder, or one that failed.
     """
     record = read_record(folder)
     allowed = "a run folder, or its name, as python -m drivers runs prints it"
@@ -167,25 +176,25 @@ def open_run(folder: Path) -> EndedRun:
         raise InputError(str(folder), FILE, f"a run that {record.status}: {record.reason}", "a run that is done")
     run = EndedRun(folder, record)
     try:
-        run.layout  # noqa: B018 - read once here, so that a damaged one is told at once
+        run.layout  # noqa: B018 - detects a damaged layout here
     except (TypeError, KeyError) as error:
         raise InputError(str(folder), FILE, "a damaged record", allowed) from error
     return run
 
 
 def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | None:
-    """A run that ended, looked up by its hash, whatever its name: done before failed, of this layout before others."""
+    """Find a run by its hash; finished runs before failed ones, runs with this layout before others."""
     found = [EndedRun(folder, record) for folder in home.glob(f"[!.]*-{identity}") if (record := read_record(folder))]
     return max(found, key=lambda run: (run.done, run.record.layout == layout), default=None)
 
 
 @cache
 def provenance() -> dict[str, Any]:
-    """Host, commit, whether the work tree differs from it, and the lock file's digest."""
+    """Machine, commit, changes of the work tree, and digest of the lock file."""
     commit = git("rev-parse", "HEAD")
     return {
         "host": f"{platform.node()}, {platform.system()} {platform.machine()}, Python {platform.python_version()}",
         "commit": commit or "unknown",
-        "dirty": bool(git("status", "--porcelain")),
+        "dirty": local_changes(),
         "lock_sha256": sha256_of(paths.LOCK) if paths.LOCK.exists() else "",
     }

@@ -1,5 +1,6 @@
-"""Guard: conditions that a finished run has to satisfy before it counts as done."""
+"""Guard: checks of a run's output before the run counts as done."""
 
+import re
 from collections.abc import Iterator
 from math import sqrt
 from pathlib import Path
@@ -18,22 +19,24 @@ from drivers.engines import Engine
 from drivers.limits.energy_bounds import share_at_most
 
 REASON_CHARACTERS = 300
-ROUNDINGS = 64  # units in the last place of coordinates that a start may be off by
-START_TOLERANCE = 1e-9  # of the largest force and speed
+OWN_ERRORS = ("ERROR", "Traceback")  # beginnings of lines that lead to the code's own message
+ROUNDINGS = 64  # largest deviation of a start in units in the last place of the coordinates
+START_TOLERANCE = 1e-9  # over the largest force and speed
 
 
 def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) -> Trace:
-    """The trace of a process that ended.
+    """Read and check the trace of a process that ended.
 
     Raises:
-        RunError: it cannot count as done; with what there is of a trace.
+        RunError: the run failed; with the partial trace if there is one.
     """
     if outcome.timed_out:
         raise RunError(f"killed at the time limit of {outcome.limit_s:g} s", status="timeout")
     if outcome.code != 0:
         stdout, stderr = ((folder / name).read_text(errors="replace") for name in ("stdout.txt", "stderr.txt"))
         ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
-        words = "".join(c if c.isprintable() else " " for c in engine.failure_reason(stdout, stderr))
+        words = _failed_start(stdout, stderr) or engine.failure_reason(stdout, stderr)
+        words = "".join(c if c.isprintable() else " " for c in words)
         before = engine.partial_trace(case, folder)
         blown_up = _blown_up(case, engine, words, before)
         raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:REASON_CHARACTERS]}"))), partial=before)
@@ -48,8 +51,16 @@ def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) ->
     return trace
 
 
+def _failed_start(stdout: str, stderr: str) -> str:
+    """Lines of the standard error of a program that failed before any output, such as mpirun's; else empty."""
+    lines = [line.strip() for line in stderr.splitlines() if re.search(r"\w", line)]
+    if re.search(r"\w", stdout) or any(line.startswith(OWN_ERRORS) for line in lines):
+        return ""
+    return " ".join(lines)
+
+
 def wrong_start(case: Case, trace: Trace) -> str | None:
-    """First deviation of the start from the scene's, by more than rounding; None where there is none."""
+    """First deviation of the run's start from the scene by more than rounding, as a message; None if there is none."""
     chain = case.chain
     if trace.height_m is None or trace.velocity_m_s is None:
         return None
@@ -59,7 +70,9 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
         chain.stiffness * (hertz_force(1.0, resting + rounded) - hertz_force(1.0, resting))
         + START_TOLERANCE * chain.force_N.max()
     )
-    if chain.lateral is not None and chain.lateral.velocity_m_s.any():  # YADE shears for a step before its first forces
+    if (
+        chain.lateral is not None and chain.lateral.velocity_m_s.any()
+    ):  # YADE shears contacts for one step before its first forces
         bore = chain.lateral.bore
         force = force + max(chain.lateral.friction, bore.friction if bore else 0.0) * chain.force_N.max()
     fastest = float(np.abs(trace.velocity_m_s).max())
@@ -79,7 +92,7 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
 
 
 def _blown_up(case: Case, engine: Engine, words: str, before: Trace | None) -> str | None:
-    """Blow-up of a run that ended badly, as its samples or its engine's words show it; None where there is none."""
+    """Message on a blow-up of a failed run, from its samples or the code's error message; None if there was none."""
     seen = 0 if before is None else len(before.time_s)
     reason = reason_to_fail(case, before) if before is not None else None
     if reason is None and engine.loss_message and engine.loss_message in words:
@@ -88,11 +101,11 @@ def _blown_up(case: Case, engine: Engine, words: str, before: Trace | None) -> s
 
 
 def reason_to_fail(case: Case, trace: Trace) -> str | None:
-    """Reason why a trace cannot be right, with the time from which on; None where nothing is wrong.
+    """Message on a trace that cannot be right, with the time of the first fault; None if there is no fault.
 
-    Values have to be finite, beads must not pass through the wall or each other, and the energy has to stay what the
-    scene put in, as nearly as the scheme at this step and the rounding of heights can keep it; where contacts lose
-    energy, it must not grow.
+    Values have to be finite, and beads must not pass through the wall or each other. The total energy must stay
+    constant, or must not grow if contacts dissipate energy, within the truncation error of this step and the rounding
+    error of heights.
     """
     faults = [(int(np.argmax(wrong)), words) for wrong, words in _faults(case, trace) if wrong.any()]
     if not faults:
@@ -103,7 +116,7 @@ def reason_to_fail(case: Case, trace: Trace) -> str | None:
 
 
 def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]:
-    """Faults of samples: which have them, and the words for it."""
+    """Kinds of faults: a mask of the samples that have it, and its message."""
     chain = case.chain
     finite = np.isfinite(trace.force_N).all(axis=1) & np.isfinite(trace.total_energy_J)
     yield np.logical_not(finite), "values are not finite"
@@ -114,17 +127,17 @@ def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]
         body = int(np.argmax(passed.any(axis=0)))
         beneath = f"body {body}" if body else "the wall"
         yield np.asarray(passed.any(axis=1)), f"body {body + 1} passed through {beneath}"
-    through = hertz_force(chain.stiffness, chain.smaller_radius_m)  # the force at an overlap of a radius
+    through = hertz_force(chain.stiffness, chain.smaller_radius_m)  # force at an overlap of a radius
     yield np.asarray((trace.force_N > through).any(axis=1)), "beads are pressed into each other by more than a radius"
     share, allowed = energy_error(chain, trace), explained_energy(case, trace)
     worst = np.nan_to_num(share, nan=np.inf).max()
     does = "grows" if chain.damped or chain.slips else "is off"
-    words = f"the energy {does} by {worst:.2g} times what the scene puts in, of which this time step explains"
-    yield share > allowed, f"{words} {allowed:.2g}"
+    words = f"the energy {does} by {worst:.2g} times the energy put in; at this time step at most {allowed:.2g} times"
+    yield share > allowed, f"{words} is expected"
 
 
 def not_modelled(chain: Chain, trace: Trace) -> str | None:
-    """When a striker above the tube comes down onto its end, which no deck models; None where it does not."""
+    """Message if a striker above the tube comes down to its upper end, which no deck models; else None."""
     bore = chain.bore
     if bore is None or chain.bodies - 1 in bore.guided or trace.height_m is None:
         return None
@@ -136,20 +149,20 @@ def not_modelled(chain: Chain, trace: Trace) -> str | None:
 
 
 def energy_error(chain: Chain, trace: Trace) -> Array:
-    """By how much the energy errs (``drivers.chain.trace``) over what the scene puts in. Shape (samples,)."""
+    """Energy error (``drivers.chain.trace.energy_error_J``) over the energy put in. Shape (samples,)."""
     change = energy_error_J(trace.total_energy_J, damped=chain.damped, slips=chain.slips)
     scale = energy_put_in(chain, float(trace.time_s[-1]))
     if scale:
         return np.asarray(change / scale)
-    rounded = ROUNDINGS * float(np.spacing(furthest_m(chain)))  # bodies that just touch may be pressed as deep
+    rounded = ROUNDINGS * float(np.spacing(furthest_m(chain)))  # overlap by rounding of bodies that just touch
     return np.asarray(np.where(change > hertz_energy(chain.stiffness.sum(), rounded), np.inf, 0.0))
 
 
 def explained_energy(case: Case, trace: Trace) -> float:
-    """The largest energy error that velocity Verlet at the case's step and rounding can make, as ``energy_error``.
+    """Largest ``energy_error`` explained by velocity Verlet at the case's step and by rounding.
 
-    Verlet's goes with the square of the step's share of the stability limit, and walks on from impact to impact;
-    heights are rounded at every step, and what forces are left on a body works along that.
+    The truncation error scales as the square of the step over the stability limit, and grows as a random walk with the
+    number of impacts. Heights are rounded at every step; the net force on a body does work along this rounding.
     """
     chain, duration = case.chain, float(case.sample_times_s[-1])
     share, impacts = share_at_most(chain, duration, case.scene.time_step_s)
@@ -157,9 +170,9 @@ def explained_energy(case: Case, trace: Trace) -> float:
     scale = energy_put_in(chain, duration) or 1.0
     rounded = float(np.spacing(furthest_m(chain)))
     above = np.column_stack([trace.force_N[:, 1:], np.zeros(len(trace.force_N))])
-    with np.errstate(over="ignore", invalid="ignore"):  # of a run that blew up
+    with np.errstate(over="ignore", invalid="ignore"):  # runs that blew up
         walked = float(np.abs(trace.force_N - above + chain.load_N).max(axis=0).sum() * np.sqrt(case.scene.steps + 1))
-        held = float(np.abs(trace.force_N).max(axis=0).sum())  # rounded once, where the energy is evaluated
+        held = float(np.abs(trace.force_N).max(axis=0).sum())  # rounding in the evaluation of the energy
         rounding = rounded * (tolerance("guard", "rounding").limit * walked + held) / scale
     walk = 1 + tolerance("guard", "impacts").limit * sqrt(impacts)
     friction = tolerance("guard", "friction").limit if chain.slips else 0.0

@@ -1,4 +1,4 @@
-"""Runs cases on engines into run folders, once: what is done is found again by its hash."""
+"""Running cases on engines: each run gets a run folder, and a finished run is found again by its hash."""
 
 import hashlib
 import json
@@ -25,22 +25,22 @@ from drivers.chain.trace import FORCES, SENSORS, STATE, Trace, digest_of, write_
 from drivers.engines import Engine, load_engine
 from drivers.limits.refusal import refuse
 from drivers.run.build import Build, build_of
-from drivers.run.finished import UNASSESSED, EndedRun, RunRecord, find_run, provenance, read_record
+from drivers.run.finished import NOT_ASSESSED, EndedRun, RunRecord, find_run, provenance, read_record
 from drivers.run.guard import checked_trace
 from drivers.run.session import lent
 from drivers.run.workplaces import workplace
 from drivers.scene.read_scene import read_scene
 
-PROBE = ("fig4", ("run.duration=20 us", "run.time_step=0.1 us"))  # with weight, striker, wall and gauges
+PROBE = ("fig4", ("run.duration=20 us", "run.time_step=0.1 us"))  # short run that tests servers
 MIN_LIMIT_S = 60.0
-SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times what the slowest engine needs: beyond it, a run hangs
+SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times the cost of the slowest engine
 
 
-_looking = threading.Lock()
+_server_test = threading.Lock()
 
 
 def default_limit_s(case: Case, engine: Engine) -> float:
-    """Time limit of a run: the engine's own, or by the case's size."""
+    """Time limit of a run: given by the engine's entry, or in proportion to bodies times steps."""
     return engine.entry.time_limit_s or MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.chain.bodies * case.scene.steps
 
 
@@ -53,11 +53,18 @@ def run_case(
     limit_s: float | None = None,
     served: bool = False,
 ) -> EndedRun:
-    """Runs a case, or finds it done.
+    """Run a case, or find a finished run of it.
 
-    A run that failed before is tried again. The folder appears under its name only when it is complete. A run found
-    for another scene of the same physics serves this one, to be assessed anew. ``served`` runs it in a process that
-    has served others; one that fails there is run by itself, to end in its own words.
+    A failed run is tried again. The run folder appears under its name only when it is complete. A finished run of
+    another scene with the same deck is reused with a new record.
+
+    Args:
+        case: the case.
+        engine_name: name of the engine.
+        runs: folder of all run folders.
+        rerun: True to run again even if a finished run exists.
+        limit_s: time limit in s; None for ``default_limit_s``.
+        served: True to use a process that runs many decks; a run that fails there is repeated in its own process.
 
     Raises:
         RunError: the engine is not installed.
@@ -69,7 +76,7 @@ def run_case(
     layout = _description(case)["layout"]
     target = home / f"{case.scene.name}-{hashlib.sha256(repr(layout).encode()).hexdigest()[:6]}-{identity}"
     found = find_run(home, identity, layout)
-    if found and not rerun and _is_whole(found, case):
+    if found and not rerun and _is_complete(found, case):
         return refresh_record(found, case, target)
     with workplace(home) as place:
         folder, limit_s = place / "run", limit_s or default_limit_s(case, engine)
@@ -95,12 +102,12 @@ def run_case(
             else:
                 raw.unlink(missing_ok=True)
         record.write(folder)
-        faster = find_run(home, identity, layout)  # another process may have been
-        if faster and not rerun and _is_whole(faster, case):
+        faster = find_run(home, identity, layout)  # by another process
+        if faster and not rerun and _is_complete(faster, case):
             return refresh_record(faster, case, target)
         own = faster if faster and faster.record.layout == layout else None
         kept = own and own.done and record.status != "done"
-        if kept:  # what is done stays
+        if kept:  # a failed run does not replace a finished one
             target = target.with_name(f"{target.name}-failed")
         _move_into_place(folder, target, own.folder if own and not kept else None)
     return EndedRun(target, record, fault.partial if fault else None)
@@ -109,14 +116,14 @@ def run_case(
 def _tried(
     case: Case, engine: Engine, build: Build, deck: Deck, folder: Path, limit_s: float, *, served: bool
 ) -> tuple[Outcome, Trace | None, RunError | None]:
-    """Runs a deck in a folder: how its process ended, and the trace, or what is wrong with it."""
+    """Run a deck in a folder; return the end of its process, and the trace or the error."""
     if served:
         with lent(engine, build.command, build.sha256) as session:
-            outcome = session.run(deck, limit_s)
+            outcome = session.run(engine.deck_by_hand(deck), limit_s)
             for file in session.case.iterdir():
                 shutil.move(file, folder)
     else:
-        deck.write(folder)
+        engine.deck_by_hand(deck).write(folder)
         outcome = run_command(engine.started(deck, build.command), folder, limit_s, **engine.environment)
     try:
         return outcome, checked_trace(case, engine, outcome, folder), None
@@ -125,13 +132,10 @@ def _tried(
 
 
 def serves_alike(engine: Engine, build: Build) -> bool:
-    """Whether a build that serves many decks does to the bit what it does alone: of a script nobody knows.
-
-    Looked at once, on a short run.
-    """
+    """True if a build as a server gives the same bits as alone, tested once for each build by a short run."""
     if engine.in_repository:
         return True
-    with _looking:
+    with _server_test:
         return bool(kept(["serves alike", engine.name, build.identity], lambda: _same_when_served(engine, build)))
 
 
@@ -148,13 +152,13 @@ def _same_when_served(engine: Engine, build: Build) -> bool:
 
 
 def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, alone: bool = False) -> list[EndedRun]:
-    """Runs pairs of a case and an engine, in their order; what is done is found.
+    """Run pairs of a case and an engine, or find finished runs; results in the order of ``jobs``.
 
-    Equal decks run once; the largest cases come first, so that all cores are busy to the end. Processes serve many of
-    them, unless each code is to run ``alone``, as somebody would start it by hand.
+    Equal decks run once, and the largest cases run first. One process runs many decks, unless ``alone`` requires a
+    process for each run of a code, as started by hand.
 
     Raises:
-        RunError: an engine is not installed; what was under way has ended.
+        RunError: an engine is not installed.
     """
     keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
     different = sorted(dict(zip(keys, jobs, strict=True)).items(), key=lambda each: -each[1][0].work)
@@ -168,17 +172,17 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, alone
             future.result()
     ended = {key: future.result() for key, future in under_way.items()}
     return [
-        run_case(case, engine, runs) if run.done and run.layout != case.layout else run  # found, for other gauges
+        run_case(case, engine, runs) if run.done and run.layout != case.layout else run  # other gauges: found again
         for (case, engine), run in zip(jobs, map(ended.__getitem__, keys), strict=True)
     ]
 
 
 def run_all_done(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[EndedRun]:
-    """As ``run_many``, where every run is needed.
+    """Like ``run_many``, but all runs have to succeed.
 
     Raises:
-        InputError: a case cannot end well on its engine; nothing has been run.
-        RunError: a run failed; the others are done all the same.
+        InputError: a case is refused on its engine; nothing has been run.
+        RunError: a run failed; the other runs are finished.
     """
     refuse_all(jobs)
     ended = run_many(jobs, runs)
@@ -193,7 +197,7 @@ def run_all_done(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> l
 
 
 def refuse_all(jobs: Sequence[tuple[Case, str]]) -> None:
-    """Refuses what cannot end well, side by side; an InputError for the first of the jobs that cannot."""
+    """Check all jobs for refusals, in parallel; InputError for the first refused job."""
     engines: dict[Case, list[str]] = defaultdict(list)
     for case, engine in jobs:
         engines[case].append(engine)
@@ -203,13 +207,13 @@ def refuse_all(jobs: Sequence[tuple[Case, str]]) -> None:
             refuse(case, engine)
 
     with workers(cores()) as pool:
-        for _ in following(pool.map(look_at, engines), "cases looked at", len(engines), "case"):
+        for _ in following(pool.map(look_at, engines), "cases checked", len(engines), "case"):
             pass
 
 
 @contextmanager
 def workers(count: int) -> Iterator[ThreadPoolExecutor]:
-    """Threads that wait for engines: an error lets those under way end, an interrupt kills them."""
+    """Threads that wait for engines; an error lets running engines finish, an interrupt kills them."""
     with ThreadPoolExecutor(max_workers=count) as pool:
         try:
             yield pool
@@ -223,19 +227,19 @@ def workers(count: int) -> Iterator[ThreadPoolExecutor]:
 
 
 def run_identity(engine_name: str, build: Build, deck_sha256: str) -> str:
-    """Digest of all that determines the numbers of a run."""
+    """Digest of engine, build and deck, which determine the numbers of a run."""
     return hashlib.sha256(f"{engine_name}\0{build.identity}\0{deck_sha256}".encode()).hexdigest()[:12]
 
 
 def refresh_record(found: EndedRun, case: Case, target: Path) -> EndedRun:
-    """A run found for a scene of the same physics, with the record of the scene asked for, which nobody assessed.
+    """Give a run found for another scene with the same deck the record of this case, not yet assessed.
 
-    With other gauges it is a copy at ``target``: what the gauges of the first scene showed stays.
+    If the gauges differ, the run is copied to ``target``, since ``sensors.csv`` depends on them.
     """
     described = _description(case)
     if all(getattr(found.record, key) == value for key, value in described.items()):
         return found
-    record = replace(found.record, **described, **UNASSESSED)
+    record = replace(found.record, **described, **NOT_ASSESSED)
     if found.record.layout == record.layout:
         record.write(found.folder)
         return EndedRun(found.folder, record)
@@ -247,7 +251,7 @@ def refresh_record(found: EndedRun, case: Case, target: Path) -> EndedRun:
 
 
 def _description(case: Case) -> dict[str, Any]:
-    """Keys of a record that describe the scene, as JSON holds them; beyond the deck, numbers do not depend on them."""
+    """Keys of the record that describe the scene, as JSON values."""
     described = {
         "scene_name": case.scene.name,
         "scene": {"units": "SI"} | case.scene.model_dump(mode="json", exclude_none=True),
@@ -259,8 +263,8 @@ def _description(case: Case) -> dict[str, Any]:
     return dict(json.loads(json.dumps(described)))
 
 
-def _is_whole(found: EndedRun, case: Case) -> bool:
-    """Whether the run is done, its files are there and its forces as they were written."""
+def _is_complete(found: EndedRun, case: Case) -> bool:
+    """True if the run is done, its files exist and its forces are undamaged."""
     wanted = [FORCES, STATE] if "state" in case.scene.run.record else [FORCES]
     there = found.done and all((found.folder / name).exists() for name in wanted)
     return there and sha256_of(found.folder / FORCES) == found.record.forces_sha256
@@ -275,23 +279,23 @@ def _record(case: Case, engine: Engine, build: Build, deck: Deck, outcome: Outco
         status="done",
         reason="",
         deck_sha256=deck.sha256,
-        command=" ".join(deck.command),
+        command=engine.command_by_hand(deck),
         bodies=case.chain.bodies,
         wall_s=round(outcome.wall_s, 4),
         cpu_s=round(outcome.cpu_s, 4),
         loop_s=engine.loop_seconds((folder / "stdout.txt").read_text(errors="replace")),
         memory_bytes=outcome.memory_bytes,
         forces_sha256="",
-        **UNASSESSED,
+        **NOT_ASSESSED,
         **_description(case),
         **provenance(),
     )
 
 
 def _move_into_place(folder: Path, target: Path, former: Path | None) -> None:
-    """Moves a complete folder to its name; a former run of the same hash gives way, and is there until then."""
+    """Move a complete folder to its name; an older run of the same hash stays until then."""
     for number, old in enumerate({former or target, target}):
-        with suppress(FileNotFoundError):  # there is none, or another process was faster
+        with suppress(FileNotFoundError):  # no older run, or another process was faster
             old.rename(folder.with_name(f"former{number}"))
     try:
         folder.rename(target)

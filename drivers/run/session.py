@@ -1,4 +1,4 @@
-"""An engine process that serves one case after another: start-up is most of a small case's cost."""
+"""Engine processes that run one deck after another, since start-up dominates the cost of small cases."""
 
 import os
 import selectors
@@ -18,25 +18,25 @@ from drivers.base.decks import Deck
 from drivers.base.processes import COULD_NOT_START, Outcome, reap, reset_peak, start, used_by
 from drivers.engines import Engine, load_engine
 
-DONE = "the-case-has-ended"  # the word a server says; no engine does by itself
-MAX_START_S, MIN_START_S = 60.0, 10.0  # a start gets the case's limit, within these
+DONE = "the-case-has-ended"  # printed by the server after a deck
+MAX_START_S, MIN_START_S = 60.0, 10.0  # bounds of the time limit of a start, which is else the case's
 EXIT_LIMIT_S = 5.0
-MAX_WAIT_S = 3600.0  # at once: the system counts no further than some weeks
+MAX_WAIT_S = 3600.0  # longest single wait; select() overflows after some weeks
 STDERR = "stderr.txt"
-OUTPUT_BYTES = 1 << 20  # of what an engine says, that are kept
+OUTPUT_BYTES = 1 << 20  # last part of the output, which is kept
 
 
-_starter = ThreadPoolExecutor(1)  # what a thread starts dies with it: this one lasts
+_starter = ThreadPoolExecutor(1)  # processes die with the thread that starts them; this thread lasts
 
 
 class Session:
-    """A server of one engine; started when first asked, and again after a case that killed it.
+    """Server process of one engine, started by the first case, and again after a case that killed it.
 
     Attributes:
-        case: the folder in which cases run.
-        measures: whether outcomes have the CPU time and memory of a case, which takes half a millisecond.
-        start_s: what was waited for its starts so far.
-        served: cases that its process, or its last one, was asked for.
+        case: folder in which decks run.
+        measures: True if outcomes include CPU time and memory of the case, which takes half a millisecond.
+        start_s: total waiting time for starts.
+        served: number of cases of the present or last process.
     """
 
     def __init__(self, engine: Engine, build: tuple[str, ...], folder: Path, *, measures: bool = False) -> None:
@@ -50,15 +50,14 @@ class Session:
         self._process: subprocess.Popen[bytes] | None = None
 
     def run(self, deck: Deck, limit_s: float) -> Outcome:
-        """Runs a deck in ``case``; its output and what the engine said are there until the next one.
+        """Run a deck in the folder ``case``; its output stays there until the next run.
 
-        A case that the process does not survive ends as it would in a process of its own, and the next one gets a
-        new process.
+        A case that ends the process has the same outcome as in its own process; the next case gets a new process.
         """
         if self._process is None or not self.served:
-            shutil.rmtree(self.case, ignore_errors=True)  # nothing of a case that ended badly stays
+            shutil.rmtree(self.case, ignore_errors=True)  # remove files of a failed case
             self.case.mkdir(parents=True)
-        # what is overwritten in place is waited for by some file systems, ext4 among them, until it is on the disk
+        # removed first: some file systems, such as ext4, wait for the disk when a file is overwritten
         for name in (*deck.raw, *deck.files, "stdout.txt", STDERR):
             (self.case / name).unlink(missing_ok=True)
         deck.write(self.case)
@@ -78,7 +77,7 @@ class Session:
         return self._ask(self.case.name, limit_s)
 
     def start(self) -> None:
-        """Starts the server if there is none, without waiting for it; an OSError where it cannot be started."""
+        """Start the server if there is none, without waiting for it; OSError if it cannot be started."""
         if self._process is not None:
             return
         self.engine.server.write(self.folder)
@@ -90,23 +89,23 @@ class Session:
 
     @property
     def ended(self) -> bool:
-        """Whether there is no process at hand: the last case, or the start, ended it."""
+        """True if there is no process: not yet started, or ended by the last case."""
         return self._process is None
 
     def close(self) -> int:
-        """Ends the process, if there is one; its exit code."""
+        """End the process if there is one; return its exit code."""
         process, self._process = self._process, None
         if process is None:
             return 0
         for stream in (process.stdin, process.stdout):
-            with suppress(OSError):  # what was not sent is not needed any more
+            with suppress(OSError):  # unsent input is not needed any more
                 if stream is not None:
                     stream.close()
         reap(process)
         return process.returncode
 
     def _ask(self, name: str, limit_s: float) -> Outcome:
-        """Sends a request and waits for the word, the process's end, or the limit."""
+        """Send a request and wait for ``DONE``, the end of the process, or the time limit."""
         process = self._process
         assert process is not None
         assert process.stdin is not None
@@ -115,12 +114,12 @@ class Session:
             reset_peak(process.pid)
             before_s, _ = used_by(process.pid)
         began = time.perf_counter()
-        with suppress(OSError):  # it is dead: there is an end of its output to read
+        with suppress(OSError):  # the process has died: its output is read below
             process.stdin.write(self.engine.request(name, DONE).encode())
             process.stdin.flush()
-        said, state = _listen(process, began + limit_s)
+        output, state = _listen(process, began + limit_s)
         wall_s = time.perf_counter() - began
-        (self.case / "stdout.txt").write_bytes(said)
+        (self.case / "stdout.txt").write_bytes(output)
         if state == "ended":
             _await_end(process)
         (self.case / STDERR).write_bytes((self.folder / STDERR).read_bytes()[before_bytes:])
@@ -131,20 +130,20 @@ class Session:
 
 
 def served_by(name: str, folder: Path) -> closing[Session]:
-    """Session of an installed engine that ends with its block."""
+    """Session of an installed engine, closed at the end of its ``with`` block."""
     engine = load_engine(name)
     build = engine.find()
     assert build is not None
     return closing(Session(engine, build, folder))
 
 
-_idle: dict[tuple[object, ...], list[Session]] = defaultdict(list)  # by what they run; all end with this process
+_idle: dict[tuple[object, ...], list[Session]] = defaultdict(list)  # by build; all end with this process
 _lending = threading.Lock()
 
 
 @contextmanager
 def lent(engine: Engine, build: tuple[str, ...], sha256: str = "") -> Iterator[Session]:
-    """A session of a build, for one thread at a time: one that was given back before, or a new one."""
+    """Lend a session of a build to one thread: an idle one, or a new one."""
     key = (engine.server.sha256, build, sha256, *sorted(engine.environment.items()))
     with _lending:
         session = _idle[key].pop() if _idle[key] else None
@@ -152,7 +151,7 @@ def lent(engine: Engine, build: tuple[str, ...], sha256: str = "") -> Iterator[S
     try:
         yield session
     except BaseException:
-        session.close()  # who knows what it is at; the next request starts it anew
+        session.close()  # its state is unknown; the next request starts a new process
         raise
     finally:
         with _lending:
@@ -160,7 +159,7 @@ def lent(engine: Engine, build: tuple[str, ...], sha256: str = "") -> Iterator[S
 
 
 def end_all() -> None:
-    """Ends the sessions that nobody has."""
+    """End all idle sessions."""
     with _lending:
         for session in (each for kept in _idle.values() for each in kept):
             session.close()
@@ -168,11 +167,11 @@ def end_all() -> None:
         _idle.clear()
 
 
-Finalize(None, end_all, exitpriority=10)  # at the end of this process, or of a worker of multiprocessing
+Finalize(None, end_all, exitpriority=10)  # also at the end of a worker of multiprocessing
 
 
 def _await_end(process: subprocess.Popen[bytes]) -> None:
-    """Lets a process that has closed its output exit by itself, so that its code is its own."""
+    """Wait for a process that has closed its output, to get its own exit code."""
     until = time.perf_counter() + EXIT_LIMIT_S
     while time.perf_counter() < until:
         if os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None:
@@ -181,18 +180,18 @@ def _await_end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _listen(process: subprocess.Popen[bytes], until: float) -> tuple[bytes, str]:
-    """Output of the process before the word, and whether it is ``done``, has ``ended`` or is ``late``."""
+    """Output of the process before the word ``DONE``, and its state: ``done``, ``ended`` or ``late``."""
     assert process.stdout is not None
     word = f"{DONE}\n".encode()
-    said = b""
+    output = b""
     with selectors.DefaultSelector() as selector:
         selector.register(process.stdout, selectors.EVENT_READ)
-        while not said.endswith(word):
+        while not output.endswith(word):
             if selector.select(min(max(until - time.perf_counter(), 0.0), MAX_WAIT_S)):
                 part = os.read(process.stdout.fileno(), 1 << 16)
                 if not part:
-                    return said, "ended"
-                said = (said + part)[-OUTPUT_BYTES:]
-            if time.perf_counter() > until and not said.endswith(word):
-                return said, "late"
-    return said.removesuffix(word), "done"
+                    return output, "ended"
+                output = (output + part)[-OUTPUT_BYTES:]
+            if time.perf_counter() > until and not output.endswith(word):
+                return output, "late"
+    return output.removesuffix(word), "done"

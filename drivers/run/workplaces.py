@@ -1,8 +1,9 @@
-"""Workplaces: folders that exist as long as a live process holds their lock, with the rows it has leased.
+"""Workplaces: temporary folders of running processes, with the rows that the process has leased.
 
-On one machine the lock is the kernel's: it goes with the process, however that ends, and the workplace of a dead one is
-cleared. Of other machines a shared file system may or may not show the locks, so there a workplace is alive as long as
-its process touches it. At worst two batches run a case twice, which costs time and nothing else.
+A process holds a file lock in its workplace, which the kernel releases when the process ends in any way; then the
+workplace is removed. Locks of other machines may be invisible on a shared file system, so a workplace of another
+machine counts as alive as long as its process touches a file in it. In the worst case two batches run the same case,
+which costs time only.
 """
 
 import fcntl
@@ -20,19 +21,19 @@ from drivers.base.files import whole_file
 
 LEASE = "lease.json"
 ALIVE = "alive"
-ALIVE_S = 120.0  # a workplace of another machine touched within this is alive
-ABANDONED_S = 86400.0
+ALIVE_S = 120.0  # a workplace of another machine is alive if touched within this time
+ABANDONED_S = 86400.0  # and abandoned if not touched for this time
 
 
 @contextmanager
 def workplace(home: Path) -> Iterator[Path]:
-    """A folder to work in below ``home``, gone afterwards; those of the dead are cleared."""
+    """Yield a new temporary folder below ``home`` and remove it afterwards; removes those of dead processes."""
     home.mkdir(parents=True, exist_ok=True)
     leased(home)
     folder = home / f".{uuid.uuid4().hex[:12]}@{_machine()}"
     folder.mkdir()
     with open(folder / "unlocked", "w") as alive:
-        with suppress(OSError):  # no locks here: it is alive as long as it is touched
+        with suppress(OSError):  # a file system without locks
             fcntl.flock(alive.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
         (folder / "unlocked").rename(folder / ALIVE)
         try:
@@ -42,14 +43,14 @@ def workplace(home: Path) -> Iterator[Path]:
 
 
 def show_alive(place: Path) -> None:
-    """Touches a workplace, for other machines to see."""
+    """Touch a workplace, as a sign of life for other machines."""
     os.utime(place / ALIVE)
 
 
 def lease(place: Path, identities: set[str]) -> set[str]:
-    """Leases the rows that no other live process works on, in place of what was leased before."""
+    """Lease the rows that no other live process has leased; replaces earlier leases of this workplace."""
     with open(place.parent / "lock", "a") as file:
-        with suppress(OSError):  # no locks here
+        with suppress(OSError):  # a file system without locks
             fcntl.flock(file.fileno(), fcntl.LOCK_EX)
         free = identities - leased(place.parent, place)
         with whole_file(place / LEASE) as draft:
@@ -58,10 +59,10 @@ def lease(place: Path, identities: set[str]) -> set[str]:
 
 
 def leased(home: Path, own: Path | None = None) -> set[str]:
-    """Rows that live processes work on; the workplaces of dead ones are cleared."""
+    """Rows leased by live processes; removes the workplaces of dead processes."""
     identities: set[str] = set()
     for folder in home.glob(".*@*"):
-        with suppress(OSError, ValueError):  # it is just beginning or just ending, or no place of leases
+        with suppress(OSError, ValueError):  # just starting or ending, or without leases
             if folder != own and (alive := _alive(folder)):
                 identities |= set(json.loads((folder / LEASE).read_text()))
             elif folder != own and alive is False:
@@ -70,7 +71,7 @@ def leased(home: Path, own: Path | None = None) -> set[str]:
 
 
 def leftovers(home: Path) -> list[Path]:
-    """Workplaces whose processes are certainly dead, which ``leased`` clears."""
+    """Workplaces of dead processes, which ``leased`` removes."""
     found = []
     for folder in home.glob(".*@*"):
         with suppress(OSError):
@@ -79,7 +80,7 @@ def leftovers(home: Path) -> list[Path]:
 
 
 def _alive(folder: Path) -> bool | None:
-    """Whether the process of a workplace is alive; None where nobody knows."""
+    """True if the process of a workplace is alive; None if unknown."""
     age_s = time.time() - (folder / ALIVE).stat().st_mtime
     if not folder.name.endswith(f"@{_machine()}"):
         return True if age_s < ALIVE_S else False if age_s > ABANDONED_S else None
@@ -92,7 +93,7 @@ def _alive(folder: Path) -> bool | None:
 
 
 def _machine() -> str:
-    """This machine since it was started: locks and processes do not outlive that."""
+    """Name of this machine and its last boot, which ends all locks and processes."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()[:8]
     except OSError:

@@ -1,1 +1,1 @@
-"""TOML -> Scene: what a physicist writes, validated, in SI units."""
+"""TOML -> Scene: scene files, read, validated and converted to SI units."""

@@ -1,7 +1,6 @@
-"""The scene: what a physicist writes, read from TOML into a frozen, validated model in SI units.
+"""Model of a scene file: frozen, validated, in SI units.
 
-``read_scene`` is the only reader of scenes and of ``inputs/materials.toml``. Beads are counted from
-the wall, as in the paper: bead 1 rests on the wall.
+Beads are counted from the wall, as in the paper: bead 1 rests on the wall.
 """
 
 from math import isfinite
@@ -16,7 +15,7 @@ MAX_BEADS = 1_000_000
 RIGID = "rigid"
 VISCOELASTIC: Final = "viscoelastic"
 POWER: Final = "power"
-LEAST_RESTITUTION, MAX_DAMPING_RATIO = 1e-4, 50.0  # about the same: beyond, bodies all but stick
+MIN_RESTITUTION, MAX_DAMPING_RATIO = 1e-4, 50.0  # about equivalent; with stronger damping bodies stick together
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
 FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
@@ -28,7 +27,7 @@ def _accuracy(value: object) -> object:
     numbers = value.values() if isinstance(value, dict) and value else [value]
     if not all(isinstance(each, int | float) and not isinstance(each, bool) and 0 < each < 1 for each in numbers):
         raise units.NotAllowedError(
-            "an error above 0 and below 1, such as 1e-4 for the force, or { wall_peak = 1e-3 } for what gauges show"
+            "an error above 0 and below 1, such as 1e-4 for the force, or { wall_peak = 1e-3 } for an observable"
         )
     return value
 
@@ -36,26 +35,26 @@ def _accuracy(value: object) -> object:
 Accuracy = Annotated[float | dict[str, float], BeforeValidator(_accuracy)]
 
 
-def _stated(value: object) -> object:
+def _number_with_unit(value: object) -> object:
     plain = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
     if not plain and not (isinstance(value, str) and units.NUMBER_AND_UNIT.fullmatch(value)):
-        raise units.NotAllowedError('a number with its unit, such as "2.1 N/V", or a plain number where there is none')
+        raise units.NotAllowedError('a number with its unit, such as "2.1 N/V", or a plain number without a unit')
     return value
 
 
-Stated = Annotated[str | float, BeforeValidator(_stated)]  # its unit is that of something in a file, and read there
-Share = Annotated[float, Field(ge=0, lt=1)]
+NumberWithUnit = Annotated[str | float, BeforeValidator(_number_with_unit)]  # postproc converts it to SI units
+Fraction = Annotated[float, Field(ge=0, lt=1)]
 Text = Annotated[str, StringConstraints(min_length=1, max_length=1000)]
 
 
 class Part(BaseModel):
-    """A table of the scene file: frozen, strict, no unknown keys."""
+    """Table of the scene file: frozen, strict, no unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class Material(Part):
-    """Elastic constants; ``density`` serves only where a mass is left out."""
+    """Elastic constants; ``density`` is needed only for bodies without a ``mass``."""
 
     youngs_modulus: units.Modulus
     poisson_ratio: PoissonRatio
@@ -64,22 +63,22 @@ class Material(Part):
 
     @property
     def compliance(self) -> float:
-        """``(1 - nu^2) / E``, its share of ``1/E*``, in 1/Pa."""
+        """Contribution of the material to ``1/E*``, ``(1 - nu^2) / E``, in 1/Pa."""
         return float((1 - self.poisson_ratio**2) / self.youngs_modulus)
 
 
 class Sensor(Part):
-    """A bead that carries a force gauge; ``mass`` left out: the bead's own."""
+    """Bead with a force gauge; the default of ``mass`` is the mass of the other beads."""
 
     from_wall: FromWall
     mass: units.Mass | None = None
 
 
 class Bead(Part):
-    """What is particular about one bead.
+    """Properties of one bead that differ from the others.
 
-    ``gap_below`` takes the bead, and those above it, off what lies beneath; ``velocity`` is positive upwards,
-    ``lateral_velocity`` points across the axis.
+    ``gap_below`` raises the bead and all bodies above it by a gap. ``velocity`` is positive upwards;
+    ``lateral_velocity`` is perpendicular to the axis.
     """
 
     from_wall: FromWall
@@ -92,7 +91,7 @@ class Bead(Part):
 
 
 class Chain(Part):
-    """The beads."""
+    """Beads of the chain."""
 
     count: Annotated[int, Field(ge=0, le=MAX_BEADS)]
     material: Name
@@ -107,7 +106,7 @@ class Chain(Part):
 
 
 class Striker(Part):
-    """What strikes the top bead, just touching it at time 0 and moving down with ``speed``."""
+    """Striker: touches the top bead at time 0 and moves down with ``speed``."""
 
     shape: Literal["sphere", "flat"] = "sphere"
     material: Name
@@ -117,15 +116,16 @@ class Striker(Part):
 
 
 class Wall(Part):
-    """A flat half-space below bead 1; the material ``rigid`` does not yield at all."""
+    """Flat half-space below bead 1; the material ``rigid`` is not deformed."""
 
     material: Name
 
 
 class Tube(Part):
-    """The apparatus; whether a deck models it is decided by what the scene requires.
+    """Tube around the chain, modelled only if beads can move sideways.
 
-    ``top`` is where it ends; with ``sides`` it is a mesh of so many flat sides instead of a cylinder.
+    ``top`` is the height of the upper end. With ``sides`` the bore is a mesh of that many flat sides instead of a
+    cylinder.
     """
 
     inner_diameter: units.Length
@@ -136,15 +136,15 @@ class Tube(Part):
 
 
 class Contact(Part):
-    """What contacts do beyond Hertz's law.
+    """Dissipation and friction of contacts.
 
-    They are elastic unless one of ``restitution``, that of an impact, and ``damping_ratio``, B of
-    ``drivers.chain.contact_law``, is given; with a ``dissipation`` of "power" it is ``gamma``, in N (s/m)^alpha, and
-    may be ``alpha``, 1.75 if left out. Without ``rotation`` friction turns no bead: to see what turning does.
+    Contacts are elastic by default. With ``dissipation = "viscoelastic"`` either ``restitution`` (of an impact) or
+    ``damping_ratio`` (B of ``drivers.chain.contact_law``) makes them dissipative; with ``dissipation = "power"``
+    ``gamma`` in N (s/m)^alpha does, and the default of ``alpha`` is 1.75. With ``rotation = false`` beads do not spin.
     """
 
     dissipation: Literal["viscoelastic", "power"] = VISCOELASTIC
-    restitution: Annotated[float, Field(ge=LEAST_RESTITUTION, le=1, allow_inf_nan=False)] | None = None
+    restitution: Annotated[float, Field(ge=MIN_RESTITUTION, le=1, allow_inf_nan=False)] | None = None
     damping_ratio: Annotated[float, Field(ge=0, le=MAX_DAMPING_RATIO)] | None = None
     gamma: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     alpha: Annotated[float, Field(ge=1, le=3)] | None = None
@@ -153,18 +153,18 @@ class Contact(Part):
 
     @property
     def elastic(self) -> "Contact":
-        """The same without dissipation."""
+        """This contact without dissipation."""
         return Contact(friction=self.friction, rotation=self.rotation)
 
 
 class Gauge(Part):
-    """Electronics behind all gauges, the wall's included: a first-order high-pass, in post-processing only."""
+    """Electronics of all gauges, including the wall gauge: a first-order high-pass, in post-processing only."""
 
     time_constant: units.Duration
 
 
 class Run(Part):
-    """How long, how fine, and what to keep."""
+    """Duration, sampling, time step or accuracy, and recorded quantities."""
 
     duration: units.Duration
     sample_interval: units.Duration
@@ -174,25 +174,24 @@ class Run(Part):
 
 
 class Measured(Part):
-    """A measured trace in a file, or ``values`` that somebody quotes, to be laid over what is computed.
+    """Measured trace in a file, or quoted ``values``, for comparison with computed results.
 
-    It is no part of the physics: no deck, run or record of a run knows of it. Where gauges read something else than a
-    force, one entry holds the gauges of one ``gain``.
+    Decks, runs and run records do not depend on it. Gauges with different ``gain`` need separate entries.
 
     Attributes:
-        file: a table of comma-separated values with a row of headings; its path is seen from the scene file.
-        time: heading of its column of time, with or without the unit; left out: ``time``.
-        gauges: heading by gauge, such as ``wall``; left out: the columns named after gauges.
-        time_unit, unit: of columns whose headings name no unit.
-        gain: force per reading; left out: 1, of columns in a unit of force.
+        file: CSV file with a row of headings; the path is relative to the scene file.
+        time: heading of the time column, with or without the unit; default ``time``.
+        gauges: heading by gauge, such as ``wall``; default: the columns named after gauges.
+        time_unit, unit: units of columns whose headings contain no unit.
+        gain: force per reading; default 1 for columns in a unit of force.
         gain_uncertainty: relative standard error of the gain.
-        trigger: time in the file at which the striker meets the chain; left out: found by alignment.
-        baseline: reading at rest; left out: found from quiet samples.
-        drift: whether the baseline is a straight line through quiet samples.
-        noise: standard deviation of a reading; left out: that of quiet samples.
-        values: quoted numbers by observable, with or without the unit in its name.
-        errors: relative standard error of each.
-        source: where it comes from, in words.
+        trigger: time in the file at which the striker touches the chain; default: found by alignment.
+        baseline: reading at rest; default: found from quiet samples.
+        drift: True if the baseline is a straight line through quiet samples.
+        noise: standard deviation of a reading; default: standard deviation of quiet samples.
+        values: quoted numbers by observable, with or without the unit in the observable's name.
+        errors: relative standard error of each value.
+        source: origin of the data, free text.
     """
 
     file: Text | None = None
@@ -200,19 +199,19 @@ class Measured(Part):
     gauges: dict[Name, Text] | None = None
     time_unit: Text | None = None
     unit: Text | None = None
-    gain: Stated | None = None
-    gain_uncertainty: Share = 0.0
+    gain: NumberWithUnit | None = None
+    gain_uncertainty: Fraction = 0.0
     trigger: units.Instant | None = None
-    baseline: Stated | None = None
+    baseline: NumberWithUnit | None = None
     drift: bool = False
-    noise: Stated | None = None
-    values: dict[Text, Stated] | None = None
+    noise: NumberWithUnit | None = None
+    values: dict[Text, NumberWithUnit] | None = None
     errors: dict[Text, Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None = None
     source: str | None = None
 
 
 class SceneFile(Part):
-    """A scene as its file holds it."""
+    """Contents of a scene file."""
 
     title: str = ""
     gravity: units.Acceleration = 0.0
@@ -225,20 +224,21 @@ class SceneFile(Part):
     sensor: Gauge | None = None
     materials: dict[Name, Material] = Field(default_factory=dict)
     run: Run
-    measured: tuple[Measured, ...] = Field(default=(), strict=False, exclude=True)  # so that no dump differs by it
+    measured: tuple[Measured, ...] = Field(default=(), strict=False, exclude=True)  # runs do not depend on it
 
 
 class Scene(SceneFile):
-    """A scene ready to be built: ``materials`` holds all that it names, ``run.time_step`` divides the interval.
+    """Complete scene: ``materials`` holds all materials in use, and ``run.time_step`` divides the sample interval.
 
-    A scene that asks for an accuracy gets its time step when its case is planned, and has the interval until then.
+    With ``run.accuracy``, the time step equals the sample interval until the step is planned. ``file``, ``folder`` and
+    ``measured`` are not part of the physics.
 
     Attributes:
-        name: the scene file's name without its ending.
-        file: the scene file as messages name it; no part of the physics, no more than ``measured`` and ``folder``.
-        folder: the scene file's, from which paths in it are seen.
-        steps_per_sample: time steps from one sample to the next.
-        samples: samples recorded, the one at time 0 included.
+        name: name of the scene file without the suffix.
+        file: scene file as named in messages.
+        folder: folder of the scene file; paths in the scene file are relative to this folder.
+        steps_per_sample: time steps per sample interval.
+        samples: number of samples, including the sample at time 0.
     """
 
     name: str
@@ -249,21 +249,21 @@ class Scene(SceneFile):
 
     @property
     def time_step_s(self) -> float:
-        """The time step in seconds."""
-        assert self.run.time_step is not None  # read_scene admits no scene without
+        """Time step in s."""
+        assert self.run.time_step is not None  # read_scene always sets it
         return self.run.time_step
 
     @property
     def steps(self) -> int:
-        """Time steps from time 0 to the last sample."""
+        """Number of time steps from time 0 to the last sample."""
         return self.steps_per_sample * (self.samples - 1)
 
     @property
     def bodies(self) -> int:
-        """Beads, and the striker where there is one."""
+        """Number of beads, plus one for the striker if present."""
         return self.chain.count + (self.striker is not None)
 
     @property
     def three_dimensional(self) -> bool:
-        """Whether beads may move sideways and turn."""
+        """True if beads can move sideways and turn."""
         return self.chain.lateral_offset is not None or any(bead.lateral_velocity for bead in self.chain.bead)

@@ -1,12 +1,13 @@
-"""Reads scene files, with settings laid over them, and says in one line what is wrong with them."""
+"""Reading of scene files with settings; each error message is one line."""
 
 import tomllib
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
-from drivers.base.errors import InputError, refuse_any
+from drivers.base.errors import InputError, InputProblem, refuse_any
 from drivers.base.messages import keys_at, shorten, validate
 from drivers.scene.model import (
     RIGID,
@@ -24,78 +25,78 @@ from drivers.scene.model import (
     Tube,
     Wall,
 )  # fmt: skip
-from drivers.scene.scene_rules import choices, contradictions
+from drivers.scene.scene_rules import contradictions, problems_of_alternatives
 
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
-WHOLE = 1e-9  # relative: a step written with ten digits still divides its interval
-MAX_STEPS = 2**31 - 1  # LIGGGHTS counts no further
+STEP_TOLERANCE = 1e-9  # relative; accepts steps written with ten digits
+MAX_STEPS = 2**31 - 1  # LIGGGHTS counts steps in 32 bits
 MAX_VALUES = 200_000_000  # samples x contacts: 1.6 GB of doubles
 PARTS: dict[str, type[Part]] = {"striker": Striker, "wall": Wall, "tube": Tube, "contact": Contact, "sensor": Gauge}
 
 
 def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
-    """The scene of a file, with ``settings`` such as ``chain.count=60`` laid over it.
+    """Scene read from a file, with ``settings`` such as ``chain.count=60`` applied.
 
     Args:
-        source: path of a scene file, or the name of one in ``inputs/scenes``.
-        settings: ``path=value`` pairs; the value is TOML, or plain text; an empty one leaves the key out.
+        source: path of a scene file, or name of a scene in ``inputs/scenes``.
+        settings: ``KEY=VALUE`` texts with the value in TOML or as plain text; an empty value removes the key.
 
     Raises:
-        InputError: anything wrong with the file or the settings.
+        InputError: the file or a setting is wrong.
     """
     path = find_scene(source)
     where = paths.shown(path)
     data = read_toml(path)
     for setting in settings:
-        lay_over(data, setting)
+        apply_setting(data, setting)
     if settings:
         where += f" with --set {shorten(' '.join(settings))}"
     return make_scene(data, read_toml(paths.MATERIALS), path.stem, where, path.parent)
 
 
 def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: str, folder: Path = Path()) -> Scene:
-    """The scene of a file's tables.
+    """Scene made from the tables of a scene file.
 
     Args:
-        data: the tables; materials of the scene's own are completed in place.
-        library: the tables of ``inputs/materials.toml``.
-        name: the scene's name.
-        where: the scene as messages name it.
-        folder: from which paths in it are seen.
+        data: tables of the file; constants missing from ``materials`` are filled in, in place.
+        library: tables of ``inputs/materials.toml``.
+        name: name of the scene.
+        where: file name used in messages.
+        folder: folder to which paths in the scene are relative.
 
     Raises:
-        InputError: anything wrong with it.
+        InputError: a table is wrong.
     """
     _complete_own_materials(data, library)
     file = validate(SceneFile, data, where)
-    refuse_any(where, choices(file))
-    materials = _materials(file, library, where)
-    every, time_step = _steps_per_sample(file.run.sample_interval, file.run.time_step, where)
-    samples = _whole_samples(file, where)
+    steps_per_sample, time_step = _steps_per_sample(file.run.sample_interval, file.run.time_step)
+    samples = file.run.duration / file.run.sample_interval
+    bad_times = _bad_times(file, steps_per_sample, samples)
+    refuse_any(where, [*problems_of_alternatives(file), *_unknown_materials(file, library), *bad_times])
     scene = Scene.model_construct(
         **{key: getattr(file, key) for key in SceneFile.model_fields}
         | {
-            "materials": materials,
+            "materials": _materials(file, library),
             "run": file.run.model_copy(update={"time_step": time_step}),
             "name": name,
             "file": where,
             "folder": folder,
-            "steps_per_sample": every,
-            "samples": samples,
+            "steps_per_sample": steps_per_sample,
+            "samples": int(samples * (1 + 1e-12) + 1e-9) + 1,
         }
     )
     if scene.steps > MAX_STEPS:
-        found = f"{time_step:g} s, which makes {scene.steps:.3g} steps"
+        found = f"{time_step:g} s, which results in {scene.steps:.3g} steps"
         raise InputError(where, "run.time_step", found, f"at most {MAX_STEPS:.3g} steps")
     refuse_any(where, contradictions(scene))
     return scene
 
 
 def stored_scene(stored: dict[str, Any]) -> Scene:
-    """The scene of ``run.json``: in SI units and checked before it ran, so taken as it is.
+    """Scene stored in ``run.json``, in SI units, without validation.
 
     Raises:
-        TypeError, KeyError, AttributeError: it is no such scene.
+        TypeError, KeyError, AttributeError: the record contains no complete scene.
     """
     chain = dict(stored["chain"])
     chain["sensors"] = tuple(Sensor.model_construct(**sensor) for sensor in chain.get("sensors", ()))
@@ -113,47 +114,48 @@ def stored_scene(stored: dict[str, Any]) -> Scene:
     return Scene.model_construct(**(kept | tables | {"file": stored["name"]}))
 
 
-def lay_over(data: dict[str, Any], setting: str) -> None:
-    """Sets one ``path=value`` in the tables of a scene file.
+def apply_setting(data: dict[str, Any], setting: str) -> None:
+    """Apply one setting, ``KEY=VALUE``, to the tables of a scene file.
 
     Raises:
-        InputError: there is no such place.
+        InputError: the setting has another form, or the key does not exist.
     """
     where = f"--set {setting}"
     path, equals, text = setting.partition("=")
     if not equals or not all(path.strip().split(".")):
-        raise InputError(where, "", "no path=value", "a key of the scene and its value, such as chain.count=60")
+        raise InputError(where, "", "not of the form KEY=VALUE; give a key and a value, such as chain.count=60")
     set_value(data, path.strip(), read_value(text), where)
 
 
 def set_value(data: dict[str, Any], path: str, value: Any, where: str) -> None:
-    """Sets the value at a path such as ``chain.sensors.0.mass``; an empty text leaves the key out.
+    """Set the value of a key such as ``chain.sensors.0.mass``; an empty text removes the key.
 
     Raises:
-        InputError: there is no such place.
+        InputError: the key does not exist.
     """
     *keys, last = path.split(".")
     here: Any = data
     for key in keys:
-        here = here.setdefault(key, {}) if isinstance(here, dict) else here[_place_in(here, key, where, key)]
+        here = here.setdefault(key, {}) if isinstance(here, dict) else here[_index(here, key, where, path)]
     if not isinstance(here, dict):
-        here[_place_in(here, last, where, path)] = value
+        here[_index(here, last, where, path)] = value
     elif value != "" or not (last in here or keys == ["materials"] or last in keys_at(SceneFile, keys)):
-        here[last] = value  # an unknown key is left to validation
+        here[last] = value  # validation reports unknown keys
     else:
         here.pop(last, None)
 
 
-def _place_in(entries: Any, key: str, where: str, path: str) -> int:
+def _index(entries: Any, key: str, where: str, path: str) -> int:
+    """Index in a list, from the text of a key; ``path`` is the whole key, for the message."""
     if not isinstance(entries, list):
-        raise InputError(where, path, "a key below a plain value", "a key of a table")
+        raise InputError(where, path, "unknown key; only tables and lists have keys")
     if not (key.isascii() and key.isdecimal() and len(key) < 9) or int(key) >= len(entries):
-        raise InputError(where, key, f"no such entry among {len(entries)}", "a place in the list, counted from 0")
+        raise InputError(where, path, f"unknown index; the list has {len(entries)} entries, counted from 0")
     return int(key)
 
 
 def read_value(text: str) -> Any:
-    """A value as TOML has it, or else plain text."""
+    """Value of a TOML text, or the text itself if it is not valid TOML."""
     try:
         table = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):
@@ -162,24 +164,29 @@ def read_value(text: str) -> Any:
 
 
 def find_scene(source: str | Path) -> Path:
-    """The path of a scene file, given by path or by the name of one in ``inputs/scenes``."""
+    """Path of a scene file, from a path or a name in ``inputs/scenes``."""
     return find_input(source, paths.SCENES, "scene")
 
 
 def find_input(source: str | Path, home: Path, what: str) -> Path:
-    """The path of a TOML file, given by path or by the name of one in its ``home``.
+    """Path of a TOML file, from a path or a name in the folder ``home``.
+
+    Args:
+        source: path or name.
+        home: folder of the named files.
+        what: kind of file, for messages: scene or study.
 
     Raises:
-        InputError: there is no such name, or the file's name is no name.
+        InputError: the name does not exist, or the file name is not allowed.
     """
     path = Path(source)
     if path.suffix != ".toml" and path.name == str(source) and not path.is_file():
         path = home / f"{source}.toml"
         if not path.is_file():
             known = ", ".join(sorted(p.stem for p in home.glob("*.toml")))
-            raise InputError(str(source), "", f"no such {what}", f"a path to a .toml file, or one of {known}")
+            raise InputError(str(source), "", f"{what} not found; give the path of a .toml file, or one of {known}")
     if path.suffix != ".toml":
-        raise InputError(str(source), "", f'a file ending in "{path.suffix}"', f"a {what} file, ending in .toml")
+        raise InputError(str(source), "", f'the suffix "{path.suffix}"', f"a {what} file, ending in .toml")
     stem = path.stem
     if not stem[:1].isalnum() or not stem.isascii() or not all(c.isalnum() or c in "-_." for c in stem):
         raise InputError(str(source), "", f"the {what} name {stem!r}", NAME_RULE)
@@ -189,86 +196,91 @@ def find_input(source: str | Path, home: Path, what: str) -> Path:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file.
+    """Tables of a TOML file.
 
     Raises:
-        InputError: it cannot be read, is no UTF-8 or no TOML.
+        InputError: the file cannot be read, or does not contain TOML in UTF-8.
     """
     where = paths.shown(path)
-    if path.exists() and not path.is_file():
-        raise InputError(where, "", "a directory" if path.is_dir() else "no regular file", "a readable TOML file")
+    if not path.exists():
+        raise InputError(where, "", "file not found")
+    if not path.is_file():
+        raise InputError(where, "", "a directory" if path.is_dir() else "a device or a pipe", "a TOML file")
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
-        raise InputError(where, "", error.strerror or str(error), "a readable TOML file") from error
+        raise InputError(where, "", f"file cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise InputError(where, "", f"byte 0x{error.object[error.start]:02x} at {error.start}", "UTF-8 text") from error
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, and numbers too long to read
-        raise InputError(where, "", str(error) or "tables nested too deep", "TOML") from error
+        raise InputError(where, "", f"not valid TOML: {error or 'too many nested tables'}") from error
 
 
 def _complete_own_materials(data: dict[str, Any], library: dict[str, Any]) -> None:
-    """Fills what the scene's own materials leave out from the library's material of that name."""
+    """Fill in constants missing from the scene's materials, from library materials of the same name."""
     own = data.get("materials")
     if not isinstance(own, dict):
-        return  # validation says so
+        return  # reported by validation
     for name, table in own.items():
         if isinstance(table, dict) and name in library:
             own[name] = {key: value for key, value in library[name].items() if key != "source"} | table
 
 
-def _materials(file: SceneFile, library: dict[str, Any], where: str) -> dict[str, Material]:
-    """The materials that the scene names, its own before the library's."""
+def _named_materials(file: SceneFile) -> dict[str, str]:
+    """Names of the materials in use, by key of the scene."""
     named = {"chain.material": file.chain.material}
     named |= {f"chain.bead.{i}.material": bead.material for i, bead in enumerate(file.chain.bead) if bead.material}
     for part in ("striker", "wall", "tube"):
         table = getattr(file, part)
         if table is not None:
             named[f"{part}.material"] = table.material
-    materials = {}
-    for key, name in named.items():
-        if name in file.materials:
-            materials[name] = file.materials[name]
-        elif name in library:
-            materials[name] = validate(Material, library[name], _shown(paths.MATERIALS, Path.cwd()), f"{name}.")
-        elif name != RIGID or key != "wall.material":
-            known = sorted({*library, *file.materials} | ({RIGID} if key == "wall.material" else set()))
-            raise InputError(where, key, f'"{name}"', f"{', '.join(known)}, or a [materials.{name}] of the scene's own")
-    return materials
+    return named
+
+
+def _unknown_materials(file: SceneFile, library: dict[str, Any]) -> Iterator[InputProblem]:
+    for key, name in _named_materials(file).items():
+        rigid = {RIGID} if key == "wall.material" else set()
+        known = sorted({*library, *file.materials} | rigid)
+        if name not in known:
+            yield key, f'"{name}"', f"{', '.join(known)}, or a material defined in [materials.{name}]"
+
+
+def _materials(file: SceneFile, library: dict[str, Any]) -> dict[str, Material]:
+    """Materials in use by name, from the scene or, if missing there, from the library."""
+    where = _shown(paths.MATERIALS, Path.cwd())
+    return {
+        name: file.materials.get(name) or validate(Material, library[name], where, f"{name}.")
+        for name in _named_materials(file).values()
+        if name in file.materials or name in library
+    }
 
 
 @cache
 def _shown(path: Path, _: Path) -> str:
-    """A path as a person would type it in a folder: looked up once, since links on the way are followed."""
+    """Result of ``paths.shown``, cached because following links is slow; the second argument is the work folder."""
     return paths.shown(path)
 
 
-def _steps_per_sample(interval_s: float, step_s: float | None, where: str) -> tuple[int, float]:
-    """Steps from one sample to the next, and the time step as the exact part of the interval.
+def _steps_per_sample(interval_s: float, step_s: float | None) -> tuple[int, float]:
+    """Time steps per sample interval, and the time step as an exact fraction of the interval.
 
-    Without a time step, which is then to be chosen, the interval itself.
-
-    Raises:
-        InputError: the step does not divide the interval; the nearest that does is named.
+    Without a time step: 1 and the interval; the step is planned later.
     """
     if step_s is None:
         return 1, interval_s
-    ratio = interval_s / step_s
-    every = max(1, round(ratio))
-    if abs(ratio - every) > WHOLE * every:
+    steps = max(1, round(interval_s / step_s))
+    return steps, step_s if step_s * steps == interval_s else interval_s / steps
+
+
+def _bad_times(file: SceneFile, steps_per_sample: int, samples: float) -> Iterator[InputProblem]:
+    """Problems with a step that does not divide the sample interval, and with too few or too many samples."""
+    run, interval_s, step_s = file.run, file.run.sample_interval, file.run.time_step
+    if step_s is not None and abs(interval_s / step_s - steps_per_sample) > STEP_TOLERANCE * steps_per_sample:
         found = f"{step_s:g} s, which does not divide run.sample_interval = {interval_s:g} s"
-        raise InputError(where, "run.time_step", found, f'for instance "{interval_s / every * 1e6:.12g} us"')
-    return every, step_s if step_s * every == interval_s else interval_s / every
-
-
-def _whole_samples(file: SceneFile, where: str) -> int:
-    run = file.run
-    ratio = run.duration / run.sample_interval
-    if ratio < 1 - 1e-9:
-        allowed = f"at least one sample_interval ({run.sample_interval:g} s)"
-        raise InputError(where, "run.duration", f"{run.duration:g} s", allowed)
+        yield "run.time_step", found, f'for instance "{interval_s / steps_per_sample * 1e6:.12g} us"'
+    if samples < 1 - 1e-9:
+        yield "run.duration", f"{run.duration:g} s", f"at least one run.sample_interval ({interval_s:g} s)"
     contacts = file.chain.count + 1
-    if ratio * contacts > MAX_VALUES:
-        allowed = f"at most {MAX_VALUES:,} samples times contacts: a longer interval or a shorter run"
-        raise InputError(where, "run.sample_interval", f"{ratio:.3g} samples of {contacts} contacts", allowed)
-    return int(ratio * (1 + 1e-12) + 1e-9) + 1
+    if samples * contacts > MAX_VALUES:
+        allowed = f"at most {MAX_VALUES:,} samples times contacts; use a longer interval or a shorter duration"
+        yield "run.sample_interval", f"{samples:.3g} samples of {contacts} contacts", allowed

@@ -1,7 +1,7 @@
-"""Settings by which one scene differs from another, as ``--set`` takes them, with units as people write them."""
+"""Differences between scenes as settings of ``--set``, with units."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, get_args
 
@@ -11,28 +11,27 @@ from drivers.base import paths, units
 from drivers.scene.model import Material, SceneFile
 from drivers.scene.read_scene import read_toml
 
-DERIVED = ("units", "name", "steps_per_sample", "samples")  # no keys of a scene file
+DERIVED = ("units", "name", "steps_per_sample", "samples")  # not in scene files
 FREE_TEXT = ("source",)
 STEP = "run.time_step"
 
 
 def settings_between(scene: dict[str, Any], base: dict[str, Any]) -> dict[str, str]:
-    """Settings that turn one scene into another, by key; an empty text leaves the key out.
+    """Settings that change the scene ``base`` to ``scene``, by key; an empty text removes the key.
 
-    Args:
-        scene: in SI units, as ``Scene.model_dump(mode="json", exclude_none=True)`` gives it.
-        base: another, such as that of the scene file.
+    Both scenes are in SI units, as given by ``Scene.model_dump(mode="json", exclude_none=True)``.
     """
     own = scene.get("materials", {})
     base = base | {"materials": {name: base.get("materials", {}).get(name) or _library().get(name) for name in own}}
-    changed = {key: value for key, _, value in differences(_as_asked(base), _as_asked(scene)) if key != "title"}
-    if isinstance(step := changed.get(STEP), float):  # stored as the exact part of the sample interval
+    pair = _without_planned_step(base), _without_planned_step(scene)
+    changed = {key: value for key, _, value in differences(*pair) if key != "title"}
+    if isinstance(step := changed.get(STEP), float):  # stored as an exact fraction of the sample interval
         changed[STEP] = float(f"{step:.12g}")
     return {key: setting_text(key, value) for key, value in changed.items()}
 
 
-def _as_asked(scene: dict[str, Any]) -> dict[str, Any]:
-    """A scene without the time step, where that was chosen for its accuracy."""
+def _without_planned_step(scene: dict[str, Any]) -> dict[str, Any]:
+    """Scene without its time step if the step was planned for an accuracy."""
     if "accuracy" not in scene["run"]:
         return scene
     return scene | {"run": {key: value for key, value in scene["run"].items() if key != "time_step"}}
@@ -40,50 +39,61 @@ def _as_asked(scene: dict[str, Any]) -> dict[str, Any]:
 
 @cache
 def _library() -> dict[str, Any]:
-    """The shipped materials in SI units."""
+    """Shipped materials in SI units."""
     materials = read_toml(paths.MATERIALS)
     return {name: Material.model_validate(each).model_dump(exclude_none=True) for name, each in materials.items()}
 
 
 def differences(one: Any, other: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Keys in which scenes differ with both values; of what one of both lacks as a whole: one line."""
+    """Keys whose values differ between two scenes, with both values; a table missing in one scene is one key."""
     if isinstance(one, dict) and isinstance(other, dict):
         for key in dict.fromkeys([*one, *other]):
             if key not in (FREE_TEXT if path else DERIVED):
                 yield from differences(one.get(key), other.get(key), f"{path}.{key}" if path else key)
     elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
-        for place, values in enumerate(zip(one, other, strict=True)):
-            yield from differences(*values, f"{path}.{place}")
+        for index, values in enumerate(zip(one, other, strict=True)):
+            yield from differences(*values, f"{path}.{index}")
     elif one != other:
         yield path, one, other
 
 
 def setting_text(key: str, value: Any) -> str:
-    """A value in SI units as it stands after the ``=`` of a setting."""
+    """Text of a value in a setting; numbers are given in SI units."""
     if value is None or isinstance(value, str):
         return value or ""
     unit = unit_of(key)
     return units.quantity(value, unit) if unit and isinstance(value, float) else _toml(key, value)
 
 
+def setting_texts(settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """``KEY=VALUE`` texts of settings by key; numbers are given in SI units, None removes the key."""
+    return tuple(f"{key}={setting_text(key, _as_float(key, value))}" for key, value in settings.items())
+
+
+def _as_float(key: str, value: Any) -> Any:
+    """Value as a float if it is a number and its key has a unit; otherwise unchanged."""
+    return float(value) if unit_of(key) and isinstance(value, (int, float)) else value
+
+
 def _toml(key: str, value: Any) -> str:
+    """TOML text of a value, with its unit; free text is left out."""
     if isinstance(value, dict):
         table = {name: each for name, each in value.items() if name not in FREE_TEXT}
         return "{" + ", ".join(f"{name}={_toml(f'{key}.{name}', each)}" for name, each in table.items()) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(_toml(f"{key}.{place}", each) for place, each in enumerate(value)) + "]"
+        return "[" + ", ".join(_toml(f"{key}.{index}", each) for index, each in enumerate(value)) + "]"
     return json.dumps(units.quantity(value, unit) if isinstance(value, float) and (unit := unit_of(key)) else value)
 
 
 @cache
 def unit_of(key: str) -> str:
-    """The SI unit of the quantity at a scene's key; empty where it has none."""
+    """SI unit of a scene's key; empty if it has none."""
     model: Any = SceneFile
     unit = ""
     for part in key.split("."):
         field = model.model_fields.get(part) if model else None
         unit = ""
-        if field is not None:  # else a place in a list, or the free name of a material: the same model goes on
+        if field is not None:  # the index of an entry and the name of a material are not fields of the model
             parts = [*field.metadata, *_parts_of(field.annotation)]
             unit = next((each.unit for each in parts if isinstance(each, units.InUnit)), "")
             model = next((each for each in parts if isinstance(each, type) and issubclass(each, BaseModel)), None)
@@ -91,12 +101,12 @@ def unit_of(key: str) -> str:
 
 
 def _parts_of(annotation: Any) -> list[Any]:
-    """An annotation with its metadata, and those of all that it is made of."""
+    """Annotation and all parts of which it is composed, including metadata."""
     return [annotation, *(part for each in get_args(annotation) for part in _parts_of(each))]
 
 
 def look_up(tables: Any, key: str) -> Any:
-    """What stands at a key of a file's tables, or of a scene; None where there is nothing."""
+    """Value of a key in the tables of a file or in a scene; None if missing."""
     for part in key.split("."):
         if isinstance(tables, dict):
             tables = tables.get(part)

@@ -1,11 +1,11 @@
-"""Scenes, studies and materials that come with the checkout."""
+"""Shipped scenes, studies and materials."""
 
 from drivers.base import paths
 from drivers.scene.read_scene import read_toml
 
 
 def print_shipped() -> None:
-    """Prints their names, each with its title, or the source of its constants."""
+    """Print names of scenes and studies with titles, and names of materials with the source of their constants."""
     for what, home in (("scenes", paths.SCENES), ("studies", paths.STUDIES)):
         _print(what, {path.stem: read_toml(path).get("title", "") for path in sorted(home.glob("*.toml"))})
     _print("materials", {name: each.get("source", "") for name, each in read_toml(paths.MATERIALS).items()})

@@ -1,4 +1,4 @@
-"""A wave going down a chain: a contact sheet of the chain at some times, and the same as an animation."""
+"""A wave in a chain: a contact sheet of the chain at several times, and an animation."""
 
 from dataclasses import dataclass
 from io import BytesIO
@@ -13,17 +13,17 @@ from drivers.base.files import whole_file
 from drivers.chain.chain import Array
 from drivers.chain.trace import STATE
 from drivers.run.finished import EndedRun
-from postproc.draw.product import GAMMA, LEAST, Product
+from postproc.draw.product import GAMMA, OPEN_SHARE, Product
 from postproc.draw.scene_drawing import WALL, flat_size
-from postproc.draw.style import FAINT, MICRO, finish_bar, force_colours, pyplot
+from postproc.draw.style import GREY, MICRO, finish_bar, force_colours, pyplot
 from postproc.read.motion import chain_of, read_motion, spread
 from postproc.read.sensors import mean_forces
 
-FRAMES, ANIMATED = 12, 80
-WIDTH_IN, TALLEST_IN, LEAST_IN = 6.4, 5.2, 1.2
-BEAD_IN = 0.025  # diameter from which on a bead is drawn as a circle; below it the chain is a band
+FRAMES, GIF_FRAMES = 12, 80
+WIDTH_IN, MAX_HEIGHT_IN, MIN_HEIGHT_IN = 6.4, 5.2, 1.2
+BEAD_IN = 0.025  # smallest drawn diameter of a bead; smaller beads become a band
 BAND_ROWS = 400
-BAND_IN = 0.15  # its width at least
+BAND_IN = 0.15  # smallest width of a band
 BORE = "#9aa4af"
 EDGE: dict[str, Any] = {"edgecolor": "#777777", "lw": 0.4}
 FILM_DPI, FILM_PER_S = 80, 12
@@ -31,37 +31,37 @@ FILM_DPI, FILM_PER_S = 80, 12
 
 @dataclass(frozen=True)
 class Film:
-    """A chain at some times."""
+    """A chain at several times."""
 
     time_s: Array  # shape (frames,)
-    place_m: Array  # x, exaggerated, and height of each body: the chain seen along y. Shape (frames, bodies, 2)
+    place_m: Array  # exaggerated x and height of each body, seen along y. Shape (frames, bodies, 2)
     force_N: Array  # mean of the contact forces below and above each body. Shape (frames, bodies)
     radius_m: Array  # 0 for a flat striker. Shape (bodies,)
-    flat_m: tuple[float, float]  # width and length of a flat striker; 0, 0 without one
-    bore_m: float | None  # half the width of the tube as drawn; None without one
+    flat_m: tuple[float, float]  # width and length of a flat striker, else 0, 0
+    bore_m: float | None  # half the drawn width of the tube; None without a tube
     tube_top_m: float
     wall_m: float | None  # None for a free chain
-    low_m: float  # ends of the picture
-    high_m: float
-    largest_N: float  # of the whole run
-    notes: list[str]  # what is not as it was
+    low_m: float  # lower end of the picture
+    high_m: float  # upper end of the picture
+    largest_N: float  # largest force of the whole run
+    notes: list[str]  # differences between the picture and the run
 
     @property
     def half_m(self) -> float:
-        """Half the width that all bodies need."""
+        """Half of the width of all bodies."""
         reach = float((np.abs(self.place_m[..., 0]) + self.radius_m).max(initial=self.flat_m[0] / 2))
         return max(reach, 1.1 * (self.bore_m or 0.0))
 
 
 def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
-    """So many times of a run, evenly spread; its bodies where they were at time 0 if it kept no positions.
+    """A run at ``frames`` times, evenly spread; without kept positions the bodies stay where they were at time 0.
 
-    Displacements from the axis are exaggerated by the factor ``sideways``.
+    Displacements from the axis are multiplied by ``sideways``.
     """
     scene, chain = chain_of(run)
     chosen = spread(len(run.trace.time_s), frames)
     place = np.zeros((len(chosen), chain.bodies, 2))
-    place[..., 1], notes = chain.height_m, ["bodies as at time 0: the run kept no others"]
+    place[..., 1], notes = chain.height_m, ["positions of time 0: the run kept no others"]
     if (run.folder / STATE).is_file():
         where = read_motion(run).place_m[chosen]
         place, notes = np.stack([sideways * where[..., 0], where[..., 2]], axis=-1), []
@@ -73,7 +73,9 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     low, high = float((place[..., 1] - radius).min()), float((place[..., 1] + radius).max()) + flat[1]
     bore, top = None, high
     if tube is not None and tube.inner_diameter < 5 * size:
-        bore = (size + sideways * (tube.inner_diameter - size)) / 2  # a bead leans on it in the picture as in the tube
+        bore = (
+            size + sideways * (tube.inner_diameter - size)
+        ) / 2  # beads touch the bore in the picture when they do in the run
         tops = (place[..., 1] + radius)[:, 2 * radius <= tube.inner_diameter]
         top = float(tops.max(initial=low)) if tube.top is None else tube.top
     return Film(
@@ -84,11 +86,11 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
 
 
 def sheet(film: Film, title: str) -> Product:
-    """The contact sheet: the chain at each time side by side, to scale, coloured by force."""
+    """Contact sheet: the chain at each time side by side, to scale, coloured by force."""
     plt, count, tall = pyplot(), len(film.time_s), film.high_m - film.low_m
     pitch_in = WIDTH_IN / count
-    scale_in = min(TALLEST_IN / tall, pitch_in / (2.5 * film.half_m))
-    height_in = max(scale_in * tall, LEAST_IN) + 0.1
+    scale_in = min(MAX_HEIGHT_IN / tall, pitch_in / (2.5 * film.half_m))
+    height_in = max(scale_in * tall, MIN_HEIGHT_IN) + 0.1
     words = [title, *film.notes]
     page_in = height_in + 0.45 + 0.15 * len(words)
     figure = plt.figure(figsize=(WIDTH_IN + 0.9, page_in))
@@ -110,7 +112,7 @@ def sheet(film: Film, title: str) -> Product:
 
 
 def write_animation(film: Film, title: str, path: Path) -> Path:
-    """Writes the film as an animated GIF, whole or not at all: the chain beside the forces in it."""
+    """Writes the film as an animated GIF, whole or not at all: the chain next to its forces."""
     from PIL import Image
 
     plt, tall = pyplot(), film.high_m - film.low_m
@@ -118,10 +120,10 @@ def write_animation(film: Film, title: str, path: Path) -> Path:
     scale_in = min((height_in - 0.1) / tall, chain_in / (2.2 * film.half_m))
     figure = plt.figure(figsize=(chain_in + force_in + 0.3, height_in + 1.0))
     axis = _axis(figure, (0.05, 0.5, chain_in, height_in))
-    beside = _axis(figure, (0.15 + chain_in, 0.5, force_in, height_in), framed=True)
+    forces_axis = _axis(figure, (0.15 + chain_in, 0.5, force_in, height_in), framed=True)
     limits = _around(film, height_in / scale_in)
-    beside.set(xlim=(0, 1.05 * film.largest_N), ylim=limits, xlabel="mean of the contact forces (N)", yticks=[])
-    line = beside.plot([], [], color=FAINT, lw=0.8, marker="o" if _circles(film, scale_in) else "", ms=2.5)[0]
+    forces_axis.set(xlim=(0, 1.05 * film.largest_N), ylim=limits, xlabel="mean of the contact forces (N)", yticks=[])
+    line = forces_axis.plot([], [], color=GREY, lw=0.8, marker="o" if _circles(film, scale_in) else "", ms=2.5)[0]
     figure.text(0.03, 0.98, fill("; ".join([title, *film.notes]), 62), va="top")
     images = []
     for i, time_s in enumerate(film.time_s):
@@ -130,7 +132,7 @@ def write_animation(film: Film, title: str, path: Path) -> Path:
         axis.set(xlim=(-chain_in / scale_in / 2, chain_in / scale_in / 2), ylim=limits)
         _draw_chain(axis, film, i, 0.0, scale_in)
         line.set_data(film.force_N[i], film.place_m[i, :, 1])
-        beside.set_title(f"{time_s * MICRO:.0f} µs", loc="left")
+        forces_axis.set_title(f"{time_s * MICRO:.0f} µs", loc="left")
         figure.savefig(image := BytesIO(), dpi=FILM_DPI)
         images.append(Image.open(image).convert("RGB"))
     plt.close(figure)
@@ -142,20 +144,20 @@ def write_animation(film: Film, title: str, path: Path) -> Path:
 
 
 def _axis(figure: Any, box_in: tuple[float, float, float, float], *, framed: bool = False) -> Any:
-    """Axes at a place in inches: left, bottom, width, height."""
+    """Axes at a position in inches: left, bottom, width, height."""
     axis = figure.add_axes(np.divide(box_in, np.tile(figure.get_size_inches(), 2)))
     axis.axis("on" if framed else "off")
     return axis
 
 
 def _around(film: Film, range_m: float) -> tuple[float, float]:
-    """Ends of a range of heights with the chain in its middle."""
+    """Ends of a range of heights centred on the chain."""
     middle = (film.low_m + film.high_m) / 2
     return middle - range_m / 2, middle + range_m / 2
 
 
 def _circles(film: Film, scale_in: float) -> bool:
-    """Whether beads are large enough on paper to be drawn one by one."""
+    """True if beads are large enough on paper to be drawn one by one."""
     return bool(2 * np.median(film.radius_m) * scale_in >= BEAD_IN)
 
 
@@ -167,12 +169,12 @@ def _colours(film: Film) -> Any:
 
 
 def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: float) -> None:
-    """One chain at one time about a middle line."""
+    """Draws the chain at one time around a vertical line."""
     from matplotlib.collections import EllipseCollection
     from matplotlib.patches import Rectangle
 
     colours, width = _colours(film), 2 * film.half_m
-    force = np.ma.masked_less_equal(film.force_N[frame], LEAST * film.largest_N)
+    force = np.ma.masked_less_equal(film.force_N[frame], OPEN_SHARE * film.largest_N)
     if film.wall_m is not None:
         thick = 0.05 / scale_in
         axis.add_patch(Rectangle((middle - width / 2, film.wall_m - thick), width, thick, color=WALL, lw=0))
@@ -185,13 +187,13 @@ def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: floa
     place = film.place_m[frame] + (middle, 0.0)
     if _circles(film, scale_in):
         rgba = colours.to_rgba(force)
-        for radius in np.unique(film.radius_m[film.radius_m > 0]):  # of a size together: a small file
+        for radius in np.unique(film.radius_m[film.radius_m > 0]):  # beads of one size together, for a small file
             own, size = film.radius_m == radius, (2 * radius,)
             beads = EllipseCollection(size, size, (0,), units="xy", offsets=place[own], facecolors=rgba[own],
                                       offset_transform=axis.transData, **EDGE)  # fmt: skip
             axis.add_collection(beads, autolim=False)
         return
-    # a band: the largest force in each of many slices of the height; where no body is, masked
+    # a band: the largest force in each slice of the height, masked where no body is
     height, step = film.place_m[frame, :, 1] - film.low_m, (film.high_m - film.low_m) / BAND_ROWS
     reach = np.multiply.outer((-0.999, 0.999), film.radius_m)
     first, last = np.clip(((height + reach) / step).astype(int), 0, BAND_ROWS - 1)
@@ -199,7 +201,7 @@ def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: floa
     rows = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
     found = np.full(BAND_ROWS, -1.0)
     np.maximum.at(found, rows, np.repeat(film.force_N[frame], counts))
-    band = np.ma.masked_less_equal(found, LEAST * film.largest_N)[:, np.newaxis]
+    band = np.ma.masked_less_equal(found, OPEN_SHARE * film.largest_N)[:, np.newaxis]
     half = max(film.half_m, BAND_IN / 2 / scale_in)
     extent = (middle - half, middle + half, film.low_m, film.high_m)
     axis.set_autoscale_on(False)

@@ -1,4 +1,4 @@
-"""Measured forces laid over computed ones, a panel a gauge with what is left between them, and the table of misfits."""
+"""Measured and computed forces of each gauge with their residuals, and the table of misfits."""
 
 from collections.abc import Sequence
 from math import isnan
@@ -17,22 +17,22 @@ from postproc.read.sensors import gauges_of, sensor_signals
 
 STRIP_IN = 0.62  # height of a panel of residuals
 HEAD_IN, FOOT_IN = 0.45, 0.4
-BAND = 2.0  # standard errors to either side
-MOST = 4000  # readings drawn
-COLOURS = ("#333333", "#88572c", "#5b3a8c", "#2c6e49")  # of files, in their order
+BAND = 2.0  # standard errors on either side
+MAX_READINGS = 4000  # drawn readings of a gauge
+COLOURS = ("#333333", "#88572c", "#5b3a8c", "#2c6e49")  # of the files, in their order
 
 
 def draw_overlay(
     layout: Layout, run: Trace, engine: str, curves: Sequence[SmoothForce], found: Sequence[Misfit]
 ) -> Product:
-    """Readings as forces above rest over those of a run; below, smoothed readings less computed forces.
+    """Readings as forces above rest with the computed forces; below each, smoothed readings minus computed forces.
 
     Args:
-        layout: of the run.
-        run: computed.
-        engine: that computed it.
-        curves: measured gauges on its clock.
-        found: misfits, which become the table.
+        layout: Layout of the run.
+        run: Computed trace.
+        engine: Engine of the run.
+        curves: Measured gauges on the run's clock.
+        found: Misfits, for the table.
     """
     measured = {curve.gauge.gauge for curve in curves}
     gauges = [gauge for gauge in gauges_of(layout) if gauge in measured]
@@ -64,8 +64,8 @@ def draw_overlay(
 
 
 def _draw_gauge(force: Any, strip: Any, curve: SmoothForce, computed_N: Any, colour: str) -> None:
-    """Readings of a gauge, and its residual with a band of ``BAND`` standard errors by noise and baseline."""
-    gauge, every = curve.gauge, -(-len(curve.gauge.time_s) // MOST)
+    """Draws readings and residual of a gauge, with a band of ``BAND`` standard errors by noise and baseline."""
+    gauge, every = curve.gauge, -(-len(curve.gauge.time_s) // MAX_READINGS)
     force.plot(
         gauge.time_s[::every] * MICRO, gauge.force_N[::every], ls="none", marker=".", ms=2.0, mew=0, alpha=0.75,
         color=colour, label=f"measured ({gauge.file.name})",
@@ -77,7 +77,7 @@ def _draw_gauge(force: Any, strip: Any, curve: SmoothForce, computed_N: Any, col
 
 
 def misfit_table(found: Sequence[Misfit]) -> pd.DataFrame:
-    """A row for each quantity; units are in the names of quantities."""
+    """Table of misfits, a row for each quantity; names of quantities contain the units."""
     return pd.DataFrame(
         {
             "quantity": [each.name for each in found],
@@ -97,7 +97,7 @@ HEADINGS = ("quantity", "source", "measured", "± error", "computed", "differenc
 
 
 def misfit_rows(found: Sequence[Misfit]) -> list[tuple[str, ...]]:
-    """The table for people, a row for each quantity, with a dash for what is not seen or not asked."""
+    """Rows of the printed table, with a dash for missing values."""
     return [
         (
             each.name, each.source, _number(each.measured, 5), _number(each.error, 2), _number(each.computed, 5),

@@ -1,6 +1,6 @@
-"""What a figure module makes: a figure and the numbers in it, written side by side, and its chains beside them.
+"""Products of figure modules: a figure with its numbers, and spacetime diagrams of its chains.
 
-A chain is drawn as its contact forces against time and place: a wave is a slope, a reflection a fold.
+A spacetime diagram shows the contact forces against time and contact: a wave is a slope, a reflection a fold.
 """
 
 from collections.abc import Mapping
@@ -17,25 +17,25 @@ from drivers.chain.trace import Trace
 from postproc.draw.style import COLUMN_IN, MICRO, finish_bar, force_colours, pyplot
 
 DPI = 200
-METADATA = {"png": {"Software": None}, "svg": {"Date": None}}  # nothing that changes from day to day
-SPACETIME = "spacetime"  # what the names of these figures end in
-COLUMNS, ROWS = 400, 250  # cells at most: of more samples and contacts a cell shows the largest force
+METADATA = {"png": {"Software": None}, "svg": {"Date": None}}  # no dates
+SPACETIME = "spacetime"  # ending of the names of spacetime diagrams
+COLUMNS, ROWS = 400, 250  # largest numbers of cells; a cell shows the largest of its forces
 PANEL_IN = 1.9
-GAMMA = 0.5  # a colour goes with the root of the force, so that what follows a wave is seen beside it
-LEAST = 1e-6  # of the largest force: below it a contact counts as open
+GAMMA = 0.5  # colours scale with the root of the force, so that weak waves after a strong one are visible
+OPEN_SHARE = 1e-6  # of the largest force: contacts with less are drawn as open
 
 
 @dataclass(frozen=True)
 class Product:
     """A figure with its numbers."""
 
-    figure: Any  # of matplotlib
+    figure: Any  # a matplotlib figure
     table: pd.DataFrame  # the plotted numbers, units in the column names
-    chains: Mapping[str, Trace] = field(default_factory=dict)  # by title, drawn beside it against time and place
+    chains: Mapping[str, Trace] = field(default_factory=dict)  # traces by title, for a spacetime diagram
 
 
 def write_product(product: Product, name: str, folder: Path) -> list[Path]:
-    """Writes ``name.csv``, ``name.png`` and ``name.svg``, each whole or not at all, and its chains beside them."""
+    """Writes ``name.csv``, ``name.png`` and ``name.svg``, each whole or not at all, and the spacetime diagram."""
     folder.mkdir(parents=True, exist_ok=True)
     table = folder / f"{name}.csv"
     with whole_file(table) as draft:
@@ -50,7 +50,7 @@ def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
     """Writes ``name.png`` and ``name.svg``, each whole or not at all, and closes the figure."""
     plt = pyplot()
     written = [folder / f"{name}.{ending}" for ending in METADATA]
-    figure.draw_without_rendering()  # places everything, once for both files
+    figure.draw_without_rendering()  # one layout for both files
     figure.set_layout_engine("none")
     edges = figure.get_tightbbox().padded(plt.rcParams["savefig.pad_inches"])
     for path, (ending, metadata) in zip(written, METADATA.items(), strict=True):
@@ -62,15 +62,15 @@ def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
 
 @dataclass(frozen=True)
 class Cells:
-    """Forces gathered into cells."""
+    """Forces of a trace in the cells of a spacetime diagram."""
 
     time_s: Array  # first sample of each column. Shape (columns,)
     contact: Array  # lowest contact of each row, counted from the wall. Shape (rows,)
-    force_N: Array  # the largest in each cell. Shape (rows, columns)
+    force_N: Array  # largest force in each cell. Shape (rows, columns)
 
 
 def cells_of(trace: Trace, columns: int = COLUMNS, rows: int = ROWS) -> Cells:
-    """A trace's forces in so many cells at most, all of a size but for the last ones."""
+    """Forces of a trace in at most ``rows`` by ``columns`` cells of equal size, except the last ones."""
     samples, contacts = trace.force_N.shape
     over_time = np.arange(0, samples, -(-samples // columns))
     over_contacts = np.arange(0, contacts, -(-contacts // rows))
@@ -79,9 +79,9 @@ def cells_of(trace: Trace, columns: int = COLUMNS, rows: int = ROWS) -> Cells:
 
 
 def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> Product:
-    """A panel for each chain by title, each with its own scale of force; white beyond a run's end.
+    """Spacetime diagram with a panel for each chain, each with its own scale of force; white after the end of a run.
 
-    The numbers are those in the cells, a row per chain and time.
+    The table holds the forces of the cells, a row per chain and time.
     """
     from matplotlib.colors import PowerNorm
     from matplotlib.ticker import MaxNLocator
@@ -94,8 +94,8 @@ def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> 
         samples, contacts = trace.force_N.shape
         width_s = (trace.time_s[-1] - trace.time_s[0]) / max(samples - 1, 1) * -(-samples // COLUMNS)
         right, top = float(cells.time_s[-1] + width_s) * MICRO, float(cells.contact[-1]) + -(-contacts // ROWS) - 0.5
-        largest_N = float(cells.force_N.max(initial=0.0)) or 1.0  # where there is no force the scale ends at 1 N
-        closed = np.ma.masked_less_equal(cells.force_N, LEAST * largest_N)
+        largest_N = float(cells.force_N.max(initial=0.0)) or 1.0  # without any force the scale ends at 1 N
+        closed = np.ma.masked_less_equal(cells.force_N, OPEN_SHARE * largest_N)
         image = axis.imshow(
             closed, cmap=force_colours(), norm=PowerNorm(GAMMA, 0, largest_N), origin="lower", aspect="auto",
             extent=(float(cells.time_s[0]) * MICRO, right, 0.5, top), interpolation="none",

@@ -1,7 +1,7 @@
 """A scene drawn to scale: wall, tube, beads, sensors, striker.
 
-What would not fit (long rows of equal beads, wide gaps, very long strikers and tubes) is cut, and the cut says what
-is missing; what is drawn is to scale.
+Long rows of equal beads, wide gaps, and very long strikers and tubes are cut. A label at each cut names the missing
+part. All drawn parts are to scale.
 """
 
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ import pandas as pd
 from drivers.chain.chain import Array, Chain
 from drivers.chain.masses import bead_mass
 from drivers.scene.model import RIGID, Scene
-from postproc.draw.style import COLUMN_IN, FAINT, pyplot
+from postproc.draw.style import COLUMN_IN, GREY, pyplot
 
-WHOLE = 60  # beads up to which a chain is drawn without a break
-ENDS, AROUND, SPECIAL = 8, 2, 8  # of a longer one: beads kept at its ends, around special ones, and how many of those
-WIDE_GAP, LONGEST_STRIKER, WIDEST_TUBE = 6.0, 4.0, 5.0  # in diameters of the beads nearby
-TALLEST_IN = 7.0
-WRAP = 26  # characters a label
+MAX_BEADS = 60  # in a drawing without a cut
+ENDS, AROUND, SPECIAL = 8, 2, 8  # beads of a longer chain: at each end, next to special beads; number of special beads
+WIDE_GAP, LONGEST_STRIKER, WIDEST_TUBE = 6.0, 4.0, 5.0  # in diameters of the neighbouring beads
+MAX_HEIGHT_IN = 7.0
+WRAP = 26  # characters per line of a label
 BEAD, SENSOR, PLATE, OTHER, STRIKER = "#f2f2f2", "#e69f00", "#7f4f00", "#bfe3d5", "#cfe3f2"
 WALL, TUBE = "#c9b27c", "#dddddd"
 OUTLINE: dict[str, Any] = {"edgecolor": "black", "lw": 0.6}
@@ -29,26 +29,26 @@ OUTLINE: dict[str, Any] = {"edgecolor": "black", "lw": 0.6}
 
 @dataclass(frozen=True)
 class Sketch:
-    """What is drawn where, in metres about the chain's axis."""
+    """Drawn bodies and cuts, in metres from the axis of the chain."""
 
     bodies: list[int]  # indices of the drawn bodies
-    height_m: Array  # drawn heights of all bodies; of those in ``bodies`` only they mean something. Shape (bodies,)
+    height_m: Array  # drawn heights, valid for those in ``bodies``. Shape (all bodies,)
     radius_m: Array  # 0 for a flat striker. Shape (bodies,)
-    cuts: list[tuple[float, str]]  # drawn heights at which something is left out, and what
-    special: dict[int, str]  # labels of beads unlike the others, and of sensors, by index
+    cuts: list[tuple[float, str]]  # drawn heights of cuts, and names of the missing parts
+    special: dict[int, str]  # labels of sensors and of beads that differ from the others, by index
     widest_m: float  # the largest diameter drawn
-    flat_m: tuple[float, float]  # width and length of a flat striker as drawn; 0, 0 without one
-    low_m: float  # ends of the picture
-    high_m: float
+    flat_m: tuple[float, float]  # drawn width and length of a flat striker, else 0, 0
+    low_m: float  # lower end of the picture
+    high_m: float  # upper end of the picture
 
 
 def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
-    """The apparatus at time 0: the figure, and a row per drawn body with its place and size."""
+    """Figure of the apparatus at time 0, and a table with a row per drawn body."""
     from matplotlib.patches import Circle, Rectangle
 
     sketch, striker = _sketch(scene, chain), scene.striker
     height = sketch.high_m - sketch.low_m
-    scale_in = min(TALLEST_IN / height, 0.3 * COLUMN_IN / sketch.widest_m)
+    scale_in = min(MAX_HEIGHT_IN / height, 0.3 * COLUMN_IN / sketch.widest_m)
     figure, axis = pyplot().subplots(figsize=(COLUMN_IN, max(scale_in * height, 1.0)))
     figure.subplots_adjust(left=0, right=1, bottom=0, top=1)
     half = COLUMN_IN / scale_in / 2
@@ -71,12 +71,12 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
             axis.add_patch(Rectangle((-0.95 * radius, at - 0.1 * radius), 1.9 * radius, 0.2 * radius, color=PLATE))
         if i in sketch.special:
             label = fill(sketch.special[i], WRAP)
-            below = max(at, below + 0.022 * height * (label.count("\n") + 1))  # labels do not lie on each other
+            below = max(at, below + 0.022 * height * (label.count("\n") + 1))  # labels do not overlap
             axis.annotate(label, (radius, at), (0.75 * sketch.widest_m, below), va="center",
-                          arrowprops={"arrowstyle": "-", "lw": 0.5, "color": FAINT})  # fmt: skip
+                          arrowprops={"arrowstyle": "-", "lw": 0.5, "color": GREY})  # fmt: skip
     for height_m, left_out in sketch.cuts:
         axis.text(0, height_m, "⋮", ha="center", va="center")
-        axis.text(0.75 * sketch.widest_m, height_m, left_out, va="center", color=FAINT)
+        axis.text(0.75 * sketch.widest_m, height_m, left_out, va="center", color=GREY)
     if striker is not None:
         look, at = {"facecolor": STRIKER} | OUTLINE, float(sketch.height_m[-1])
         if striker.diameter is None:
@@ -99,7 +99,7 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
         middle = (sketch.high_m + chain.wall_height_m) / 2
         text = "\n".join(fill(line, 20) for line in "\n".join(words).split("\n"))
         axis.text(-0.75 * sketch.widest_m, middle, text, ha="right", va="center")
-    longest = min(0.3 * half, 0.5 * height)  # of the scale bar, of a round length, on the left above the wall
+    longest = min(0.3 * half, 0.5 * height)  # of the scale bar, at the left above the wall
     decade = 10 ** np.floor(np.log10(longest))
     length = decade * max(step for step in (1, 2, 5) if step * decade <= longest)
     left, base = -0.78 * half, (chain.wall_height_m if chain.wall else sketch.low_m) + 0.02 * height
@@ -126,7 +126,7 @@ def _sketch(scene: Scene, chain: Chain) -> Sketch:
         own += [f"gap of {_mm(odd.gap_below)} below"] if odd.gap_below else []
     special = {i: f"bead {i + 1}: {', '.join([*own, f'{1e3 * chain.mass_kg[i]:.4g} g'])}" for i, own in words.items()}
     kept = set(range(chain.bodies))
-    if chain.beads > WHOLE:
+    if chain.beads > MAX_BEADS:
         near = {j for i in sorted(special)[:SPECIAL] for j in range(i - AROUND, i + AROUND + 1)}
         kept &= set(range(ENDS)) | set(range(chain.beads - ENDS, chain.bodies)) | near
     bodies = sorted(kept)
@@ -147,7 +147,7 @@ def _sketch(scene: Scene, chain: Chain) -> Sketch:
 
 
 def _closed_up(chain: Chain, bodies: list[int], special: dict[int, str]) -> tuple[Array, list[tuple[float, str]]]:
-    """Heights with left-out beads and wide gaps shortened, and where that is."""
+    """Heights with cut rows of beads and wide gaps closed up, and the cuts."""
     height, radius, cuts, shift = chain.height_m.copy(), chain.sphere_radius_m, [], 0.0
     for before, body in zip([-1, *bodies], bodies, strict=False):
         floor = height[before] + radius[before] if before >= 0 else chain.wall_height_m
@@ -166,7 +166,7 @@ def _closed_up(chain: Chain, bodies: list[int], special: dict[int, str]) -> tupl
 
 
 def flat_size(scene: Scene) -> tuple[float, float]:
-    """Width and length of a flat striker as drawn: as wide as a bead, as long as its mass asks for, up to a limit."""
+    """Drawn width and length of a flat striker: the diameter of a bead, and the length for its mass, up to a limit."""
     if scene.striker is None or scene.striker.diameter is not None:
         return 0.0, 0.0
     width = scene.chain.diameter
@@ -176,7 +176,7 @@ def flat_size(scene: Scene) -> tuple[float, float]:
 
 
 def _tube(axis: Any, scene: Scene, chain: Chain, beads_top: float, sketch: Sketch) -> str:
-    """Draws the tube as far as the picture goes, and says what it is."""
+    """Draws the tube within the picture; returns its label."""
     from matplotlib.patches import Rectangle
 
     tube = scene.tube
@@ -192,12 +192,12 @@ def _tube(axis: Any, scene: Scene, chain: Chain, beads_top: float, sketch: Sketc
     top = min(top, sketch.high_m)
     for side in (-1.2 * inner / 2, inner / 2):
         size = (0.1 * inner, max(top - chain.wall_height_m, 0.0))
-        axis.add_patch(Rectangle((side, chain.wall_height_m), *size, facecolor=TUBE, edgecolor=FAINT, lw=0.4))
+        axis.add_patch(Rectangle((side, chain.wall_height_m), *size, facecolor=TUBE, edgecolor=GREY, lw=0.4))
     return words
 
 
 def _mm(length_m: float) -> str:
-    """A length in the unit that suits it."""
+    """Text of a length in µm, mm or m."""
     if length_m and abs(length_m) < 1e-4:
         return f"{1e6 * length_m:.4g} µm"
     return f"{1e3 * length_m:.4g} mm" if abs(length_m) < 1 else f"{length_m:.4g} m"

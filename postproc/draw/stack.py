@@ -1,4 +1,4 @@
-"""Gauge forces of a chain over each other, with the differences between engines below."""
+"""Gauge forces of a chain in stacked panels, with the differences between engines below."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE
-from postproc.draw.style import FAINT, MICRO, drawing_order, grey_of, letter_panel, pyplot
+from postproc.draw.style import GREY, MICRO, drawing_order, grey_of, letter_panel, pyplot
 from postproc.read.residual import residual
 from postproc.read.sensors import sensor_signals
 
 GAUGE_IN = 1.126  # height of a panel
 STRIP, RESIDUAL = "strip", "residual_to_reference_share"
-STRIP_POINTS = 12  # for each code
+STRIP_POINTS = 12  # markers of each code
 STRIP_RANGE, STRIP_TICKS = (1e-7, 1e-2), (1e-6, 1e-3)
-STRIP_ROOM = 3.0  # times the largest, where the strip has to be higher
-ROOM = 0.3  # steps of the grid, below and above curves
-LABEL_AT = 0.012  # of the axis of time
+STRIP_ROOM = 3.0  # factor of room beyond the smallest and largest value of a strip
+ROOM = 0.3  # steps of the grid below and above curves
+LABEL_AT = 0.012  # position of a label, as a share of the time axis
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,12 @@ class Panel:
     """A panel of forces in a figure of the paper.
 
     Attributes:
-        letter, words: above it.
-        look: plot keywords of its curves.
-        step_N: force between two lines of the grid.
-        gauges: those drawn; none means all.
-        room: steps of the grid that stay free above the curves, for marks.
-        strip: height of the strip below, as a share of that of the gauges.
+        letter, words: Title of the panel.
+        look: Plot keywords of the curves.
+        step_N: Force between two grid lines.
+        gauges: Drawn gauges; empty for all.
+        room: Free grid steps above the curves, for marks.
+        strip: Height of the strip below, as a share of the height of the gauges.
     """
 
     letter: str
@@ -49,17 +49,17 @@ class Panel:
 def draw_panel(
     figure: Any, cell: Any, panel: Panel, layout: Layout, traces: Mapping[str, Trace]
 ) -> tuple[dict[str, Any], pd.DataFrame]:
-    """Gauges over each other on one scale of force, as the reference has them, and the codes' differences in a strip.
+    """Stacked gauge forces of the reference on one scale of force, and the codes' differences from it in a strip.
 
     Args:
-        figure: of matplotlib.
-        cell: place in the figure's grid.
-        panel: its looks.
-        layout: gauges.
-        traces: by engine, of equal sample times.
+        figure: A matplotlib figure.
+        cell: Cell of the figure's grid.
+        panel: Title and style of the panel.
+        layout: Layout of the chain.
+        traces: Traces by engine, with equal sample times.
 
     Returns:
-        Axes by gauge in the order in which a wave meets them, then those of the strip; all that is drawn, by engine.
+        Axes by gauge in the order in which a wave meets them, then the axes of the strip; table of all drawn numbers.
     """
     signals = {engine: sensor_signals(layout, trace) for engine, trace in traces.items()}
     names = panel.gauges or tuple(signals[REFERENCE])
@@ -87,9 +87,9 @@ def draw_panel(
 
 
 def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
-    """Each code's largest difference from the reference in equal stretches of time, as a grey marker amid each.
+    """Largest difference of each code from the reference in equal intervals of time, as a grey marker in the middle.
 
-    The stretches of the codes are staggered, so that equal differences stay visible.
+    The intervals of the codes are staggered, so that equal differences stay visible.
     """
     tables = [pd.DataFrame()]
     found = residuals(traces, REFERENCE)
@@ -101,7 +101,7 @@ def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
         axis.plot(middle_s * MICRO, largest, label=engine, **grey_of(engine) | {"ms": 3, "mew": 0.8})
         tables.append(pd.DataFrame({"engine": engine, "quantity": STRIP, "time_s": middle_s, RESIDUAL: largest}))
     if not found:
-        axis.text(0.5, 0.5, "no code", transform=axis.transAxes, ha="center", va="center", color=FAINT)
+        axis.text(0.5, 0.5, "no code", transform=axis.transAxes, ha="center", va="center", color=GREY)
     low, high = STRIP_RANGE
     if found:
         low, high = min(low, axis.dataLim.minposy / STRIP_ROOM), max(high, axis.dataLim.y1 * STRIP_ROOM)
@@ -112,19 +112,19 @@ def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
 
 
 def name_codes(figure: Any, strip: Any) -> None:
-    """One legend for the markers of all strips, below the figure."""
+    """Adds one legend for the markers of all strips, below the figure."""
     if strip.lines:
         figure.legend(*strip.get_legend_handles_labels(), loc="outside lower center", ncols=6, handletextpad=0.1)
 
 
 def gauge_title(layout: Layout, gauge: str) -> str:
-    """The gauge in words, with the electronics behind it."""
+    """Title of a gauge, with the time constant of its electronics."""
     name = "wall" if gauge == "wall" else f"sensor bead {gauge.removeprefix('bead_')}: mean of its two contact forces"
     constant_s = layout.time_constant_s
     return name if constant_s is None else f"{name}, behind electronics of {constant_s * 1e3:g} ms"
 
 
 def residuals(traces: Mapping[str, Trace], baseline: str) -> dict[str, Array]:
-    """Deviation of each engine but the exact one from a baseline engine at each sample, in the order of drawing."""
+    """Deviation of each engine except the reference from a baseline engine at each sample, in the order of drawing."""
     others = [engine for engine in drawing_order(list(traces)) if engine not in (baseline, REFERENCE)]
     return {engine: residual(traces[engine], traces[baseline]) for engine in others}

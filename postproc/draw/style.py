@@ -1,4 +1,4 @@
-"""How figures look: the same colour for the same engine everywhere (Okabe-Ito, safe for the colour-blind)."""
+"""Style of figures: one colour per engine in all figures (Okabe-Ito palette, safe for the colour-blind)."""
 
 from functools import cache
 from io import StringIO
@@ -9,19 +9,19 @@ import numpy as np
 from drivers.engines import REFERENCE, Style, engine_names, load_engine
 
 MICRO = 1e6
-COLUMN_IN = 3.5  # a journal's column
-PAGE_IN = 7.1  # its page of two columns
-FAINT = "#555555"
-OPEN = "#e4e7ea"  # where there is no contact
-# quantities of the paper's figures, told apart in grey by their lines
+COLUMN_IN = 3.5  # width of a journal column
+PAGE_IN = 7.1  # width of a page of two columns
+GREY = "#555555"
+OPEN_CONTACT = "#e4e7ea"
+# quantities of the paper's figures; the line styles distinguish them in grey print
 FIRST: dict[str, Any] = {"color": "#0072b2", "ls": (0, (5, 1.5)), "lw": 1.0}  # F_1, the contact that a wave meets first
 SECOND: dict[str, Any] = {"color": "#d55e00", "ls": (0, (4, 1, 1, 1)), "lw": 1.0}  # F_2
-AVERAGE: dict[str, Any] = {"color": "black", "ls": "-", "lw": 1.2}  # of both; any force that a gauge shows
+AVERAGE: dict[str, Any] = {"color": "black", "ls": "-", "lw": 1.2}  # mean of both; any gauge force
 DAMPED: dict[str, Any] = {"color": "#009e73", "ls": (0, (3, 1)), "lw": 1.2}  # the same with dissipation
-QUOTED: dict[str, Any] = {"color": "#a34800", "ls": (0, (1, 1.2)), "lw": 1.0}  # levels and rates that the paper states
-GREYS = ("#222222", "#666666", "#999999")  # codes, where a figure is of quantities
-# engines without a style of their own, and further builds of a code, get these in the order of their names
-SPARE = (
+QUOTED: dict[str, Any] = {"color": "#a34800", "ls": (0, (1, 1.2)), "lw": 1.0}  # levels and rates stated in the paper
+GREYS = ("#222222", "#666666", "#999999")  # codes in figures whose colours are quantities
+# styles of engines without a style of their own and of further builds of a code, in the order of their names
+EXTRA_STYLES = (
     Style("#882255", dashes=(0, (5, 1, 1, 1, 1, 1)), marker="p"),
     Style("#e69f00", dashes=(0, (3, 1)), marker="v"),
     Style("#117733", dashes=(0, (1, 1)), marker="*", size=6.0),
@@ -33,52 +33,59 @@ SPARE = (
 
 @cache
 def line_of(engine: str) -> Style:
-    """The style of an engine: that of its adapter, of whose builds the first has it, or the next of ``SPARE``.
+    """Style of an engine: its adapter's for the first build, else the next of ``EXTRA_STYLES``.
 
-    Names that are no engine's have the last of ``SPARE``.
+    Unknown names get the last of ``EXTRA_STYLES``.
     """
     own: dict[str, Style] = {}
     for found in sorted(map(load_engine, engine_names()), key=lambda found: found.entry.adapter != found.name):
         if found.style and found.style not in own.values():
             own[found.name] = found.style
     plain = [name for name in engine_names() if name not in own]
-    return own.get(engine) or SPARE[plain.index(engine) % len(SPARE) if engine in plain else -1]
+    return own.get(engine) or EXTRA_STYLES[plain.index(engine) % len(EXTRA_STYLES) if engine in plain else -1]
 
 
 def marker_of(engine: str) -> dict[str, Any]:
-    """Plot keywords for an engine's points: nested, so that equal points stay visible."""
+    """Plot keywords for the points of an engine; sizes are nested, so that equal points stay visible."""
     style = line_of(engine)
     return {"marker": style.marker, "ms": style.size, "mew": 1.1, "mfc": "none", "color": style.colour}
 
 
 def grey_of(engine: str) -> dict[str, Any]:
-    """Plot keywords for an engine's points where colours stand for quantities: its own marker, in grey."""
+    """Plot keywords for the points of an engine in figures whose colours are quantities: its marker, in grey."""
     codes = [name for name in engine_names() if name != REFERENCE]
     level = GREYS[codes.index(engine) % len(GREYS)] if engine in codes else GREYS[0]
     return marker_of(engine) | {"color": level, "ls": "none"}
 
 
+def text_color(color: str) -> tuple[float, ...]:
+    """A line's colour, darkened so that text in it has a contrast of 4.5 on white."""
+    from matplotlib.colors import to_rgb
+
+    return tuple(0.75 * part for part in to_rgb(color))
+
+
 def letter_panel(axis: Any, letter: str, words: str = "") -> None:
-    """Letters a panel as the paper does, with a few words: above its upper left corner, in line with the axis."""
+    """Adds the letter and title of a panel above its upper left corner."""
     axis.set_title(f"({letter})  {words}".rstrip(), loc="left")
 
 
 def drawing_order(engines: list[str]) -> list[str]:
-    """Engines from the widest line to the finest, so that none hides another."""
+    """Engines from the widest to the thinnest line, so that none hides another."""
     return sorted(engines, key=lambda engine: -line_of(engine).width)
 
 
 @cache
 def force_colours() -> Any:
-    """Colours from no force to the largest: ever darker, also for the colour-blind and in print; open contacts grey."""
+    """Colour map of forces, darker for larger forces also in grey print; open contacts are light grey."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
-    return ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.92, 256)), "force", bad=OPEN)
+    return ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.92, 256)), "force", bad=OPEN_CONTACT)
 
 
 def finish_bar(bar: Any, label: str) -> None:
-    """Labels a colour bar of forces, with a thin frame."""
+    """Labels the colour bar of forces and gives it a thin frame."""
     bar.set_label(label)
     bar.outline.set_linewidth(0.5)
     bar.solids.set_rasterized(True)
@@ -87,7 +94,7 @@ def finish_bar(bar: Any, label: str) -> None:
 
 @cache
 def pyplot() -> Any:
-    """Matplotlib's pyplot, set up once: no display, text as text, thin axes."""
+    """Matplotlib's pyplot, set up once: no display, text kept as text in SVG, thin axes."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -105,7 +112,7 @@ def pyplot() -> Any:
 
 
 def svg_of(figure: Any) -> str:
-    """A figure as an SVG file's text; the figure is closed."""
+    """SVG text of a figure, which is then closed."""
     plt = pyplot()
     buffer = StringIO()
     with plt.rc_context({"svg.hashsalt": "figure"}):

@@ -1,4 +1,4 @@
-"""A finished run as a ParaView series: a file a frame, an index with their times, and the tube as its own mesh."""
+"""A finished run as a ParaView series: a file per frame, an index with the times, and a mesh of the tube."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,18 +14,23 @@ from postproc.read.sensors import mean_forces
 
 FRAMES = 100
 INDEX, TUBE, FRAME = "chain.pvd", "tube.vtu", "chain-{:05}.vtu"
-SIDES, MOST_RINGS = 48, 400  # of the tube as drawn; a long one gets longer cells
+SIDES, MAX_RINGS = 48, 400  # cells of the tube around and along its axis
 
 
 def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path]:
-    """Writes ``chain.pvd`` with its frames, spread evenly over a run, and ``tube.vtu`` where the scene has a tube.
+    """Writes ``chain.pvd`` with frames spread evenly over a run, and ``tube.vtu`` if the scene has a tube.
 
-    A flat striker has no radius and its position is that of its face. It is shown as a sphere of a bead's size that
-    touches where the face does: its point lies that radius above the face.
+    A flat striker, whose position is that of its face, is shown as a sphere of a bead's size that touches where the
+    face does.
 
-    All is written beside the folder first. The index goes first and comes last, so that it never names a frame that
-    is not there; frames of a former series go with it, other files stay. Returns the index, and the tube's file.
-    A run that kept no positions is an InputError; if it cannot be written, what was there before stays.
+    All files are written to a temporary folder first. The old index is removed first and the new one comes last, so
+    that an index never names a missing frame. Frames of an earlier series are removed; other files stay.
+
+    Returns:
+        Path of the index, and of the tube's file if there is one.
+
+    Raises:
+        InputError: The run kept no positions; an earlier series stays.
     """
     scene, chain = chain_of(run)
     motion, pressed = read_motion(run), read_bore_forces(run.folder / FORCES, run.record.bodies)
@@ -37,7 +42,7 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
     moving = {"velocity_m_s": motion.velocity_m_s, "force_N": mean_forces(run.trace.force_N)}
     moving |= {"bore_N": pressed} if pressed is not None else {}
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as drafts:  # of the same file system
+    with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as drafts:  # on the same file system
         draft = Path(drafts)
         names = [FRAME.format(frame) for frame in range(len(chosen))]
         root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
@@ -52,16 +57,16 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
         (draft / INDEX).write_bytes(ElementTree.tostring(root, xml_declaration=True, encoding="utf-8"))
         if scene.tube is not None:
             bore, foot = scene.tube.inner_diameter / 2, chain.wall_height_m
-            inside = chain.radius_m <= bore  # without a top it is drawn over all that fits into it
+            inside = chain.radius_m <= bore  # a tube without a top reaches the highest bead that fits
             top = float((place[:, inside, 2] + chain.radius_m[inside]).max()) if inside.any() else 0.0
             high = max(top if scene.tube.top is None else scene.tube.top, foot + bore)
-            rings = max(1, min(MOST_RINGS, round((high - foot) / (2 * bore * np.pi / SIDES))))
+            rings = max(1, min(MAX_RINGS, round((high - foot) / (2 * bore * np.pi / SIDES))))
             points, triangles = tube_mesh(bore, foot, high, SIDES, rings)
             write_mesh(draft / TUBE, points, "triangle", triangles)
             names.append(TUBE)
         folder.mkdir(exist_ok=True)
-        for former in [folder / INDEX, folder / TUBE, *folder.glob(FRAME.replace("{:05}", "[0-9]*"))]:
-            former.unlink(missing_ok=True)
+        for earlier in [folder / INDEX, folder / TUBE, *folder.glob(FRAME.replace("{:05}", "[0-9]*"))]:
+            earlier.unlink(missing_ok=True)
         for name in [*names, INDEX]:
             (draft / name).replace(folder / name)
     return [folder / INDEX] + [folder / TUBE for _ in range(scene.tube is not None)]

@@ -1,7 +1,7 @@
-"""The paper's figures and its table: a module each, found by its file.
+"""The paper's figures and its table: one module each, found by its file.
 
-A module's docstring is its caption, wherever one is shown: a title in the first line, below it the panels by letter.
-Its ``make(runs)`` runs what is not done and returns a ``Product``.
+The docstring of a module is the caption of the figure: the title in the first line, then the panels by letter. Its
+function ``make(runs)`` runs the missing simulations and returns a ``Product``.
 """
 
 import ast
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Caption:
-    """Words to a figure."""
+    """Title and text of a figure."""
 
     title: str
     text: str
@@ -25,7 +25,7 @@ class Caption:
 
 @cache
 def captions() -> dict[str, Caption]:
-    """Captions of all figures, by name; none is imported."""
+    """Captions of all figures by name, read without importing the modules."""
     found = {}
     for file in sorted(Path(__file__).parent.glob("[a-z]*.py")):
         words = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
@@ -35,6 +35,6 @@ def captions() -> dict[str, Caption]:
 
 
 def make_figure(name: str, runs: Path) -> "Product":
-    """A figure, with what it needs run."""
+    """Makes a figure, with the simulations that it needs."""
     product: Product = import_module(f"{__name__}.{name}").make(runs)
     return product

@@ -1,14 +1,14 @@
-"""Fig. 1: the experimental set-up and a particle with an embedded piezo-sensor.
+"""Fig. 1: experimental set-up and sensor bead.
 
 (a) Chain of 21 PTFE beads (diameter 4.76 mm, 0.1226 g) in a PTFE tube (inner diameter 5 mm), struck by a PTFE bead at
-2 m/s. Gauges (orange) stand in the 9th and the 5th bead from the wall and under a brass plate of 1 mm, on a long
-steel rod (wave guide) whose other end is embedded in a steel block; an oscilloscope records all three. Beads,
-striker, bore, gauges in beads and thickness of the brass plate have the stated sizes and are to scale. The paper
-states no size of the wall's gauge, of rod and block, nor thickness and length of the tube: they are drawn freely, and
-the rod is cut. (b) Particle with embedded sensor: a plate of lead zirconate titanate with nickel electrodes, of side
-3 mm and thickness 0.5 mm, mass m = 0.023 g, glued between two PTFE caps of total mass 2M = 0.093 g, 0.116 g in all.
-The plate is to scale; the caps are drawn so that the particle keeps the bead's diameter of 4.76 mm, as the paper does
-not state how they are cut.
+2 m/s. Gauges (orange) are embedded in the 9th and the 5th bead from the wall and lie under a brass plate of 1 mm on a
+long steel rod (wave guide), whose other end is embedded in a steel block; an oscilloscope records all three. Beads,
+striker, bore, gauges in beads and the thickness of the brass plate are to scale. The paper states no dimensions of the
+wall gauge, the rod and the block, and no thickness or length of the tube: these are drawn freely, and the rod is cut.
+(b) Particle with an embedded sensor: a plate of lead zirconate titanate with nickel electrodes, of side 3 mm and
+thickness 0.5 mm, mass m = 0.023 g, glued between two PTFE caps of total mass 2M = 0.093 g, 0.116 g in all. The plate
+is to scale. The paper does not state how the caps are cut: they are drawn so that the particle keeps the bead's
+diameter of 4.76 mm.
 """
 
 from dataclasses import dataclass
@@ -22,35 +22,35 @@ import pandas as pd
 from drivers.chain.case import Case
 from postproc.draw.product import Product
 from postproc.draw.scene_drawing import BEAD, OUTLINE, STRIKER, TUBE
-from postproc.draw.style import COLUMN_IN, FAINT, letter_panel, pyplot
+from postproc.draw.style import COLUMN_IN, GREY, letter_panel, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
 
 MM_PER_IN = 25.4
-LOW, HIGH, LEFT, TITLE = -29.0, 116.0, -30.0, 5.0  # mm: edges of (a) about wall and axis; room for its letter
-SIDE, MAGNIFIED = 50.0, 6.5  # (b) on paper: its side, its scale over that of (a)
+LOW, HIGH, LEFT, TITLE = -29.0, 116.0, -30.0, 5.0  # mm: edges of (a) from wall and axis; room for the letter
+SIDE, MAGNIFICATION = 50.0, 6.5  # of (b): side on paper in mm, scale relative to (a)
 GAUGE, STEEL = "#e69f00", "#b8c0c8"
 COLOURS = {"striker": STRIKER, "tube": TUBE, "gauge": GAUGE, "wall gauge": GAUGE, "brass plate": "#c9b27c",
            "steel rod": STEEL, "steel block": "#98a2ac", "oscilloscope": "white"}  # fmt: skip
-# mm, not stated in the paper
+# lengths in mm that the paper does not state
 TUBE_WALL, WALL_GAUGE, ROD, BLOCK, EMBEDDED, ABOVE = 0.7, (7.0, 1.0), 8.0, (26.0, 8.0), 3.0, 3.0
-CUT, WAVE = 1.4, 0.5  # where the rod is cut, and how wavy its ends are there
-DIMENSION = {"lw": 0.5, "color": FAINT, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 5}
-SCOPE = (-20.5, 25.0, 18.5, 10.0)  # middle, bottom, width, height
+CUT, WAVE = 1.4, 0.5  # mm: gap of the cut rod, amplitude of its wavy ends
+DIMENSION = {"lw": 0.5, "color": GREY, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 5}
+SCOPE = (-20.5, 25.0, 18.5, 10.0)  # oscilloscope: middle, bottom, width, height
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A drawn part: heights above the wall's surface in (a), about the particle's centre in (b)."""
+    """A drawn part; heights are above the wall in (a), above the particle's centre in (b)."""
 
     panel: str
     part: str
-    shape: str  # box, disc, cap above, cap below; cut above, cut below: a box that ends there in a wave
+    shape: str  # box, disc, cap above, cap below; cut above, cut below: a box with a wavy end
     middle_mm: float  # from the chain's axis
     bottom_mm: float
     width_mm: float
     height_mm: float
-    stated: str  # which of its sizes the paper states
+    stated: str  # sizes that the paper states
     mass_g: float = nan
 
     @property
@@ -60,7 +60,7 @@ class Piece:
 
 
 def make(_: Path) -> Product:
-    """Draws Fig. 4's chain on the paper's wall, (a) at life size; nothing is run."""
+    """Draws the chain of Fig. 4 on the paper's wall, (a) at life size; runs no simulation."""
     case = case_of("fig4")
     set_up, particle = _set_up(case), _particle(1e3 * case.scene.chain.diameter)
     wide, tall = COLUMN_IN * MM_PER_IN, HIGH - LOW + TITLE
@@ -68,7 +68,7 @@ def make(_: Path) -> Product:
     first = figure.add_axes((0, 0, 1, 1 - TITLE / tall))
     first.set(xlim=(LEFT, LEFT + wide), ylim=(LOW, HIGH))
     second = figure.add_axes((1 - SIDE / wide, (HIGH - SIDE - LOW) / tall, SIDE / wide, SIDE / tall))
-    side = SIDE / MAGNIFIED
+    side = SIDE / MAGNIFICATION
     second.set(xlim=(-0.36 * side, 0.64 * side), ylim=(-side / 2, side / 2))  # the sizes on the right
     for axis, letter, pieces in ((first, "a", set_up), (second, "b", particle)):
         axis.axis("off")
@@ -111,7 +111,7 @@ def _set_up(case: Case) -> list[Piece]:
 
 
 def _particle(size: float) -> list[Piece]:
-    """Parts of (b), a particle of that diameter in mm."""
+    """Parts of (b), a particle with diameter ``size`` in mm."""
     sensor = quoted().sensor
     side, thick, cap_g = sensor.gauge_side_mm, sensor.gauge_thickness_mm, sensor.caps_g / 2
     cap = (size - thick) / 2
@@ -123,7 +123,7 @@ def _particle(size: float) -> list[Piece]:
 
 
 def _patch(piece: Piece) -> Any:
-    """The part's outline, filled."""
+    """Filled outline of a part."""
     from matplotlib.patches import Circle, Polygon, Rectangle
 
     half, low, high = piece.width_mm / 2, piece.bottom_mm, piece.top_mm
@@ -135,14 +135,14 @@ def _patch(piece: Piece) -> Any:
     along, sign = np.linspace(-1, 1, 61), 1 if piece.shape.endswith("above") else -1
     flat, end = (low, high) if sign > 0 else (high, low)
     if piece.shape.startswith("cap"):
-        turn = along * np.arccos(abs(flat) / half)  # of a sphere about the origin
+        turn = along * np.arccos(abs(flat) / half)  # on a sphere around the origin
         return Polygon(np.transpose([half * np.sin(turn), sign * half * np.cos(turn)]), **look)
     edge = np.transpose([half * along, end + WAVE * np.sin(np.pi * along)])
     return Polygon([(-half, flat), *edge, (half, flat)], **look)
 
 
 def _name_set_up(axis: Any, pieces: list[Piece]) -> None:
-    """Names, leads to the oscilloscope, the striker's arrow."""
+    """Draws names, leads to the oscilloscope and the arrow of the striker."""
     at = {piece.part: (piece.middle_mm, piece.bottom_mm + piece.height_mm / 2, piece.width_mm / 2) for piece in pieces}
     sensors = [part for part in at if part.startswith("sensor")]
     side = quoted().sensor.gauge_side_mm
@@ -164,7 +164,7 @@ def _name_set_up(axis: Any, pieces: list[Piece]) -> None:
 
 
 def _name_particle(axis: Any, pieces: list[Piece]) -> None:
-    """Names with masses, and the stated sizes of the plate."""
+    """Draws names with masses, and the stated sizes of the plate."""
     sensor, upper, plate = quoted().sensor, pieces[0], pieces[-1]
     half, thick, radius = plate.width_mm / 2, plate.height_mm / 2, upper.width_mm / 2
     axis.text(0, upper.top_mm + 0.25, f"PTFE caps, $2M$ = {sensor.caps_g:g} g", ha="center", va="bottom")
@@ -172,7 +172,7 @@ def _name_particle(axis: Any, pieces: list[Piece]) -> None:
     for sign in (-1, 1):
         axis.text(0, sign * 1.35, "$M$", ha="center", va="center")
         axis.plot([-half, -radius - 0.2], [0.2 * sign * thick] * 2, color="black", lw=0.6)  # a lead of the gauge
-        axis.plot([radius + 0.1, radius + 0.5], [sign * thick] * 2, color=FAINT, lw=0.5)
+        axis.plot([radius + 0.1, radius + 0.5], [sign * thick] * 2, color=GREY, lw=0.5)
         tip, tail = (radius + 0.3, sign * thick), (radius + 0.3, sign * (thick + 0.5))
         axis.annotate("", tip, tail, arrowprops=DIMENSION | {"arrowstyle": "-|>"})
     axis.text(radius + 0.6, 0, f"{plate.height_mm:g} mm", va="center")
@@ -181,6 +181,6 @@ def _name_particle(axis: Any, pieces: list[Piece]) -> None:
 
 
 def _point(axis: Any, text: str, tip: tuple[float, float], end: tuple[float, float]) -> None:
-    """Words on the left or right of a part, with a line to it."""
+    """Draws a label to the left or right of a part, with a line to the part."""
     axis.annotate(text, tip, end, va="center", ha="left" if end[0] > tip[0] else "right",
-                  arrowprops={"arrowstyle": "-", "lw": 0.5, "color": FAINT, "shrinkA": 1, "shrinkB": 0})  # fmt: skip
+                  arrowprops={"arrowstyle": "-", "lw": 0.5, "color": GREY, "shrinkA": 1, "shrinkB": 0})  # fmt: skip

@@ -1,14 +1,14 @@
-"""Fig. 2: a particle with an embedded sensor: free body, contact forces, coefficient β.
+"""Fig. 2: forces on a sensor bead and coefficient β.
 
 (a) Forces on the parts of the particle: F_1 and F_2 on its contacts, F_3 and F_4 on the faces of the gauge of mass m
-between two caps of mass M. (b) Forces against time in the solitary wave that passes bead 5 of Fig. 4's chain (E = 1.46
-GPa): contact above (F_1, dashed), contact below (F_2, dash-dotted) and their average (solid), which is what the gauge
-reads. (c) Coefficient β of Eq. (6), peak of the dynamic contact force over peak of the dynamic average, against the
-amplitude F_m (static part included) over the static force F_0. Solid line: exact travelling wave of the discrete
-chain; dashed line: its limit without static force; β is 1 for linear waves. In (b) and (c) lines are computed by the
-reference and grey markers by the codes. Those of (c) are strikes on 60 beads under Table 1's static force with E = 600,
-1000 and 1460 MPa, which coincide; pale ones mark pulses whose amplitude still changes by more than 0.1 % over ten beads
-and which are no solitary waves yet. The paper prints these panels without numbers to compare with.
+between two caps of mass M. (b) Forces against time in the solitary wave that passes bead 5 of the chain of Fig. 4 (E =
+1.46 GPa): contact above (F_1, dashed), contact below (F_2, dash-dotted) and their average (solid), which the gauge
+measures. (c) Coefficient β of Eq. (6), the peak of the dynamic contact force over the peak of the dynamic average,
+against the amplitude F_m (static part included) over the static force F_0. Solid line: exact travelling wave of the
+discrete chain; dashed line: its limit without static force. For linear waves β is 1. Lines in (b) and (c) are computed
+by the reference, grey markers by the codes. The markers of (c) are strikes on 60 beads under the static force of Table
+1 with E = 600, 1000 and 1460 MPa, which coincide. Pale markers are pulses whose amplitude still changes by more than
+0.1 % over ten beads: they are not yet solitary waves. The paper prints these panels without numbers to compare with.
 """
 
 from pathlib import Path
@@ -22,8 +22,8 @@ from postproc.draw.product import Product
 from postproc.draw.style import (
     AVERAGE,
     COLUMN_IN,
-    FAINT,
     FIRST,
+    GREY,
     MICRO,
     SECOND,
     drawing_order,
@@ -40,13 +40,13 @@ from validation.reference.travelling_wave import solve_at_amplitude, solve_trave
 CURVE = np.geomspace(1.1, 1e4, 31)  # F_m / F_0 of the travelling waves
 STRIKES = (2.0, 10.0, 100.0, 1e3, 1e4)  # of the simulations
 CHAIN = ("chain.count=60", "chain.sensors=[{ from_wall = 20 }, { from_wall = 10 }]", "gravity=")
-STEADY = 1e-3  # relative change of the amplitude between the sensors
+STEADY_CHANGE = 1e-3  # largest relative change of a solitary wave's amplitude between the sensors
 ARROW = {"arrowstyle": "-|>"}
 SENSOR = 5  # bead of Fig. 4's chain shown in (b)
-NEAR_S = 90e-6  # of the peak: shown in (b)
-APART = 27  # samples from one marker of a code to its next
+HALF_RANGE_S = 90e-6  # of (b), around the peak
+MARKER_INTERVAL = 27  # samples between the markers of a code
 FORCES = {"F1_N": FIRST, "F2_N": SECOND, "average_N": AVERAGE}
-PALE = 0.15  # three of them lie over each other
+PALE_ALPHA = 0.15  # three markers overlap
 
 
 def make(runs: Path) -> Product:
@@ -60,7 +60,7 @@ def make(runs: Path) -> Product:
     _draw_beta(axes[2], waves, points)
     for axis, letter in zip(axes, "abc", strict=True):
         letter_panel(axis, letter)
-    # dependence on the modulus: (largest - smallest) / mean over the moduli, per engine and amplitude
+    # dependence on the modulus: (largest - smallest) / mean over the moduli, by engine and amplitude
     both = pd.concat([waves, points], ignore_index=True)
     both["force_over_static"] = both["force_over_static"].map(lambda value: float(f"{value:.3g}"))
     beta = both.groupby(["engine", "force_over_static"], sort=False)["beta"]
@@ -70,13 +70,13 @@ def make(runs: Path) -> Product:
 
 
 def _chains() -> dict[float, tuple[str, ...]]:
-    """Settings of the precompressed chain by modulus in MPa; the static force is Table 1's between its sensors."""
+    """Settings of the precompressed chain by modulus in MPa, with the static force of Table 1 between the sensors."""
     pressed = (*CHAIN, f"chain.precompression={static_force(case_of('table1'))!r} N")
     return {modulus: (*pressed, f"materials.ptfe.youngs_modulus={modulus} MPa") for modulus in quoted().ptfe.moduli_MPa}
 
 
 def _draw_free_body(axis: Any) -> None:
-    """Caps of mass M, a gauge of mass m between them, contact forces outside, F_3 and F_4 on the gauge's faces."""
+    """Draws caps of mass M, the gauge of mass m between them, contact forces, and F_3 and F_4 on the gauge's faces."""
     from matplotlib.patches import Rectangle, Wedge
 
     axis.set(xlim=(-3.0, 3.0), ylim=(-1.1, 1.1), aspect="equal")
@@ -95,10 +95,10 @@ def _draw_free_body(axis: Any) -> None:
 
 
 def _forces(runs: Path) -> pd.DataFrame:
-    """Contact forces of the sensor bead and their average by every engine, about the time of the wave."""
+    """Contact forces of the sensor bead and their average by every engine, around the time of the wave."""
     found = simulate_one(case_of("fig4", UNTIL_REFLECTED), runs)
     time_s = found[REFERENCE].trace.time_s
-    near = np.abs(time_s - found[REFERENCE].values[f"bead_{SENSOR}_arrival_s"]) < NEAR_S
+    near = np.abs(time_s - found[REFERENCE].values[f"bead_{SENSOR}_arrival_s"]) < HALF_RANGE_S
     tables = []
     for engine, one in found.items():
         force_N = one.trace.force_N[near]
@@ -109,14 +109,14 @@ def _forces(runs: Path) -> pd.DataFrame:
 
 
 def _draw_forces(axis: Any, forces: pd.DataFrame) -> None:
-    """Lines by the reference, labelled, and markers of each code at every so many-th sample, the codes in turn."""
+    """Draws labelled lines of the reference, and markers of the codes at staggered samples."""
     exact = forces[forces["engine"] == REFERENCE]
     time_us = exact["time_s"].to_numpy() * MICRO
     for name, look in FORCES.items():
         axis.plot(time_us, exact[name], **look)
     codes = drawing_order([str(name) for name in forces["engine"].unique() if name != REFERENCE])
     for place, code in enumerate(codes):
-        own = forces[forces["engine"] == code].iloc[place * APART // len(codes) :: APART]
+        own = forces[forces["engine"] == code].iloc[place * MARKER_INTERVAL // len(codes) :: MARKER_INTERVAL]
         for name in FORCES:
             drawn = axis.plot(own["time_s"] * MICRO, own[name], **grey_of(code))
         drawn[0].set_label(code)
@@ -132,7 +132,7 @@ def _draw_forces(axis: Any, forces: pd.DataFrame) -> None:
 
 
 def _waves() -> pd.DataFrame:
-    """Beta of the travelling wave for each modulus, in SI units throughout: that it is the same is a result."""
+    """Beta of the travelling wave for each modulus, computed in SI units, so that equal values are a result."""
     tables = []
     for modulus, settings in _chains().items():
         chain = case_of("table1", *settings).chain
@@ -160,20 +160,20 @@ def _points(runs: Path) -> pd.DataFrame:
             rows.append({
                 "panel": "c", "engine": engine, "modulus_MPa": modulus, "force_over_static": peak / static,
                 "beta": (peak - static) / sensor_amplitude(one), "change_between_sensors": lower / upper - 1,
-                "solitary": abs(lower / upper - 1) < STEADY,
+                "solitary": abs(lower / upper - 1) < STEADY_CHANGE,
             })  # fmt: skip
     return pd.DataFrame(rows)
 
 
 def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
-    """One line, as the moduli's coincide, and the codes' strikes on the chains of all moduli."""
+    """Draws one line, since those of all moduli coincide, and the codes' strikes on the chains of all moduli."""
     limit = waves[waves["modulus_MPa"].isna()]
     first = waves[waves["modulus_MPa"] == waves["modulus_MPa"].min()]
-    axis.plot(limit["force_over_static"], limit["beta"], color=FAINT, lw=0.8, ls=(0, (4, 3)))
+    axis.plot(limit["force_over_static"], limit["beta"], color=GREY, lw=0.8, ls=(0, (4, 3)))
     axis.plot(first["force_over_static"], first["beta"], **AVERAGE)
     for code in drawing_order([str(name) for name in points["engine"].unique() if name != REFERENCE]):
         own = points[points["engine"] == code]
         for solitary in (True, False):
             some = own[own["solitary"] == solitary]
-            axis.plot(some["force_over_static"], some["beta"], alpha=1.0 if solitary else PALE, **grey_of(code))
+            axis.plot(some["force_over_static"], some["beta"], alpha=1.0 if solitary else PALE_ALPHA, **grey_of(code))
     axis.set(xscale="log", xlabel=r"$F_m\,/\,F_0$", ylabel=r"$\beta$", xlim=(1, 1.6e4), ylim=(1.0, 1.45))

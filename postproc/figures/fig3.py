@@ -1,13 +1,13 @@
 """Fig. 3: speed of the solitary wave against its amplitude.
 
-Numbers at the curves are the paper's. Broad dashes: long-wave theory with Young's moduli of 600 MPa (1 by Eq. (3), 3 by
-Eq. (4) under gravity) and 1460 MPa (5 and 7). Thin solid lines: discrete chains by the reference (2 and 6 without
-gravity, 4 and 8 with it). The green line is the discrete chain under gravity with 1000 MPa, which the paper describes
-and does not draw. Every number of a discrete chain is a full simulation of a strike: V_s from peak to peak between the
-sensors, F_m the mean peak of the contact forces between them, static part included. Grey markers: the same strikes by
-the codes; below, by what share their speeds exceed the reference's, in millionths. Solid dots: the measured values of
-Table 1, with the stated accuracies of force (15 to 30 %) and speed (10 %) as thin bars; thick bars: the share of the
-latter that sensors misplaced by 1 mm make.
+Numbers at the curves are those of the paper. Broad dashes: long-wave theory with Young's moduli of 600 MPa (1 by Eq.
+(3), 3 by Eq. (4) under gravity) and 1460 MPa (5 and 7). Thin solid lines: discrete chains by the reference (2 and 6
+without gravity, 4 and 8 with gravity). Green line: discrete chain under gravity with 1000 MPa, which the paper
+describes and does not draw. Every point of a discrete chain is a full simulation of a strike: V_s is the peak-to-peak
+speed between the sensors, F_m the mean peak of the contact forces between them, static part included. Grey markers:
+the same strikes by the codes. Lower panel: relative deviation of their speeds from the reference, in millionths. Dots:
+measured values of Table 1, with the stated accuracies of force (15 to 30 %) and speed (10 %) as thin bars; thick bars:
+error of the speed if each sensor is misplaced by 1 mm.
 """
 
 from itertools import product
@@ -19,45 +19,45 @@ import pandas as pd
 
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.style import COLUMN_IN, FAINT, drawing_order, grey_of, pyplot
+from postproc.draw.style import COLUMN_IN, GREY, drawing_order, grey_of, pyplot, text_color
 from postproc.paper import strikes
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation, case_of, run_codes_on
 from postproc.paper.theory import particles_of, precompressed_speed, speed_from_force
 
 FORCES_N = np.geomspace(0.03, 20, 13)
-BY_CODES = slice(0, 13, 4)  # the amplitudes that the codes run as well
-PRINTED = {600.0: 1, 1460.0: 5}  # number of a modulus' first curve in the paper
+BY_CODES = slice(0, 13, 4)  # amplitudes that the codes run
+PRINTED = {600.0: 1, 1460.0: 5}  # number of the first curve of a modulus in the paper
 COLOURS = {600.0: "#0072b2", 1000.0: "#009e73", 1460.0: "#d55e00"}
 THEORY: dict[str, Any] = {"lw": 2.6, "ls": (0, (1.4, 1.1)), "alpha": 0.45}
 CHAIN: dict[str, Any] = {"lw": 0.9, "ls": "-"}
 XLIM_N = (0.010, 160)
-OFF = "speed_off_reference_share"
+DEVIATION = "speed_off_reference_share"
 
 
 class Curve(NamedTuple):
-    """One modulus with or without gravity."""
+    """Curve of one modulus with or without gravity."""
 
     modulus_MPa: float
     gravity: bool
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """What it changes in the scene of Table 1."""
+        """Settings for the scene of Table 1."""
         modulus = f"materials.ptfe.youngs_modulus={self.modulus_MPa} MPa"
         return (modulus,) if self.gravity else (modulus, "gravity=")
 
     @property
     def number(self) -> float:
-        """That of its theory in the paper's figure, NaN if it is not there; that of its simulations is the next."""
+        """Number of the theoretical curve in the paper, NaN if there is none; the next number is the discrete chain."""
         return PRINTED.get(self.modulus_MPa, np.nan) + 2 * self.gravity
 
 
 def make(runs: Path) -> Product:
-    """Runs the strikes and draws them over the theory, with the codes' deviations below.
+    """Runs the strikes and draws them with the theory, and the codes' deviations below.
 
-    Its numbers hold the scores of the moduli as well. Beside it the chain under the weakest and the strongest strike,
-    by the reference: the stiffest beads, with gravity.
+    The table also holds the scores of the moduli. The spacetime diagram shows the weakest and the strongest strike by
+    the reference, for the largest modulus with gravity.
     """
     curves = [Curve(modulus, gravity) for modulus in quoted().ptfe.moduli_MPa for gravity in (False, True)]
     exact = {
@@ -76,7 +76,7 @@ def make(runs: Path) -> Product:
         own = points[points["engine"] == code]
         shown = own[own["gravity"] | own["modulus_MPa"].isin(PRINTED)]
         axes[0].plot(shown["force_N"], shown["speed_m_s"], label=code, **grey_of(code))
-        axes[1].plot(own["force_N"], 1e6 * own[OFF], **grey_of(code))
+        axes[1].plot(own["force_N"], 1e6 * own[DEVIATION], **grey_of(code))
     ticks = (50, 70, 100, 150, 200)
     axes[0].set(xscale="log", yscale="log", ylabel=r"$V_s$ (m/s)", xlim=XLIM_N, ylim=(46, 300))
     axes[0].set_yticks(ticks, [str(tick) for tick in ticks])
@@ -93,7 +93,7 @@ def make(runs: Path) -> Product:
 
 
 def _points(exact: dict[Curve, list[Simulation]], runs: Path) -> pd.DataFrame:
-    """A row per strike and engine."""
+    """Table of strikes, a row per strike and engine."""
     chosen = [(curve, simulation.case) for curve, some in exact.items() for simulation in some[BY_CODES]]
     found = [
         (curve, one)
@@ -111,12 +111,12 @@ def _points(exact: dict[Curve, list[Simulation]], runs: Path) -> pd.DataFrame:
         for curve, one in found
     ])  # fmt: skip
     by_strike = table[table["engine"] == REFERENCE].set_index("striker_m_s")["speed_m_s"]
-    table[OFF] = table["speed_m_s"] / table["striker_m_s"].map(by_strike) - 1
+    table[DEVIATION] = table["speed_m_s"] / table["striker_m_s"].map(by_strike) - 1
     return table
 
 
 def _theory(curves: list[Curve], points: pd.DataFrame) -> pd.DataFrame:
-    """Eqs. (3) and (4) at the same amplitudes; the static force of Eq. (4) is that between the sensors."""
+    """Eqs. (3) and (4) at the same amplitudes, with the static force between the sensors."""
     static = float(points.loc[points["gravity"], "static_N"].iloc[0])
     rows = []
     for curve in curves:
@@ -130,18 +130,24 @@ def _theory(curves: list[Curve], points: pd.DataFrame) -> pd.DataFrame:
 
 
 def _draw_curves(axis: Any, points: pd.DataFrame, theory: pd.DataFrame) -> None:
-    """The paper's curves with their numbers, and that of the other modulus under gravity."""
+    """Draws the paper's curves with their numbers, and the curve of the third modulus under gravity."""
     chains, offset = points[points["engine"] == REFERENCE], {"textcoords": "offset points"}
     for modulus, gravity in product(quoted().ptfe.moduli_MPa, (False, True)):
         own = chains[(chains["modulus_MPa"] == modulus) & (chains["gravity"] == gravity)]
-        look = CHAIN | {"color": COLOURS.get(modulus, FAINT)}
+        look = CHAIN | {"color": COLOURS.get(modulus, GREY)}
         if modulus in PRINTED:
             equation = theory[(theory["modulus_MPa"] == modulus) & (theory["gravity"] == gravity)]
             axis.plot(equation["force_N"], equation["speed_m_s"], **(look | THEORY))
             start, number = own.iloc[0], PRINTED[modulus] + 2 * gravity
             place = start["force_N"], start["speed_m_s"]
             axis.annotate(
-                f"{number}, {number + 1}", place, (-5, 0), ha="right", va="center", color=look["color"], **offset
+                f"{number}, {number + 1}",
+                place,
+                (-5, 0),
+                ha="right",
+                va="center",
+                color=text_color(look["color"]),
+                **offset,
             )
         elif not gravity:
             continue
@@ -153,15 +159,15 @@ def _draw_curves(axis: Any, points: pd.DataFrame, theory: pd.DataFrame) -> None:
                 (end["force_N"], end["speed_m_s"]),
                 (6, 0),
                 va="center",
-                color=look["color"],
+                color=text_color(look["color"]),
                 **offset,
             )
     for words, look in (("theory", THEORY), ("discrete chain", CHAIN)):
-        axis.plot([], [], color=FAINT, label=words, **look)
+        axis.plot([], [], color=GREY, label=words, **look)
 
 
 def _draw_experiment(axis: Any, experiment: pd.DataFrame) -> None:
-    """Dots with thin bars as stated, thick ones for the places of the sensors."""
+    """Draws dots with thin bars of the stated accuracy and thick bars of the error by the sensor positions."""
     dots: dict[str, Any] = {"fmt": "o", "color": "black", "ms": 3.5, "zorder": 5, "capsize": 1.5}
     axis.errorbar(experiment["force_N"], experiment["speed_m_s"], xerr=experiment["force_error_N"],
                   yerr=experiment["speed_error_m_s"], elinewidth=0.7, label="experiment", **dots)  # fmt: skip

@@ -1,16 +1,17 @@
 """Fig. 4: one solitary wave and its reflection.
 
-Forces in a chain of 21 PTFE beads of 4.76 mm that another one strikes at 2 m/s. Top curve: gauge in the 9th bead from
-the wall; middle: gauge in the 5th bead; bottom: wall; all on one scale. A gauge in a bead shows the average of the two
-contact forces. (a) Computed with dissipation, at a Young's modulus of 0.785 GPa and a coefficient of restitution of
-0.859 at every contact: the values that fit best what the paper states of its experiments (Figs. 4 and 5, Table 1). The
-measured curves are not available; marks in brown show what the text says of them: a leading wave of about 2 N (level;
-computed, above the static force: 2.57 N), 164 µs long (bar; computed: 152 µs at 4 % of the peak), from the 9th bead to
-the 5th at 152 m/s (slanted line from the time of the computed peak on; computed: 143 m/s) and to the wall at a similar
-speed, and a reflected wave in the 9th bead that is significantly smaller than the incident one (arrow from the height
-of the incident one; computed: 0.67 of it). (b) Computed without dissipation, at 1.46 GPa, as in the paper: 5.33 N, 99
-µs, 193 m/s, 0.99. Strips: largest difference δF between a code and the reference over all contacts, as a share of the
-largest change of force. It is larger in (a), where the codes' errors are of first order in their step of 0.1 µs.
+Forces in a chain of 21 PTFE beads of 4.76 mm, struck by another bead at 2 m/s. Top: gauge in the 9th bead from the
+wall; middle: gauge in the 5th bead; bottom: wall; all on one scale of force. A gauge in a bead shows the average of
+the two contact forces. (a) Computed with dissipation, with a Young's modulus of 0.785 GPa and a coefficient of
+restitution of 0.859 at every contact: the best fit to the numbers that the paper quotes of its experiments (Figs. 4
+and 5, Table 1). The measured curves are not available. Brown marks show statements of the text: a leading wave of
+about 2 N (level; computed above the static force: 2.57 N) and 164 µs (bar; computed at 4 % of the peak: 152 µs); a
+speed of 152 m/s from the 9th to the 5th bead (slanted line from the time of the computed peak; computed: 143 m/s) and
+a similar speed to the wall; a reflected wave in the 9th bead that is significantly smaller than the incident wave
+(arrow from the height of the incident wave; computed: 0.67 of it). (b) Computed without dissipation, at 1.46 GPa, as
+in the paper: 5.33 N, 99 µs, 193 m/s, 0.99. Strips: largest difference δF between a code and the reference over all
+contacts, relative to the largest change of force. It is larger in (a), where the truncation error of the codes is of
+first order in their time step of 0.1 µs.
 """
 
 from itertools import pairwise
@@ -29,7 +30,7 @@ from postproc.paper.quoted import quoted
 from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, simulate
 from postproc.paper.strikes import sensor_pair, speed_between_sensors
 
-LATER = "run.duration=1.2 ms"  # until the slower wave with dissipation has come back
+UNTIL_DAMPED_REFLECTED = "run.duration=1.2 ms"  # until the slower wave with dissipation has returned
 PANELS = (
     Panel("a", "with dissipation", DAMPED | {"ls": "-"}, 1.0, room=0.8, strip=0.18),
     Panel("b", "elastic", AVERAGE, 2.0, strip=0.18),
@@ -37,11 +38,11 @@ PANELS = (
 
 
 def make(runs: Path) -> Product:
-    """Runs Fig. 4's scene with the calibrated dissipation and without any."""
-    cases = [case_of("fig4", LATER, *calibrated().settings), case_of("fig4", UNTIL_REFLECTED)]
+    """Runs the scene of Fig. 4 with the calibrated dissipation and without dissipation."""
+    cases = [case_of("fig4", UNTIL_DAMPED_REFLECTED, *calibrated().settings), case_of("fig4", UNTIL_REFLECTED)]
     found = simulate(cases, runs)
     figure = pyplot().figure(figsize=(PAGE_IN, 4.4), layout="constrained")
-    durations = [case.scene.run.duration for case in cases]  # a microsecond is as wide in both panels
+    durations = [case.scene.run.duration for case in cases]  # same time scale in both panels
     grid, tables, chains = figure.add_gridspec(1, 2, width_ratios=durations), [], {}
     for place, (case, panel) in enumerate(zip(cases, PANELS, strict=True)):
         own = {engine: some[place] for engine, some in found.items()}
@@ -70,7 +71,7 @@ def _numbers(found: dict[str, Simulation]) -> pd.DataFrame:
 
 
 def _draw_quoted(figure: Any, axes: dict[str, Any], one: Simulation) -> pd.DataFrame:
-    """Marks of what the text states of the experiment: level, duration, speed, a smaller reflected wave."""
+    """Draws marks of the statements on the experiment: level, duration, speed, smaller reflected wave."""
     from matplotlib.patches import ConnectionPatch
 
     paper, values, height = quoted().fig4, one.values, one.case.chain.height_m

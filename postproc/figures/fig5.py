@@ -1,16 +1,17 @@
 """Fig. 5: a train of solitary waves from a heavy striker.
 
 Eleven PTFE beads of 4.76 mm, struck by an alumina cylinder of 0.47 g at 0.44 m/s. (a) Force on the wall with the
-dissipation of Fig. 4(a). Dotted: the envelope A exp(-0.0067 t), t in µs, that the paper draws through the maxima of its
-experiment, here through the first computed one. Grey: through the three computed maxima, exp(-0.0064 t). (b) The same
-without dissipation, at 1.46 GPa. Dotted: the paper's computed envelope, exp(-0.0059 t). The paper does not say which
-maxima it goes through: grey is the one through the first three, exp(-0.0060 t), dashed that through all four of the
-train, exp(-0.0049 t); through the first two it is exp(-0.0065 t). The force beyond 900 µs is the train's return.
-(c) The pulse that enters: averages of the contact forces of the top bead and of the second one without dissipation, and
-of the top bead with it. Dotted: the pulse that the text describes, a rise in 50 µs, a decay of exp(-0.0185 t), an end
-after 370 µs; it is drawn from the impact on, with a straight rise to the height of the elastic pulse. Computed, in this
-order: rise from 2 % of the peak 31, 53 and 40 µs, decay down to half of it -0.0125, -0.0174 and -0.0103 per µs, end
-after 404, 438 and 673 µs. Strips: differences between codes and reference as in Fig. 4.
+dissipation of Fig. 4(a). Dotted: the envelope A exp(-0.0067 t), t in µs, that the paper draws through the maxima of
+its experiment, here through the first computed maximum. Grey: envelope through the three computed maxima, exp(-0.0064
+t). (b) The same without dissipation, at 1.46 GPa. Dotted: the paper's computed envelope, exp(-0.0059 t). The paper
+does not state through which maxima it goes: the grey envelope goes through the first three, exp(-0.0060 t), the dashed
+envelope through all four of the train, exp(-0.0049 t); through the first two it is exp(-0.0065 t). The force after 900
+µs is that of the returning train. (c) Incident pulse: averages of the contact forces of the top bead and the second
+bead without dissipation, and of the top bead with dissipation. Dotted: the pulse described in the text, with a rise in
+50 µs, a decay of exp(-0.0185 t) and an end after 370 µs; it is drawn from the impact on, with a straight rise to the
+height of the elastic pulse. Computed, in this order: rise from 2 % of the peak 31, 53 and 40 µs, decay to half of the
+peak -0.0125, -0.0174 and -0.0103 per µs, end after 404, 438 and 673 µs. Strips: differences between codes and
+reference as in Fig. 4.
 """
 
 from collections.abc import Mapping
@@ -30,7 +31,7 @@ from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, letter_
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation, case_of, simulate
-from postproc.read.observables import LATER
+from postproc.read.observables import LATER_PROMINENCE
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import (
     ENVELOPE_MAXIMA,
@@ -47,21 +48,21 @@ PANELS = (
     Panel("a", "with dissipation", DAMPED | {"ls": "-"}, 1.0, gauges=(WALL,)),
     Panel("b", "elastic", AVERAGE, 1.0, gauges=(WALL,)),
 )
-PLACES = ("top bead", "second bead")  # where the pulse enters
-DAMPED_ONE = ", damped"  # after a place, of the chain with dissipation
+PLACES = ("top bead", "second bead")  # of the incident pulse
+DAMPED_SUFFIX = ", damped"  # to a place in the chain with dissipation
 SECOND_BEAD = AVERAGE | {"color": "#0072b2", "ls": (0, (6, 1.5, 1, 1.5))}
 FITTED = {"color": "#777777", "lw": 0.8}
-# maxima that envelopes go through, as one sentence can be read, and the looks of those drawn
+# numbers of maxima in the envelopes, for different readings of the paper's sentence, and styles of the drawn ones
 MAXIMA: dict[int, dict[str, Any]] = {2: {}, 3: FITTED, 4: FITTED | {"ls": (0, (5, 2))}}
-BEYOND_S = 1e-4  # the last maximum, where envelopes end
+EXTENSION_S = 1e-4  # of envelopes after the last maximum
 ENTRANCE_S = 4.2e-4
-POINTS = 60  # of a curve
+POINTS = 60  # per curve
 
 
 def make(runs: Path) -> Product:
     """Runs Fig. 5's scene with the calibrated dissipation and without any."""
     top = case_of("fig5").chain.beads
-    # gauges without a mass of their own only change what is read, not what is run
+    # gauges without a mass of their own do not change the run
     gauges = f"chain.sensors=[{{ from_wall = {top} }}, {{ from_wall = {top - 1} }}]"
     cases = [case_of("fig5", gauges, *calibrated().settings), case_of("fig5", gauges)]
     found = simulate(cases, runs)
@@ -78,7 +79,7 @@ def make(runs: Path) -> Product:
         tables.append(pd.concat([drawn, lines, numbers]).assign(panel=panel.letter))
         chains[f"({panel.letter}) {panel.words}"] = traces[REFERENCE]
         walls.append(axes[WALL])
-    walls[0].set_ylim(walls[1].get_ylim())  # forces compare
+    walls[0].set_ylim(walls[1].get_ylim())  # same scale of force
     entrance = figure.add_subplot(grid[2])
     letter_panel(entrance, "c", "incident pulse")
     tables += [each.assign(panel="c") for each in (_draw_entrance(entrance, *found[REFERENCE]), _pulses(shapes))]
@@ -88,23 +89,25 @@ def make(runs: Path) -> Product:
 
 @dataclass(frozen=True)
 class Shape:
-    """The train at the wall, and the incident pulse in each of ``PLACES``."""
+    """Train at the wall, and incident pulse in each of ``PLACES``."""
 
-    first: Peak  # of the train
-    last_s: float  # time of the last maximum that an envelope goes through
+    first: Peak  # first maximum of the train
+    last_s: float  # time of the last maximum in an envelope
     envelopes: Mapping[int, Envelope]  # by number of maxima
     entrance: tuple[PulseShape, ...]
 
 
 def _shape(one: Simulation) -> Shape:
-    """The shapes of Fig. 5's signals.
+    """Shapes of the signals of Fig. 5.
 
     Raises:
-        InputError: the scene ends too early.
+        InputError: The scene ends too early.
     """
     time_s, signals = one.trace.time_s, sensor_signals(one.case.layout, one.trace)
     *upper, wall = signals.values()
-    maxima = [replace(peak, value=peak.value + float(wall[0])) for peak in peaks(time_s, wall - wall[0], LATER)]
+    maxima = [
+        replace(peak, value=peak.value + float(wall[0])) for peak in peaks(time_s, wall - wall[0], LATER_PROMINENCE)
+    ]
     envelopes = {count: curve for count in MAXIMA if (curve := train_envelope(maxima, count))}
     pulses = [incident_pulse(time_s, force - force[0]) for force in upper]
     entrance = tuple(pulse for pulse in pulses if pulse is not None)
@@ -115,7 +118,7 @@ def _shape(one: Simulation) -> Shape:
 
 
 def _envelopes(shapes: dict[str, Shape], quoted_per_us: float) -> pd.DataFrame:
-    """Rates of the exponentials through the train's first maxima, per µs."""
+    """Table of the rates of the envelopes through the first maxima of the train, per µs."""
     rows = [("paper", "envelope_per_us", quoted_per_us)]
     for engine, shape in shapes.items():
         for count, curve in shape.envelopes.items():
@@ -124,14 +127,14 @@ def _envelopes(shapes: dict[str, Shape], quoted_per_us: float) -> pd.DataFrame:
 
 
 def _pulses(shapes: dict[str, list[Shape]]) -> pd.DataFrame:
-    """Rise, decay and duration of the incident pulse with dissipation and without any, by place."""
+    """Table of rise, decay and duration of the incident pulse with and without dissipation, by place."""
     paper, names = quoted().fig5, ("rise_us", "decay_per_us", "duration_us")
     incident = (paper.incident_rise_us, paper.incident_decay_per_us, paper.incident_duration_us)
     rows: list[tuple[str, str, str, float]] = [
         ("paper", "entrance", *pair) for pair in zip(names, incident, strict=True)
     ]
     for engine, (damped, elastic) in shapes.items():
-        for shape, more in ((elastic, ""), (damped, DAMPED_ONE)):
+        for shape, more in ((elastic, ""), (damped, DAMPED_SUFFIX)):
             for place, pulse in zip(PLACES, shape.entrance, strict=True):
                 values = (pulse.rise_s * MICRO, pulse.decay_per_s / MICRO, pulse.duration_s * MICRO)
                 rows += [(engine, place + more, *pair) for pair in zip(names, values, strict=True)]
@@ -139,9 +142,9 @@ def _pulses(shapes: dict[str, list[Shape]]) -> pd.DataFrame:
 
 
 def _draw_envelopes(axis: Any, shape: Shape, quoted_per_us: float) -> pd.DataFrame:
-    """Envelopes from the train's first maximum on: those of ``MAXIMA``, and the quoted one through the first."""
+    """Draws the envelopes of ``MAXIMA``, and the quoted envelope through the first maximum."""
     first, tables = shape.first, []
-    time_s = np.linspace(first.time_s, shape.last_s + BEYOND_S, POINTS)
+    time_s = np.linspace(first.time_s, shape.last_s + EXTENSION_S, POINTS)
 
     def draw(engine: str, words: str, force_N: Array, look: Mapping[str, Any]) -> None:
         axis.plot(time_s * MICRO, force_N, **look)
@@ -151,16 +154,16 @@ def _draw_envelopes(axis: Any, shape: Shape, quoted_per_us: float) -> pd.DataFra
         if look := MAXIMA[count]:
             draw(REFERENCE, f"envelope_{count}_maxima", curve.amplitude_N * np.exp(curve.rate_per_s * time_s), look)
     draw("paper", "envelope", first.value * np.exp(quoted_per_us * MICRO * (time_s - first.time_s)), QUOTED)
-    beside = POINTS // 8
+    mark = POINTS // 8
     axis.text(
-        time_s[beside] * MICRO, tables[-1]["wall_N"][beside], f"  {quoted_per_us:g}/µs".replace("-", "\N{MINUS SIGN}"),
+        time_s[mark] * MICRO, tables[-1]["wall_N"][mark], f"  {quoted_per_us:g}/µs".replace("-", "\N{MINUS SIGN}"),
         color=QUOTED["color"], fontsize=7, va="bottom",
     )  # fmt: skip
     return pd.concat(tables)
 
 
 def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.DataFrame:
-    """Averages of the two uppermost beads, and the quoted pulse, as high as the elastic one in the top bead."""
+    """Draws averages of the two uppermost beads, and the quoted pulse with the height of the elastic pulse."""
     paper, upper = quoted().fig5, [f"bead_{sensor.from_wall}" for sensor in elastic.case.layout.sensors]
     tables = []
 
@@ -172,7 +175,7 @@ def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.Dat
     for one, place, look in looks:
         shown = one.trace.time_s <= ENTRANCE_S
         force_N = sensor_signals(one.case.layout, one.trace)[upper[place]]
-        words = PLACES[place] + DAMPED_ONE * (one is damped)
+        words = PLACES[place] + DAMPED_SUFFIX * (one is damped)
         draw(REFERENCE, words, one.trace.time_s[shown], force_N[shown], look)
     top_N = float(tables[0]["average_N"].max())
     after_us = np.linspace(0, paper.incident_duration_us - paper.incident_rise_us, POINTS)

@@ -1,13 +1,13 @@
 """Fig. 6: smaller beads under a steel and a PTFE ball.
 
-Force on the wall under 18 PTFE beads of 2.38 mm, struck at 0.89 m/s by a steel ball of 2 mm and 0.036 g (a, b) and by a
-PTFE ball of 4.76 mm and 0.123 g (c, d). (a) and (c): with the dissipation of Fig. 4(a), which is fitted to experiments
-on beads of 4.76 mm alone. Words in brown are the paper's on its measured curves, which are not available: a leading
-solitary wave with an oscillatory tail in (a), an oscillatory "shock" in (c), with a delayed splitting into solitary
-waves. Computed: between the first two maxima the force falls to 0.48 of the second one in (a), to 0.51 of it in (c).
-(b) and (d): without dissipation, at 1.46 GPa, as in the paper: trains of solitary waves, with no force between the
-first two. The leading wave is 0.41 times as high in (a) as in (b), 0.50 times in (c) as in (d). Strips: differences
-between codes and reference as in Fig. 4.
+Force on the wall below 18 PTFE beads of 2.38 mm, struck at 0.89 m/s by a steel ball of 2 mm and 0.036 g (a, b) and by
+a PTFE ball of 4.76 mm and 0.123 g (c, d). (a) and (c): with the dissipation of Fig. 4(a), which is fitted to
+experiments on beads of 4.76 mm only. Brown text is the paper's description of its measured curves, which are not
+available: a leading solitary wave with an oscillatory tail in (a), an oscillatory "shock" with a delayed splitting
+into solitary waves in (c). Computed: between the first two maxima the force falls to 0.48 of the second maximum in (a)
+and to 0.51 of it in (c). (b) and (d): without dissipation, at 1.46 GPa, as in the paper: trains of solitary waves,
+without force between the first two. The leading wave is 0.41 times as high in (a) as in (b), and 0.50 times as high in
+(c) as in (d). Strips: differences between codes and reference as in Fig. 4.
 """
 
 from collections.abc import Mapping
@@ -22,11 +22,11 @@ from postproc.draw.stack import STRIP, Panel, draw_panel, name_codes
 from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.simulate import Simulation, case_of, simulate
-from postproc.read.observables import LATER
+from postproc.read.observables import LATER_PROMINENCE
 from postproc.read.signals import Peak, peaks
 
 SCENES = ("fig6b", "fig6d")
-UNTIL_PASSED = "run.duration=0.62 ms"  # until the train has been at the wall, before it comes back
+UNTIL_PASSED = "run.duration=0.62 ms"  # until the train has reached the wall, before it returns
 DAMPING, ELASTIC = DAMPED | {"ls": "-"}, AVERAGE
 PANELS = (
     Panel("a", "2 mm steel ball, with dissipation", DAMPING, 0.5),
@@ -35,11 +35,11 @@ PANELS = (
     Panel("d", "4.76 mm PTFE ball, elastic", ELASTIC, 1.0),
 )
 
-SAID = {"a": ("leading wave", "oscillatory tail"), "c": ("", "oscillatory shock")}  # of the experiment, at two maxima
+DESCRIPTIONS = {"a": ("leading wave", "oscillatory tail"), "c": ("", "oscillatory shock")}  # of the first two maxima
 
 
 def make(runs: Path) -> Product:
-    """Runs both scenes with the calibrated dissipation and without any."""
+    """Runs both scenes with the calibrated dissipation and without dissipation."""
     cases = [case_of(scene, UNTIL_PASSED, *law) for scene in SCENES for law in (calibrated().settings, ())]
     found = simulate(cases, runs)
     figure = pyplot().figure(figsize=(PAGE_IN, 4.8), layout="constrained")
@@ -49,9 +49,9 @@ def make(runs: Path) -> Product:
         own = {engine: some[place] for engine, some in found.items()}
         traces = {engine: one.trace for engine, one in own.items()}
         axes, drawn = draw_panel(figure, cell, panel, case.layout, traces)
-        for peak, said in zip(_first_maxima(own[REFERENCE]), SAID.get(panel.letter, ("", "")), strict=True):
+        for peak, words in zip(_first_maxima(own[REFERENCE]), DESCRIPTIONS.get(panel.letter, ("", "")), strict=True):
             look = {"color": QUOTED["color"], "fontsize": 7}
-            axes["wall"].annotate(said, (peak.time_s * MICRO, peak.value), (6, 2), textcoords="offset points", **look)
+            axes["wall"].annotate(words, (peak.time_s * MICRO, peak.value), (6, 2), textcoords="offset points", **look)
         tables.append(pd.concat([drawn, _numbers(own)]).assign(panel=panel.letter))
         chains[f"({panel.letter}) {panel.words}"] = traces[REFERENCE]
     name_codes(figure, axes[STRIP])
@@ -59,20 +59,20 @@ def make(runs: Path) -> Product:
 
 
 def _first_maxima(one: Simulation) -> tuple[Peak, Peak]:
-    """The first two maxima at the wall.
+    """First two maxima at the wall.
 
     Raises:
-        InputError: there are fewer.
+        InputError: There are fewer.
     """
-    found = peaks(one.trace.time_s, one.trace.force_N[:, 0], LATER)
+    found = peaks(one.trace.time_s, one.trace.force_N[:, 0], LATER_PROMINENCE)
     if len(found) < 2:
-        allowed = "two at least: a longer run, or weaker dissipation"
+        allowed = "at least two: use a longer run or weaker dissipation"
         raise InputError(one.case.scene.file, "run.duration", f"{len(found)} maxima at the wall", allowed)
     return found[0], found[1]
 
 
 def _numbers(found: Mapping[str, Simulation]) -> pd.DataFrame:
-    """Heights and times of the first two maxima, and the least force between them over the second."""
+    """Heights and times of the first two maxima, and the smallest force between them over the second maximum."""
     rows = []
     for engine, one in found.items():
         first, second = _first_maxima(one)

@@ -1,9 +1,10 @@
-"""Table 1: amplitude, speed, duration and width of solitary waves in the chain of 4.76 mm beads.
+"""Table 1: amplitude, speed, duration, width of the waves.
 
-Experiment and paper: as printed, the paper's numbers computed with E = 1.46 GPa. Exact: computed here by the reference
-for the chain of E = 1.46 GPa under gravity, F_m being the peak of the sensors' averages above its static value; the
-striker's speed is solved for, by each engine for itself, so that the wave has this amplitude. Widths L/2R are read at
-0.2 % and 4 % of the peak. Codes: largest deviation of any code from the three exact numbers, as a share of them.
+Experiment and paper: printed values; those of the paper are computed with E = 1.46 GPa. Exact: computed by the
+reference for the chain with E = 1.46 GPa under gravity. F_m is the peak of the sensor averages above their static
+value; each engine solves for the striker speed that gives this amplitude. Widths L/2R are read at 0.2 % and 4 % of the
+peak. Codes: largest relative deviation of any code from the three exact numbers. The chain is 20 beads and the
+striker, the reading closest to the printed numbers; the paper's statements are judged with 21 beads below the striker.
 """
 
 from pathlib import Path
@@ -19,12 +20,12 @@ from postproc.paper.strikes import COLUMNS, MEASURED, SPREAD, sensor_amplitude, 
 
 SPEED, WIDTH = "$V_s$\n(m/s)", "$L/2R$"
 COMPUTED = (SPEED, f"{WIDTH}\n(0.2 %)", f"{WIDTH}\n(4 %)")
-GROUPS = (("experiment", 1, 3), ("paper", 4, 6), ("exact", 7, 9))  # over columns from and to
-ROW_IN, HEAD = 0.19, 3.2  # height of a row, and of the headings in rows
+GROUPS = (("experiment", 1, 3), ("paper", 4, 6), ("exact", 7, 9))  # heading, first and last column
+ROW_IN, HEAD = 0.19, 3.2  # height of a row in inches, height of the headings in rows
 
 
 def make(runs: Path) -> Product:
-    """Solves for the striker speeds by the reference and by each code; beside it the chain at every amplitude."""
+    """Solves for the striker speeds by the reference and by each code; spacetime diagrams at every amplitude."""
     table = solve_table1(runs)
     forces = quoted().table1.force_N
     chains = {f"{force:g} N ({REFERENCE})": strike_for(force, sensor_amplitude).trace for force in forces}
@@ -32,8 +33,8 @@ def make(runs: Path) -> Product:
 
 
 def _draw(table: pd.DataFrame) -> Any:
-    """A row per amplitude, ruled above, below and under the headings."""
-    headings = ("$F_m$\n(N)", "duration\n(µs)", SPEED, WIDTH, *COMPUTED, *COMPUTED, "codes\noff by")
+    """Draws a row per amplitude, with rules above, below and under the headings."""
+    headings = ("$F_m$\n(N)", "duration\n(µs)", SPEED, WIDTH, *COMPUTED, *COMPUTED, "deviation\nof codes")
     figure, axis = pyplot().subplots(figsize=(PAGE_IN, ROW_IN * (HEAD + len(table))), layout="constrained")
     axis.set(xlim=(-0.5, len(headings) - 0.5), ylim=(len(table) - 0.4, -HEAD))
     axis.axis("off")
@@ -51,9 +52,10 @@ def _draw(table: pd.DataFrame) -> Any:
 
 
 def printed(row: dict[Any, Any]) -> list[str]:
-    """A row's numbers as shown: those of the paper with its digits, the exact ones with one more.
+    """Texts of a row: the paper's numbers with its digits, the exact numbers with one digit more.
 
-    KeyError where the table lacks one of them.
+    Raises:
+        KeyError: The table lacks a number.
     """
     measured = [f"{row[f'measured_{name}']:g}" for name in MEASURED]
     paper = [f"{row[f'computed_{name}']:{how}}" for name, how in zip(COLUMNS, ("g", ".1f", ".1f"), strict=True)]

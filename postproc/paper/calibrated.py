@@ -30,7 +30,7 @@ class Calibrated(Part):
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """Settings to be laid over a scene."""
+        """Settings for a scene."""
         return tuple(f"{each.key}={each.value!r} {each.unit}".rstrip() for each in self.parameter)
 
 

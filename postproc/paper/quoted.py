@@ -19,7 +19,7 @@ Column = Annotated[tuple[Positive, ...], Field(min_length=2, strict=False)]
 
 
 class Table1(Part):
-    """Table 1, a column each."""
+    """Table 1, one attribute per column."""
 
     force_N: Column
     measured_duration_us: Column
@@ -31,12 +31,12 @@ class Table1(Part):
 
     @property
     def frame(self) -> pd.DataFrame:
-        """The table, its columns named as in the file."""
+        """The table with the column names of the file."""
         return pd.DataFrame(self.model_dump(by_alias=True))
 
 
 class Accuracy(Part):
-    """Of the measurements, as shares but for the position."""
+    """Accuracies of the measurements: relative ones, and the position of a sensor."""
 
     force_large: Positive
     force_small: Positive
@@ -45,7 +45,7 @@ class Accuracy(Part):
 
 
 class Fig4(Part):
-    """The experiment of Fig. 4."""
+    """Quoted results of the experiment of Fig. 4."""
 
     leading_force_N: Positive
     speed_m_s: Positive
@@ -53,7 +53,7 @@ class Fig4(Part):
 
 
 class Fig5(Part):
-    """Experiment and calculation of Fig. 5."""
+    """Quoted results of experiment and calculation of Fig. 5."""
 
     measured_envelope_per_us: Negative
     computed_envelope_per_us: Negative
@@ -72,7 +72,7 @@ class SensorParts(Part):
 
     @property
     def mass_g(self) -> float:
-        """Of the whole bead."""
+        """Mass of the whole sensor bead in g."""
         return self.caps_g + self.gauge_g
 
 
@@ -83,7 +83,7 @@ class WallGauge(Part):
 
 
 class Ptfe(Part):
-    """Young's moduli that the paper computes with, and the bulk sound speeds it takes two of them from."""
+    """Young's moduli in the paper's calculations, and the bulk sound speeds that give two of them."""
 
     moduli_MPa: Column
     hugoniot_m_s: Positive
@@ -91,13 +91,13 @@ class Ptfe(Part):
 
 
 class Smallest(Part):
-    """The smallest wave that was measured."""
+    """Smallest measured wave."""
 
     force_N: Positive
 
 
 class Quoted(Part):
-    """The file."""
+    """Content of the file."""
 
     table1: Table1
     accuracy: Accuracy
@@ -111,7 +111,11 @@ class Quoted(Part):
 
 @cache
 def quoted() -> Quoted:
-    """What the file holds, or an InputError that says what is wrong with it."""
+    """Content of the file.
+
+    Raises:
+        InputError: The file is wrong.
+    """
     where = paths.shown(paths.QUOTED)
     found = validate(Quoted, read_toml(paths.QUOTED), where)
     rows = len(found.table1.force_N)
@@ -119,14 +123,14 @@ def quoted() -> Quoted:
         if len(column) != rows:
             raise InputError(where, f"table1.{name}", f"{len(column)} numbers", f"{rows}, as in table1.force_N")
     if len(set(found.table1.force_N)) != rows:
-        raise InputError(where, "table1.force_N", "a force twice", "different forces")
+        raise InputError(where, "table1.force_N", "the same force twice", "different forces")
     return found
 
 
 def force_accuracy(force_N: float) -> float:
     """Relative accuracy of a measured amplitude.
 
-    It goes linearly with the logarithm of the force, from that quoted for Table 1's largest to that for its smallest.
+    Linear in the logarithm of the force, between the accuracies quoted for the largest and smallest force of Table 1.
     """
     forces, accuracy = quoted().table1.force_N, quoted().accuracy
     ends = np.log([min(forces), max(forces)])

@@ -1,4 +1,4 @@
-"""What the reference and the codes say of a case: the reference computed here, the codes run side by side."""
+"""Simulations of a case by the reference, computed here, and by the codes, run in parallel."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,24 +18,26 @@ from postproc.read.observables import observe
 from postproc.read.sensors import write_sensors
 from validation.reference.adaptive import integrate_adaptive
 
-UNTIL_REFLECTED = "run.duration=0.9 ms"  # until the reflected wave has come by, in Figs. 4 and 6
+UNTIL_REFLECTED = "run.duration=0.9 ms"  # until the reflected wave has passed, in Figs. 4 and 6
 TOLERANCE = 1e-11  # of the largest change: far below the truncation error of any code's run
 
 
 class _Observables(dict[str, float]):
-    """Observables by name; one that the scene does not have is the scene's fault."""
+    """Observables by name; a missing one is an InputError that names the scene."""
 
     def __init__(self, values: dict[str, float], scene: str) -> None:
         super().__init__(values)
         self.scene = scene
 
     def __missing__(self, name: str) -> float:
-        raise InputError(self.scene, "chain.sensors", f"none that gives {name}", "the sensors of the paper's scene")
+        raise InputError(
+            self.scene, "chain.sensors", f"sensors that do not give {name}", "the sensors of the paper's scene"
+        )
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """A case with the forces that one engine finds, and the seconds of its time loop where that is a run."""
+    """A case with the trace of one engine, and the seconds of the time loop if a code ran."""
 
     case: Case
     engine: str
@@ -44,17 +46,17 @@ class Simulation:
 
     @cached_property
     def values(self) -> dict[str, float]:
-        """Its observables; asking for one that it has not raises an InputError that names the scene."""
+        """Observables of the trace; a missing one raises an InputError that names the scene."""
         return _Observables(observe(self.case.layout, self.trace), self.case.scene.file)
 
 
 def case_of(source: str | Path, *settings: str) -> Case:
-    """The case of a scene with settings laid over it."""
+    """The case of a scene with settings."""
     return build_case(read_scene(source, settings))
 
 
 def exact(case: Case, tolerance: float = TOLERANCE) -> Simulation:
-    """The exact forces, with the state; some milliseconds and no run folder."""
+    """Exact motion with positions, computed in some milliseconds without a run folder."""
     motion = integrate_adaptive(arrays_of(case.chain), case.sample_times_s, tolerance)
     height = case.chain.height_m + motion.displacement_m
     trace = make_trace(case.chain, case.sample_times_s, motion.force_N, height, motion.velocity_m_s)
@@ -62,9 +64,11 @@ def exact(case: Case, tolerance: float = TOLERANCE) -> Simulation:
 
 
 def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path) -> dict[str, list[Simulation]]:
-    """Cases by code, run side by side, each code's in their order; what gauges show is written into each run folder.
+    """Simulations by code, run in parallel; ``sensors.csv`` is written into each run folder.
 
-    A case that cannot end well on its code is an InputError, one that failed a RunError once the others are done.
+    Raises:
+        InputError: A case is refused on its code; nothing runs.
+        RunError: A run failed; the others are finished first.
     """
     jobs = [(case, code) for code in cases for case in cases[code]]
     found: dict[str, list[Simulation]] = {code: [] for code in cases}
@@ -82,7 +86,7 @@ def run_codes_on(cases: Sequence[Case], runs: Path) -> dict[str, list[Simulation
 
 
 def simulate_one(case: Case, runs: Path) -> dict[str, Simulation]:
-    """A case by every installed code and the reference."""
+    """A case on every installed code and the reference."""
     return {engine: one for engine, (one,) in simulate([case], runs).items()}
 
 

@@ -1,9 +1,9 @@
-"""Solitary waves of a wanted amplitude, from full simulations, the striker speed solved for: Table 1, and its moduli.
+"""Solitary waves of a given amplitude, from full simulations that solve for the striker speed: Table 1 and its moduli.
 
-Table 1's amplitude is that of the sensors' averages above their static value, of a chain without lighter sensor beads,
-E = 1.46 GPa, gravity on, the striker counted among the 21 beads: the reading that reproduces the printed numbers. Each
-Young's modulus is scored by both readings, as the paper does not say whether its measured force is the contact's or the
-sensors' average.
+The amplitude of Table 1 is the peak of the sensor averages above their static value, for a chain without lighter sensor
+beads, with E = 1.46 GPa and gravity, and with the striker counted among the 21 beads: this reading reproduces the
+printed numbers. Each Young's modulus is scored by two readings, since the paper does not say whether its measured force
+is the contact force or the sensor average.
 """
 
 import warnings
@@ -27,32 +27,38 @@ from postproc.read.signals import first_peak
 from validation.reference.travelling_wave import solve_travelling_wave
 
 SCENE = "table1"
-MARGIN, BEYOND = 1.3, 10  # a search sees this many times the travel time, to beads beyond the lower sensor
-AFTER = 1.15  # times the arrival at the lower sensor: the run ends when the peak has passed
-FOUND = 1e-12  # relative: where the search for a striker speed ends; the integration is good to 1e-11
-CODE_AMPLITUDE = 1e-7  # relative: a code's amplitude counts as the one wanted
+MARGIN, BEADS_BELOW = 1.3, 10  # duration of a search: this many travel times, to this many beads below the lower sensor
+END_FACTOR = 1.15  # duration of the final run over the arrival at the lower sensor, so that the peak has passed
+SPEED_TOLERANCE = 1e-12  # relative, of the search for a striker speed; the integration is accurate to 1e-11
+CODE_AMPLITUDE = 1e-7  # relative tolerance of a code's amplitude
 MAX_CORRECTIONS = 8
-SEARCHED = 6.0  # about the logarithm of the estimated striker speed
+SEARCH_RANGE = 6.0  # on either side of the logarithm of the estimated striker speed
 COLUMNS = ("speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters")
 MEASURED = ("duration_us", "speed_m_s", "width_diameters")
 STRIKER = "_striker_m_s"
 SPREAD = "codes_largest_deviation_share"
-NEARBY = 1.02  # ratio of striker speeds over which a slope is taken
-HANDED_ON = 0.682  # of an equal striker's speed, to the leading wave's v_m: measured with the reference
+SPEED_RATIO = 1.02  # of the striker speeds that give a slope
+WAVE_OVER_STRIKER = 0.682  # bead velocity v_m of the leading wave over the speed of an equal striker, by the reference
 
 Amplitude = Callable[[Simulation], float]
 
 
 def sensor_pair(case: Case) -> tuple[int, int]:
-    """The beads of the upper and the lower sensor; a scene that has not two of them is an InputError."""
+    """Numbers of the beads with the upper and the lower sensor.
+
+    Raises:
+        InputError: The scene does not have two sensors.
+    """
     beads = [sensor.from_wall for sensor in case.layout.sensors]
     if len(beads) != 2:
-        raise InputError(case.scene.file, "chain.sensors", f"{len(beads)} sensors", "two, between which a wave travels")
+        raise InputError(
+            case.scene.file, "chain.sensors", f"{len(beads)} sensors", "two sensors, for the speed between them"
+        )
     return beads[0], beads[1]
 
 
 def sensor_amplitude(simulation: Simulation) -> float:
-    """Mean over the sensors of the peak of their averages above the static value, N: F_m of Table 1."""
+    """Peak of the sensor averages above their static value, mean over the sensors, in N: F_m of Table 1."""
     return float(np.mean([simulation.values[f"bead_{bead}_amplitude_N"] for bead in sensor_pair(simulation.case)]))
 
 
@@ -74,33 +80,36 @@ READINGS: dict[str, Amplitude] = {"contact force": contact_peak, "average of the
 
 
 def striker_speed(simulation: Simulation) -> float:
-    """That of the scene, m/s."""
+    """Striker speed of the scene in m/s; 0 without a striker."""
     striker = simulation.case.scene.striker
     return striker.speed if striker else 0.0
 
 
 def speed_between_sensors(simulation: Simulation) -> float:
-    """Peak to peak, m/s."""
+    """Peak-to-peak speed between the two sensors in m/s."""
     upper, lower = sensor_pair(simulation.case)
     return simulation.values[f"speed_{upper}_to_{lower}_m_s"]
 
 
 def strike(speed_m_s: float, duration_s: float, *settings: str) -> Case:
-    """The chain of Table 1 under a striker of some speed, for whole microseconds."""
+    """The chain of Table 1 with this striker speed, for a duration rounded up to a whole microsecond."""
     duration = f"run.duration={np.ceil(duration_s * 1e6):.0f} us"
     return case_of(SCENE, *settings, f"striker.speed={speed_m_s!r} m/s", duration)
 
 
 def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulation:
-    """The exact simulation of the strike that gives a wanted amplitude, just long enough to see it pass.
+    """Exact simulation of the strike with a given amplitude, just long enough for the wave to pass the sensors.
 
-    The search starts from a wave without a static force; under one it is faster. RunError if no striker speed does it.
+    The search starts from the speed for a wave without static force.
+
+    Raises:
+        RunError: No striker speed gives the amplitude.
     """
     case, wave = strike(1.0, 1e-6, *settings), solve_travelling_wave()
     chain, j = case.chain, case.chain.beads // 2
     stiffness, mass = float(chain.stiffness[j]), float(chain.mass_kg[j])
-    speed = float((force_N / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6) / HANDED_ON)
-    beads = chain.beads - sensor_pair(case)[1] + BEYOND
+    speed = float((force_N / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6) / WAVE_OVER_STRIKER)
+    beads = chain.beads - sensor_pair(case)[1] + BEADS_BELOW
     travel_s = beads / (wave.speed_by_force * stiffness ** (1 / 3) * mass**-0.5 * force_N ** (1 / 6))
     long = strike(speed, MARGIN * travel_s, *settings)
 
@@ -114,38 +123,45 @@ def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulati
         raise RunError(f"{SCENE}: no striker speed gives a wave of {force_N:g} N")
     found = exp(root)
     arrival_s = exact(_struck_at(long, found)).values[f"bead_{sensor_pair(long)[1]}_arrival_s"]
-    return exact(strike(found, AFTER * arrival_s, *settings))
+    return exact(strike(found, END_FACTOR * arrival_s, *settings))
 
 
 def _struck_at(case: Case, speed_m_s: float) -> Case:
-    """The case with another striker speed in its chain alone: quick, for a search."""
+    """The case with another striker speed in its chain only, for a fast search."""
     velocity = case.chain.velocity_m_s.copy()
     velocity[-1] = -speed_m_s
     return replace(case, chain=replace(case.chain, velocity_m_s=velocity))
 
 
 def _root(excess: Callable[[float], float], start: float) -> float | None:
-    """Where the logarithm of an amplitude over the one wanted is zero, by that of the striker speed.
+    """Root of ``excess``, the logarithm of the amplitude over the target as a function of the log of the striker speed.
 
-    Without a static force it is a straight line of slope 6/5, which secants find at once; under one it bends.
-    None where there is no such place within ``SEARCHED`` of the start.
+    Without static force it is a straight line of slope 6/5, and the secant method converges in one step. None if there
+    is no root within ``SEARCH_RANGE`` of the start.
     """
     from scipy.optimize import brentq, root_scalar
 
     first = excess(start)
-    with warnings.catch_warnings(action="ignore"):  # where secants lose their way, the bracket below takes over
-        found = root_scalar(excess, method="secant", x0=start, x1=start - first / 1.2, xtol=FOUND, maxiter=8)
-    if found.converged and abs(found.root - start) < SEARCHED and abs(excess(float(found.root))) < 1e3 * FOUND:
+    with warnings.catch_warnings(action="ignore"):  # if the secant method diverges, the bracket below is used
+        found = root_scalar(excess, method="secant", x0=start, x1=start - first / 1.2, xtol=SPEED_TOLERANCE, maxiter=8)
+    if (
+        found.converged
+        and abs(found.root - start) < SEARCH_RANGE
+        and abs(excess(float(found.root))) < 1e3 * SPEED_TOLERANCE
+    ):
         return float(found.root)
-    ends = start - SEARCHED, start + SEARCHED
-    return float(brentq(excess, *ends, xtol=FOUND)) if excess(ends[0]) < 0 < excess(ends[1]) else None
+    ends = start - SEARCH_RANGE, start + SEARCH_RANGE
+    return float(brentq(excess, *ends, xtol=SPEED_TOLERANCE)) if excess(ends[0]) < 0 < excess(ends[1]) else None
 
 
 def solve_table1(runs: Path, *settings: str) -> pd.DataFrame:
-    """A row per amplitude: the paper's columns, the striker speed and the three numbers by each engine, their spread.
+    """Table 1: by amplitude the paper's columns, the striker speed and three numbers by each engine and their spread.
 
-    The spread is the largest deviation of any code from the reference's three numbers, NaN without a code.
-    Codes start from the reference's speeds, corrected by their own amplitudes; RunError if one's do not settle.
+    The spread is the largest relative deviation of any code from the three numbers of the reference; NaN without a
+    code. Codes start from the reference's striker speeds, which are corrected by the codes' own amplitudes.
+
+    Raises:
+        RunError: The corrections of a code do not converge.
     """
     forces = quoted().table1.force_N
     exact_ones = [strike_for(force, sensor_amplitude, *settings) for force in forces]
@@ -155,19 +171,19 @@ def solve_table1(runs: Path, *settings: str) -> pd.DataFrame:
         unsettled = [code for code, own in solved.items() if any(map(is_not, cases[code], (one.case for one in own)))]
         if not unsettled:
             break
-        solved = run_codes(cases, runs)  # settled ones are found again by content
+        solved = run_codes(cases, runs)  # unchanged cases are found again
     else:
-        raise RunError(f"{SCENE}: the striker speed of {', '.join(unsettled)} does not settle on the amplitude wanted")
+        raise RunError(f"{SCENE}: the striker speed of {', '.join(unsettled)} does not converge to the amplitude")
     return _table1({REFERENCE: exact_ones} | solved)
 
 
 def exact_table1(amplitude: Amplitude, *settings: str) -> pd.DataFrame:
-    """Table 1 by the reference alone, the amplitude read in one of the ways of ``READINGS``."""
+    """Table 1 by the reference alone, with one of the ``READINGS`` of the amplitude."""
     return _table1({REFERENCE: [strike_for(force, amplitude, *settings) for force in quoted().table1.force_N]})
 
 
 def _table1(solved: Mapping[str, Sequence[Simulation]]) -> pd.DataFrame:
-    """A row per amplitude, the columns of each engine beside the paper's."""
+    """A row per amplitude, with the columns of the paper and of each engine."""
     paper = quoted().table1.frame
     for engine, simulations in solved.items():
         lower = f"bead_{sensor_pair(simulations[0].case)[1]}"
@@ -183,7 +199,7 @@ def _table1(solved: Mapping[str, Sequence[Simulation]]) -> pd.DataFrame:
 
 
 def _corrected(one: Simulation, force_N: float) -> Case:
-    """The case at a speed corrected by its amplitude, which goes with v^(6/5); itself where that is the one wanted."""
+    """The case with a speed corrected by its amplitude, proportional to v^(6/5); unchanged if that is right."""
     ratio, striker = sensor_amplitude(one) / force_N, one.case.scene.striker
     if abs(ratio - 1) <= CODE_AMPLITUDE or striker is None:
         return one.case
@@ -192,12 +208,12 @@ def _corrected(one: Simulation, force_N: float) -> Case:
 
 
 def engines_of(table: pd.DataFrame) -> list[str]:
-    """The engines whose columns a table has."""
+    """Engines with columns in a table."""
     return [str(name).removesuffix(STRIKER) for name in table.columns if str(name).endswith(STRIKER)]
 
 
 def measured_points() -> pd.DataFrame:
-    """The experiment's points, their uncertainties as stated; that of the speed also as the sensors' places make it."""
+    """Measured points with the stated uncertainties, and the speed error by the positions of the sensors."""
     table, accuracy, case = quoted().table1, quoted().accuracy, case_of("table1")
     force, speed = np.array(table.force_N), np.array(table.measured_speed_m_s)
     share = np.array([force_accuracy(value) for value in table.force_N])
@@ -212,24 +228,24 @@ def measured_points() -> pd.DataFrame:
 
 @cache
 def _simulated(force_N: float, modulus_MPa: float, reading: Amplitude) -> tuple[float, float]:
-    """Speed between the sensors at an amplitude in m/s, and the slope of its logarithm by that of the amplitude."""
+    """Speed between the sensors in m/s at an amplitude, and its logarithmic derivative by the amplitude."""
     one = strike_for(force_N, reading, f"materials.ptfe.youngs_modulus={modulus_MPa} MPa")
-    other = exact(_struck_at(one.case, -NEARBY * float(one.case.chain.velocity_m_s[-1])))
+    other = exact(_struck_at(one.case, -SPEED_RATIO * float(one.case.chain.velocity_m_s[-1])))
     speed, faster = speed_between_sensors(one), speed_between_sensors(other)
     return speed, float(np.log(faster / speed) / np.log(reading(other) / reading(one)))
 
 
 def deviations(modulus_MPa: float, reading: Amplitude) -> Array:
-    """Measured over simulated speed, less 1. Shape (amplitudes,)."""
+    """Relative deviation of the measured from the simulated speed. Shape (amplitudes,)."""
     points = measured_points()
     simulated = np.array([_simulated(force, modulus_MPa, reading)[0] for force in points["force_N"]])
     return np.asarray(points["speed_m_s"].to_numpy() / simulated - 1)
 
 
 def scores() -> pd.DataFrame:
-    """How far the experiment is from each modulus, with gravity, in per cent of speed and in standard errors.
+    """Deviation of the experiment from each modulus, with gravity, in per cent of the speed and in standard errors.
 
-    The error of the force enters with the slope of the simulated speed.
+    The error of the force is converted by the slope of the simulated speed.
     """
     points, tables = measured_points(), []
     forces = points["force_N"].to_numpy()

@@ -1,7 +1,7 @@
 """The paper's equations (1) to (7): the long-wave theory of a chain of equal spheres, and its sensor bead.
 
-x is a place along the chain, xi = -u_x the compressive strain, a the particle's diameter; SI units throughout.
-The numbers of the equations are those of Daraio, Nesterenko, Herbold and Jin.
+x is the position along the chain, xi = -u_x the compressive strain, a the diameter of the particles; SI units.
+Equation numbers are those of Daraio, Nesterenko, Herbold and Jin.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Particles:
 
     @property
     def mass_kg(self) -> float:
-        """Of one particle."""
+        """Mass of one particle."""
         return self.density_kg_m3 * pi / 6 * self.diameter_m**3
 
     @property
@@ -44,12 +44,12 @@ class Particles:
         return float(hertz_force(self.stiffness, self.diameter_m * strain))
 
     def strain(self, force_N: float) -> float:
-        """The inverse of ``force_N``."""
+        """Inverse of ``force_N``."""
         return float(hertz_overlap(self.stiffness, force_N) / self.diameter_m)
 
 
 def particles_of(case: Case) -> Particles:
-    """The beads of a case, which are taken to be equal; the density is that which gives their mass."""
+    """Beads of a case, taken to be equal, with the density that gives their mass."""
     scene = case.scene
     material, diameter = scene.materials[scene.chain.material], scene.chain.diameter
     density = bead_mass(scene) / (pi / 6 * diameter**3)
@@ -59,7 +59,7 @@ def particles_of(case: Case) -> Particles:
 def long_wave_acceleration(particles: Particles, strain: Array, length_m: float) -> Array:
     """u_tt by Eq. (1) for a strain that is periodic over ``length_m``, differentiated on its Fourier grid.
 
-    ``u_tt = -c^2 { xi^(3/2) + (a^2/10) xi^(1/4) (xi^(5/4))_xx }_x``, for xi > 0 at equally spaced places.
+    ``u_tt = -c^2 { xi^(3/2) + (a^2/10) xi^(1/4) (xi^(5/4))_xx }_x``, for xi > 0 at equally spaced positions.
     """
     a, c = particles.diameter_m, particles.speed_constant_m_s
     dispersive = strain**0.25 * _derivative(strain**1.25, length_m, 2)
@@ -74,7 +74,8 @@ def _derivative(values: Array, length_m: float, order: int) -> Array:
 def lattice_acceleration(particles: Particles, displacement_m: Array) -> Array:
     """Accelerations of the beads of a closed chain: ``m u_tt = F_j - F_{j+1}`` with Hertz forces between neighbours.
 
-    ``u_0 - u_1`` is the overlap of beads 0 and 1; the last of the beads + 1 displacements is bead 0's, one period on.
+    ``u_0 - u_1`` is the overlap of beads 0 and 1. There are beads + 1 displacements; the last is that of bead 0, one
+    period further.
     """
     overlap = displacement_m[:-1] - displacement_m[1:]
     force = hertz_force(particles.stiffness, np.maximum(overlap, 0.0))
@@ -86,7 +87,7 @@ HUMP_LENGTH = pi / HUMP_WAVE_NUMBER  # from zero to zero, in diameters: 4.967, "
 
 
 def solitary_strain(particles: Particles, speed_m_s: float, place_m: Array) -> Array:
-    """Eq. (2): one hump of the periodic solution, ``xi = (5 V^2 / 4 c^2)^2 cos^4(sqrt(10) x / 5a)``, zero beyond it."""
+    """Eq. (2): one hump of the periodic solution, ``xi = (5 V^2 / 4 c^2)^2 cos^4(sqrt(10) x / 5a)``, else zero."""
     amplitude = (5 * speed_m_s**2 / (4 * particles.speed_constant_m_s**2)) ** 2
     angle = HUMP_WAVE_NUMBER * place_m / particles.diameter_m
     return np.asarray(np.where(np.abs(angle) < pi / 2, amplitude * np.cos(angle) ** 4, 0.0))
@@ -95,13 +96,15 @@ def solitary_strain(particles: Particles, speed_m_s: float, place_m: Array) -> A
 def stationary_residual(power: float = 1.5, stretch: float = 1.0, points: int = 64) -> float:
     """Largest violation of the long-wave equation by its periodic solution, over the largest of its terms.
 
-    Of a chain with ``F ~ overlap^n`` (n = 3/2: Eq. (1)) a wave of speed V satisfies, once integrated,
+    For ``F ~ overlap^n`` (n = 3/2: Eq. (1)) a wave of speed V satisfies the once integrated equation
     ``V^2 xi = c_n^2 { xi^n + n a^2 / (6 (n+1)) xi^((n-1)/2) (xi^((n+1)/2))_xx }``, solved by
     ``xi^((n-1)/2) = cos(k x)`` with ``k a = (n-1) (6 / (n (n+1)))^(1/2)`` and ``V^2 = 2 c_n^2 / (n+1)``: Eq. (2) for
-    n = 3/2, a plain harmonic wave for n = 3. Where (n+1)/(n-1) is whole, all is band-limited and its derivatives exact.
+    n = 3/2, a harmonic wave for n = 3. If (n+1)/(n-1) is whole, all terms are band-limited and derivatives are exact.
 
-    Parameters:
-        stretch: of the wave length; another than 1 solves nothing.
+    Args:
+        power: Exponent n of the contact law.
+        stretch: Factor on the wave length; only 1 gives a solution.
+        points: Points of the Fourier grid over one period.
     """
     n = power
     wave_number = (n - 1) * sqrt(6 / (n * (n + 1))) / stretch
@@ -135,7 +138,7 @@ def _force_scale(particles: Particles) -> float:
 
 
 def force_coefficient(particles: Particles, speed_m_s: float, force_N: float) -> float:
-    """What stands for 0.68 in Eq. (3) for a wave of this speed and peak force; for 0.9314 in Eq. (4), of sound."""
+    """Coefficient of Eq. (3), printed as 0.68, for a wave of this speed and peak force; for sound that of Eq. (4)."""
     return float(speed_m_s / (_force_scale(particles) * force_N ** (1 / 6)))
 
 
@@ -158,7 +161,7 @@ def precompressed_speed(particles: Particles, force_N: float, static_N: float) -
 def sensor_forces(first_N: Array, second_N: Array, gauge_share: float) -> tuple[Array, Array]:
     """Eq. (5): forces F_3, F_4 on the faces of a gauge of mass m between two caps, 2M together.
 
-    ``F_3,4 = (F_1 + F_2)/2 +- (F_1 - F_2)/2 m / (2M + m)``, F_1 on the side that the wave comes from; the gauge's share
+    ``F_3,4 = (F_1 + F_2)/2 +- (F_1 - F_2)/2 m / (2M + m)``, F_1 on the side from which the wave comes; ``gauge_share``
     is m / (2M + m).
     """
     mean, half = (first_N + second_N) / 2, (first_N - second_N) / 2
@@ -166,12 +169,12 @@ def sensor_forces(first_N: Array, second_N: Array, gauge_share: float) -> tuple[
 
 
 def contact_force(beta: float, average_N: float, static_N: float) -> float:
-    """Eq. (6): the peak contact force ``F_m = beta F_{m,e} + F_0`` behind a sensor's dynamic average."""
+    """Eq. (6): peak contact force ``F_m = beta F_{m,e} + F_0`` from the dynamic average of a sensor."""
     return beta * average_N + static_N
 
 
 def bulk_modulus_to_youngs(bulk_speed_m_s: float, poisson_ratio: float, density_kg_m3: float) -> float:
-    """``E = 3 rho c_b^2 (1 - 2 nu)``: Young's modulus behind a bulk sound speed, Pa."""
+    """Young's modulus in Pa from a bulk sound speed, ``E = 3 rho c_b^2 (1 - 2 nu)``."""
     return 3 * density_kg_m3 * bulk_speed_m_s**2 * (1 - 2 * poisson_ratio)
 
 

@@ -1,4 +1,4 @@
-"""Names of observables and of a scene's keys in words, with the unit in which they are shown."""
+"""Labels of observables and scene keys in figures and tables, with their units."""
 
 import re
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from drivers.scene.settings import unit_of
 from postproc.read.observables import PLACEHOLDERS, describe
 
 MATERIALS = "materials."
-KEYS = (  # of a scene, whole; any other by the name of its column
+KEYS = (  # scene keys with a label of their own; other keys are labelled by the name of their column
     (r"materials\.(.+)\.youngs_modulus", r"Young's modulus of \1"),
     (r"materials\.(.+)\.poisson_ratio", r"Poisson's ratio of \1"),
     (r"materials\.(.+)\.density", r"density of \1"),
@@ -27,13 +27,13 @@ KEYS = (  # of a scene, whole; any other by the name of its column
 
 @dataclass(frozen=True)
 class Label:
-    """A quantity in words, and its SI unit; empty for a plain number."""
+    """Label of a quantity and its SI unit; the unit is empty for a plain number."""
 
     words: str
     unit: str
 
     def axis(self, largest: float) -> tuple[str, float]:
-        """Label of an axis up to a value in SI units, and the factor from these to the unit on it."""
+        """Label of an axis up to ``largest`` in SI units, and the factor from SI units to the unit on the axis."""
         unit, factor = self.unit, 1.0
         if unit == "kg":
             unit, factor = "g", 1e3
@@ -44,7 +44,7 @@ class Label:
         return f"{self.words} ({_plain(unit)})" if unit else self.words, factor
 
     def value(self, value: object) -> str:
-        """A value in SI units as words, four digits of it."""
+        """Text of a value in SI units, with four digits."""
         if not isinstance(value, float):
             return str(value)
         shown = float(f"{value:.4g}")
@@ -52,7 +52,7 @@ class Label:
 
 
 def observable_label(name: str) -> Label:
-    """Label of an observable with or without the unit in its name."""
+    """Label of an observable, named with or without its unit."""
     observable = describe(name)
     fields = {field: f"(?P<{field}>{pattern})" for field, pattern in PLACEHOLDERS.items()}
     found = re.match(observable.pattern.format(**fields), name)
@@ -67,7 +67,7 @@ def observable_label(name: str) -> Label:
 
 
 def key_label(name: str, key: str) -> Label:
-    """Label of a study's column, which holds the values of a scene's key: by its own name where it has one.
+    """Label of a column of a study, which holds the values of a scene key; a name of its own is used if it has one.
 
     Moduli, Poisson's ratios and densities are named in full.
     """
@@ -78,5 +78,5 @@ def key_label(name: str, key: str) -> Label:
 
 
 def _plain(text: str) -> str:
-    """A unit, or a quantity, with signs in place of ``u`` and ``^2``."""
+    """A unit or quantity with the signs µ and ² instead of ``u`` and ``^2``."""
     return re.sub(r"\bu(?=[a-zA-Z])", "µ", text).replace("^2", "²")

@@ -1,9 +1,9 @@
-"""Measured traces and quoted values as a scene names them: read from their files and texts, in SI units."""
+"""Measured traces and quoted values of a scene, read from files and texts in SI units."""
 
 import csv
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -18,12 +18,15 @@ from drivers.chain.chain import Array
 from drivers.scene.model import Measured, Scene
 from postproc.read.observables import PLACEHOLDERS, describe, without_unit
 
+MEASURED = "measured"  # key of a file's entry without a [[measured]] table; otherwise measured.0, measured.1, ...
 TIME, FORCE = "s", "N"
 READINGS = {FORCE: "force", "V": "voltage", "A": "current", "C": "charge"}
 ENDINGS = {prefix + unit for unit in (TIME, *READINGS) for prefix in ("", "k", "m", "u", "µ", "μ", "n", "p")}
-LEAST_SAMPLES = 16
-NORMAL = 1.4826  # standard deviation over median deviation, of normal noise
-STANDS_OUT = 3.0  # standard deviations above the largest that noise alone is expected to reach
+MIN_SAMPLES = 16
+NORMAL = 1.4826  # ratio of standard to median deviation for normal noise
+SEPARATORS = {"\t": "tabs", ";": "semicolons"}
+WAY_OUT = "; or write a [[measured]] table in the scene file, see inputs/README.md"
+PULSE_MARGIN = 3.0  # standard deviations above the expected maximum of noise alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +34,14 @@ class MeasuredTrace:
     """One ``[[measured]]`` entry with its file.
 
     Attributes:
-        file: that was read.
-        time_s: as in the file, increasing, not always equally spaced. Shape (samples,).
-        reading: by gauge, in SI units (V, N), without baseline and gain. Each of shape (samples,).
-        gain: newtons per reading; ``gain_uncertainty``: its relative standard error.
-        trigger_s: time in the file at which the striker meets the chain; None: to be found.
-        baseline: reading at rest; None: to be found; ``drift``: that is a straight line.
-        noise: standard deviation of a reading; None: to be found.
-        unit: of the readings.
+        file: File that was read.
+        time_s: Times of the file, increasing, not always equally spaced. Shape (samples,).
+        reading: Readings by gauge, in SI units (V, N), with baseline and without gain. Each of shape (samples,).
+        gain: Newtons per unit of reading; ``gain_uncertainty``: relative standard error of the gain.
+        trigger_s: Time in the file at which the striker meets the chain; None: found from the trace.
+        baseline: Reading at rest; None: found from the trace; ``drift``: True if the baseline is a straight line.
+        noise: Standard deviation of a reading; None: found from the trace.
+        unit: Unit of the readings.
     """
 
     file: Path
@@ -55,7 +58,7 @@ class MeasuredTrace:
 
 @dataclass(frozen=True)
 class Quoted:
-    """A value that somebody quotes, in the SI unit of its observable, with its relative standard error."""
+    """A quoted value, in the SI unit of its observable, with its relative standard error."""
 
     value: float
     error_share: float
@@ -66,33 +69,32 @@ class _Column:
     place: int
     heading: str
     name: str  # without the unit
-    unit: str  # empty where the heading names none
+    unit: str  # empty if the heading has no unit
 
 
 def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dict[str, Measured], Path, str]:
-    """``[[measured]]`` entries by key, the folder from which their paths are seen, and where they stand, in words.
+    """``[[measured]]`` entries by key, the folder to which their paths are relative, and their name in messages.
 
-    Those of a scene, of which only those for a file that is given; an entry of headings alone where there is none.
+    If a file is given, the entries of the scene for this file; if there are none, an entry for the file alone.
 
     Args:
-        scene: as its file has it; None where that is gone.
-        file: in place of the scene's files.
-        source: what is asked about, as messages name it.
+        scene: Scene as its file is now; None if the file is gone.
+        file: Measured file that replaces those of the scene.
+        source: Scene or run as messages name it.
 
     Raises:
-        InputError: nothing was measured.
+        InputError: There is no measured data.
     """
-    own = {f"measured.{place}": entry for place, entry in enumerate(scene.measured)} if scene else {}
+    own = {f"{MEASURED}.{place}": entry for place, entry in enumerate(scene.measured)} if scene else {}
     if scene and file:
         asked = file.resolve()
         own = {key: each for key, each in own.items() if each.file and (scene.folder / each.file).resolve() == asked}
     if scene and own:
         return own, scene.folder, scene.file
     if file is None:
-        raise InputError(
-            source, "measured", "nothing", "a [[measured]] table in the scene file, or --measured FILE.csv"
-        )
-    return {"measured": Measured(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
+        found = "no measured data: add a [[measured]] table to the scene file, or give --measured FILE.csv"
+        raise InputError(source, "measured", found)
+    return {MEASURED: Measured(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
 
 
 def read_measured(
@@ -101,21 +103,21 @@ def read_measured(
     """The trace of an entry that names a file.
 
     Args:
-        entry: of the scene.
-        folder: from which its path is seen.
-        gauges: those that the scene has (``postproc.read.sensors.gauges_of``).
-        where: the scene as messages name it.
-        key: the entry's in the scene, such as ``measured.0``.
+        entry: Entry of the scene.
+        folder: Folder to which the path of the file is relative.
+        gauges: Gauges of the scene (``postproc.read.sensors.gauges_of``).
+        where: Scene as messages name it.
+        key: Key of the entry in the scene, such as ``measured.0``.
 
     Raises:
-        InputError: there is no such file, it is no table of numbers, it lacks a column, a unit is missing or is none
-            of its quantity, times do not increase, there are fewer than ``LEAST_SAMPLES``, or a gauge shows no pulse.
+        InputError: The file is missing or not a table of numbers, a column or unit is missing or wrong, times do not
+            increase, there are fewer than ``MIN_SAMPLES`` samples, or a gauge shows no pulse.
     """
-    assert entry.file is not None  # the scene's rules see to that
+    assert entry.file is not None  # checked by the rules of the scene
     path = folder / entry.file
     if not path.is_file():
-        found = f'no such file: "{paths.shown(path)}"'
-        raise InputError(where, f"{key}.file", found, "a CSV file, its path as seen from the scene file")
+        found = f'file not found: "{paths.shown(path)}" (paths are relative to the scene file)'
+        raise InputError(where, f"{key}.file", found)
     columns = _columns(path)
     time = _column(columns, entry.time or "time", path, where, f"{key}.time")
     chosen = _gauge_columns(columns, entry, gauges, path, where, key)
@@ -125,8 +127,8 @@ def read_measured(
     unit = next(iter(kinds.values()))[1]
     for gauge, (_, other) in kinds.items():
         if other != unit:
-            found = f"{gauge} in {other} beside {next(iter(kinds))} in {unit}"
-            raise InputError(where, f"{key}.gauges", found, "gauges of one unit: a [[measured]] table for each")
+            found = f"{gauge} in {other} and {next(iter(kinds))} in {unit}"
+            raise InputError(where, f"{key}.gauges", found, "gauges of one unit; use a [[measured]] table per unit")
     time_s = table[0] * scale
     _must_increase(path, time, table[0])
     reading = {gauge: table[place] * kinds[gauge][0] for place, gauge in enumerate(chosen, 1)}
@@ -151,58 +153,45 @@ def read_measured(
 
 
 def read_traces(scene: Scene, gauges: Collection[str]) -> list[MeasuredTrace]:
-    """The traces of all entries of a scene that name a file; ``read_measured`` says what is refused."""
+    """Traces of all entries of a scene that name a file; raises as ``read_measured`` does."""
     entries = [(f"measured.{place}", entry) for place, entry in enumerate(scene.measured) if entry.file]
     return [read_measured(entry, scene.folder, gauges, scene.file, key) for key, entry in entries]
 
 
-def averaged(trace: MeasuredTrace, step_s: float) -> MeasuredTrace:
-    """The trace with the means of blocks, where there are more than two readings in a time; noise is that of a mean."""
-    block = max(1, int(step_s / 2 / float(np.median(np.diff(trace.time_s)))))
-    whole = len(trace.time_s) // block * block
-
-    def means(values: Array) -> Array:
-        return np.asarray(values[:whole].reshape(-1, block).mean(axis=1))
-
-    reading = {gauge: means(values) for gauge, values in trace.reading.items()}
-    noise = None if trace.noise is None else trace.noise / block**0.5
-    return replace(trace, time_s=means(trace.time_s), reading=reading, noise=noise)
-
-
 def read_quoted(entry: Measured, names: Collection[str], where: str, key: str = "measured") -> dict[str, Quoted]:
-    """The values of an entry that quotes some, by observable as ``names`` has it.
+    """Quoted values of an entry by observable, named as in ``names``.
 
     Args:
-        entry: of the scene.
-        names: observables that the scene's runs have, with their units, as ``observe`` gives them.
-        where: the scene as messages name it.
-        key: the entry's in the scene, such as ``measured.0``.
+        entry: Entry of the scene.
+        names: Observables of the scene's runs with their units, as ``observe`` returns them.
+        where: Scene as messages name it.
+        key: Key of the entry in the scene, such as ``measured.0``.
 
     Raises:
-        InputError: the scene has no such observable, one is named twice, or a unit is missing or is none of its own.
+        InputError: An observable is unknown or named twice, or a unit is missing or wrong.
     """
     known, quoted = {without_unit(name): name for name in names}, dict[str, Quoted]()
     for stated, value in (entry.values or {}).items():
         place, name = f"{key}.values.{stated}", known.get(without_unit(stated))
         if name is None:
             alike = get_close_matches(without_unit(stated), known) or list(known)
-            raise InputError(where, place, "no observable of the scene", ", ".join(alike))
+            raise InputError(where, place, "an unknown observable", ", ".join(alike))
         if name in quoted:
             raise InputError(where, place, f"{without_unit(name)} twice", "each observable once")
         unit = describe(name).unit
         plain = unit in ("", "share", "diameters")
         number = _plain(value, where, place) if plain else _in_unit(value, unit, where, place)
         if number == 0:
-            raise InputError(where, place, shorten(value), "another value than 0, of which the error is a share")
+            raise InputError(where, place, shorten(value), "a value other than 0, since its error is relative")
         quoted[name] = Quoted(number, (entry.errors or {})[stated])
     return quoted
 
 
 def _columns(path: Path) -> list[_Column]:
-    """The headings of a file, its first line that is neither empty nor a comment."""
+    """Headings of a file: its first line, apart from empty lines and comments."""
     _, headings = next(_lines(path), (0, []))
     if not headings:
-        raise InputError(paths.shown(path), "", "an empty file", "a row of headings, and rows of numbers below it")
+        raise InputError(paths.shown(path), "", "an empty file", "a row of headings and rows of numbers below")
     columns = []
     for place, heading in enumerate(text.strip() for text in headings):
         bracketed = HEADING.fullmatch(heading)
@@ -215,7 +204,7 @@ def _columns(path: Path) -> list[_Column]:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Lines of a CSV file that hold cells, each with its number; no comments."""
+    """Lines of a CSV file with cells and without comments, each with its line number."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
@@ -229,13 +218,21 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def _column(columns: list[_Column], name: str, path: Path, where: str, key: str) -> _Column:
-    """The column that a heading names, with or without its unit."""
+    """The column with this heading, given with or without its unit."""
     found = [column for column in columns if column.heading == name] or [c for c in columns if c.name == name]
     if len(found) == 1:
         return found[0]
     headings = shorten(", ".join(column.heading for column in columns))
-    told = f'{"no" if not found else "more than one"} column "{name}" in {paths.shown(path)}'
-    raise InputError(where, key, told, f"one of the headings of its first line, which are {headings}")
+    for separator, plural in SEPARATORS.items():
+        if len(columns) == 1 and separator in columns[0].heading:
+            raise InputError(paths.shown(path), "line 1", f"{plural} between the headings", "commas (CSV)")
+    problem = f'{"no" if not found else "more than one"} column "{name}" in {paths.shown(path)}'
+    raise InputError(where, key, problem, f"one of the headings of its first line: {headings}{_way_out(key)}")
+
+
+def _way_out(key: str) -> str:
+    """End of a message on a file that no ``[[measured]]`` table describes; empty for a key of such a table."""
+    return "" if re.match(rf"{MEASURED}\.\d", key) else WAY_OUT
 
 
 def _gauge_columns(
@@ -247,15 +244,16 @@ def _gauge_columns(
         like_gauges = [column for column in columns if re.fullmatch(PLACEHOLDERS["gauge"], column.name)]
         for column in like_gauges:
             if column.name not in gauges:
-                raise InputError(where, f"{key}.gauges", f"{column.heading} in {paths.shown(path)}", f"gauges {has}")
+                allowed = f"gauges {has}{_way_out(key)}"
+                raise InputError(where, f"{key}.gauges", f"{column.heading} in {paths.shown(path)}", allowed)
         if not like_gauges:
             headings = shorten(", ".join(column.heading for column in columns))
-            allowed = f"a heading by gauge, or columns named after gauges: {has}"
+            allowed = f"columns named after the gauges: {has}{_way_out(key) or ', or a heading for each gauge'}"
             raise InputError(where, f"{key}.gauges", f"headings {headings} in {paths.shown(path)}", allowed)
         return {c.name: _column(columns, c.name, path, where, f"{key}.gauges") for c in like_gauges}
     for gauge in entry.gauges:
         if gauge not in gauges:
-            raise InputError(where, f"{key}.gauges.{gauge}", "no gauge of the scene", has)
+            raise InputError(where, f"{key}.gauges.{gauge}", "an unknown gauge", has)
     return {gauge: _column(columns, name, path, where, f"{key}.gauges.{gauge}") for gauge, name in entry.gauges.items()}
 
 
@@ -283,26 +281,26 @@ def _numbers(path: Path, columns: list[_Column]) -> list[Array]:
         strange = ~np.isfinite(numbers) | (values.dtype == bool)
         if strange.any():
             line, cells = _row(path, int(np.argmax(strange)))
-            told = shorten(cells[column.place].strip()) if column.place < len(cells) else "nothing"
-            raise InputError(shown, f"line {line}, {column.heading}", told, "a finite number")
+            cell = shorten(cells[column.place].strip()) if column.place < len(cells) else "no cell"
+            raise InputError(shown, f"line {line}, {column.heading}", cell, "a finite number")
         found.append(numbers)
-    if len(table) < LEAST_SAMPLES:
-        raise InputError(shown, "", f"{len(table)} samples", f"at least {LEAST_SAMPLES}")
+    if len(table) < MIN_SAMPLES:
+        raise InputError(shown, "", f"{len(table)} samples", f"at least {MIN_SAMPLES}")
     return found
 
 
 def _refuse_ragged(path: Path) -> None:
-    """Refuses a file for the first line that has other cells than headings."""
+    """Refuses a file for the first line whose number of cells differs from the number of headings."""
     rows = _lines(path)
     _, headings = next(rows)
     for line, cells in rows:
         if len(cells) != len(headings):
-            allowed = f"{len(headings)}, as many as there are headings"
+            allowed = f"{len(headings)}, as many as headings"
             raise InputError(paths.shown(path), f"line {line}", f"{len(cells)} cells", allowed)
 
 
 def _row(path: Path, number: int) -> tuple[int, list[str]]:
-    """The line of a row of numbers, counted from 0, and its cells."""
+    """Line number and cells of a row of numbers; rows are counted from 0."""
     return next(row for place, row in enumerate(_lines(path), -1) if place == number)
 
 
@@ -318,10 +316,10 @@ def _must_increase(path: Path, column: _Column, time: Array) -> None:
 def _unit(
     column: _Column, stated: str | None, allowed: Mapping[str, str], path: Path, where: str, key: str
 ) -> tuple[float, str]:
-    """How many of the SI unit make one of a column's, and that unit: the heading's, or the one that the entry states.
+    """Factor from the unit of a column to the SI unit, and the SI unit; the heading or the entry gives the unit.
 
     Raises:
-        InputError: there is none, it is none of the quantity, or both differ.
+        InputError: The unit is missing or belongs to another quantity, or heading and entry differ.
     """
     words = f"a unit of {' or '.join(allowed.values())}"
     example = f'in the heading ("{column.name} [{"us" if TIME in allowed else "mV"}]") or as {key.rpartition(".")[2]}'
@@ -333,9 +331,9 @@ def _unit(
             raise InputError(place, named, f'the unit "{texts[place]}"', words)
     factors = [factor for factor in found.values() if factor]
     if not factors:
-        raise InputError(paths.shown(path), column.heading, "no unit", f"{words}, {example}")
+        raise InputError(paths.shown(path), column.heading, f"missing unit: {words}, {example}")
     if factors[0] != factors[-1]:
-        raise InputError(where, key, f'"{stated}" beside "{column.heading}"', "one unit")
+        raise InputError(where, key, f'"{stated}" for a column "{column.heading}"', "one unit")
     return factors[0]
 
 
@@ -353,11 +351,12 @@ def _gain(entry: Measured, unit: str, where: str, key: str) -> float:
     if unit == FORCE:
         gain = 1.0 if entry.gain is None else _plain(entry.gain, where, key)
     elif entry.gain is None:
-        raise InputError(where, key, f"nothing, for readings in {unit}", f'force per reading, such as "2.1 N/{unit}"')
+        found = f'missing key: readings in {unit} need a gain such as "2.1 N/{unit}"{_way_out(key)}'
+        raise InputError(where, key, found)
     else:
         gain = _in_unit(entry.gain, f"N/{unit}", where, key)
     if gain == 0:
-        raise InputError(where, key, "0", "a gain that is not 0; one below 0 turns the trace over")
+        raise InputError(where, key, "0", "a gain other than 0; a negative gain inverts the trace")
     return gain
 
 
@@ -369,7 +368,9 @@ def _in_unit(stated: str | float, unit: str, where: str, key: str) -> float:
         except ValueError:
             pass
     unit = unit.replace("1/", "") + "^-1" * unit.startswith("1/")  # texts of units begin with a letter
-    raise InputError(where, key, shorten(stated), f'a number with its unit, such as "2 {unit}"')
+    _, _, other = str(stated).partition(" ")
+    allowed = f"a number in {unit}, not in {other[:20]}," if other else "a number with its unit,"
+    raise InputError(where, key, shorten(stated), f'{allowed} such as "2 {unit}"')
 
 
 def _plain(stated: str | float, where: str, key: str) -> float:
@@ -379,15 +380,15 @@ def _plain(stated: str | float, where: str, key: str) -> float:
 
 
 def _must_show_pulse(path: Path, column: _Column, values: Array, noise: float | None) -> None:
-    """Refuses readings of which none rises above the others by more than noise.
+    """Refuses readings without a maximum above the noise.
 
-    Without a noise, it is that of second differences: they leave nothing of what changes slowly.
+    If no noise is given, it is estimated from second differences, which remove slow changes.
     """
     risen = values - np.median(values)
     differences = np.abs(np.diff(values, 2))
     deviation = NORMAL * float(np.median(differences)) / np.sqrt(6) if noise is None else noise
-    limit = (np.sqrt(2 * np.log(len(values))) + STANDS_OUT) * deviation
+    limit = (np.sqrt(2 * np.log(len(values))) + PULSE_MARGIN) * deviation
     if not risen.max() > limit:
         found = "a constant" if not np.ptp(values) else "no pulse: nothing rises above noise"
-        turned = "; a gain below 0 turns the trace over" * bool(-risen.min() > limit)
-        raise InputError(paths.shown(path), column.heading, found, f"readings with a pulse in them{turned}")
+        inverted = "; a negative gain inverts the trace" * bool(-risen.min() > limit)
+        raise InputError(paths.shown(path), column.heading, found, f"readings with a pulse{inverted}")

@@ -1,15 +1,15 @@
-"""Numbers of measured pulses with their standard errors, and how far off the computed ones are.
+"""Measured quantities with their standard errors, compared with the computed ones.
 
-A measured pulse is read off a quintic regression spline through its readings, a low-pass that is linear in them: the
-spacing of its knots, each after so many readings, is that of the least generalised cross-validation
+A measured pulse is read from a quintic regression spline through its readings, a low-pass that is linear in the
+readings. Knots are placed after equal numbers of readings. Their number minimises the generalised cross-validation
 
     n RSS / (n - p)^2,
 
-with n readings and p coefficients (Wahba, Spline Models for Observational Data, 4.3), made finer by ``FINER``. Peaks
-and crossings are then those of ``postproc.read.signals`` on the run's clock, as of a computed trace. Their standard
-errors are the spreads over ``DRAWS`` of the same spline with other noise: white, and as large as that of quiet
-readings. Errors of the baseline are drawn with it; those of the gain and of a trigger that was found are added, as
-independent of it. Quantities are called as those of ``postproc.read.observables``; all forces are those above rest.
+with n readings and p coefficients (Wahba, Spline Models for Observational Data, 4.3), and is then multiplied by
+``KNOT_FACTOR``. Peaks and crossings are found on the run's clock as for a computed trace (``postproc.read.signals``).
+Their standard errors are the spreads over ``DRAWS`` draws of the spline with the white noise of the quiet readings and
+errors of the baseline added. Errors of the gain and of a fitted trigger are independent and added in quadrature.
+Quantities are named as in ``postproc.read.observables``; all forces are above rest.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,32 +24,32 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.scene.model import Measured
-from postproc.read.alignment import AlignedGauge, align, must_last
+from postproc.read.alignment import AlignedGauge, align, check_length
 from postproc.read.measured import Quoted, read_measured, read_quoted
 from postproc.read.observables import LEVELS, observe
 from postproc.read.sensors import gauges_of
 from postproc.read.signals import Peak, peaks, rising_crossing
 
-LEVEL = LEVELS[1]  # of the peak, at which the duration is cut
+LEVEL = LEVELS[1]  # share of the peak at which the duration is cut
 DRAWS, SEED = 200, 1
-STANDS_OUT = 8.0  # times the spline's own noise, from which on a maximum is a pulse
-LEAST = 0.005  # likewise, of the range
+NOISE_FACTOR = 8.0  # prominence of a pulse, over the noise of the spline
+MIN_PROMINENCE = 0.005  # of a pulse, as a share of the signal's range
 DEGREE = 5
-FINER = 1.5  # times the knots of the least score: what is smoothed away is then small beside the noise
-CLOSER = 1.25  # times as many knots from one trial to the next
-SHOWN = 0.9  # of the draws, in which a quantity has to be seen
+KNOT_FACTOR = 1.5  # more knots than the minimum asks for, so that smoothing errors are small compared with the noise
+KNOT_RATIO = 1.25  # of the numbers of knots of consecutive trials
+MIN_DRAWS_SHARE = 0.9  # share of the draws that must show a quantity
 QUOTED = "quoted"
 LEVEL_NAME = f"{100 * LEVEL:g}pct"
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """A measured quantity beside the computed one, in SI units; NaN where one of them does not show it.
+    """A measured quantity and the computed one, in SI units; NaN if a trace does not show the quantity.
 
     Attributes:
-        name: as of an observable, with its unit.
-        source: name of the file, or ``quoted``.
-        noise_error, gain_error: parts of the standard error of ``measured``.
+        name: Name as of an observable, with its unit.
+        source: Name of the file, or ``quoted``.
+        noise_error, gain_error: Parts of the standard error of ``measured``.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Misfit:
 
     @property
     def difference(self) -> float:
-        """Measured less computed."""
+        """Measured minus computed value."""
         return self.measured - self.computed
 
     @property
@@ -77,18 +77,18 @@ class Misfit:
 
 @dataclass(frozen=True, eq=False)
 class SmoothForce:
-    """A gauge with its regression spline at the run's sample times; all of shape (samples,)."""
+    """A gauge with its regression spline at the sample times of the run; arrays of shape (samples,)."""
 
     gauge: AlignedGauge
     time_s: Array
     force_N: Array
-    error_N: Array  # by noise and baseline
-    draws_N: Array  # deviations by other noise and baseline. Shape (samples, DRAWS)
+    error_N: Array  # standard error by noise and baseline
+    draws_N: Array  # deviations in the draws of noise and baseline. Shape (samples, DRAWS)
 
 
 @dataclass(frozen=True)
 class _Pulse:
-    """The first pulse of a gauge, and what other noise makes of it; those of shape (DRAWS,)."""
+    """First pulse of a gauge, and the same in the draws of noise; arrays of shape (DRAWS,)."""
 
     amplitude_N: float
     arrival_s: float
@@ -99,7 +99,7 @@ class _Pulse:
 
 
 def smooth(gauge: AlignedGauge, run: Trace) -> SmoothForce:
-    """The regression spline of a gauge on the run's clock, as far as there are readings."""
+    """Regression spline of a gauge on the run's clock, over the range of its readings."""
     time_s = run.time_s[(run.time_s >= gauge.time_s[0]) & (run.time_s <= gauge.time_s[-1])]
     random = np.random.default_rng([SEED, *gauge.gauge.encode()])
     noise_N = random.normal(0.0, gauge.noise_N, (len(gauge.time_s), DRAWS))
@@ -111,21 +111,21 @@ def smooth(gauge: AlignedGauge, run: Trace) -> SmoothForce:
 
 
 def _knots(time_s: Array, force_N: Array) -> Array:
-    """Knots of the spline with ``FINER`` times those of the least generalised cross-validation."""
+    """Knots of the spline: ``KNOT_FACTOR`` times as many as minimise the generalised cross-validation."""
     readings = len(time_s)
     most = readings // 2 - DEGREE - 1
-    counts = sorted({min(int(4 * CLOSER**power), most) for power in range(40)})
+    counts = sorted({min(int(4 * KNOT_RATIO**power), most) for power in range(40)})
     scores = []
     for count in counts:
         knots = _spread_knots(time_s, count)
         curve: BSpline = make_lsq_spline(time_s, force_N, knots, DEGREE)
         squares = float(np.sum((force_N - curve(time_s)) ** 2))
         scores.append(squares / (readings - count - DEGREE - 1) ** 2)
-    return _spread_knots(time_s, min(round(FINER * counts[int(np.argmin(scores))]), most))
+    return _spread_knots(time_s, min(round(KNOT_FACTOR * counts[int(np.argmin(scores))]), most))
 
 
 def _spread_knots(time_s: Array, count: int) -> Array:
-    """So many inner knots, each after as many readings, between those of the ends."""
+    """Knots at both ends and ``count`` inner knots, each after an equal number of readings."""
     inner = time_s[np.linspace(0, len(time_s) - 1, count + 2).round().astype(int)[1:-1]]
     return np.concatenate([[time_s[0]] * (DEGREE + 1), inner, [time_s[-1]] * (DEGREE + 1)])
 
@@ -136,14 +136,14 @@ def lay_over(
     """Measured gauges on a run's clock in the order of the scene, and all misfits.
 
     Args:
-        entries: by their keys in the scene, such as ``measured.0``.
-        folder: from which their paths are seen.
-        where: the scene as messages name it.
-        layout: of the run.
-        run: computed.
+        entries: Entries by their keys in the scene, such as ``measured.0``.
+        folder: Folder to which the paths of the files are relative.
+        where: Scene as messages name it.
+        layout: Layout of the run.
+        run: Computed trace.
 
     Raises:
-        InputError: an entry, its file or both with the run are wrong.
+        InputError: An entry or its file is wrong, or does not fit the run.
     """
     gauges, names = gauges_of(layout), list(observe(layout, run, LEVELS))
     traces = [read_measured(entry, folder, gauges, where, key) for key, entry in entries.items() if entry.file]
@@ -156,7 +156,7 @@ def lay_over(
     aligned = align(traces, layout, run)
     triggers = {each.file: each.trigger_s for each in aligned}
     for trace in traces:
-        must_last(trace, triggers[trace.file], float(run.time_s[-1]))
+        check_length(trace, triggers[trace.file], float(run.time_s[-1]))
     curves = [smooth(gauge, run) for gauge in aligned]
     return curves, misfits(curves, layout, run, quoted)
 
@@ -164,18 +164,18 @@ def lay_over(
 def misfits(
     curves: Sequence[SmoothForce], layout: Layout, run: Trace, quoted: Mapping[str, Quoted] | None = None
 ) -> list[Misfit]:
-    """All quantities of measured gauges beside those of a run, then quoted ones.
+    """All measured quantities with those of a run, then the quoted ones.
 
-    Of each gauge: amplitude, arrival and duration of the first pulse; of all readings within the run the impulse, the
-    correlation with the computed force, and the root mean square of the residual, in N and over the computed
-    amplitude, with the noise of a reading as its error; the baseline. Of each file: speeds between neighbouring
-    gauges, the trigger.
+    For each gauge: amplitude, arrival and duration of the first pulse; impulse of all readings within the run, their
+    correlation with the computed force, the root mean square of the residual in N and relative to the computed
+    amplitude, with the noise of a reading as its error; baseline. For each file: speeds between neighbouring gauges and
+    the trigger.
 
     Args:
-        curves: measured gauges, aligned with the run.
-        layout: of the run.
-        run: computed.
-        quoted: values by observable.
+        curves: Measured gauges, aligned with the run.
+        layout: Layout of the run.
+        run: Computed trace.
+        quoted: Quoted values by observable.
     """
     computed, found = observe(layout, run, LEVELS), list[Misfit]()
     for file in dict.fromkeys(curve.gauge.file for curve in curves):
@@ -209,7 +209,7 @@ def _of_pulse(gauge: AlignedGauge, pulse: _Pulse, computed: Mapping[str, float])
 
 
 def _of_all_readings(gauge: AlignedGauge, values: Mapping[str, float]) -> list[Misfit]:
-    """Impulse by the trapezoidal rule, correlation, root mean square of the residual; the baseline."""
+    """Impulse by the trapezoidal rule, correlation, root mean square of the residual, and baseline."""
     weights = np.zeros(len(gauge.time_s))
     weights[1:] += np.diff(gauge.time_s) / 2
     weights[:-1] += np.diff(gauge.time_s) / 2
@@ -229,15 +229,15 @@ def _of_all_readings(gauge: AlignedGauge, values: Mapping[str, float]) -> list[M
 
 
 def _pulse(curve: SmoothForce, duration_s: float) -> _Pulse:
-    """The first pulse of a smoothed gauge; NaN of what it does not show.
+    """First pulse of a smoothed gauge; NaN for quantities that it does not show.
 
     Args:
-        curve: of the gauge.
-        duration_s: of the computed pulse, around which draws are looked at.
+        curve: Smoothed gauge.
+        duration_s: Duration of the computed pulse, the window in which draws are evaluated.
     """
     time_s, force_N = curve.time_s, curve.force_N
     span_N = float(np.ptp(force_N))
-    prominence = max(STANDS_OUT * float(np.median(curve.error_N)) / span_N, LEAST) if span_N else 1.0
+    prominence = max(NOISE_FACTOR * float(np.median(curve.error_N)) / span_N, MIN_PROMINENCE) if span_N else 1.0
     first = next((peak for peak in peaks(time_s, force_N, min(prominence, 1.0)) if peak.value > 0), None)
     if first is None:
         nothing = np.full(DRAWS, nan)
@@ -261,13 +261,13 @@ def _read(time_s: Array, force_N: Array) -> tuple[float, float, float]:
 
 
 def _spread(draws: Array) -> float:
-    """Standard deviation of draws; NaN where too few show the quantity."""
+    """Standard deviation of draws; NaN if too few show the quantity."""
     shown = draws[np.isfinite(draws)]
-    return float(shown.std()) if len(shown) > SHOWN * DRAWS else nan
+    return float(shown.std()) if len(shown) > MIN_DRAWS_SHARE * DRAWS else nan
 
 
 def _speeds(layout: Layout, pulses: Mapping[str, _Pulse], source: str, computed: Mapping[str, float]) -> list[Misfit]:
-    """Speeds between neighbouring sensors that a file has both of, peak to peak."""
+    """Peak-to-peak speeds between neighbouring sensors that are both in the file."""
     found = []
     for upper, lower in zip(layout.sensors[:-1], layout.sensors[1:], strict=True):
         first, second = (pulses.get(f"bead_{sensor.from_wall}") for sensor in (upper, lower))

@@ -1,4 +1,4 @@
-"""Where the bodies of a finished run are, how they move, and what they feel."""
+"""Chain, positions and velocities of a finished run."""
 
 import numpy as np
 
@@ -13,7 +13,11 @@ from drivers.scene.read_scene import stored_scene
 
 
 def chain_of(run: EndedRun) -> tuple[Scene, Chain]:
-    """The scene of a run and its chain at time 0; a damaged record, or forces of other bodies, are an InputError."""
+    """The scene of a run and its chain at time 0.
+
+    Raises:
+        InputError: The record is damaged, or the forces belong to other bodies.
+    """
     try:
         scene = stored_scene(run.record.scene)
         chain = with_lateral(scene, build_chain(scene))
@@ -29,27 +33,34 @@ def chain_of(run: EndedRun) -> tuple[Scene, Chain]:
 
 
 def read_motion(run: EndedRun) -> State:
-    """Positions and velocities of a run, bit for bit; none, damaged ones or others than its forces': an InputError."""
+    """Positions and velocities of a run, bit for bit.
+
+    Raises:
+        InputError: The run has none, they are damaged, or their times differ from those of the forces.
+    """
     path, record = run.folder / STATE, run.record
     if not path.is_file():
         name = record.scene_name
         scene = name if (paths.SCENES / f"{name}.toml").is_file() else f"{name}.toml"
         again = f"""python -m drivers run {scene} --engine {record.engine} --set run.record='["forces", "state"]'"""
-        raise InputError(paths.shown(path), "", "no positions", f"a run that keeps them: {again}")
+        raise InputError(
+            paths.shown(path),
+            "",
+            f"file not found: the run kept no positions; this command makes a run with positions: {again}",
+        )
     try:
         found = read_state(path, record.bodies)
     except KeyError as error:
-        known = "the positions of the run's bodies"
-        raise InputError(paths.shown(path), str(error.args[0]), "no such column", known) from error
+        raise InputError(paths.shown(path), str(error.args[0]), "missing column") from error
     except Exception as error:  # a damaged file can make pyarrow raise almost anything
         raise InputError(paths.shown(path), "", "a damaged file", "a run's own (run it again with --rerun)") from error
     if not np.array_equal(found.time_s, run.trace.time_s):
-        raise InputError(paths.shown(path), "time_s", "other times", f"those of {FORCES}")
+        raise InputError(paths.shown(path), "time_s", "other times", f"the times of {FORCES}")
     if not (np.isfinite(found.place_m).all() and np.isfinite(found.velocity_m_s).all()):
         raise InputError(paths.shown(path), "", "values that are not finite", "the positions of a run that is done")
     return found
 
 
 def spread(samples: int, frames: int) -> list[int]:
-    """So many samples spread evenly over a run, both ends among them; all where there are no more."""
+    """Indices of ``frames`` samples spread evenly over a run, with both ends; all samples if there are fewer."""
     return [int(place) for place in np.unique(np.linspace(0, samples - 1, min(frames, samples)).round())]

@@ -1,9 +1,10 @@
-"""Numbers of a run: peaks, arrival times, speeds, widths, reflections, energies and momentum.
+"""Observables of a run: peaks, arrival times, speeds, widths, reflections, energies and momentum.
 
-All is read from what the gauges show. A ``peak`` is the force itself, an ``amplitude`` is counted above the signal at
-time 0, which is the static load; behind electronics with a time constant a gauge shows none, and the two are the same.
-The first pulse at a gauge is the incident wave; the reflected wave is the first one after the wall's peak that goes up:
-the contact below the bead feels it before the one above. ``pulses`` are those that go down before it.
+All observables of waves are read from the gauge signals. A ``peak`` is the force itself. An ``amplitude`` is the peak
+above the signal at time 0, which is the static load; a gauge behind electronics shows no static load. The first pulse
+at a gauge is the incident wave. The reflected wave is the first pulse after the wall's peak that goes up: the contact
+below the bead feels it before the contact above. ``pulses`` counts the pulses that go down before the reflected wave.
+``postproc/README.md`` defines every observable.
 """
 
 import re
@@ -15,29 +16,29 @@ import numpy as np
 
 from drivers.chain.case import Layout
 from drivers.chain.trace import Trace, energy_error_J
-from postproc.read.residual import still
+from postproc.read.residual import is_at_rest
 from postproc.read.sensors import going_up, sensor_signals
 from postproc.read.signals import ENVELOPE_MAXIMA, integral, peaks, pulses, rising_crossing, train_envelope
 
-LEVELS = (0.002, 0.04)  # of the peak, at which the paper's Table 1 cuts the width
-QUIET = 1e-14  # of the largest force: the wall has not felt anything yet
-LATER = 0.01  # of its range: by which later maxima at the wall stand out, where damping has made them small
-ROUNDING = 1e-9  # of the largest force: a signal that moves less is at rest
+LEVELS = (0.002, 0.04)  # shares of the peak at which the paper's Table 1 cuts the width
+WALL_REST_SHARE = 1e-14  # of the largest force: smaller changes at the wall are rounding
+LATER_PROMINENCE = 0.01  # of the signal's range, for maxima after the first: damping makes them small
+ROUNDING_SHARE = 1e-9  # of the largest force: a signal that changes by less is at rest
 
 
 @dataclass(frozen=True)
 class Observable:
     """A number of a run."""
 
-    pattern: str  # its name without the unit; ``PLACEHOLDERS`` differ from scene to scene
-    unit: str  # in which it is given; empty for a plain number
-    kind: str  # observables of one kind are compared and judged alike
-    words: str  # the name as figures and tables show it
-    of_wave: bool = True  # it is read from pulses, and its relative error is a measure of how exact a run is
+    pattern: str  # name without the unit; placeholders such as {gauge} depend on the scene
+    unit: str  # empty for a plain number
+    kind: str  # observables of one kind share a tolerance
+    words: str  # name in figures and tables
+    of_wave: bool = True  # read from pulses; its relative error measures the accuracy of a run
 
     @property
     def ending(self) -> str:
-        """The unit as names end in it, such as ``_m_s``."""
+        """The unit as the ending of a name, such as ``_m_s``."""
         return "_" + re.sub("[/ ]", "_", self.unit.replace("1/", "per ")) if self.unit else ""
 
 
@@ -72,7 +73,7 @@ OBSERVABLES = (
 
 @cache
 def describe(name: str) -> Observable:
-    """The observable of a name with or without its unit; any other name is a plain number of no kind."""
+    """The observable with this name, with or without its unit; for any other name a plain number without a kind."""
     fields = {field: f"(?:{pattern})" for field, pattern in PLACEHOLDERS.items()}
     found = (
         observable
@@ -83,23 +84,23 @@ def describe(name: str) -> Observable:
 
 
 def without_unit(name: str) -> str:
-    """The name of an observable without its unit; any other name as it is."""
+    """Name of an observable without its unit; any other name unchanged."""
     return name.removesuffix(describe(name).ending)
 
 
 def of_kind(names: Iterable[str], *kinds: str) -> list[str]:
-    """The names of observables of some kinds, in their order."""
+    """Names of the observables of some kinds, in the order given."""
     return [name for name in names if describe(name).kind in kinds]
 
 
 def scale_of(name: str, values: Mapping[str, float]) -> float:
-    """Value that the error of an observable is counted over: of peaks their gauge's wave, of others their own.
+    """Value that the error of an observable is relative to: its own, or for peaks the wave at the gauge.
 
-    A gauge's wave is its first peak less the static load, or a later one where that is larger.
+    The wave at a gauge is the first peak less the static load, or this peak less the static load if that is larger.
 
     Args:
-        name: with or without its unit, as in ``values``.
-        values: all observables of the run.
+        name: Name of the observable, with or without its unit, as in ``values``.
+        values: All observables of the run.
     """
     gauge, _, rest = name.partition("_peak")
     if describe(name).kind not in ("peak", "later peak"):
@@ -110,15 +111,15 @@ def scale_of(name: str, values: Mapping[str, float]) -> float:
 
 
 def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) -> dict[str, float]:
-    """All observables of a run by name, each with its unit at the end; NaN where the trace does not show it.
+    """All observables of a run by name, with the unit at the end; NaN if the trace does not show an observable.
 
-    Widths are ``2 (t_peak - t_level) V_s / 2R`` from the leading edge, in bead diameters, with the speed from
-    the gauge before; speeds are peak to peak.
+    Widths are ``2 (t_peak - t_level) V_s / 2R`` from the leading edge, in bead diameters, with the speed from the
+    previous gauge. Speeds are peak to peak.
     """
     time = trace.time_s
     readings = sensor_signals(layout, trace)
     signals = {name: reading - reading[0] for name, reading in readings.items()}
-    noise = ROUNDING * float(np.abs(trace.force_N).max())
+    noise = ROUNDING_SHARE * float(np.abs(trace.force_N).max())
     found = {name: pulses(time, signal) if np.ptp(signal) > noise else [] for name, signal in signals.items()}
     values: dict[str, float] = {}
     for name, signal in signals.items():
@@ -130,9 +131,9 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
         for level in levels:
             edge_s = rising_crossing(time, signal, level * first.value, first) if first else np.nan
             values[f"{name}_duration_{_percent(level)}_s"] = 2 * (first.time_s - edge_s) if first else np.nan
-    turned = found["wall"][0].time_s if layout.wall and found["wall"] else np.inf  # until then it goes to the wall
+    turned = found["wall"][0].time_s if layout.wall and found["wall"] else np.inf  # until then waves travel to the wall
     places = {f"bead_{sensor.from_wall}": sensor.from_wall for sensor in layout.sensors}
-    rising = {  # at bead 1 a wave and its reflection are one
+    rising = {  # at bead 1 a wave and its reflection coincide
         name: going_up(trace.force_N, place, found[name]) if place > 1 or not layout.wall else []
         for name, place in places.items()
     }
@@ -144,7 +145,7 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
             values[f"{name}_reflected_amplitude_N"] = back.value if back else np.nan
             values[f"{name}_reflected_arrival_s"] = back.time_s if back else np.nan
     if layout.wall:
-        later = [peak for peak in peaks(time, signals["wall"], LATER) if peak.time_s > turned]
+        later = [peak for peak in peaks(time, signals["wall"], LATER_PROMINENCE) if peak.time_s > turned]
         maxima = [*found["wall"][:1], *later][:ENVELOPE_MAXIMA]
         shown = [replace(peak, value=peak.value + values["wall_static_N"]) for peak in maxima]
         for number in range(2, ENVELOPE_MAXIMA + 1):
@@ -164,10 +165,10 @@ def _percent(level: float) -> str:
 def _speeds_and_widths(
     layout: Layout, values: dict[str, float], levels: tuple[float, ...], from_below: set[str]
 ) -> dict[str, float]:
-    """Peak-to-peak speed and amplitude's ratio a bead between neighbouring sensors, width at the one nearer the wall.
+    """Peak-to-peak speed and amplitude ratio per bead between neighbouring sensors, width at the lower sensor.
 
-    ``transmission_9_to_5`` is ``(A_5 / A_9)^(1/4)``: what share of its amplitude a wave passes on from bead to bead.
-    There is neither where the first waves do not both go down: they are not one wave.
+    ``transmission_9_to_5`` is ``(A_5 / A_9)^(1/4)``, the share of its amplitude that a wave passes on from bead to
+    bead. NaN unless both first pulses go down: otherwise they belong to different waves.
     """
     result: dict[str, float] = {}
     for upper, lower in zip(layout.sensors[:-1], layout.sensors[1:], strict=True):
@@ -186,11 +187,11 @@ def _speeds_and_widths(
 
 
 def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
-    """Energy and momentum, and by how much they are not conserved; of contacts that lose energy, what it gains.
+    """Energy and momentum, and their deviation from conservation; with damping the largest gain of energy.
 
-    Before the wave reaches the wall, its force is that of the resting beads, and momentum is known without an
-    integral. The imbalance of all times is |p - p(0) - impulse of wall and loads|; its sampling share is what the
-    impulse changes when only every other sample is integrated.
+    Before the wave reaches the wall the force on the wall is static, so the exact momentum needs no integral. The
+    imbalance over all times is |p - p(0) - impulse of wall and loads|. Its sampling share is the change of the impulse
+    if only every other sample is integrated.
     """
     time, energy, momentum = trace.time_s, trace.total_energy_J, trace.momentum_N_s
     net = layout.load_N + (trace.force_N[:, 0] if layout.wall else np.zeros_like(time))
@@ -198,10 +199,10 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
         net = net + trace.bore_friction_N
     impulse, coarse = integral(time, net), integral(time[::2], net[::2])
     wall_N, largest_N = trace.force_N[:, 0], float(np.abs(trace.force_N).max())
-    changed = np.abs(wall_N - wall_N[0]) > QUIET * largest_N
+    changed = np.abs(wall_N - wall_N[0]) > WALL_REST_SHARE * largest_N
     quiet = slice(0, int(np.argmax(changed)) if changed.any() else len(wall_N))
     steady = np.abs(momentum - momentum[0] - net[0] * time)[quiet]
-    loads = abs(layout.load_N) * float(time[-1]) if still(trace.force_N) else 0.0
+    loads = abs(layout.load_N) * float(time[-1]) if is_at_rest(trace.force_N) else 0.0
     scale = max(float(np.abs(momentum).max()), layout.moving_N_s, loads) or 1.0
     drift = energy_error_J(energy, damped=layout.damped, slips=layout.slips)
     return {

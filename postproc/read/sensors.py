@@ -1,21 +1,22 @@
-"""What gauges show: the mean of the two contact forces of a sensor bead, and the force on the wall.
+"""Gauge signals: the mean of the two contact forces of a sensor bead, and the force on the wall.
 
-Where the scene gives the time constant of their electronics, what these leave of it, a first-order high-pass:
-A piezo gauge with its amplifier is a charge that leaks away, ``y' + y/tau = x'``, with x the force, y what is shown and
-tau the time constant, resistance times capacitance (Horowitz & Hill, The Art of Electronics, 1.7.8). Before time 0 the
-gauge has stood under the static load for long: y(0) = 0. So y is what is left of the change u = x - x(0):
+If the scene gives a time constant of the electronics, the signal is filtered by a first-order high-pass. The charge of
+a piezo gauge leaks away through its amplifier, ``y' + y/tau = x'``, with the force x, the signal y and tau the product
+of resistance and capacitance (Horowitz & Hill, The Art of Electronics, 1.7.8). The static load has acted for long
+before time 0, so y(0) = 0 and y follows from the change u = x - x(0):
 
     y = u - z,   z' = (u - z) / tau,   z(0) = 0.
 
-Over one sample interval h, z is known exactly for any polynomial that u is: with r = h/tau and s counted in h,
+For a polynomial u, z is known exactly over one sample interval h. With r = h/tau and the time s in units of h,
 
     z(t + h) = exp(-r) z(t) + r int_0^1 exp(-r (1 - s)) u(t + s h) ds.
 
-Here u is read off the polynomial through six samples around the interval, as peaks and impulses are. The error for a
-pulse of width w goes with (h/w)^6.
+Here u is the polynomial through six samples around the interval, as for peaks and impulses. For a pulse of width w the
+error is of order (h/w)^6.
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -25,13 +26,16 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.signals import Peak
 
-POINTS = 6  # samples that each interval's polynomial goes through
+if TYPE_CHECKING:
+    import pandas as pd
+
+POINTS = 6  # samples of the polynomial of an interval
 
 
 def mean_forces(force_N: Array) -> Array:
-    """``(F_j + F_{j+1}) / 2`` of every body, as a sensor bead reads (the paper's Eq. 5); above the last there is none.
+    """Mean contact force ``(F_j + F_{j+1}) / 2`` of every body, as a sensor bead shows it (the paper's Eq. 5).
 
-    Of the same shape, (..., bodies), contact j under body j.
+    Shape (..., bodies), as ``force_N``; contact j is under body j, and there is none above the last body.
     """
     above = np.zeros_like(force_N)
     above[..., :-1] = force_N[..., 1:]
@@ -39,13 +43,13 @@ def mean_forces(force_N: Array) -> Array:
 
 
 def sensor_average(force_N: Array, from_wall: int) -> Array:
-    """What a sensor bead reads, counted from the wall, of forces of shape (samples, contacts). Shape (samples,)."""
+    """Signal of a sensor bead, counted from the wall, from forces of shape (samples, contacts). Shape (samples,)."""
     return mean_forces(force_N[:, from_wall - 1 : from_wall + 1])[:, 0]
 
 
 def going_up(force_N: Array, from_wall: int, pulses: list[Peak]) -> list[Peak]:
-    """The pulses at a bead that go up: before their peaks the contact below pushes more than the one above."""
-    upper = max(min(from_wall, force_N.shape[1] - 1), 1)  # the top bead of a chain without a striker has none above
+    """Pulses at a bead that go up: before their peaks the contact below pushes more than the contact above."""
+    upper = max(min(from_wall, force_N.shape[1] - 1), 1)  # no contact above the top bead of a chain without a striker
     both_N = force_N[:, [upper - 1, upper % force_N.shape[1]]]
     lower_N, upper_N = (both_N - both_N[0]).T
     found, before = [], 0
@@ -63,7 +67,7 @@ def gauges_of(layout: Layout) -> list[str]:
 
 
 def sensor_signals(layout: Layout, trace: Trace) -> dict[str, Array]:
-    """What all gauges show, by name: ``bead_9``, ``bead_5``, ..., and ``wall``. Each of shape (samples,)."""
+    """Signals of all gauges by name: ``bead_9``, ``bead_5``, ..., and ``wall``. Each of shape (samples,)."""
     signals = {f"bead_{s.from_wall}": sensor_average(trace.force_N, s.from_wall) for s in layout.sensors}
     if layout.wall:
         signals["wall"] = trace.force_N[:, 0]
@@ -72,19 +76,24 @@ def sensor_signals(layout: Layout, trace: Trace) -> dict[str, Array]:
     return {name: high_passed(trace.time_s, signal, layout.time_constant_s) for name, signal in signals.items()}
 
 
-def write_sensors(layout: Layout, trace: Trace, path: Path) -> None:
-    """Writes ``sensors.csv`` in full precision."""
+def sensor_table(layout: Layout, trace: Trace) -> "pd.DataFrame":
+    """Gauge signals as a table with a column for each gauge; the index is ``time_s``."""
     import pandas as pd
 
     columns = {f"{name}_N": signal for name, signal in sensor_signals(layout, trace).items()}
-    pd.DataFrame({"time_s": trace.time_s} | columns).to_csv(path, index=False)
+    return pd.DataFrame(columns, index=pd.Index(trace.time_s, name="time_s"))
+
+
+def write_sensors(layout: Layout, trace: Trace, path: Path) -> None:
+    """Writes ``sensors.csv`` in full precision."""
+    sensor_table(layout, trace).to_csv(path)
 
 
 def high_passed(time_s: Array, signal: Array, time_constant_s: float) -> Array:
-    """What a gauge of that time constant shows of a signal that has been at its first value for ever. Shape (samples,).
+    """Signal behind a high-pass with this time constant, for an input constant before time 0. Shape (samples,).
 
-    A time constant far beyond the record leaves the change since time 0; one far below the sample interval leaves
-    ``tau x'``, next to nothing.
+    A time constant far above the duration leaves the change since time 0; one far below the sample interval leaves
+    ``tau x'``, which is almost zero.
     """
     from scipy.signal import lfilter
     from scipy.special import hyp1f1
@@ -95,15 +104,15 @@ def high_passed(time_s: Array, signal: Array, time_constant_s: float) -> Array:
         return np.asarray(change)
     ratio = (time_s[-1] - time_s[0]) / (count - 1) / time_constant_s
     points = min(POINTS, count)
-    # what each sample of a window feeds into z over each of the window's intervals, shape (intervals, points): the
-    # integrals int_0^1 exp(-r (1 - s)) s^k ds are 1F1(1; k + 2; -r) / (k + 1) (DLMF 13.4.1)
+    # contribution of each sample of a window to z over each of its intervals, shape (intervals, points): the integrals
+    # int_0^1 exp(-r (1 - s)) s^k ds are 1F1(1; k + 2; -r) / (k + 1) (DLMF 13.4.1)
     powers = np.arange(float(points))
     integrals = ratio * hyp1f1(1.0, powers + 2, -ratio) / (powers + 1)
     weights = np.stack([
         integrals @ np.linalg.inv(np.vander(powers - interval, increasing=True)) for interval in range(points - 1)
     ])  # fmt: skip
     windows = sliding_window_view(change, points)
-    middle = (points - 2) // 2  # the interval of a window that all but the first and last intervals take
+    middle = (points - 2) // 2  # interval of a window used except at both ends of the record
     fed = np.concatenate([
         [0.0],
         weights[:middle] @ windows[0],

@@ -1,7 +1,7 @@
-"""Peaks, level crossings and integrals of a sampled signal, finer than its samples; envelopes and shapes of pulses.
+"""Peaks, level crossings and integrals of a sampled signal between its samples; envelopes and shapes of pulses.
 
-Between samples a signal is read off an interpolating quintic spline through the samples around the place:
-for a pulse of width w sampled every h the error goes with (h/w)^6.
+Values between samples are taken from an interpolating quintic spline through the neighbouring samples: for a pulse of
+width w sampled every h the error is of order (h/w)^6.
 """
 
 from collections.abc import Iterator
@@ -17,23 +17,23 @@ from drivers.chain.chain import Array
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
-PROMINENCE = 0.05  # of the signal's range: smaller bumps are no peaks
-NOISE = 1e-4  # of the signal's range: a hundred times what rounding leaves of forces at rest
-OWN = 0.01  # of its own height, by which a pulse stands out: those of a train overlap
-SHARE = 0.05  # of the largest pulse before: what is lower is its wake
+PROMINENCE = 0.05  # of the signal's range: lower bumps are no peaks
+NOISE = 1e-4  # of the signal's range: a hundred times the rounding error of forces at rest
+OWN_PROMINENCE = 0.01  # of a pulse, relative to its height: pulses of a train overlap
+WAKE = 0.05  # of the largest earlier pulse: lower maxima belong to its wake
 # integrals of Lagrange's polynomials through six samples, over their first two intervals and their middle one
 FIRST_INTERVALS = np.array([[475, 1427, -798, 482, -173, 27], [-27, 637, 1022, -258, 77, -11]]) / 1440
 MIDDLE_INTERVAL = np.array([11, -93, 802, 802, -93, 11]) / 1440
-ONSET = 0.02  # of its peak, from which on a pulse counts as begun
-UNLIKE = 2.0
-ENVELOPE_MAXIMA = 3  # that the envelope of a train goes through, unless told
-FINER = 100  # times the samples: where the fit and the pulse end
-REACH = 8  # samples to either side that a local spline goes through
+ONSET = 0.02  # share of the peak at which a pulse begins
+MAX_INTERVAL_RATIO = 2.0  # of the longest to the shortest interval between the maxima of a train
+ENVELOPE_MAXIMA = 3  # maxima of a train in its envelope, by default
+REFINEMENT = 100  # points per sample where the fit and the end of a pulse are searched
+REACH = 8  # samples on either side of a local spline
 
 
 @dataclass(frozen=True)
 class Peak:
-    """A maximum of a signal; ``sample`` is the nearest sample below it."""
+    """Maximum of a signal; ``sample`` is the index of the largest sample."""
 
     time_s: float
     value: float
@@ -41,27 +41,27 @@ class Peak:
 
 
 def peaks(time_s: Array, values: Array, prominence: float = PROMINENCE) -> list[Peak]:
-    """Maxima that stand out by ``prominence`` of the signal's range, in the order of time; samples equally spaced."""
+    """Maxima with at least this prominence, as a share of the signal's range, by time; samples are equally spaced."""
     return [peak for peak, _ in _peaks(time_s, values, prominence)]
 
 
 def pulses(time_s: Array, values: Array) -> list[Peak]:
-    """Maxima above 0 that are pulses, however small beside later ones: no noise, ripple or wake of an earlier pulse."""
+    """Maxima above 0 without noise, ripple and the wakes of earlier pulses; later pulses may be much larger."""
     found: list[Peak] = []
     for peak, prominence in _peaks(time_s, values, NOISE):
         largest = max((earlier.value for earlier in found), default=0.0)
-        if peak.value > SHARE * largest and prominence >= OWN * peak.value:
+        if peak.value > WAKE * largest and prominence >= OWN_PROMINENCE * peak.value:
             found.append(peak)
     return found
 
 
 def first_peak(time_s: Array, values: Array, prominence: float = PROMINENCE) -> Peak | None:
-    """The first of ``peaks``; None where there is none."""
+    """The first of ``peaks``; None if there is none."""
     return next((peak for peak, _ in _peaks(time_s, values, prominence)), None)
 
 
 def _peaks(time_s: Array, values: Array, prominence: float) -> Iterator[tuple[Peak, float]]:
-    """Maxima, each with the height by which it stands out."""
+    """Maxima, each with its prominence."""
     span = float(np.ptp(values))
     if span > 0 and len(values) >= 3:
         from scipy.signal import find_peaks
@@ -70,7 +70,7 @@ def _peaks(time_s: Array, values: Array, prominence: float) -> Iterator[tuple[Pe
         for place, height in zip(map(int, places), map(float, properties["prominences"]), strict=True):
             first, last = max(place - 1, 0), min(place + 1, len(time_s) - 1)
             curve = _local_curve(time_s, values, place, first, last)
-            roots = np.asarray(curve.derivative().roots(extrapolate=False))  # a flat stretch's NaN is not inside
+            roots = np.asarray(curve.derivative().roots(extrapolate=False))  # drops the NaN of a flat stretch
             inside = roots[(roots >= time_s[first]) & (roots <= time_s[last])]
             candidates = [(float(curve(root)), float(root)) for root in inside]
             value, time = max([*candidates, (float(values[place]), float(time_s[place]))])
@@ -78,7 +78,7 @@ def _peaks(time_s: Array, values: Array, prominence: float) -> Iterator[tuple[Pe
 
 
 def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) -> float:
-    """The last time before a peak at which the signal rises through ``level``; NaN where it never does."""
+    """Last time before a peak at which the signal rises through ``level``; NaN if it never does."""
     below = np.flatnonzero(values[: before.sample + 1] < level)
     if not below.size or below[-1] >= before.sample:
         return float("nan")
@@ -93,9 +93,9 @@ def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) ->
 
 
 def _local_curve(time_s: Array, values: Array, place: int, first: int, last: int) -> "PPoly":
-    """The spline around a place, from the ``first`` sample to the ``last``.
+    """Spline around a sample, from the ``first`` sample to the ``last``.
 
-    Samples are equally spaced, so its coefficients are linear in the values.
+    Samples are equally spaced, so the coefficients are linear in the values.
     """
     from scipy.interpolate import PPoly
 
@@ -109,7 +109,7 @@ def _local_curve(time_s: Array, values: Array, place: int, first: int, last: int
 
 @lru_cache(maxsize=64)
 def _spline_of_units(count: int) -> Array:
-    """Splines through 0 ... 1 ... 0 on samples one apart: Taylor coefficients at each, the highest power first.
+    """Splines through 0 ... 1 ... 0 on samples at distance 1: Taylor coefficients at each sample, highest power first.
 
     Shape (powers, intervals, values).
     """
@@ -123,7 +123,7 @@ def _spline_of_units(count: int) -> Array:
 
 
 def integral(time_s: Array, values: Array) -> Array:
-    """Running integral from time 0, exact for quintics: each interval by the polynomial through six samples."""
+    """Running integral from time 0, exact for quintics: the polynomial through six samples gives each interval."""
     if len(time_s) < 6:
         steps = np.diff(time_s) * (values[1:] + values[:-1]) / 2
         return np.concatenate([[0.0], np.cumsum(steps)])
@@ -142,37 +142,40 @@ class Envelope:
 
 
 def envelope(maxima: list[Peak]) -> Envelope:
-    """The exponential through maxima; at least two are needed."""
+    """Exponential through at least two maxima."""
     rate, start = np.polyfit([peak.time_s for peak in maxima], np.log([peak.value for peak in maxima]), 1)
     return Envelope(float(np.exp(start)), float(rate))
 
 
 def train_envelope(maxima: list[Peak], count: int = ENVELOPE_MAXIMA) -> Envelope | None:
-    """The exponential through a train's first maxima; None where there are fewer, or one is not above 0.
+    """Exponential through the first maxima of a train; None if there are fewer, or one is not above 0.
 
-    Maxima of a train come at like intervals: one more than twice as late as another belongs to what comes back later.
+    Maxima of a train follow at similar intervals. If one interval is more than twice another, a maximum belongs to a
+    reflection, and the result is None.
     """
     leading = maxima[:count]
     if len(leading) < count or min(peak.value for peak in leading) <= 0:
         return None
     intervals = np.diff([peak.time_s for peak in leading])
-    return envelope(leading) if intervals.max() <= UNLIKE * intervals.min() else None
+    return envelope(leading) if intervals.max() <= MAX_INTERVAL_RATIO * intervals.min() else None
 
 
 @dataclass(frozen=True)
 class PulseShape:
-    """An incident pulse at one place."""
+    """Shape of an incident pulse at one place."""
 
     rise_s: float  # from the onset to the first maximum
-    decay_per_s: float  # rate of the exponential from the maximum to half of it; NaN if it never falls so far
-    duration_s: float  # from the onset until it first falls below that level again, or until the reflected wave arrives
+    decay_per_s: float  # rate of the exponential from the maximum to half of it; NaN if the pulse never falls to half
+    duration_s: float  # from the onset until the pulse first falls below the onset level, or until the reflected wave
 
 
 def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> PulseShape | None:
-    """The shape of a signal's first pulse; None without a later maximum, the largest of which is the reflected wave.
+    """Shape of the first pulse of a signal; None without a later maximum. The largest later one is the reflected wave.
 
-    Parameters:
-        onset_share: of the first maximum, from which on the pulse counts as begun, and below which as ended.
+    Args:
+        time_s: Sample times. Shape (samples,).
+        signal: Signal above its value at rest. Shape (samples,).
+        onset_share: Share of the first maximum at which the pulse begins and ends.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -181,7 +184,7 @@ def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> 
         return None
     first, reflected = found[0], max(found[1:], key=lambda peak: peak.value)
     onset = rising_crossing(time_s, signal, onset_share * first.value, first)
-    after = np.linspace(first.time_s, reflected.time_s, FINER * (reflected.sample - first.sample))
+    after = np.linspace(first.time_s, reflected.time_s, REFINEMENT * (reflected.sample - first.sample))
     falling = np.asarray(make_interp_spline(time_s, signal, k=5)(after))
     half = int(np.argmax(falling < first.value / 2))
     rate = np.polyfit(after[:half], np.log(falling[:half]), 1)[0] if half > 1 else np.nan

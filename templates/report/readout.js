@@ -1,4 +1,4 @@
-// Hovering, tapping or arrow keys on a chart show the values of its curves. Without this the page reads as well.
+// Show the values of a chart's curves on hover, tap or arrow keys. The page is complete without this script.
 "use strict";
 (() => {
   const SVG = "http://www.w3.org/2000/svg";
@@ -87,7 +87,7 @@
   };
   document.querySelectorAll("figure[data-chart]").forEach(enliven);
 
-  // a link into a folded part opens it; what is folded is printed all the same
+  // a link to a folded part opens it
   const open = () => {
     const target = location.hash && document.getElementById(decodeURIComponent(location.hash.slice(1)));
     if (target && target.tagName === "DETAILS") target.open = true;

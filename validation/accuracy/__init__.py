@@ -1,1 +1,1 @@
-"""Errors of a run, its error budget, and the time step that keeps a wanted accuracy."""
+"""Errors of a run, its error budget, and the time step that a wanted accuracy needs."""

@@ -1,4 +1,4 @@
-"""Assessment of a run: what gauges show, its error budget, what it keeps of an accuracy, and warnings."""
+"""Assessment of a run: gauge signals, error budget, accuracy reached, and warnings."""
 
 import math
 from dataclasses import replace
@@ -11,10 +11,9 @@ from drivers.run.finished import EndedRun
 
 
 def assess(ended: EndedRun, case: Case) -> EndedRun:
-    """The run with its errors measured; ``sensors.csv`` and the record are written, unless both are there already.
+    """Measure the errors of a run and write ``sensors.csv`` and the record, unless both are complete already.
 
-    The record says whether it is: a run found for another scene of the same physics has lost its assessment. A run
-    that is not done has nothing to assess.
+    A run reused for another scene of the same physics is assessed again. A failed run is returned unchanged.
     """
     record, sensors = ended.record, ended.folder / SENSORS
     if not ended.done or (record.error_budget is not None and sensors.exists()):
@@ -29,7 +28,7 @@ def assess(ended: EndedRun, case: Case) -> EndedRun:
 
 
 def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
-    """The error budget, what was kept of the accuracy asked for, and what to be warned of."""
+    """Fields of the record: error budget, requested and measured accuracy, warnings."""
     from drivers.limits.stable_step import predicted_limit
     from validation.accuracy.baseline import baseline_of
     from validation.accuracy.budget import error_budget, measured_errors, warnings_of
@@ -45,7 +44,7 @@ def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
     baseline, exact_to, exact_until_s = baseline_of(case, engine), None, None
     if baseline.straight and parts:
         samples = len(baseline.exact.time_s)
-        exact_to = float(baseline.known[samples - 1])
+        exact_to = float(baseline.exact_error[samples - 1])
         exact_until_s = float(case.sample_times_s[samples - 1])
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
     return {

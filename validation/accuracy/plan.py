@@ -1,4 +1,4 @@
-"""Planning of a case: the largest time step that keeps the accuracy its scene asks for, and the cheapest engine."""
+"""Planning of a case: the largest time step that meets the accuracy of its scene, and the cheapest engine."""
 
 import time
 from dataclasses import replace
@@ -12,8 +12,8 @@ from drivers.scene.read_scene import read_scene
 from validation.accuracy.costs import cost_on
 
 
-def able(case: Case) -> list[str]:
-    """Engines that model all that the case requires, as accurately as it asks, installed or not."""
+def capable_engines(case: Case) -> list[str]:
+    """Engines, installed or not, that model all elements of a case with its accuracy."""
     needed = {element.name for element in case.elements if element.modelled}
     return [
         name
@@ -25,28 +25,30 @@ def able(case: Case) -> list[str]:
 
 
 def cheapest(case: Case) -> str:
-    """The cheapest installed engine that models all that the case requires.
+    """Cheapest installed engine that models all elements of a case.
 
     Raises:
-        RunError: there is none.
+        RunError: no installed engine does.
     """
-    found = installed(able(case))
+    capable = capable_engines(case)
+    found = installed(capable)
     if not found:
-        raise RunError(f"no installed engine models all of this scene; {', '.join(able(case)) or 'none'} would")
+        others = f"; {', '.join(capable)} would" if capable else ""
+        raise RunError(f"no installed engine models all of this scene{others}")
     return min(found, key=lambda name: cost_on(name).run_s(case))
 
 
 def planned_case(source: str | Path, *settings: str) -> Case:
-    """The case of a scene with settings laid over it, planned.
+    """Planned case of a scene with settings.
 
     Raises:
-        InputError: anything wrong with the scene or its accuracy.
+        InputError: the scene or its accuracy is wrong.
     """
     return plan_case(build_case(read_scene(source, settings)))
 
 
-def asked_of(case: Case) -> dict[str, float]:
-    """The accuracy a scene asks for, by quantity; names may end in their unit, as observables do."""
+def requested_accuracy(case: Case) -> dict[str, float]:
+    """Accuracy that a scene asks for, by quantity; units at the end of names are dropped."""
     from postproc.read.observables import without_unit
 
     accuracy = case.scene.run.accuracy
@@ -57,23 +59,22 @@ def asked_of(case: Case) -> dict[str, float]:
 
 
 def plan_case(case: Case) -> Case:
-    """The case at the largest time step that keeps its accuracy, without what matters too little for it.
+    """Case at the largest time step that meets its accuracy, without elements of negligible effect.
 
-    Where rounding takes a share of the accuracy, the step leaves room for it. A case that asks for no accuracy stays
-    as it is.
+    The step leaves room for rounding errors. A case without an accuracy is returned unchanged.
 
     Raises:
-        InputError: no step keeps it, or the scene does not show a quantity.
+        InputError: no step meets the accuracy, or the scene lacks one of its quantities.
     """
     if case.scene.run.accuracy is None:
         return case
     from validation.accuracy.step_choice import (
         Chooser,
-        simplify,  # runs the in-repo scheme: only where it is needed
+        simplify,  # slow imports
     )
 
     began = time.perf_counter()
-    asked = asked_of(case)
+    asked = requested_accuracy(case)
     chooser = Chooser(simplify(case, asked), tuple(asked), min(asked.values()))
     chosen, plan = chooser.choose_with_room(asked)
     return replace(chosen, plan=replace(plan, asked=asked, seconds=round(time.perf_counter() - began, 6)))

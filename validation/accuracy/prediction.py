@@ -1,16 +1,17 @@
-"""Prediction of a run's errors by the scheme of its engine, and the tolerances that follow from it.
+"""Predicted errors of a run and the tolerances derived from them.
 
-By the triangle inequality ``|run - exact| <= |scheme - exact| + |run - scheme|``: the first is what the scheme does at
-the step of the run, computed in this repository, the second what rounding allows. What computed a run does not predict
-its errors: with Q_h velocity Verlet at the step h and Richardson's extrapolation ``Q_0 = Q_h/8 + g (Q_h/8 - Q_h/4)``,
-``g = 1 / (2^p - 1)``, p its order, the prediction of the motion is
+By the triangle inequality ``|run - exact| <= |scheme - exact| + |run - scheme|``. The first term is the error of the
+scheme at the step of the run, computed in this repository; the second is bounded by rounding. No engine predicts its
+own errors. With Q_h velocity Verlet at the step h, p its order, ``g = 1 / (2^p - 1)`` and Richardson's extrapolation
+``Q_0 = Q_h/8 + g (Q_h/8 - Q_h/4)`` the predicted motion is
 
-* of a code ``Q_h``;
-* of ``verlet`` the exact motion and ``Q_h - Q_0``, which no scheme of another order or of other equations fulfils;
-* of an engine without a time step ``Q_0``.
+* for a code: ``Q_h``;
+* for ``verlet``: the exact motion plus ``Q_h - Q_0``, which fails for a scheme of another order or other equations;
+* for an engine without a time step: ``Q_0``.
 
-The last two hold to the rest of the series, ``g |g (Q_h - Q_h/2) - (1 + g) (Q_h/2 - Q_h/4)|`` at the step h: more than
-what h/8 leaves, of which no more than the order is known, as contacts open and close between steps.
+The tolerance of the last two includes the remainder of the series at the step h,
+``g |g (Q_h - Q_h/2) - (1 + g) (Q_h/2 - Q_h/4)|``. This exceeds the remainder at h/8, of which only the order is known,
+as contacts open and close between steps.
 """
 
 from dataclasses import dataclass, fields
@@ -28,44 +29,44 @@ from validation.accuracy.baseline import Baseline, model_quantity
 from validation.accuracy.schemes import ENERGY, energy_change_J
 
 IMPULSE = "impulse"
-KINDS = ("peak", "speed")  # of observables that are predicted
-REASON = "the error of velocity Verlet at this step, computed in this repository, and what rounding adds"
-EXACT_REASON = "the error of an exact run, by velocity Verlet extrapolated to a step of zero, and what rounding adds"
+KINDS = ("peak", "speed")  # of predicted observables
+REASON = "the error of velocity Verlet at this step, computed in this repository, plus rounding"
+EXACT_REASON = "the error of an exact run, from velocity Verlet extrapolated to a step of zero, plus rounding"
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Errors that a run without faults has.
+    """Errors of a faultless run.
 
     Attributes:
-        errors: by quantity, as ``run_errors``; empty where nothing can be predicted.
-        rest: what rounding, and what the prediction leaves open, add at most, likewise.
-        scheme: what predicts them, in words, with ``{}`` for a number.
-        beside: what the rest is, in words.
-        reason: of the tolerances.
-        capped: whether a run may be off by no more than the general tolerance.
+        errors: by quantity, as in ``run_errors``; empty if nothing can be predicted.
+        rest: upper bounds on rounding and on the uncertainty of the prediction, by quantity.
+        scheme: text on the source of the prediction, with ``{}`` for the error.
+        rest_source: text on the source of the rest.
+        reason: reason of the tolerances.
+        capped: True if the general tolerance is an upper limit.
     """
 
     errors: dict[str, float]
     rest: dict[str, float]
     scheme: str = ""
-    beside: str = ""
+    rest_source: str = ""
     reason: str = ""
     capped: bool = True
 
     def tolerance(self, quantity: str, general: Tolerance) -> tuple[Tolerance, str]:
-        """Tolerance of a quantity, error and rest or the general one where that is less; both parts in words."""
+        """Tolerance of a quantity and text on its parts: error plus rest, or the general tolerance if that is less."""
         if quantity not in self.errors:
             return general, ""
         error, rest = self.errors[quantity], self.rest[quantity]
         words, limit = f"; {self.scheme.format(f'{error:.1e}')}", error + rest
         if isfinite(limit) and (limit < general.limit or not self.capped):
-            return Tolerance(limit, self.reason, error), f"{words}, {self.beside} up to {rest:.0e}"
+            return Tolerance(limit, self.reason, error), f"{words}, {self.rest_source} up to {rest:.0e}"
         return general, words
 
 
 def predict(baseline: Baseline, engine: str, *, capped: bool = True) -> Prediction:
-    """Prediction for a run of an engine, at the samples at which the exact motion is known."""
+    """Predict the errors of a run of an engine, at the samples at which the exact motion is known."""
     found = predicted_motion(baseline, engine)
     if found is None:
         return Prediction({}, {})
@@ -77,41 +78,41 @@ def predict(baseline: Baseline, engine: str, *, capped: bool = True) -> Predicti
     shares = {name: 1.0 if name == FORCE else others for name in errors}
     shares |= {name: max(others, change_N / scale_of(name, values)) for name in of_kind(errors, "peak")}
     runs, step_s = load_engine(engine), baseline.case.scene.time_step_s
-    scheme, beside = f"velocity Verlet at {step_s * 1e6:g} µs is off by {{}} itself", "rounding adds"
+    scheme, source = f"velocity Verlet at {step_s * 1e6:g} µs has an error of {{}}", "rounding adds"
     if runs.scheme == EXACT:
-        scheme, beside = "velocity Verlet at a step of zero shows {}", "extrapolation and rounding add"
+        scheme, source = "velocity Verlet extrapolated to a step of zero has {}", "extrapolation and rounding add"
     elif runs.in_repository:
-        scheme, beside = "runs at 1/2, 1/4 and 1/8 of the step predict {}", "extrapolation and rounding add"
-    sphere = "" if model_quantity(baseline.case) == FORCE else f"; {baseline.stated.reason}"
+        scheme, source = "runs at 1/2, 1/4 and 1/8 of the step predict {}", "extrapolation and rounding add"
+    sphere = "" if model_quantity(baseline.case) == FORCE else f"; {baseline.model_tolerance.reason}"
     return Prediction(
         errors,
         {name: share * rest for name, share in shares.items()},
         scheme,
-        beside,
+        source,
         (EXACT_REASON if runs.scheme == EXACT else REASON) + sphere,
         capped=capped,
     )
 
 
 def predicted_motion(baseline: Baseline, engine: str) -> tuple[Trace, float] | None:
-    """Motion of a run without faults, by what did not compute it, and by what share of the change it may differ.
+    """Predicted motion of a faultless run and its uncertainty over the largest change, while the exact motion is known.
 
-    As long as the exact motion is known; None where it is not, or where nothing else than the engine knows the scene.
+    None if the exact motion is not known, or if only the engine itself models the scene.
     """
     runs = load_engine(engine)
     by_code = runs.scheme != EXACT and not runs.in_repository
-    if baseline.unknown or not (by_code or baseline.straight):
+    if baseline.why_unknown or not (by_code or baseline.straight):
         return None
     try:
         exact = baseline.exact
     except ArithmeticError:
         return None
     samples = len(exact.time_s)
-    plain, allowed = until(baseline.plain, samples), baseline.stated.limit
+    plain, allowed = until(baseline.plain, samples), baseline.model_tolerance.limit
     if by_code:
-        return plain, max(allowed, float(baseline.explained[samples - 1]))
+        return plain, max(allowed, float(baseline.rounding_bound[samples - 1]))
     if runs.scheme == EXACT:
-        allowed = max(allowed, float(baseline.known[samples - 1]))
+        allowed = max(allowed, float(baseline.exact_error[samples - 1]))
     half, quarter, eighth = (until(each, samples) for each in (baseline.half, baseline.quarter, baseline.eighth))
     gain = 1 / (2**baseline.order - 1)
     rest_N = gain * (gain * (plain.force_N - half.force_N) - (1 + gain) * (half.force_N - quarter.force_N))
@@ -122,7 +123,7 @@ def predicted_motion(baseline: Baseline, engine: str) -> tuple[Trace, float] | N
 
 
 def _sum(*terms: tuple[float, Trace]) -> Trace:
-    """Sum of traces with weights, without places and velocities of bodies."""
+    """Weighted sum of traces, without positions and velocities of bodies."""
     names = {each.name for each in fields(Trace)} - {
         "time_s",
         "height_m",
@@ -135,16 +136,17 @@ def _sum(*terms: tuple[float, Trace]) -> Trace:
 
 
 def run_errors(baseline: Baseline, trace: Trace, exact: Trace | None = None) -> dict[str, float]:
-    """Errors of a run by quantity: energy and impulse, and against an exact motion force, peaks and speeds.
+    """Errors of a run by quantity: energy and impulse; with an exact motion also force, peaks and speeds.
 
-    The force's is the largest difference over the largest change, the energy's the largest change over the largest
-    kinetic energy, the impulse's the largest ``|p - p(0) - impulse of wall and loads|`` over the largest momentum, as
-    sampled. Peaks are over their gauge's wave, speeds over their own; NaN where a run does not show them.
+    * force: largest difference over the largest change;
+    * energy: largest change over the largest kinetic energy;
+    * impulse: largest ``|p - p(0) - impulse of wall and loads|`` over the largest momentum, as sampled;
+    * peak: relative to the dynamic peak of the gauge; speed: relative. NaN if the run lacks the observable.
 
     Args:
-        baseline: of the case.
-        trace: the run, or the first samples of it.
-        exact: at the same samples; None where it is not known.
+        baseline: baseline of the case.
+        trace: the run, or its first samples.
+        exact: exact motion at the same samples; None if it is not known.
     """
     case, values = baseline.case, observe(baseline.case.layout, trace)
     energy = float(energy_change_J(case.chain, trace, None).max()) / baseline.energy_scale_J(trace)

@@ -1,9 +1,11 @@
-"""A case by the in-repo schemes, as traces: rounded in two ways, or exact; and errors of a run, by quantity.
+"""Traces of a case by the in-repo schemes (velocity Verlet with two kinds of rounding, exact motion); errors of a run.
 
-Quantities are named like observables, without the unit: ``wall_peak``, ``bead_9_arrival``, ``speed_9_to_5``. The error
-of ``force`` is the largest difference of all contacts and sample times over the largest change of force, that of
-``energy`` the largest change over the largest kinetic energy (where contacts lose energy, the largest difference); that
-of a peak is relative to its true value less the static load, all others to the true value.
+Quantities are named like observables, without the unit: ``wall_peak``, ``bead_9_arrival``, ``speed_9_to_5``. Errors:
+
+* ``force``: largest difference over all contacts and sample times, over the largest change of force;
+* ``energy``: largest change over the largest kinetic energy; with damping the largest difference from the exact motion;
+* peaks: relative to the true value minus the static load;
+* all others: relative to the true value.
 """
 
 from collections.abc import Collection
@@ -18,28 +20,28 @@ from drivers.chain.trace import Trace, energy_error_J, make_trace, until
 from drivers.limits.refusal import FORCE
 from postproc.read.observables import describe, observe, scale_of, without_unit
 from postproc.read.residual import largest_kinetic_J, residual, share_of_change
-from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
+from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import Motion, TubeChain, TubeMotion
 from validation.reference.tube import TOTAL, integrate_tube
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 
-TURN_RAD = 1.0  # about the axis, for the run that only rounds otherwise
+TURN_RAD = 1.0  # rotation about the axis, which changes rounding errors only
 ENERGY = "energy"
-FINER = 4  # times the samples that true peaks are read from: quintics leave 4^-6 of the error of sampling
-# times the tolerance: that of second motions, by which the first one's error is measured
+SAMPLE_FACTOR = 4  # factor of samples for true peaks: quintic interpolation leaves 4^-6 of the sampling error
+# tolerance of the second motions, over the tolerance of the first, whose error they measure
 ROUGH_FACTOR, NEAR_FACTOR = 100.0, 3.0
-LINEAR_SHARE = 1e-3  # of the largest change: larger differences no longer shrink with the tolerance
-COARSE_ERROR = 0.1  # tolerances beyond it tell nothing
-MAX_FINE_VALUES = 4_000_000  # values of the finer record; beyond it the error of sampling is not measured
+LINEAR_SHARE = 1e-3  # of the largest change: larger differences do not shrink with the tolerance
+COARSE_ERROR = 0.1  # larger tolerances are meaningless
+MAX_FINE_VALUES = 4_000_000  # values of the finer record; beyond, the sampling error is not measured
 
 
 def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
-    """The case by the scheme of the codes: in overlaps, or in three dimensions.
+    """Integrate a case by velocity Verlet, the scheme of the codes: in overlaps, or in three dimensions.
 
     Args:
-        case: what to run.
-        law: of friction in three dimensions: what it keeps, as ``shear`` of an engine.
-        finer: by what to divide the time step.
+        case: the case.
+        law: law of friction in three dimensions, as in ``shear`` of an engine.
+        finer: divisor of the time step.
     """
     if case.chain.lateral is not None:
         return _trace_of_tube(case, _tube_motion(case, tube_arrays_of(case.chain), law, finer))
@@ -50,10 +52,10 @@ def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
 
 
 def verlet_in_heights(case: Case) -> Trace:
-    """The same scheme rounded otherwise: with absolute heights as its state, as engines hold them.
+    """Integrate a case by velocity Verlet with absolute heights as its state, as the codes do.
 
-    It does the same arithmetic as ``verlet_of`` but for the rounding of places: a few 1e-18 m a step, which slow beads
-    gather and a chaotic chain multiplies.
+    The only difference from ``verlet_of`` is the rounding of positions, a few 1e-18 m a step, which accumulates for
+    slow beads and grows exponentially in a chaotic chain.
     """
     scene = case.scene
     height, reach = heights_and_reach(case)
@@ -63,7 +65,7 @@ def verlet_in_heights(case: Case) -> Trace:
 
 
 def turned_verlet_of(case: Case, law: str) -> Trace:
-    """The same of three dimensions: computed turned about the axis and twice as high."""
+    """Integrate a three-dimensional case turned about the axis and lifted, which changes rounding errors only."""
     chain = tube_arrays_of(case.chain)
     lift = np.array([0, 0, float(np.abs(chain.place_m[:, 2]).max())])
     turn = np.array([[np.cos(TURN_RAD), np.sin(TURN_RAD), 0], [-np.sin(TURN_RAD), np.cos(TURN_RAD), 0], [0, 0, 1]])
@@ -79,9 +81,9 @@ def turned_verlet_of(case: Case, law: str) -> Trace:
 
 
 def heights_and_reach(case: Case) -> tuple[Array, Array]:
-    """Heights at time 0, and the distances at which neighbours (body 1 and the height 0) just touch. Shape (bodies,).
+    """Heights at time 0 and distances at which neighbours (body 1 and height 0) just touch, in m. Shape (bodies,).
 
-    A damped flat face is the large sphere that LIGGGHTS has to take it for.
+    A damped flat face is replaced by a large sphere, as in LIGGGHTS.
     """
     chain = case.chain
     flat = np.isinf(chain.radius_m)
@@ -92,7 +94,7 @@ def heights_and_reach(case: Case) -> tuple[Array, Array]:
 
 
 def trace_of(case: Case, time_s: Array, motion: Motion) -> Trace:
-    """An in-repo motion as a trace."""
+    """Trace of an in-repo motion."""
     height = case.chain.height_m + motion.displacement_m
     return make_trace(case.chain, time_s, motion.force_N, height, motion.velocity_m_s)
 
@@ -110,13 +112,13 @@ def _trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
 
 
 @dataclass(frozen=True)
-class Truth:
-    """A case's exact motion.
+class ExactMotion:
+    """Exact motion of a case.
 
     Attributes:
-        trace: at the case's sample times.
-        fine: four times as fine; the same as ``trace`` where that would be too much.
-        tolerance: with which it was followed.
+        trace: at the sample times of the case.
+        fine: with four times as many samples; the same object as ``trace`` if that is too many.
+        tolerance: tolerance of the integration.
     """
 
     case: Case
@@ -126,62 +128,62 @@ class Truth:
 
     @cached_property
     def true(self) -> dict[str, float]:
-        """Quantities as the finer record has them; what is not seen is not in it."""
+        """Values of the observed quantities, from the finer record."""
         return quantities(self.case, self.fine)
 
     @cached_property
     def sampled(self) -> dict[str, float]:
-        """The same, read from the case's samples."""
+        """Values of the observed quantities, from the samples of the case."""
         return quantities(self.case, self.trace)
 
     @property
     def sampling_known(self) -> bool:
-        """Whether the finer record is one."""
+        """True if ``fine`` has more samples than ``trace``."""
         return self.fine is not self.trace
 
     @cached_property
-    def known_N(self) -> Array:
-        """Largest force error of the exact motion until each sample, as ``own_error_N`` measures it."""
+    def error_N(self) -> Array:
+        """Largest force error of the exact motion until each sample, in N; see ``own_error_N``. Shape (samples,)."""
         return own_error_N(self.case, self.trace, self.tolerance)
 
-    def first(self, samples: int) -> "Truth":
+    def first(self, samples: int) -> "ExactMotion":
         """The first samples of the motion."""
         factor = (len(self.fine.time_s) - 1) // max(len(self.trace.time_s) - 1, 1)
         trace = until(self.trace, samples)
         return replace(self, trace=trace, fine=until(self.fine, factor * (samples - 1) + 1) if factor > 1 else trace)
 
 
-def truth_of(case: Case, tolerance: float = LEAST_TOLERANCE, *, finer: bool = True) -> Truth:
-    """The exact motion of a case, good to ``tolerance`` of the largest change.
+def exact_motion_of(case: Case, tolerance: float = MIN_TOLERANCE, *, finer: bool = True) -> ExactMotion:
+    """Exact motion of a case, with a force error of at most ``tolerance`` times the largest change.
 
     Raises:
-        ArithmeticError: it cannot be followed.
+        ArithmeticError: the integrator fails.
     """
-    factor = FINER if finer and FINER * case.scene.samples * case.chain.bodies <= MAX_FINE_VALUES else 1
+    factor = SAMPLE_FACTOR if finer and SAMPLE_FACTOR * case.scene.samples * case.chain.bodies <= MAX_FINE_VALUES else 1
     spacing = case.scene.steps_per_sample * case.scene.time_step_s / factor
     time = np.arange(factor * (case.scene.samples - 1) + 1, dtype=float) * spacing
     motion = integrate_adaptive(arrays_of(case.chain), time, tolerance)
     fine = trace_of(case, time, motion)
     if factor == 1:
-        return Truth(case, fine, fine, tolerance)
+        return ExactMotion(case, fine, fine, tolerance)
     kept = Motion(*(values[::factor] for values in (motion.force_N, motion.displacement_m, motion.velocity_m_s)))
-    return Truth(case, trace_of(case, case.sample_times_s, kept), fine, tolerance)
+    return ExactMotion(case, trace_of(case, case.sample_times_s, kept), fine, tolerance)
 
 
-def own_error_N(case: Case, exact: Trace, tolerance: float = LEAST_TOLERANCE) -> Array:
-    """Largest force error until each sample of a motion that was followed with a tolerance. Shape (samples,).
+def own_error_N(case: Case, exact: Trace, tolerance: float = MIN_TOLERANCE) -> Array:
+    """Measured force error of an exact motion, largest until each sample, in N. Shape (samples,).
 
-    Measured: the difference from a motion with ``ROUGH_FACTOR`` times the tolerance, over that factor, as long as
-    differences are small enough to grow linearly; beyond, where the motion is chaotic, the difference itself from a
-    motion with ``NEAR_FACTOR`` times the tolerance. On 27 random scenes with light beads and flat strikers, and
-    on a chaotic one of 121 bodies, it is from 1/12 to 30 times the true error; mostly half of it to three times.
+    While differences are small enough to grow linearly: the difference from a motion with ``ROUGH_FACTOR`` times the
+    tolerance, divided by that factor. Beyond, in a chaotic motion: the difference from a motion with ``NEAR_FACTOR``
+    times the tolerance. On 27 random scenes with light beads and flat strikers and on a chaotic one of 121 bodies the
+    estimate is 1/12 to 30 times the true error, mostly 1/2 to 3 times.
 
     Raises:
-        ArithmeticError: the motion cannot be followed.
+        ArithmeticError: the integrator fails.
     """
 
     def apart(factor: float) -> Array:
-        other = truth_of(case, min(factor * tolerance, COARSE_ERROR), finer=False).trace
+        other = exact_motion_of(case, min(factor * tolerance, COARSE_ERROR), finer=False).trace
         return np.asarray(np.maximum.accumulate(np.abs(other.force_N - exact.force_N).max(axis=1)))
 
     rough = apart(ROUGH_FACTOR)
@@ -190,16 +192,16 @@ def own_error_N(case: Case, exact: Trace, tolerance: float = LEAST_TOLERANCE) ->
 
 
 def quantities(case: Case, trace: Trace) -> dict[str, float]:
-    """What a trace shows of pulses, by name without the unit."""
+    """Observables of the pulses in a trace, by name without the unit."""
     values = observe(case.layout, trace).items()
     return {without_unit(name): value for name, value in values if describe(name).of_wave and np.isfinite(value)}
 
 
-def errors_of(case: Case, trace: Trace, truth: Truth, names: Collection[str]) -> dict[str, float]:
-    """Errors of the named quantities; inf for one that the trace does not show.
+def errors_of(case: Case, trace: Trace, truth: ExactMotion, names: Collection[str]) -> dict[str, float]:
+    """Errors of the named quantities; inf for a quantity missing in the trace.
 
     Raises:
-        KeyError: the truth does not show it either.
+        KeyError: a quantity is missing in the exact motion.
     """
     errors = {}
     seen = {} if {*names} <= {FORCE, ENERGY} else quantities(case, trace)
@@ -215,13 +217,13 @@ def errors_of(case: Case, trace: Trace, truth: Truth, names: Collection[str]) ->
 
 
 def energy_change_J(chain: Chain, trace: Trace, exact: Trace | None) -> Array:
-    """Error of the energy at each sample; where contacts lose some, from the exact motion's if that is known."""
+    """Error of the energy at each sample, in J; with damping, the difference from the exact motion if it is known."""
     if chain.damped and exact is not None:
         return np.asarray(np.abs(trace.total_energy_J - exact.total_energy_J))
     return energy_error_J(trace.total_energy_J, damped=chain.damped, slips=chain.slips)
 
 
-def momentum_error(case: Case, trace: Trace, truth: Truth) -> float:
-    """Largest momentum difference over the largest momentum."""
+def momentum_error(case: Case, trace: Trace, truth: ExactMotion) -> float:
+    """Largest difference of momentum over the largest momentum."""
     scale = max(float(np.abs(truth.trace.momentum_N_s).max()), moving_at_start(case.chain)) or 1.0
     return float(np.abs(trace.momentum_N_s - truth.trace.momentum_N_s).max()) / scale

@@ -1,8 +1,7 @@
-"""What keeps an accuracy: the largest time step, and a model without elements whose effect is small beside it.
+"""Choice of the largest time step that meets an accuracy, and of elements whose effect is negligible for it.
 
-Velocity Verlet in this repository costs about a fiftieth of a code's run at the same step, and errs by the same amount
-to ten digits: the error that is predicted is one that was measured. The exact motion is followed only as exactly as
-the accuracy asks.
+Velocity Verlet in this repository costs about a fiftieth of a code's run at the same step and has the same error to
+ten digits, so predicted errors are measured ones. The exact motion is computed only as exactly as needed.
 """
 
 from collections.abc import Callable
@@ -16,37 +15,37 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case, Plan
 from drivers.chain.chain import Array, arrays_of, build_chain
 from drivers.chain.elements import choose_elements
-from drivers.limits.refusal import FORCE, ROOM, unattainable
+from drivers.limits.refusal import FORCE, ROUNDING_MARGIN, unattainable
 from drivers.limits.stable_step import predicted_limit
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.observables import scale_of
 from postproc.read.residual import share_of_change
 from validation.accuracy.baseline import Baseline
-from validation.accuracy.schemes import COARSE_ERROR, ENERGY, Truth, errors_of, truth_of, verlet_of
-from validation.reference.adaptive import LEAST_TOLERANCE, scales
+from validation.accuracy.schemes import COARSE_ERROR, ENERGY, ExactMotion, errors_of, exact_motion_of, verlet_of
+from validation.reference.adaptive import MIN_TOLERANCE, scales
 from validation.reference.tube import TOTAL
 
-SHARE = 0.5  # of the accuracy: what all that is left out may take together; the time step has the rest
-MIN_ACCURACY = 10 * LEAST_TOLERANCE
-TRUTH_SHARE = 1e-3  # of the accuracy: how exact the exact motion has to be
+ELEMENTS_SHARE = 0.5  # of the accuracy, for the effect of all elements left out; the rest is for the time step
+MIN_ACCURACY = 10 * MIN_TOLERANCE
+EXACT_SHARE = 1e-3  # of the accuracy: allowed error of the exact motion
 MAX_TOLERANCE = 1e-4  # of the exact motion
-DOUBT_SHARE = 5e-3  # of the accuracy: errors so close to it are measured against the exact motion at its best
-STEP_RATIO = 1.2  # a step that is refused within this factor of the one that is taken ends the search
+DOUBT_SHARE = 5e-3  # of the accuracy: closer errors are measured again with the tightest exact motion
+STEP_RATIO = 1.2  # the search ends when the steps accepted and refused are within this factor
 MAX_TRIES = 60
 MAX_WORK = 4e9  # bodies times steps of one trial: some seconds
-MAX_TRUTH_WORK = 4e6  # bodies times duration over the time scale of a contact: some seconds of following the motion
-ROUNDING_FACTOR = 4.0  # times the rounding predicted: it is scaled, and a random walk
-ROUNDING_WORK = 400_000  # bodies times steps of which rounding is measured, some milliseconds; beyond, it is scaled
-MARGIN = 1.25  # times the best accuracy, as errors name it
+MAX_EXACT_WORK = 4e6  # bodies times duration over the time scale of a contact: some seconds for the exact motion
+ROUNDING_FACTOR = 4.0  # margin on predicted rounding, which is scaled as a random walk
+ROUNDING_WORK = 400_000  # bodies times steps for which rounding is measured, some milliseconds; beyond, it is scaled
+MARGIN = 1.25  # on the best accuracy named in errors
 
 
 def _with(scene: Scene, table: str, **changes: object) -> Scene:
     return scene.model_copy(update={table: getattr(scene, table).model_copy(update=changes)})
 
 
-# the scene without an element of ``drivers.chain.elements``
-WITHOUT: dict[str, Callable[[Scene], Scene]] = {
+# functions that remove an element of ``drivers.chain.elements`` from a scene
+REMOVALS: dict[str, Callable[[Scene], Scene]] = {
     "gravity": lambda scene: scene.model_copy(update={"gravity": 0.0}),
     "precompression": lambda scene: _with(scene, "chain", precompression=0.0),
     "sensor masses": lambda scene: _with(
@@ -58,24 +57,25 @@ WITHOUT: dict[str, Callable[[Scene], Scene]] = {
 
 
 def simplify(case: Case, asked: dict[str, float]) -> Case:
-    """The case without what changes too little of what is asked for, the smallest effects first.
+    """Case without the elements whose effect is negligible for its accuracy, removed in order of increasing effect.
 
-    Effects are those on the exact motion, one by one and together; a case that they cannot be measured on stays whole.
+    Effects are measured on the exact motion, one by one and together. If they cannot be measured, the case is
+    returned unchanged.
 
     Args:
-        case: a straight chain's.
-        asked: accuracies by quantity, as ``validation.accuracy.schemes`` counts errors.
+        case: case of a straight chain.
+        asked: accuracy by quantity; errors as in ``validation.accuracy.schemes``.
     """
-    candidates = [each.name for each in case.elements if each.modelled and each.name in WITHOUT]
+    candidates = [each.name for each in case.elements if each.modelled and each.name in REMOVALS]
     if not candidates:
         return case
     try:
-        truth = truth_of(case)
+        truth = exact_motion_of(case)
         if any(name not in truth.true for name in asked if name not in (FORCE, ENERGY)):
-            return case  # whoever chooses the step says so
+            return case  # ``Chooser`` reports the unknown quantity
 
         def effect(names: list[str]) -> dict[str, float]:
-            changed = errors_of(case, truth_of(_without(case, names), finer=False).trace, truth, asked)
+            changed = errors_of(case, exact_motion_of(_without(case, names), finer=False).trace, truth, asked)
             return {name: changed[name] / share for name, share in asked.items()}
 
         alone = {name: effect([name]) for name in candidates}
@@ -83,7 +83,7 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
         return case
     left: list[str] = []
     for largest, name in sorted((max(shares.values()), name) for name, shares in alone.items()):
-        if largest <= SHARE and max(effect([*left, name]).values()) <= SHARE:
+        if largest <= ELEMENTS_SHARE and max(effect([*left, name]).values()) <= ELEMENTS_SHARE:
             left.append(name)
     if not left:
         return case
@@ -93,7 +93,7 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
         worst = max(alone[name], key=lambda quantity: alone[name][quantity])
         change = alone[name][worst] * asked[worst]
         scene_has = next(each.reason for each in case.elements if each.name == name)
-        why = f"it changes the {worst} by {change:.1e}, where {asked[worst]:g} is asked for"
+        why = f"it changes the {worst} by {change:.1e}; the requested accuracy is {asked[worst]:g}"
         elements[name] = replace(elements[name], reason=f"left out ({scene_has}): {why}")
     return replace(simple, elements=tuple(elements.values()), full=case)
 
@@ -101,64 +101,64 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
 def _without(case: Case, names: list[str]) -> Case:
     scene = case.scene
     for name in names:
-        scene = WITHOUT[name](scene)
+        scene = REMOVALS[name](scene)
     chain = build_chain(scene)
     return replace(case, scene=scene, chain=chain, elements=choose_elements(scene, chain))
 
 
 class Chooser:
-    """Chooses steps of one case; exact motions and trials are kept for the next question."""
+    """Chooses time steps of one case; exact motions and trial runs are cached."""
 
     def __init__(self, case: Case, names: tuple[str, ...], strictest: float) -> None:
-        """Follows the exact motion of the full case, for accuracies of the named quantities down to the strictest.
+        """Compute the exact motion of the full case, for accuracies of the named quantities down to the strictest.
 
         Raises:
-            InputError: the case does not have a quantity, or its exact motion cannot be followed.
+            InputError: the case lacks a quantity, or its exact motion cannot be computed.
         """
         self.case = case
         self.full = case.full or case
         self.names = names
         self.gauges = [name for name in names if name not in (FORCE, ENERGY)]
         self._errors: dict[int, dict[str, float]] = {}
-        self._best = strictest * TRUTH_SHARE <= LEAST_TOLERANCE
+        self._best = strictest * EXACT_SHARE <= MIN_TOLERANCE
         duration = float(case.sample_times_s[-1])
         overlap, speed = scales(arrays_of(case.chain), duration)
-        if case.chain.bodies * duration * speed > MAX_TRUTH_WORK * overlap:
-            self._refuse("", "a motion too long to follow exactly", "run.time_step, or a shorter run")
+        if case.chain.bodies * duration * speed > MAX_EXACT_WORK * overlap:
+            self._refuse("", "the run is too long for its exact motion; set run.time_step instead, or shorten the run")
         try:
-            self.truth, self.known = self._follow(strictest)
+            self.truth, self.exact_error = self._follow(strictest)
         except ArithmeticError as error:
-            raise InputError(case.scene.file, "run.accuracy", str(error), "run.time_step instead") from error
+            raise InputError(case.scene.file, "run.accuracy", f"{error}; set run.time_step instead") from error
         for name in self.gauges:
             if not self.truth.true.get(name):
                 has = (each for each, value in self.truth.true.items() if value)
-                self._refuse(name, "nothing that this scene shows", ", ".join([FORCE, ENERGY, *has]))
+                self._refuse(name, f"unknown quantity; allowed: {', '.join([FORCE, ENERGY, *has])}")
             if not self.truth.sampling_known:
-                found = "too many samples times contacts to measure what is lost between samples"
-                self._refuse(name, found, f"{FORCE}, {ENERGY}")
+                found = "too many samples times contacts to measure the sampling error"
+                self._refuse(name, f"{found}; allowed: {FORCE}, {ENERGY}")
         self.stable_s = predicted_limit(case.chain, duration)
 
-    def _refuse(self, name: str, found: str, allowed: str) -> NoReturn:
-        raise InputError(self.case.scene.file, f"run.accuracy{name and f'.{name}'}", found, allowed)
+    def _refuse(self, name: str, statement: str) -> NoReturn:
+        raise InputError(self.case.scene.file, f"run.accuracy{name and f'.{name}'}", statement)
 
-    def _truth(self, tolerance: float) -> Truth:
-        return truth_of(self.full, tolerance, finer=bool(self.gauges))
+    def _truth(self, tolerance: float) -> ExactMotion:
+        return exact_motion_of(self.full, tolerance, finer=bool(self.gauges))
 
-    def _follow(self, strictest: float) -> tuple[Truth, float]:
-        """The exact motion, and to what share of the largest change it is known.
+    def _follow(self, strictest: float) -> tuple[ExactMotion, float]:
+        """Exact motion and its error over the largest change.
 
-        Errors grow where a motion is chaotic, so the tolerance is tightened until what it leaves is small.
+        Errors grow in a chaotic motion, so the tolerance is tightened until the error is small.
         """
-        tolerance = min(max(TRUTH_SHARE * strictest, LEAST_TOLERANCE), MAX_TOLERANCE)
+        tolerance = min(max(EXACT_SHARE * strictest, MIN_TOLERANCE), MAX_TOLERANCE)
         while True:
             truth = self._truth(tolerance)
-            known = float(share_of_change(truth.known_N, truth.trace)[-1])
-            if known <= TRUTH_SHARE * strictest or tolerance <= LEAST_TOLERANCE:
+            known = float(share_of_change(truth.error_N, truth.trace)[-1])
+            if known <= EXACT_SHARE * strictest or tolerance <= MIN_TOLERANCE:
                 return truth, known
-            tolerance = max(0.1 * tolerance * min(TRUTH_SHARE * strictest / known, 1.0), LEAST_TOLERANCE)
+            tolerance = max(0.1 * tolerance * min(EXACT_SHARE * strictest / known, 1.0), MIN_TOLERANCE)
 
     def errors_at(self, steps_per_sample: int) -> dict[str, float]:
-        """Errors of the codes' scheme, by quantity."""
+        """Errors of velocity Verlet at a number of steps per sample, by quantity."""
         if steps_per_sample not in self._errors:
             case = self.case.at(steps_per_sample)
             with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
@@ -166,24 +166,24 @@ class Chooser:
         return self._errors[steps_per_sample]
 
     def _excess(self, steps: int, wanted: dict[str, float]) -> float:
-        """The largest error over what is wanted; where that is in doubt, by the exact motion at its best."""
+        """Largest error over the wanted accuracy; close to 1, measured against the tightest exact motion."""
         shares = {name: error / wanted[name] for name, error in self.errors_at(steps).items()}
         if any(abs(share - 1) < DOUBT_SHARE for share in shares.values()) and not self._best:
-            self.truth, self._best = self._truth(LEAST_TOLERANCE), True
+            self.truth, self._best = self._truth(MIN_TOLERANCE), True
             self._errors.clear()
             return self._excess(steps, wanted)
         return max(shares.values())
 
     def choose(self, wanted: dict[str, float], most_work: float = MAX_WORK) -> tuple[Case, Plan]:
-        """The case at the fewest steps a sample with which all errors stay below what is wanted.
+        """Case at the fewest steps per sample that keep all errors below the wanted accuracies.
 
         Raises:
-            InputError: no step keeps it; the attainable accuracy is named.
+            InputError: no step does; the attainable accuracy is named.
         """
         self._check_attainable(wanted)
         scene, order = self.case.scene, 1 if self.case.chain.damped else 2
         work = self.case.chain.bodies * (scene.samples - 1)
-        steps = max(1, ceil(min(scene.run.sample_interval / self.stable_s, 1e15)))  # the largest step that is stable
+        steps = max(1, ceil(min(scene.run.sample_interval / self.stable_s, 1e15)))  # the largest stable step
         refused, taken, tries = steps - 1, 0, 0
         while not (taken and (taken <= refused + 1 or taken <= STEP_RATIO * refused)):
             if steps * work > most_work or steps * (scene.samples - 1) > MAX_STEPS or tries > MAX_TRIES:
@@ -192,7 +192,7 @@ class Chooser:
                 errors = self._errors.get(refused, {})
                 worst = max(wanted, key=lambda name: errors.get(name, 0.0) / wanted[name])
                 least = MARGIN * errors[worst] if errors else 1.0
-                why = "with as many steps as a plan may try; run.time_step takes any"
+                why = "within the steps that a plan may try; run.time_step takes any step"
                 raise unattainable(self.case, worst, wanted[worst], least, why)
             found = self._excess(steps, wanted)
             tries += 1
@@ -200,39 +200,39 @@ class Chooser:
                 taken = steps
             else:
                 refused = max(refused, steps)
-            coarse = max(self.errors_at(steps).values()) > COARSE_ERROR  # tells nothing of the order
+            coarse = max(self.errors_at(steps).values()) > COARSE_ERROR  # too large to extrapolate
             steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * found ** (1 / order)))
         rounding = ROUNDING_FACTOR * float(self.rounding(taken)[-1])
         return self.case.at(taken), Plan(wanted, self.errors_at(taken), rounding, refused, tries)
 
     def _check_attainable(self, wanted: dict[str, float]) -> None:
         for name, share in wanted.items():
-            least = max(MIN_ACCURACY, 10 * self.known)
+            least = max(MIN_ACCURACY, 10 * self.exact_error)
             if share < least:
-                why = "what the exact motion itself is known to"
+                why = "limited by the error of the exact motion itself"
                 raise unattainable(self.case, name, share, MARGIN * least if least > MIN_ACCURACY else least, why)
             if name in self.gauges:
                 true = self.truth.true
                 left = abs(self.truth.sampled.get(name, inf) - true[name]) / scale_of(name, true)
                 if left >= share:
-                    why = "what samples so far apart show, at any time step (sample_interval smaller: more)"
+                    why = "limited by sampling at any time step; a smaller sample_interval allows more"
                     raise unattainable(self.case, name, share, MARGIN * left, why)
 
     def choose_with_room(self, wanted: dict[str, float]) -> tuple[Case, Plan]:
-        """As ``choose``, with room for what rounding of heights may add, as long as it takes less than half."""
+        """As ``choose``, with room for rounding of heights if that takes less than half of the accuracy."""
         case, plan = self.choose(wanted)
         for _ in range(3):
             rounding = plan.rounding_share
             tight = any(plan.predicted[name] + rounding > share for name, share in wanted.items())
-            if not tight or 2 * ROOM * rounding > min(wanted.values()):
+            if not tight or 2 * ROUNDING_MARGIN * rounding > min(wanted.values()):
                 break
-            case, plan = self.choose({name: share - ROOM * rounding for name, share in wanted.items()})
+            case, plan = self.choose({name: share - ROUNDING_MARGIN * rounding for name, share in wanted.items()})
         return case, plan
 
     def rounding(self, steps_per_sample: int) -> Array:
-        """The most that rounding of absolute heights makes until each sample, of the largest change. Shape (samples,).
+        """Largest effect of rounding absolute heights until each sample, over the largest change. Shape (samples,).
 
-        Measured where that is cheap; it grows as a random walk with the steps.
+        Measured if that is cheap, else scaled: rounding grows as a random walk with the number of steps.
         """
         first = ceil(min(0.5 * self.case.scene.run.sample_interval / self.stable_s, 1e9))
         affordable = ROUNDING_WORK // (self.case.chain.bodies * self.case.scene.samples)
@@ -243,7 +243,7 @@ class Chooser:
 
 
 def _next(refused: int, taken: int, guess: int) -> int:
-    """Where to try next: at the guess, or where a refusal would end the search, inside what is not known yet."""
+    """Next number of steps to try: the guess, or one whose refusal ends the search, between refused and taken."""
     if not taken:
         return max(refused + 1, guess)
     if guess >= taken:

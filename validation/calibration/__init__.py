@@ -1,1 +1,1 @@
-"""Calibration: the parameters of a scene that measured data ask for, and how surely the data tell them."""
+"""Calibration: parameters of scenes fitted to measured data, with their uncertainty."""

@@ -1,4 +1,4 @@
-"""How surely data tell parameters: standard errors, correlations, directions they leave open, profiles, predictions."""
+"""Uncertainty of fitted parameters: standard errors, correlations, undetermined directions, profiles, predictions."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -9,91 +9,91 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chain.chain import Array
-from validation.calibration.fit import CLOSE, Fit, chi_square_at, minimise
-from validation.calibration.problem import STEP, Datum, Problem, own_values, shown
+from validation.calibration.fit import CLOSE_CHANGE, Fit, chi_square_at, minimise
+from validation.calibration.problem import STEP, Datum, Problem, own_values, predicted_number
 
-OPEN = 1 / sqrt(12)  # of a range: the standard deviation of a parameter of which only the range is known
-INFLATED = 10.0  # times that an error grows by what the other parameters leave open, from which on that is said
-SHARE = 0.1  # of a direction's largest component, from which on another is named
-RISES = {"68 %": 1.0, "95 %": 3.841458820694124}  # of chi-square at the ends of intervals (Wilks, one parameter)
-FURTHEST = 5.0  # rise of chi-square at which a profile ends
+RANGE_DEVIATION = 1 / sqrt(12)  # standard deviation of a parameter known only by its range, as a share of the range
+MIN_INFLATION = 10.0  # growth of an error by the uncertainty of the other parameters, from which it is reported
+MIN_COMPONENT = 0.1  # of a direction, relative to its largest; smaller components are not named
+RISES = {"68 %": 1.0, "95 %": 3.841458820694124}  # rise of chi-square at the ends of intervals (Wilks, one parameter)
+MAX_RISE = 5.0  # of chi-square, at which a profile ends
 STRIDE = 0.6  # standard errors from one point of a profile to the next
-POINTS = 12  # of a profile to each side, at most
+MAX_POINTS = 12  # of a profile on each side
 
 
 @dataclass(frozen=True, eq=False)
 class Certainty:
-    """Linear certainty of a fit: what the sensitivities say at the best place.
+    """Linear estimate of a fit's uncertainty, from the sensitivities at the minimum.
 
-    Singular values are of the jacobian by the coordinates; where one is so small that the data leave the parameters
-    free within their ranges along its direction, that direction is open.
+    Directions are the right singular vectors of the Jacobian. A direction is open if its singular value is so small
+    that the data do not bound the parameters within their ranges along it.
     """
 
     fit: Fit
 
     @cached_property
     def _directions(self) -> tuple[Array, Array]:
-        """Singular values, a 0 for each direction without, and the directions as rows."""
+        """Singular values (0 for directions without one), and the directions as rows."""
         _, singular, directions = np.linalg.svd(self.fit.jacobian, full_matrices=True)
         return np.append(singular, np.zeros(len(directions) - len(singular))), directions
 
     @property
     def open_directions(self) -> Array:
-        """Directions that the data leave open. Shape (directions, parameters)."""
+        """Open directions. Shape (directions, parameters)."""
         singular, directions = self._directions
-        return np.asarray(directions[singular * OPEN < 1.0])
+        return np.asarray(directions[singular * RANGE_DEVIATION < 1.0])
 
     @cached_property
     def covariance(self) -> Array:
-        """Of the coordinates; along open directions that of the ranges alone. Shape (parameters, parameters)."""
+        """Covariance of the coordinates; in open directions that of the ranges. Shape (parameters, parameters)."""
         singular, directions = self._directions
-        variance = 1 / np.maximum(singular**2, 1 / OPEN**2)
+        variance = 1 / np.maximum(singular**2, 1 / RANGE_DEVIATION**2)
         return np.asarray((directions.T * variance) @ directions)
 
     @property
     def errors(self) -> Array:
-        """Standard errors of the values, inf where the data leave a parameter open. Shape (parameters,)."""
+        """Standard errors of the values, inf for undetermined parameters. Shape (parameters,)."""
         free = self.fit.problem.free
         slopes = np.array([each.slope(float(x)) for each, x in zip(free, self.fit.place, strict=True)])
         return np.where(self.undetermined, inf, np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
 
     @property
     def undetermined(self) -> NDArray[np.bool_]:
-        """Whether a parameter may lie anywhere in its range, for all that the data say. Shape (parameters,)."""
-        named = [np.abs(each) > SHARE * np.abs(each).max() for each in self.open_directions]
+        """True for each parameter that the data do not bound within its range. Shape (parameters,)."""
+        named = [np.abs(each) > MIN_COMPONENT * np.abs(each).max() for each in self.open_directions]
         return np.asarray(np.any(named, axis=0)) if named else np.zeros(len(self.fit.place), dtype=bool)
 
     @property
     def correlations(self) -> Array:
-        """Of the parameters' errors. Shape (parameters, parameters)."""
+        """Correlations of the parameters' errors. Shape (parameters, parameters)."""
         spread = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.outer(spread, spread))
 
     @property
     def inflation(self) -> Array:
-        """How many times smaller each error would be if all other parameters were known. Shape (parameters,)."""
+        """Each error over the error if all other parameters were known. Shape (parameters,)."""
         alone = np.linalg.norm(self.fit.jacobian, axis=0)
-        return np.asarray(np.sqrt(np.diag(self.covariance)) * np.maximum(alone, 1 / OPEN))
+        return np.asarray(np.sqrt(np.diag(self.covariance)) * np.maximum(alone, 1 / RANGE_DEVIATION))
 
     def sentences(self) -> Iterator[str]:
-        """Parameters that the data do not tell, or hardly tell from each other."""
+        """Parameters that the data do not determine, or barely distinguish."""
         free = self.fit.problem.free
         for direction in self.open_directions:
-            named = np.flatnonzero(np.abs(direction) > SHARE * np.abs(direction).max())
+            named = np.flatnonzero(np.abs(direction) > MIN_COMPONENT * np.abs(direction).max())
             if len(named) == 1:
-                yield f"the data do not tell {free[named[0]].label}"
+                yield f"the data do not determine {free[named[0]].label}"
             else:
                 names = " and ".join(free[i].label for i in named)
-                yield f"the data cannot tell {names} apart: they trade off along {self._along(direction, named)}"
-        told = np.flatnonzero((self.inflation > INFLATED) & ~self.undetermined)
-        if len(told) > 1:
+                yield f"the data cannot distinguish {names}: they trade off along {self._along(direction, named)}"
+        weak = np.flatnonzero((self.inflation > MIN_INFLATION) & ~self.undetermined)
+        if len(weak) > 1:
             weakest = self._directions[1][int(np.argmin(self._directions[0]))]
-            names, times = " and ".join(free[i].label for i in told), float(self.inflation[told].min())
-            words = f"the data hardly tell {names} apart: they trade off along {self._along(weakest, told)}"
-            yield f"{words}, and would be known {times:.0f} times better if the others were known"
+            names, times = " and ".join(free[i].label for i in weak), float(self.inflation[weak].min())
+            pair = f"the data barely distinguish {names}: they trade off along {self._along(weakest, weak)}"
+            yield f"{pair}; if the others were known, errors would be {times:.0f} times smaller"
 
     def _along(self, direction: Array, named: NDArray[np.intp]) -> str:
-        """Changes of some parameters along a direction, the largest by 10 %."""
+        """Changes of the named parameters along a direction, scaled to a largest change of 10 %."""
         free, place = self.fit.problem.free, self.fit.place
         values = [free[i].value(float(place[i])) or free[i].high for i in named]
         slopes = [free[i].slope(float(place[i])) for i in named]
@@ -106,11 +106,11 @@ class Certainty:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Least chi-square for each value of one parameter, all others fitted anew.
+    """Smallest chi-square for each value of one parameter, with all others fitted again.
 
     Attributes:
-        coordinate, chi_square: shape (points,), in the order of the coordinate.
-        places: of all parameters there, shape (points, parameters).
+        coordinate, chi_square: Shape (points,), in the order of the coordinate.
+        places: Coordinates of all parameters at each point, shape (points, parameters).
     """
 
     problem: Problem
@@ -126,12 +126,12 @@ class Profile:
         return np.array([free.value(float(x)) for x in self.coordinate])
 
     def interval(self, rise: float) -> tuple[float, float]:
-        """Values at which chi-square has risen so far; -inf or inf where it has not at the end of the range."""
+        """Values at which chi-square has risen by ``rise``; -inf or inf on a side where it has not within the range."""
         excess = self.chi_square - self.chi_square.min()
         best, free = int(np.argmin(excess)), self.problem.free[self.index]
         ends = []
         for side, none in ((slice(best, None, -1), -inf), (slice(best, None), inf)):
-            # the root of chi-square's rise is nearly straight in the coordinate
+            # the square root of the rise is nearly linear in the coordinate
             height, where = np.sqrt(np.maximum(excess[side], 0.0)), self.coordinate[side]
             beyond = np.flatnonzero(height >= sqrt(rise))
             if not beyond.size:
@@ -144,23 +144,23 @@ class Profile:
 
 
 def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> Profile:
-    """Profile of chi-square along one parameter, from the best place outwards until it has risen by ``FURTHEST``."""
+    """Profile of chi-square along one parameter, from the minimum outwards to a rise of ``MAX_RISE``."""
     certainty = Certainty(fit)
-    stride = min(STRIDE * sqrt(certainty.covariance[index, index]), 1 / POINTS)
+    stride = min(STRIDE * sqrt(certainty.covariance[index, index]), 1 / MAX_POINTS)
     along = certainty.covariance[index] / certainty.covariance[index, index]
     points = [(float(fit.place[index]), fit.chi_square, fit.place)]
     for sign in (-1, 1):
         place = fit.place
-        for number in range(1, POINTS + 1):
-            grown = sign * stride * (1 + (number > POINTS // 2))
+        for number in range(1, MAX_POINTS + 1):
+            grown = sign * stride * (1 + (number > MAX_POINTS // 2))
             target = min(max(float(place[index]) + grown, 0.0), 1.0)
             if target == place[index]:
                 break
             guess = place + along * (target - place[index])
-            place = minimise(fit.problem, guess, {index: target}, converged=CLOSE)
+            place = minimise(fit.problem, guess, {index: target}, converged=CLOSE_CHANGE)
             points.append((target, chi_square_at(fit.problem, place), place))
             count()
-            if points[-1][1] - fit.chi_square > FURTHEST:
+            if points[-1][1] - fit.chi_square > MAX_RISE:
                 break
     points.sort(key=lambda point: point[0])
     coordinate, chi_square, places = (np.array(column) for column in zip(*points, strict=True))
@@ -169,15 +169,13 @@ def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> P
 
 @dataclass(frozen=True)
 class Prediction:
-    """A datum beside what the fit gives for it, and what a fit without it foretells.
-
-    Values in the observable's unit.
+    """A datum, its fitted value, and its prediction by a fit without this datum, in the unit of the observable.
 
     Attributes:
-        off: fitted less measured, in standard errors of the measurement; of a trace the rms of these.
-
-        without: foretold by the fit to all other data, with the standard error of that fit; NaN if they leave it open.
-        without_off: foretold less measured, in standard errors of both together.
+        fitted, error: Fitted value with its standard error.
+        off: Fitted minus measured in standard errors of the measurement; of a trace the rms.
+        without, without_error: Prediction of the fit to all other data, with standard error; NaN if undetermined.
+        without_off: This prediction minus measured, in standard errors of both combined.
     """
 
     datum: Datum
@@ -190,21 +188,21 @@ class Prediction:
 
 
 def predictions(fit: Fit, *, leave_out: bool = True, count: Callable[[], None] = lambda: None) -> list[Prediction]:
-    """A line for each datum, fitted or only predicted; with ``leave_out`` also what a fit without it foretells."""
+    """Prediction of each datum, fitted or not; with ``leave_out`` also by the fit without this datum."""
     found, certainty = list[Prediction](), Certainty(fit)
     for datum in fit.problem.data:
-        value, error = _foretold(fit, datum, certainty)
+        value, error = _number_in_fit(fit, datum, certainty)
         off = _off(fit.residual, datum, value)
         if not leave_out or not datum.rows:
             found.append(Prediction(datum, value, error, off))
             continue
-        place = minimise(fit.problem, fit.place, left_out=datum.rows, converged=CLOSE)
+        place = minimise(fit.problem, fit.place, left_out=datum.rows, converged=CLOSE_CHANGE)
         rest = Fit(fit.problem, place, fit.residual, _without(fit, datum))
         others, number = Certainty(rest), datum.number
         if number is None or len(others.open_directions):
             found.append(Prediction(datum, value, error, off))
         else:
-            without, without_error = _foretold(rest, datum, others)
+            without, without_error = _number_in_fit(rest, datum, others)
             both = (without - number.value) / hypot(without_error, number.error)
             found.append(Prediction(datum, value, error, off, without, without_error, both))
         count()
@@ -212,7 +210,7 @@ def predictions(fit: Fit, *, leave_out: bool = True, count: Callable[[], None] =
 
 
 def _without(fit: Fit, datum: Datum) -> Array:
-    """Sensitivities of all data but one."""
+    """Jacobian without the rows of one datum."""
     kept = np.setdiff1d(np.arange(fit.problem.rows), list(datum.rows))
     return np.asarray(fit.jacobian[kept])
 
@@ -224,15 +222,15 @@ def _off(residual: Array, datum: Datum, value: float) -> float:
     return float(np.sqrt(np.mean(rows**2)))
 
 
-def _foretold(fit: Fit, datum: Datum, certainty: Certainty) -> tuple[float, float]:
-    """What the motion at a fit shows of a number, with its standard error by that of the parameters."""
+def _number_in_fit(fit: Fit, datum: Datum, certainty: Certainty) -> tuple[float, float]:
+    """A number in the fitted motion, with its standard error from the parameters' covariance."""
     if datum.number is None:
         return nan, nan
     problem, number = fit.problem, datum.number
     data = next(each for each in problem.sets if each.name == datum.data_set)
 
     def at(place: Array) -> float:
-        return shown(data, number, own_values(problem, data, place))
+        return predicted_number(data, number, own_values(problem, data, place))
 
     value, slope = at(fit.place), np.zeros(len(fit.place))
     for index in range(len(slope)):

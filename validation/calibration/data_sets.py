@@ -1,4 +1,4 @@
-"""Data sets: scenes with numbers or traces that were measured of them."""
+"""Data sets: scenes with measured numbers or traces."""
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
@@ -16,7 +16,7 @@ from drivers.chain.case import Case, build_case
 from drivers.engines import REFERENCE
 from drivers.limits.refusal import inability
 from drivers.scene.model import Measured, Part, Scene
-from drivers.scene.read_scene import find_scene, lay_over, make_scene, read_scene, read_toml
+from drivers.scene.read_scene import apply_setting, find_scene, make_scene, read_scene, read_toml
 from drivers.scene.settings import look_up, unit_of
 from postproc.paper.quoted import force_accuracy, quoted
 from postproc.paper.simulate import exact
@@ -31,11 +31,11 @@ class Number:
     """A measured number.
 
     Attributes:
-        observable: its name in ``postproc.read.observables``.
-        value, error: in the observable's unit, with the standard error.
-        fitted: whether it is fitted, or only predicted.
-        because: why the error is what it is, where it was not measured.
-        gain: key of the entry whose gain acts on it; empty where none does.
+        observable: Name of the observable in ``postproc.read.observables``.
+        value, error: Value and standard error in the observable's unit.
+        fitted: True if the number is fitted, False if it is predicted only.
+        because: Reason of an assumed error; empty for a measured one.
+        gain: Key of the entry with the gain of its gauge; empty without a gain.
     """
 
     observable: str
@@ -48,13 +48,15 @@ class Number:
 
 @dataclass(frozen=True, eq=False)
 class DataSet:
-    """A scene and what was measured of it.
+    """A scene with its measured data.
 
     Attributes:
-        source: the scene, by its name or the path of its file.
-        tables: of the scene's file, settings laid over.
-        own: keys that are free in this data set by itself.
-        records: measured traces.
+        source: Name of the scene or path of its file.
+        tables: Tables of the scene's file with settings applied.
+        where: File as messages name it.
+        numbers: Measured numbers.
+        own: Keys of free parameters of this data set alone.
+        records: Measured traces.
         entries: ``[[measured]]`` tables by key, such as ``measured.0``.
     """
 
@@ -69,17 +71,17 @@ class DataSet:
 
     @property
     def lines(self) -> int:
-        """Coefficients of base lines that are fitted to its traces."""
+        """Number of coefficients of the base lines fitted to the traces."""
         return sum(record.lines * len(record.measured.reading) for record in self.records)
 
     def text(self, key: str, value: float) -> Any:
-        """A value as the scene's file holds it: with its unit, or a plain number."""
+        """A value as in a scene file: text with its unit, or a plain number."""
         unit = unit_of(key)
         return f"{value!r} {unit}" if unit else value
 
     @property
     def scene(self) -> Scene:
-        """The scene as its file has it."""
+        """Scene made from the tables."""
         return make_scene(deepcopy(self.tables), library(), self.name, self.where)
 
 
@@ -90,7 +92,7 @@ def library() -> dict[str, Any]:
 
 
 class QuotedNumber(Part):
-    """A number of ``inputs/paper/quoted.toml`` as a datum; ``scale`` turns it into the observable's unit."""
+    """A number of ``inputs/paper/quoted.toml`` as a datum; ``scale`` converts it to the observable's unit."""
 
     observable: str
     quoted: str
@@ -101,9 +103,9 @@ class QuotedNumber(Part):
 
 
 class QuotedSet(Part):
-    """What the paper quotes of a scene; a list of numbers makes a data set of each of its rows.
+    """Quoted data of a scene; a list of numbers gives one data set per row.
 
-    ``also`` names a data set that is the same experiment as a row, which is left out where both are fitted.
+    ``also`` maps a data set to the row with the same experiment; this row is left out if both are fitted.
     """
 
     name: str
@@ -120,25 +122,25 @@ class _Sets(Part):
 
 @cache
 def quoted_sets() -> dict[str, QuotedSet]:
-    """What the paper quotes as data, by name.
+    """Quoted data of ``inputs/calibration.toml``, by name.
 
     Raises:
-        InputError: the file is wrong.
+        InputError: the file has errors.
     """
     tables = {"set": read_toml(paths.CALIBRATION).get("set", [])}
     return {each.name: each for each in validate(_Sets, tables, paths.shown(paths.CALIBRATION)).set}
 
 
 def paper_data(names: Sequence[str], settings: Sequence[str]) -> list[DataSet]:
-    """Data sets that the paper quotes, settings laid over their scenes.
+    """Quoted data sets, with settings applied to their scenes.
 
     Raises:
-        InputError: there is no such data set, or no such setting.
+        InputError: a data set or setting is unknown.
     """
     known, found = quoted_sets(), list[DataSet]()
     for name in names:
         if name not in known:
-            raise InputError("--quoted", "", name, f"names with commas between them, of {', '.join(known)}")
+            raise InputError("--quoted", "", name, f"comma-separated names from {', '.join(known)}")
         each = known[name]
         columns = [_column(number) for number in each.number]
         skipped = {row for other, row in each.also.items() if other in names}
@@ -153,7 +155,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str]) -> list[DataSet]:
 
 
 def _column(number: QuotedNumber) -> list[Number]:
-    """The numbers of a list in ``quoted.toml``, or of the one number there."""
+    """Numbers of a list in ``quoted.toml``, or its single number."""
     stored = look_up(quoted(), number.quoted)
     values = stored if isinstance(stored, tuple) else (stored,)
     if not all(isinstance(value, (int, float)) for value in values):
@@ -180,23 +182,23 @@ def _share(error: str | float, value: float) -> float:
 
 
 def scene_tables(source: str, settings: Sequence[str]) -> tuple[str, dict[str, Any], str]:
-    """Name, tables and place of a scene with settings laid over it.
+    """Name, tables and file of a scene with settings applied.
 
     Raises:
-        InputError: there is no such scene or setting.
+        InputError: the scene or a setting is unknown.
     """
     path = find_scene(source)
     tables = read_toml(path)
     for setting in settings:
-        lay_over(tables, setting)
+        apply_setting(tables, setting)
     return path.stem, tables, paths.shown(path)
 
 
 def scene_data(source: str, settings: Sequence[str], file: Path | None) -> DataSet:
-    """What was measured of a scene: its ``[[measured]]`` entries, or those of one file, which needs none.
+    """Data set of a scene from its ``[[measured]]`` entries, or from one file, which needs no entry.
 
     Raises:
-        InputError: nothing was, or the scene or its data are wrong.
+        InputError: there is no measured data, or the scene or its data have errors.
     """
     name, tables, where = scene_tables(source, settings)
     scene = read_scene(source, tuple(settings))
@@ -212,12 +214,12 @@ def scene_data(source: str, settings: Sequence[str], file: Path | None) -> DataS
             numbers.append(Number(observable, quoted_.value, error, gain=key))
     tables.pop("measured", None)
     if any(record.measured.trigger_s is None for record in records):
-        lay_over(tables, f"run.duration={(1 + LEEWAY) * scene.run.duration!r} s")
+        apply_setting(tables, f"run.duration={(1 + LEEWAY) * scene.run.duration!r} s")
     return DataSet(name, source, tables, where, tuple(numbers), (), tuple(records), entries)
 
 
 def _case(scene: Scene) -> Case:
-    """The case of a scene whose exact motion is known; InputError of another."""
+    """Case of a scene; raises InputError if its exact motion cannot be computed."""
     case = build_case(scene)
     if (cannot := inability(case, REFERENCE)) is not None:
         raise cannot
@@ -225,20 +227,25 @@ def _case(scene: Scene) -> Case:
 
 
 def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
-    """Parameters of a data set's gauges: triggers that are not given, gains that are uncertain, and those asked for.
+    """Parameters of a data set's gauges: missing triggers, gains with an uncertainty, and requested ones.
 
     Args:
-        data: with its entries.
-        asked: options such as ``measured.0.gain`` or ``measured.0.trigger=10 us..20 us``.
+        data: Data set with its entries.
+        asked: Options such as ``measured.0.gain`` or ``measured.0.trigger=10 us..20 us``. With a single entry its
+            number may be left out or, for a file without a ``[[measured]]`` table, given as 0.
 
     Raises:
-        InputError: there is no such entry, or it has no such number.
+        InputError: an option names an unknown entry or key.
     """
     found, options = list[Free](), {option.partition("=")[0].strip(): option for option in asked}
-    allowed = ", ".join(f"{key}.{GAIN}" for key in data.entries) or "none: nothing was measured by a gauge"
+    allowed = ", ".join(f"{key}.{GAIN}" for key in data.entries) or "none, since the data set has no gauge"
+    if len(data.entries) == 1:
+        (only,) = data.entries
+        names = {f"{key}.{end}": f"{only}.{end}" for key in ("measured", "measured.0") for end in (GAIN, TRIGGER)}
+        options = {names.get(key, key): option for key, option in options.items()}
     for key in options:
         if key not in {f"{entry}.{end}" for entry in data.entries for end in (GAIN, TRIGGER)}:
-            raise InputError(data.where, f"--free {key}", "no such gauge parameter", allowed)
+            raise InputError(data.where, f"--free {key}", f"unknown gauge parameter; allowed: {allowed}")
     records = {record.key: record for record in data.records}
     for key, entry in data.entries.items():
         option, record = options.get(f"{key}.{GAIN}"), records.get(key)

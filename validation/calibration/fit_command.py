@@ -1,9 +1,10 @@
-"""``python -m validation fit``: finds free parameters of scenes by measured data, and has codes confirm the scene."""
+"""``python -m validation fit``: fits parameters of scenes to measured data and checks the fitted scene with codes."""
 
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -15,30 +16,32 @@ from drivers.base.units import quantity
 from drivers.chain.case import build_case
 from drivers.engines import codes
 from drivers.limits.refusal import inability
-from drivers.scene.read_scene import find_scene, lay_over, read_scene, set_value
+from drivers.scene.read_scene import apply_setting, find_scene, read_scene, set_value
 from drivers.scene.settings import look_up
-from validation.calibration.certainty import RISES
+from validation.calibration.certainty import RISES, Prediction
 from validation.calibration.data_sets import DataSet, paper_data, scene_data
 from validation.calibration.free import GAIN, TRIGGER, Free
-from validation.calibration.outcome import Outcome, interval_in_words, solve, value_in_words
+from validation.calibration.outcome import Outcome, interval_text, solve, value_text
 from validation.calibration.problem import Problem, pose
 from validation.calibration.rows import DatumRow, Parameter, datum_rows, parameter_rows
-from validation.compare.asked import Asked
-from validation.compare.comparison import compare_scenes
+from validation.compare.compare_command import compare_scenes
+from validation.compare.selection import EngineSelection
 from validation.studies import write_table
 
 MEASURED = "measured"
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What a command asks for.
+class FitRequest:
+    """Arguments of the command.
 
     Attributes:
-        free, own: options ``--free`` and ``--own``, a key each, with bounds or without.
-        quoted: names of data sets of the paper.
-        measured: a CSV file in place of those of the scene.
-        quick: without profiles, left-out data and codes.
+        scenes: Names or files of scenes with measured data.
+        free, own: Options ``--free`` and ``--own``: keys with or without bounds.
+        quoted: Names of data sets of the paper.
+        measured: CSV file that replaces the files of the scene.
+        settings: Settings applied to the scenes.
+        quick: True to omit profiles, left-out data and runs of codes.
     """
 
     scenes: Sequence[str]
@@ -50,109 +53,131 @@ class Wanted:
     quick: bool = False
 
 
-def problem_of(wanted: Wanted) -> Problem:
-    """The problem that a command poses.
+def problem_of(request: FitRequest) -> Problem:
+    """Calibration problem of a request.
 
     Raises:
-        InputError: nothing is free, nothing is measured, or something is wrong with either.
+        InputError: there are no free parameters or no measured data, or they have errors.
     """
-    if not wanted.free and not wanted.own:
-        raise InputError("fit", "--free", "nothing", "a key of the scene, such as --free contact.restitution")
-    if wanted.quoted:
-        if wanted.measured:
-            raise InputError("fit", "--measured", "beside --quoted", "one of the two")
-        sets = paper_data(wanted.quoted, wanted.settings)
+    if not request.free and not request.own:
+        raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
+    if request.quoted:
+        if request.measured:
+            raise InputError("fit", "--measured", "cannot be combined with --quoted")
+        sets = paper_data(request.quoted, request.settings)
     else:
-        sets = [scene_data(scene, wanted.settings, wanted.measured) for scene in wanted.scenes]
+        sets = [scene_data(scene, request.settings, request.measured) for scene in request.scenes]
     if not sets:
-        raise InputError("fit", "", "no scene", "scenes with [[measured]] data, or --quoted")
+        raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
     for name, count in Counter(data.name for data in sets).items():
         if count > 1:
-            raise InputError("fit", "", f"{name} {count} times", "each data set once, scenes of different names")
-    return pose(sets, wanted.free, wanted.own)
+            raise InputError(
+                "fit", "", f"data set {name} {count} times", "each data set once; scenes need different names"
+            )
+    return pose(sets, request.free, request.own)
 
 
-def run_fit(wanted: Wanted, runs: Path, results: Path) -> int:
-    """Fits, prints and writes what is found, and lets the codes confirm it; 1 where they do not.
+def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
+    """Fits, prints and writes the results, and compares the fitted scenes on the codes; 1 if the comparison fails.
 
     Raises:
-        InputError: the problem is wrong.
+        InputError: the request has errors.
     """
-    problem = problem_of(wanted)
+    problem = problem_of(request)
     number = len(problem.free)
     with step(f"fit of {number} parameter{'s' * (number != 1)} to {len(problem.data)} data", unit="fit") as count:
-        outcome = solve(problem, quick=wanted.quick, count=count)
-    print(*lines(outcome), sep="\n", flush=True)
-    name = f"fit-{Path((*wanted.scenes, *wanted.quoted)[0]).stem}"
-    law, data = " ".join(wanted.settings), ", ".join(each.name for each in problem.sets)
+        outcome = solve(problem, quick=request.quick, count=count)
+    name = f"fit-{Path((*request.scenes, *request.quoted)[0]).stem}"
+    law, data = " ".join(request.settings), ", ".join(each.name for each in problem.sets)
     write_table(results / f"{name}.csv", Parameter, parameter_rows(law, data, outcome))
     write_table(results / f"{name}-data.csv", DatumRow, datum_rows(law, data, outcome))
-    sources = wanted.scenes or [data.source for data in outcome.fit.problem.sets]
-    fitted = [write_fitted(source, wanted.settings, outcome, results) for source in dict.fromkeys(sources)]
-    print(*(paths.shown(results / f"{name}{end}") for end in (".csv", "-data.csv")), sep="\n")
-    for path in fitted:
-        print(paths.shown(path))
-    return 0 if wanted.quick or not fitted else _confirm(fitted, runs)
+    sources = request.scenes or [data.source for data in outcome.fit.problem.sets]
+    fitted = [write_fitted(source, request.settings, outcome, results) for source in dict.fromkeys(sources)]
+    try:
+        return 0 if request.quick or not fitted else _confirm(fitted, runs)
+    finally:  # last, so that it stays on screen, also after a failed run
+        print(*lines(outcome), "", sep="\n")
+        written = [*(results / f"{name}{end}" for end in (".csv", "-data.csv")), *fitted]
+        print(*map(paths.shown, written), sep="\n", flush=True)
 
 
 def _confirm(fitted: Sequence[Path], runs: Path) -> int:
-    """Compares fitted scenes on all engines; where no code has their law, the in-repo ones stand alone."""
+    """Compares fitted scenes on all engines, or on the in-repo engines if no code has their contact law."""
     cases = [build_case(read_scene(path)) for path in fitted]
-    theirs = any(inability(case, code) is None for case in cases for code in codes())
-    if not theirs:
-        print("no code has this law: the fitted scene rests on the in-repo engines")
-    return compare_scenes([str(path) for path in fitted], (), runs, Asked(allow_missing=not theirs), unsafe=False)
+    modelled = any(inability(case, code) is None for case in cases for code in codes())
+    if not modelled:
+        print("no code has this contact law: only in-repo engines check the fitted scene")
+    return compare_scenes(
+        [str(path) for path in fitted], (), runs, EngineSelection(allow_missing=not modelled), unsafe=False, brief=True
+    )
+
+
+LEGEND = (
+    "deviation: fitted minus measured, in standard errors of the measurement; of a trace the rms over its readings",
+    "predicted: by a fit to all other data; deviation: of this prediction, in standard errors of both",
+)
 
 
 def lines(outcome: Outcome) -> Iterator[str]:
-    """The fit in words: parameters, data, what they say."""
+    """Lines of text with parameters, data and remarks; columns without an entry are left out."""
     found = outcome.fit
-    width = max(len(each.label) for each in found.problem.free)
-    yield f"{'parameter':<{width}} {'value':>24}  " + "  ".join(f"{each:>22}" for each in RISES) + "  from"
+    heading = ["parameter", "value", *(f"{each} interval" for each in RISES), "start"]
+    rows = []
     for index, free in enumerate(found.problem.free):
         value, error = free.value(float(found.place[index])), float(outcome.certainty.errors[index])
         profile = outcome.profiles.get(free.label)
-        ends = [
-            interval_in_words(free, profile.interval(rise), value, error) if profile else "" for rise in RISES.values()
-        ]
+        ends = [interval_text(free, profile.interval(rise), value, error) if profile else "" for rise in RISES.values()]
         start = quantity(float(f"{free.start:.4g}"), free.unit) if free.unit else f"{free.start:.4g}"
-        words = value_in_words(free, value, error)
-        yield f"{free.label:<{width}} {words:>24}  " + "  ".join(f"{each:>22}" for each in ends) + f"  {start}"
+        rows.append([free.label, value_text(free, value, error * outcome.enlargement), *ends, start])
+    yield from _table(heading, rows)
+    if outcome.enlargement != 1:
+        times = f"{outcome.enlargement:.2g} times, by the scatter of the data"
+        yield f"the errors above (not the intervals) are enlarged {times}, which the model does not explain"
     yield ""
-    width = max(len(each.datum.label) for each in outcome.predictions)
-    yield f"{'datum':<{width}} {'measured':>20} {'fitted':>11} {'off':>6}  {'by the others':>22} {'off':>6}"
-    for each in outcome.predictions:
-        yield f"{each.datum.label:<{width}} {_datum_in_words(each)}"
+    heading = ["datum", "measured", "fitted", "deviation", "predicted", "deviation", ""]
+    cells = [[each.datum.label, *_datum_cells(each)] for each in outcome.predictions]
+    yield from _table(heading, cells)
+    yield from LEGEND if any(row[4] for row in cells) else LEGEND[:1]
     yield ""
     yield from outcome.sentences()
 
 
-def _datum_in_words(line: Any) -> str:
+def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Lines of a table; columns without an entry are left out."""
+    shown = [place for place in range(len(heading)) if any(row[place] for row in rows)]
+    table = [[row[place] for place in shown] for row in (heading, *rows)]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for row in table:
+        yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def _datum_cells(line: Prediction) -> list[str]:
+    """Cells of a datum: measured, fitted, deviation, predicted, deviation, remark."""
     number = line.datum.number
     if number is None:
-        return f"{'':>20} {'':>11} {line.off:6.2f}"
-    measured = f"{number.value:.4g} ± {number.error:.2g}"
-    others = f"{line.without:.4g} ± {line.without_error:.2g}" if line.without == line.without else ""
-    off = f"{line.without_off:6.2f}" if line.without_off == line.without_off else ""
-    words = f"{measured:>20} {line.fitted:11.5g} {line.off:6.2f}  {others:>22} {off}"
-    return words if number.fitted else f"{words.rstrip()}  (not fitted)"
+        return ["", "", f"{line.off:.2f}", "", "", ""]
+    measured, fitted = f"{number.value:.4g} ± {number.error:.2g}", f"{line.fitted:.5g}"
+    without = f"{line.without:.4g} ± {line.without_error:.2g}" if isfinite(line.without) else ""
+    off = f"{line.without_off:.2f}" if isfinite(line.without_off) else ""
+    return [measured, fitted, f"{line.off:.2f}", without, off, "" if number.fitted else "(not fitted)"]
 
 
 def write_fitted(source: str, settings: Sequence[str], outcome: Outcome, results: Path) -> Path:
-    """Writes a scene file with the fitted values in place, its comments kept; its name is ``fit-`` and the scene's."""
+    """Writes ``fit-SCENE.toml``, the scene file with fitted values and the original comments."""
     import tomlkit
 
     path = find_scene(source)
     document: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
     for setting in settings:
-        lay_over(document, setting)
+        apply_setting(document, setting)
     for index, free in enumerate(outcome.fit.problem.free):
         if free.own in ("", path.stem) and not free.key.startswith(MEASURED):
             set_value(document, free.key, _rounded(free, outcome, index), str(path))
             value, error = free.value(float(outcome.fit.place[index])), float(outcome.certainty.errors[index])
             parent = look_up(document, free.key.rpartition(".")[0])
-            if not isinstance(parent, tomlkit.items.InlineTable):  # a comment would hide the rest of its line
-                look_up(document, free.key).comment(f"fitted: {value_in_words(free, value, error)}")
+            if not isinstance(parent, tomlkit.items.InlineTable):  # a comment would hide the rest of the line
+                text = value_text(free, value, error * outcome.enlargement)
+                look_up(document, free.key).comment(f"fitted: {text}")
     for data in outcome.fit.problem.sets:
         if data.name == path.stem and data.records:
             document[MEASURED] = _entries(data, outcome, results)
@@ -164,13 +189,13 @@ def write_fitted(source: str, settings: Sequence[str], outcome: Outcome, results
 
 
 def _rounded(free: Free, outcome: Outcome, index: int) -> str | float:
-    """A value with three digits more than its error asks for, with its unit."""
+    """Value to six digits, with its unit."""
     value = float(f"{free.value(float(outcome.fit.place[index])):.6g}")
     return quantity(value, free.unit) if free.unit else value
 
 
 def _entries(data: DataSet, outcome: Outcome, results: Path) -> Any:
-    """The ``[[measured]]`` tables of a data set with fitted gains and triggers, paths as seen from ``results``."""
+    """``[[measured]]`` tables of a data set with fitted gains and triggers and paths relative to ``results``."""
     import tomlkit
 
     found, files = tomlkit.aot(), {record.key: record.measured.file for record in data.records}
@@ -179,6 +204,8 @@ def _entries(data: DataSet, outcome: Outcome, results: Path) -> Any:
         values = entry.model_dump(exclude_none=True, exclude_unset=True)
         if key in files:
             values["file"] = os.path.relpath(files[key], results)
+            if entry.trigger is not None:
+                values[TRIGGER] = quantity(entry.trigger, "s")
         for end in (TRIGGER, GAIN) if key in files else ():
             label = f"{data.name}: {key}.{end}"
             if label in labels:
@@ -190,7 +217,7 @@ def _entries(data: DataSet, outcome: Outcome, results: Path) -> Any:
 
 
 def _scaled(gain: str | float | None, fitted: float, outcome: Outcome, index: int) -> str | float:
-    """A fitted gain in the unit in which the scene gives it."""
+    """A fitted gain in the unit used by the scene."""
     if not isinstance(gain, str):
         return fitted
     number, unit = gain.split(None, 1)

@@ -1,4 +1,4 @@
-"""Free parameters: keys of a scene whose values are to be found, with bounds and a coordinate of their own."""
+"""Free parameters: keys of a scene with bounds and a coordinate from 0 to 1."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from drivers.scene.model import Part, Scene
 from drivers.scene.read_scene import read_toml
 from drivers.scene.settings import look_up, unit_of
 
-WIDE = 10.0  # ratio of bounds above zero from which on the coordinate is logarithmic
-FACTOR = 10.0  # bounds about a value that has none in ``inputs/calibration.toml``
-GAIN, TRIGGER = "gain", "trigger"  # of a [[measured]] table
-FIXED = ("run", "seed", "title")  # tables of a scene that are no physics
+MIN_LOG_RATIO = 10.0  # of positive bounds; from here on the coordinate is logarithmic
+FACTOR = 10.0  # from a value to its bounds if ``inputs/calibration.toml`` has none
+GAIN, TRIGGER = "gain", "trigger"  # keys of a [[measured]] table
+NUMERICAL_KEYS = ("run", "seed", "title")  # not physical parameters
 
 
 class Range(Part):
-    """Where a parameter is looked for, as ``inputs/calibration.toml`` has it; quantities in words such as "1 GPa"."""
+    """Range of a parameter in ``inputs/calibration.toml``; quantities are text such as "1 GPa"."""
 
     low: str | float
     high: str | float
@@ -35,9 +35,9 @@ class Free:
     """A free parameter; values in the SI unit of its key.
 
     Attributes:
-        key: of the scene, such as ``materials.ptfe.youngs_modulus``.
-        own: name of the data set whose own it is; empty where all data sets share it.
-        prior: relative standard error with which the start is known beforehand; 0 where nothing is known.
+        key: Key of the scene, such as ``materials.ptfe.youngs_modulus``.
+        own: Name of the data set that alone has this parameter; empty if all data sets share it.
+        prior: Relative standard error of prior knowledge of the starting value; 0 without prior knowledge.
     """
 
     key: str
@@ -50,16 +50,16 @@ class Free:
 
     @property
     def label(self) -> str:
-        """The key, with the data set before it where it is one's own."""
+        """Key, preceded by the data set for a parameter of one data set."""
         return f"{self.own}: {self.key}" if self.own else self.key
 
     @property
     def logarithmic(self) -> bool:
-        """Whether the coordinate goes with the logarithm."""
-        return self.low > 0 and self.high / self.low >= WIDE
+        """True if the coordinate is proportional to the logarithm of the value."""
+        return self.low > 0 and self.high / self.low >= MIN_LOG_RATIO
 
     def value(self, coordinate: float) -> float:
-        """Value at a coordinate, which goes from 0 at the lower bound to 1 at the upper."""
+        """Value at a coordinate from 0 (lower bound) to 1 (upper bound)."""
         if self.logarithmic:
             return min(max(self.low * exp(coordinate * log(self.high / self.low)), self.low), self.high)
         return min(max(self.low + coordinate * (self.high - self.low), self.low), self.high)
@@ -78,19 +78,21 @@ class Free:
 
 
 def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
-    """The parameter of an option such as ``contact.restitution`` or ``striker.speed=1 m/s..3 m/s``.
+    """Parameter of an option such as ``contact.restitution`` or ``striker.speed=1 m/s..3 m/s``.
 
-    Bounds that are not given are those of ``inputs/calibration.toml``, else a tenth and ten times the scene's value.
+    Default bounds are those of ``inputs/calibration.toml``, or else a tenth of and ten times the scene's value.
 
     Raises:
-        InputError: no number of the physics stands at the key, or there is nothing to start from, or the bounds are
-            no range.
+        InputError: the key has no physical number, there is no starting value, or the bounds are not a range.
     """
     key = text.partition("=")[0].strip()
     unit, found, known = unit_of(key), look_up(scene, key), _range_of(key)
-    physics = key.split(".")[0] not in FIXED and not isinstance(found, (bool, int, str))
+    physics = key.split(".")[0] not in NUMERICAL_KEYS and not isinstance(found, (bool, int, str))
     if not physics or not (isinstance(found, float) or (found is None and (unit or known))):
-        raise InputError(where, f"--free {key}", _shown(found), "a key of the scene that holds a number of its physics")
+        allowed = "a key of the scene with a physical number"
+        if found is None:
+            raise InputError(where, f"--free {key}", f"unknown key; allowed: {allowed}")
+        raise InputError(where, f"--free {key}", repr(found), allowed)
     if found is None and known and known.start is not None:
         found = _number(known.start, unit, where, key)
     given, usual = bounds_in(text, unit, where), known_range(key, unit)
@@ -98,45 +100,41 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
         usual = None
     ends = given or usual or (around(found) if found else None)
     if ends is None:
-        raise InputError(where, f"--free {key}", "nothing to start from", f"bounds: --free '{key}=LOW..HIGH'")
+        raise InputError(where, f"--free {key}", f"no starting value: give bounds, --free '{key}=LOW..HIGH'")
     low, high = ends
     if not low < high:
-        raise InputError(where, f"--free {key}", f"{low:g}..{high:g}", "a lower bound, then a higher one")
+        raise InputError(where, f"--free {key}", f"{low:g}..{high:g}", "a lower bound, then an upper bound")
     return Free(key, unit, sum(ends) / 2 if found is None else min(max(found, low), high), low, high, own)
 
 
 def known_range(key: str, unit: str) -> tuple[float, float] | None:
-    """Bounds that ``inputs/calibration.toml`` has for a key."""
+    """Bounds of a key in ``inputs/calibration.toml``; None if it has none."""
     found, where = _range_of(key), paths.shown(paths.CALIBRATION)
     return None if found is None else (_number(found.low, unit, where, key), _number(found.high, unit, where, key))
 
 
 def bounds_in(text: str, unit: str, where: str) -> tuple[float, float] | None:
-    """Bounds of an option such as ``KEY=1 GPa..2 GPa``; None where it names a key alone.
+    """Bounds of an option such as ``KEY=1 GPa..2 GPa``; None for a key alone.
 
     Raises:
-        InputError: they are no bounds.
+        InputError: the text after = is not a pair of bounds.
     """
     key, given, bounds = text.partition("=")
     if not given:
         return None
     low, dots, high = bounds.partition("..")
     if not dots:
-        raise InputError(where, f"--free {key.strip()}", bounds, "bounds, such as 0.5 GPa..2 GPa")
+        raise InputError(where, f"--free {key.strip()}", bounds, "bounds such as 0.5 GPa..2 GPa")
     return _number(low.strip(), unit, where, key.strip()), _number(high.strip(), unit, where, key.strip())
 
 
 def around(value: float) -> tuple[float, float]:
-    """Bounds about a value that is not 0: a tenth of it and ten times it."""
+    """Bounds around a value other than 0: a tenth of and ten times the value."""
     return min(value / FACTOR, value * FACTOR), max(value / FACTOR, value * FACTOR)
 
 
-def _shown(found: object) -> str:
-    return "no such number" if found is None else repr(found)
-
-
 def _number(text: object, unit: str, where: str, key: str) -> float:
-    """A number in the unit of its key, from text or as it stands."""
+    """Number in the unit of its key, from text or a plain number."""
     try:
         return units.to_si(text, unit) if unit and isinstance(text, str) else float(str(text))
     except ValueError as error:

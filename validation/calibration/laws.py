@@ -1,4 +1,4 @@
-"""The fits of ``make calibration``: each law of dissipation to each selection of what the paper quotes."""
+"""The fits of ``make calibration``: each dissipation law fitted to each selection of the paper's quoted data."""
 
 import os
 from collections.abc import Iterator
@@ -18,22 +18,22 @@ from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation
-from postproc.read.observables import LATER
+from postproc.read.observables import LATER_PROMINENCE
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import incident_pulse, peaks, train_envelope
 from validation.calibration.data_sets import paper_data
 from validation.calibration.outcome import Outcome, solve
-from validation.calibration.problem import of_motion, own_values, pose, simulated
+from validation.calibration.problem import motion_values, own_values, pose, simulated
 from validation.calibration.rows import DatumRow, Parameter, datum_rows, parameter_rows
 
-MAXIMA = (2, 3, 4)  # that an envelope is drawn through
-TOP = "chain.sensors=[{ from_wall = 11 }, { from_wall = 10 }]"  # of Fig. 5, where the pulse enters
+MAXIMA = (2, 3, 4)  # numbers of maxima for an envelope
+TOP = "chain.sensors=[{ from_wall = 11 }, { from_wall = 10 }]"  # Fig. 5, sensors where the pulse enters
 NOT_QUOTED = "no error is quoted"
-REFLECTED = "run.duration=1.6 ms"  # of Fig. 4, until the reflected wave has come by
+REFLECTED = "run.duration=1.6 ms"  # Fig. 4, long enough for the reflected wave
 
 
 class Law(Part):
-    """A law of the contacts, by settings, and the parameters that are free in it."""
+    """A contact law, given by settings, and its free parameters."""
 
     name: str
     set: Annotated[tuple[str, ...], Field(strict=False)] = ()
@@ -41,7 +41,7 @@ class Law(Part):
 
 
 class Plan(Part):
-    """The fits of the study; those of the short one are its ``quick`` laws on the first and last selection."""
+    """Fits of the study; the short study fits the ``quick`` laws to the first and last selection."""
 
     selections: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
     quick: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
@@ -50,7 +50,7 @@ class Plan(Part):
 
 @dataclass(frozen=True)
 class Point:
-    """A point of a profile: least rise of chi-square at a value of one parameter, all others fitted anew."""
+    """A point of a profile: rise of chi-square at a value of one parameter, with all others fitted again."""
 
     law: str
     data: str
@@ -61,7 +61,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Remark:
-    """What a fit says of itself, a sentence."""
+    """A sentence about a fit."""
 
     law: str
     data: str
@@ -73,17 +73,17 @@ Rows = tuple[list[Parameter], list[DatumRow], list[Point], list[Remark]]
 
 @cache
 def plan() -> Plan:
-    """The fits that ``inputs/calibration.toml`` asks for.
+    """The fits listed in ``inputs/calibration.toml``.
 
     Raises:
-        InputError: the file is wrong.
+        InputError: the file has errors.
     """
     tables = {key: value for key, value in read_toml(paths.CALIBRATION).items() if key in Plan.model_fields}
     return validate(Plan, tables, paths.shown(paths.CALIBRATION))
 
 
 def fit_all(*, quick: bool = False) -> Rows:
-    """All fits, side by side, their rows in the order of the file."""
+    """Runs all fits in parallel; rows are in the order of the file."""
     asked = plan()
     laws = [law for law in asked.law if not quick or law.name in asked.quick]
     selections = asked.selections[:: len(asked.selections) - 1] if quick else asked.selections
@@ -102,7 +102,7 @@ def fit_all(*, quick: bool = False) -> Rows:
                 found[places[future]] = future.result()
                 count()
     except BaseException:
-        for process in active_children():  # else an interrupt waits for fits that are under way
+        for process in active_children():  # otherwise an interrupt waits for running fits
             process.terminate()
         raise
     finally:
@@ -113,11 +113,11 @@ def fit_all(*, quick: bool = False) -> Rows:
 
 
 def fit_one(law: Law, data: str, quick: bool) -> Rows:
-    """One law fitted to one selection, as rows."""
+    """Rows of the fit of one law to one selection."""
     sets = paper_data([name.strip() for name in data.split(",")], law.set)
     outcome = solve(pose(sets, law.free), quick=quick)
     parameters = [*parameter_rows(law.name, data, outcome)]
-    rows = [*datum_rows(law.name, data, outcome), *_beyond(law, data, outcome)]
+    rows = [*datum_rows(law.name, data, outcome), *_not_fitted(law, data, outcome)]
     points = [
         Point(law.name, data, label, float(value), float(rise))
         for label, each in outcome.profiles.items()
@@ -126,12 +126,12 @@ def fit_one(law: Law, data: str, quick: bool) -> Rows:
     return parameters, rows, points, [Remark(law.name, data, sentence) for sentence in outcome.sentences()]
 
 
-def _beyond(law: Law, data: str, outcome: Outcome) -> Iterator[DatumRow]:
-    """What the paper says of the same experiments and nothing here is fitted to."""
+def _not_fitted(law: Law, data: str, outcome: Outcome) -> Iterator[DatumRow]:
+    """Rows of quantities that the paper quotes for the same experiments and that are not fitted."""
     problem, place = outcome.fit.problem, outcome.fit.place
     for name, more, numbers in (("fig5", TOP, _fig5), ("fig4", REFLECTED, _fig4)):
         (each,) = paper_data([name], (*law.set, more))
-        simulation = simulated(each, of_motion(own_values(problem, each, place)))
+        simulation = simulated(each, motion_values(own_values(problem, each, place)))
         if simulation is None:
             continue
         for name, unit, measured, computed in numbers(simulation):
@@ -139,18 +139,18 @@ def _beyond(law: Law, data: str, outcome: Outcome) -> Iterator[DatumRow]:
             yield DatumRow(law.name, data, each.name, name, unit, measured, nan, computed, *none, False, NOT_QUOTED)
 
 
-Number = tuple[str, str, float, float]  # name, unit, measured (NaN where no number is quoted), computed
+Number = tuple[str, str, float, float]  # name, unit, measured (NaN if no number is quoted), computed
 
 
 def _fig5(simulation: Simulation) -> Iterator[Number]:
-    """Fig. 5: the envelope at the wall through several numbers of maxima of its train, and the pulse that enters."""
+    """Fig. 5: envelope at the wall through 2, 3 and 4 maxima of the train, and the incident pulse."""
     time, signals, paper = (
         simulation.trace.time_s,
         sensor_signals(simulation.case.layout, simulation.trace),
         quoted().fig5,
     )
     wall = signals["wall"]
-    maxima = peaks(time, wall - wall[0], LATER)
+    maxima = peaks(time, wall - wall[0], LATER_PROMINENCE)
     leading = [replace(peak, value=peak.value + float(wall[0])) for peak in maxima]
     for count in MAXIMA:
         curve = train_envelope(leading, count)
@@ -165,7 +165,7 @@ def _fig5(simulation: Simulation) -> Iterator[Number]:
 
 
 def _fig4(simulation: Simulation) -> Iterator[Number]:
-    """Fig. 4: the reflected wave over the incident one at the ninth bead, which is said to be significantly smaller."""
+    """Fig. 4: reflected over incident peak at the ninth bead; the paper calls it significantly smaller than 1."""
     values = simulation.values
     ratio = values["bead_9_reflected_amplitude_N"] / values["bead_9_amplitude_N"]
     yield "reflected over incident peak at bead 9", "", nan, ratio

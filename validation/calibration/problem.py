@@ -1,14 +1,14 @@
-"""A problem of calibration: free parameters of scenes, what the exact motion predicts with them, and residuals."""
+"""Calibration problem: free parameters of scenes, predictions of the exact motion, residuals and derivatives."""
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache
-from math import nan
+from math import inf, nan
 
 import numpy as np
 
-from drivers.base.errors import InputError
+from drivers.base.errors import InputError, RunError
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
 from drivers.scene.read_scene import make_scene, set_value
@@ -18,21 +18,21 @@ from validation.calibration.data_sets import DataSet, Number, gauge_parameters, 
 from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
 from validation.calibration.records import Record, residual_of
 
-TOLERANCE = 1e-6  # of the exact motion, whose observables are then good to 2e-9, and sensitivities to 1e-4
-STEP = 1e-4  # of a parameter's range, over which sensitivities are taken
-NOT_SEEN = 10.0  # standard errors that a number counts which the motion does not show
-KEPT = 256  # simulations
+TOLERANCE = 1e-6  # of the exact motion; observables are then accurate to 2e-9, sensitivities to 1e-4
+STEP = 1e-4  # of finite differences, as a share of a parameter's range
+MISSING_RESIDUAL = 10.0  # standard errors counted for a number that the computed motion does not have
+CACHE_SIZE = 256  # simulations
 
 
 @dataclass(frozen=True)
 class Datum:
-    """Rows of the residual that are one datum: a number, a gauge's trace, or what is known of a parameter beforehand.
+    """One datum: a number, the trace of a gauge, or prior knowledge of a parameter.
 
     Attributes:
-        data_set: its name.
-        name: of the observable, the gauge, or the parameter.
-        number: where it is one.
-        rows: of the residual; empty where it is only predicted.
+        data_set: Name of the data set.
+        name: Name of the observable, gauge or parameter.
+        rows: Rows of the residual; empty for a datum that is predicted only.
+        number: The measured number, if the datum is one.
     """
 
     data_set: str
@@ -42,13 +42,13 @@ class Datum:
 
     @property
     def label(self) -> str:
-        """Data set and name."""
+        """Name of the data set and of the datum."""
         return f"{self.data_set}: {self.name}" if self.data_set else self.name
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Data sets and the parameters that are free in them; ``data`` in the order of the residual's rows."""
+    """Data sets and free parameters; ``data`` has the order of the rows of the residual."""
 
     sets: tuple[DataSet, ...]
     free: tuple[Free, ...]
@@ -56,7 +56,7 @@ class Problem:
 
     @property
     def start(self) -> Array:
-        """Coordinates of the parameters' starts. Shape (parameters,)."""
+        """Coordinates of the starting values. Shape (parameters,)."""
         return np.array([each.coordinate(each.start) for each in self.free])
 
     @property
@@ -65,20 +65,21 @@ class Problem:
         return sum(len(datum.rows) for datum in self.data)
 
     def values(self, place: Array) -> dict[str, float]:
-        """Values of the parameters at a place, by label."""
+        """Values of the parameters at given coordinates, by label."""
         return {each.label: each.value(float(x)) for each, x in zip(self.free, place, strict=True)}
 
 
 def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) -> Problem:
-    """The problem of data sets and of options that name free parameters, with bounds or without.
+    """Problem from data sets and options that name free parameters, with or without bounds.
 
     Args:
-        sets: what was measured.
-        free: shared by all data sets, but for those of gauges.
-        own: free in each data set by itself, beside those that are a data set's own anyway.
+        sets: Measured data.
+        free: Parameters shared by all data sets; parameters of gauges belong to one data set.
+        own: Parameters with a separate value for each data set, in addition to the data set's own list.
 
     Raises:
-        InputError: a scene has no observable of a name, no such parameter, or one is named twice.
+        InputError: a scene lacks an observable or a parameter, or a parameter is named twice.
+        RunError: the exact motion cannot be computed at the starting values.
     """
     gauges = [text for text in free if text.startswith("measured")]
     parameters = [free_parameter(text, sets[0].scene, sets[0].where) for text in free if text not in gauges]
@@ -92,9 +93,11 @@ def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) 
     data, first = list[Datum](), 0
     for each in sets:
         seen = predicted(each, {free.key: free.start for free in parameters if free.own in ("", each.name)})
+        if each.numbers and not seen:
+            raise RunError(f"{each.where}: the exact motion cannot be computed at the starting values")
         for number in each.numbers:
             if number.observable not in seen:
-                raise InputError(each.where, number.observable, "no such observable of the scene", ", ".join(seen))
+                raise InputError(each.where, number.observable, f"unknown observable; allowed: {', '.join(seen)}")
             data.append(Datum(each.name, number.observable, range(first, first + number.fitted), number))
             first += number.fitted
         for record in each.records:
@@ -109,20 +112,20 @@ def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) 
 
 
 def own_values(problem: Problem, data: DataSet, place: Array) -> dict[str, float]:
-    """Values of the parameters that act on a data set, by key."""
+    """Values of the parameters of a data set, by key."""
     pairs = zip(problem.free, place, strict=True)
     return {each.key: each.value(float(x)) for each, x in pairs if each.own in ("", data.name)}
 
 
 def predicted(data: DataSet, values: Mapping[str, float]) -> dict[str, float]:
-    """Observables of a data set's scene at values of parameters; empty where the motion cannot be followed."""
-    simulation = simulated(data, of_motion(values))
+    """Observables of a data set's scene at given parameter values; empty if the integration fails."""
+    simulation = simulated(data, motion_values(values))
     return {} if simulation is None else dict(simulation.values)
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=CACHE_SIZE)
 def simulated(data: DataSet, values: tuple[tuple[str, float], ...]) -> Simulation | None:
-    """The exact motion of a data set's scene at values of parameters; None where it cannot be followed."""
+    """Exact motion of a data set's scene at given parameter values; None if the integration fails."""
     tables = deepcopy(data.tables)
     for key, value in values:
         set_value(tables, key, data.text(key, value), data.where)
@@ -132,19 +135,28 @@ def simulated(data: DataSet, values: tuple[tuple[str, float], ...]) -> Simulatio
         return None
 
 
+def has_motion(problem: Problem, place: Array) -> bool:
+    """True if the coordinates are finite and the exact motion of each data set can be computed."""
+    if not np.isfinite(place).all():
+        return False
+    return all(simulated(each, motion_values(own_values(problem, each, place))) is not None for each in problem.sets)
+
+
 def residual(problem: Problem, place: Array) -> Array:
-    """Predicted less measured values in standard errors. Shape (rows,)."""
-    return np.nan_to_num(offs(problem, place), nan=NOT_SEEN)
+    """Predicted minus measured values in standard errors; inf at a point without a motion. Shape (rows,)."""
+    if not has_motion(problem, place):
+        return np.full(problem.rows, inf)
+    return np.nan_to_num(raw_residual(problem, place), nan=MISSING_RESIDUAL)
 
 
 def jacobian(problem: Problem, place: Array, moving: Sequence[int] | None = None) -> Array:
-    """Derivatives of the residual by some coordinates, by differences of the exact motion. Shape (rows, moving).
+    """Derivatives of the residual by the coordinates ``moving``, by finite differences. Shape (rows, moving).
 
-    A parameter that is a data set's own is varied in that set alone. A number that is lost to one side has the
-    derivative of the other, one that is not seen has none.
+    A parameter of one data set is varied in that data set only. If a number is missing from the motion on one side, the
+    derivative is that of the other side; if it is missing on both sides, the derivative is 0.
     """
     moving = range(len(place)) if moving is None else moving
-    here, columns = offs(problem, place), np.zeros((problem.rows, len(moving)))
+    here, columns = raw_residual(problem, place), np.zeros((problem.rows, len(moving)))
     for column, index in enumerate(moving):
         first = STEP if place[index] + STEP <= 1 else -STEP
         slope = _difference(problem, place, here, index, first)
@@ -156,29 +168,29 @@ def jacobian(problem: Problem, place: Array, moving: Sequence[int] | None = None
 
 
 def _difference(problem: Problem, place: Array, here: Array, index: int, step: float) -> Array:
-    """Change of the residual over a step of one coordinate, over the step."""
+    """Difference quotient of the residual for a step of one coordinate."""
     other = place.copy()
     other[index] += step
-    return (offs(problem, other) - here) / step
+    return (raw_residual(problem, other) - here) / step
 
 
-def offs(problem: Problem, place: Array) -> Array:
-    """The residual, NaN for what is not seen; what was computed for a data set before is kept."""
+def raw_residual(problem: Problem, place: Array) -> Array:
+    """Residual with NaN for numbers missing from the motion; results of each data set are cached."""
     parts = (_of_set(data, tuple(own_values(problem, data, place).items())) for data in problem.sets)
     return np.concatenate([*parts, _priors(problem, place)])
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=CACHE_SIZE)
 def _of_set(data: DataSet, values: tuple[tuple[str, float], ...]) -> Array:
     known = dict(values)
-    offs = [(shown(data, each, known) - each.value) / each.error for each in data.numbers if each.fitted]
+    offs = [(predicted_number(data, each, known) - each.value) / each.error for each in data.numbers if each.fitted]
     return np.concatenate([offs, *(_of_record(data, record, known) for record in data.records)])
 
 
-def shown(data: DataSet, number: Number, values: Mapping[str, float]) -> float:
-    """What stands for a measured number at values of parameters; NaN where the motion does not show it.
+def predicted_number(data: DataSet, number: Number, values: Mapping[str, float]) -> float:
+    """Prediction of a measured number at given parameter values; NaN if it is missing from the motion.
 
-    A force is divided by the gauge's gain, where that is a parameter.
+    A force is divided by the gain of its gauge if the gain is a parameter.
     """
     gain = values.get(f"{number.gain}.{GAIN}", 1.0) if describe(number.observable).unit == "N" else 1.0
     return predicted(data, values).get(number.observable, nan) / gain
@@ -186,7 +198,7 @@ def shown(data: DataSet, number: Number, values: Mapping[str, float]) -> float:
 
 def _of_record(data: DataSet, record: Record, values: Mapping[str, float]) -> Array:
     """Residuals of all gauges of a trace. Shape (rows,)."""
-    measured, simulation = record.measured, simulated(data, of_motion(values))
+    measured, simulation = record.measured, simulated(data, motion_values(values))
     if simulation is None:
         return np.full(record.rows * len(measured.reading), nan)
     gain = values.get(f"{record.key}.{GAIN}", measured.gain)
@@ -194,8 +206,8 @@ def _of_record(data: DataSet, record: Record, values: Mapping[str, float]) -> Ar
     return np.concatenate([residual_of(record, gauge, simulation, gain, trigger_s) for gauge in measured.reading])
 
 
-def of_motion(values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
-    """Values without those of gauges' gains and triggers, which leave the motion as it is."""
+def motion_values(values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+    """Values without gains and triggers of gauges, on which the motion does not depend."""
     return tuple((key, value) for key, value in values.items() if not key.startswith("measured"))
 
 

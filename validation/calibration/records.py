@@ -1,4 +1,4 @@
-"""Measured traces in a fit: residuals of each gauge, base lines projected out."""
+"""Measured traces in a fit: residuals of each gauge, with base lines projected out."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from drivers.chain.chain import Array
 from postproc.paper.simulate import Simulation
-from postproc.read.alignment import align, must_last
-from postproc.read.measured import MeasuredTrace, averaged
+from postproc.read.alignment import align, averaged, check_length
+from postproc.read.measured import MeasuredTrace
 from postproc.read.sensors import sensor_signals
 
-LEEWAY = 0.5  # of the run's length, by which a trigger that is found may move either way; motions are that much longer
+LEEWAY = 0.5  # range of a fitted trigger to either side, over the run's duration; runs are longer by it
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,10 +19,10 @@ class Record:
     """A measured trace as data to be fitted.
 
     Attributes:
-        key: of its entry in the scene, such as ``measured.0``.
-        trigger_s: time in the file at which the impact is, given or found; ``leeway_s``: how far off it may be.
-        noise: standard deviation of a reading, by gauge.
-        counts: whether a reading is compared: those up to the end of the run. Shape (samples,).
+        key: Key of its entry in the scene, such as ``measured.0``.
+        trigger_s: Time of the impact in the file, given or found; ``leeway_s``: its largest error.
+        noise: Standard deviation of a reading, by gauge.
+        counts: True for each compared reading, up to the end of the run. Shape (samples,).
     """
 
     key: str
@@ -34,39 +34,39 @@ class Record:
 
     @property
     def lines(self) -> int:
-        """Coefficients of base lines that are fitted to each gauge."""
+        """Number of coefficients of the base line fitted to each gauge."""
         return (self.measured.baseline is None) + self.measured.drift
 
     @property
     def found(self) -> bool:
-        """Whether its noise was found, not given."""
+        """True if the noise was found from the trace."""
         return self.measured.noise is None
 
     @property
     def rows(self) -> int:
-        """Readings of each gauge that are compared."""
+        """Number of compared readings of each gauge."""
         return int(self.counts.sum())
 
 
 def record_of(key: str, measured: MeasuredTrace, simulation: Simulation) -> Record:
-    """A trace as data of the run that ``simulation`` is, aligned with it.
+    """A trace as data to be fitted, aligned with a simulated run.
 
     Raises:
-        InputError: after the impact it is much shorter or longer than the run, or it cannot be aligned.
+        InputError: the trace after the impact is much shorter or longer than the run, or cannot be aligned.
     """
     trace = simulation.trace
     duration_s, coarse = float(trace.time_s[-1]), averaged(measured, float(trace.time_s[1]))
     gauges = align([measured], simulation.case.layout, trace)
     trigger_s = gauges[0].trigger_s
-    must_last(measured, trigger_s, duration_s)
+    check_length(measured, trigger_s, duration_s)
     noise = {each.gauge: each.noise_N / abs(measured.gain) for each in gauges}
     return Record(key, coarse, trigger_s, LEEWAY * duration_s, noise, coarse.time_s <= trigger_s + duration_s)
 
 
 def residual_of(record: Record, gauge: str, simulation: Simulation, gain: float, trigger_s: float) -> Array:
-    """Computed less measured readings of a gauge in standard errors, less the base line that fits best. Shape (rows,).
+    """Computed minus measured readings of a gauge in standard errors, without the best base line. Shape (rows,).
 
-    Forces are counted above the static load, which is part of the base line; before the impact there is none.
+    Forces exclude the static load, which is part of the base line; before the impact they are zero.
     """
     from scipy.interpolate import make_interp_spline
 

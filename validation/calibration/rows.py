@@ -1,4 +1,4 @@
-"""Fits as rows of tables, for the command and for the study."""
+"""Rows of the tables of fits, for the command and for the study."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from validation.calibration.outcome import Outcome
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of one fit, in the SI unit of its key; inf is the standard error of one that the data do not tell.
+    """A parameter of one fit, in the SI unit of its key; the standard error is inf if the data do not determine it.
 
-    ``law`` is the name of a law, or the settings laid over; ``data`` names the data sets.
+    ``law`` is the name of a law or the applied settings; ``data`` names the data sets.
     """
 
     law: str
@@ -34,7 +34,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class DatumRow:
-    """A datum beside what one fit gives for it and what a fit without it foretells; NaN where there is no number."""
+    """A datum with its fitted value and its prediction by a fit without it; NaN if there is no number."""
 
     law: str
     data: str
@@ -70,7 +70,7 @@ def parameter_rows(law: str, data: str, outcome: Outcome) -> Iterator[Parameter]
 
 
 def datum_rows(law: str, data: str, outcome: Outcome) -> Iterator[DatumRow]:
-    """A row for each datum; of a trace, or of what is known of a parameter, by how much it is off."""
+    """A row for each datum; for traces and prior knowledge only the deviation in standard errors."""
     for line in outcome.predictions:
         name, number = line.datum.name, line.datum.number or Number(line.datum.name, nan, nan)
         yield DatumRow(

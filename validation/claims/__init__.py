@@ -1,1 +1,1 @@
-"""The paper's quantitative statements, computed: ``inputs/paper/claims.toml`` lists them with their functions here."""
+"""Quantitative statements of the paper, computed; ``inputs/paper/claims.toml`` names the function of each."""

@@ -1,4 +1,4 @@
-"""Chains that claims are computed from: ``run`` stands for any engine."""
+"""Chains from which claims are computed; ``run`` is the function that runs a case on an engine."""
 
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -15,15 +15,15 @@ from postproc.read.signals import Peak, envelope, peaks
 Run = Callable[[Case], Simulation]
 SolvedTable = Callable[[str, str], pd.DataFrame]  # Table 1 for a setting of its scene and a reading of its force
 
-BARE = ("gravity=", "wall=")  # a chain that nothing compresses
-LONG = "run.duration=2 ms"
-PROMINENCE = 0.005  # of a force's range: by so much a wave of a train stands out
-COARSE = ("run.time_step=0.2 us", "run.sample_interval=2 us")  # on long chains: waves are off by 1e-4 at most
+UNCOMPRESSED = ("gravity=", "wall=")
+LONG_DURATION = "run.duration=2 ms"
+PROMINENCE = 0.005  # of a wave in a train, over the range of the force
+COARSE = ("run.time_step=0.2 us", "run.sample_interval=2 us")  # for long chains: errors of waves up to 1e-4
 MICRO = 1e6
 
 
 def waves(simulation: Simulation, contact: int, at_least: int = 1, prominence: float = PROMINENCE) -> list[Peak]:
-    """The waves that pass a contact.
+    """Waves that pass a contact.
 
     Raises:
         InputError: fewer than ``at_least`` within the scene's duration.
@@ -31,24 +31,24 @@ def waves(simulation: Simulation, contact: int, at_least: int = 1, prominence: f
     trace = simulation.trace
     found = peaks(trace.time_s, trace.force_N[:, contact - 1], prominence=prominence)
     if len(found) < at_least:
-        words = f"{len(found)} waves at contact {contact} within it"
-        raise InputError(simulation.case.scene.file, "run.duration", words, f"long enough for {at_least}")
+        words = f"a run with {len(found)} waves at contact {contact}"
+        raise InputError(simulation.case.scene.file, "run.duration", words, f"a duration with {at_least}")
     return found
 
 
 def struck(run: Run, force_N: float, *settings: str) -> Simulation:
-    """Table 1's chain under the strike that gives one of its amplitudes, or the same strike on a changed chain."""
+    """Table 1's chain under the strike for one of the amplitudes; settings change the chain, not the strike."""
     return run(case_of("table1", strike_of(force_N), *settings))
 
 
 def strike_of(force_N: float) -> str:
-    """The setting of the strike that gives an amplitude of Table 1."""
+    """Setting of the strike for an amplitude of Table 1."""
     return f"striker.speed={striker_speed_for(force_N)!r} m/s"
 
 
 @cache
 def striker_speed_for(force_N: float) -> float:
-    """The striker speed that gives an amplitude of Table 1, m/s."""
+    """Striker speed for an amplitude of Table 1, m/s."""
     return striker_speed(strike_for(force_N, sensor_amplitude))
 
 
@@ -70,10 +70,10 @@ def rate_through(train: list[Peak], maxima: float) -> float:
 
 @cache
 def exact_solutions(setting: str, force_is: str) -> pd.DataFrame:
-    """Table 1 by the reference alone."""
+    """Table 1 by the reference."""
     return exact_table1(READINGS[force_is], setting)
 
 
 def ratio_of(values: Mapping[str, float], observable: str, over: str) -> float:
-    """An observable, over another if one is named."""
+    """An observable, or its ratio to another."""
     return values[observable] / (values[over] if over else 1.0)

@@ -1,4 +1,4 @@
-"""The paper's statements as data: claims, the readings of their sentences, and statements that nothing here tests."""
+"""The paper's statements as data: claims, readings of their sentences, and untested statements."""
 
 import inspect
 from collections import Counter
@@ -23,7 +23,7 @@ MODULES = {
     "trains": trains,
     "dissipation": dissipation,
 }
-KINDS = {  # in the order in which they are told
+KINDS = {  # in the order of the report
     "physics": "can fail on physics",
     "exact": "exact by similarity or by construction",
     "arithmetic": "arithmetic of the paper's own numbers",
@@ -37,9 +37,9 @@ class Reading(Part):
     """One way to read a sentence.
 
     Attributes:
-        words: the reading.
-        arguments: of the claim's function, beside the claim's own.
-        favoured: why the text favours this one; empty for the others.
+        words: the reading, in a few words.
+        arguments: arguments of the claim's function, in addition to those of the claim.
+        favoured: reason why the text favours this reading; empty for the others.
     """
 
     words: str
@@ -47,10 +47,10 @@ class Reading(Part):
     favoured: str = ""
 
 
-Readings = Annotated[tuple[Reading, ...], Field(strict=False, min_length=2)]  # of a sentence that has several
+Readings = Annotated[tuple[Reading, ...], Field(strict=False, min_length=2)]  # of one sentence
 
 
-SOLE = Reading(words="")  # of a sentence that can be read in one way only
+PLAIN_READING = Reading(words="")  # of a sentence with one meaning
 
 
 class Claim(Part):
@@ -75,11 +75,11 @@ class Claim(Part):
 
     @property
     def favoured(self) -> Reading:
-        """The reading that is judged."""
-        return next((reading for reading in self.readings if reading.favoured), SOLE)
+        """The judged reading."""
+        return next((reading for reading in self.readings if reading.favoured), PLAIN_READING)
 
     def holds_for(self, value: float) -> bool:
-        """Whether a computed value agrees with the statement; NaN does not."""
+        """True if a computed value agrees with the statement; False for NaN."""
         if self.relation == "at most":
             return value <= self.quoted
         if self.relation == "at least":
@@ -88,7 +88,7 @@ class Claim(Part):
 
 
 class Untested(Part):
-    """A statement that nothing here tests, and the reason."""
+    """An untested statement, with the reason."""
 
     where: str
     quote: str
@@ -96,7 +96,7 @@ class Untested(Part):
 
 
 class ClaimsFile(Part):
-    """The file: readings that several claims share, claims, and what is not tested."""
+    """The file ``inputs/paper/claims.toml``: shared readings, claims, untested statements."""
 
     readings: dict[str, Readings] = Field(default_factory=dict)
     claim: Annotated[tuple[Claim, ...], Field(strict=False, min_length=1)]
@@ -104,17 +104,17 @@ class ClaimsFile(Part):
 
 
 def read_claims(path: Path = paths.CLAIMS) -> ClaimsFile:
-    """The file, each claim with its own readings.
+    """Reads the file; shared readings are put into each claim.
 
     Raises:
-        InputError: anything wrong with it, a claim that nothing computes included.
+        InputError: anything in the file is wrong, such as a claim without a function.
     """
     where = paths.shown(path)
     file = validate(ClaimsFile, read_toml(path), where)
     counts = Counter(claim.id for claim in file.claim)
     for claim in file.claim:
         if counts[claim.id] > 1:
-            raise InputError(where, f"claim {claim.id}", "the same id twice", "an id of its own for each claim")
+            raise InputError(where, f"claim {claim.id}", "id used twice")
         if claim.shared_readings not in {"", *file.readings}:
             allowed = f"one of [readings]: {', '.join(file.readings) or 'none'}"
             raise InputError(
@@ -130,21 +130,19 @@ def read_claims(path: Path = paths.CLAIMS) -> ClaimsFile:
 
 
 def _check(claim: Claim, where: str) -> None:
-    """Raises an InputError where a claim cannot be computed or judged."""
+    """Raises an InputError if a claim cannot be computed or judged."""
     key = f"claim {claim.id}"
     if function_of(claim) is None:
         raise InputError(where, f"{key}: compute", shorten(claim.compute), f"module.function of {', '.join(MODULES)}")
-    for reading in claim.readings or (SOLE,):
+    for reading in claim.readings or (PLAIN_READING,):
         _check_arguments(claim, claim.arguments | reading.arguments, where)
     if claim.relation == "equals" and claim.within is None:
-        raise InputError(where, key, "no within", "a tolerance")
+        raise InputError(where, key, "missing key within, the tolerance")
     if not claim.because:
-        raise InputError(where, key, "no because", "the reason of the tolerance")
+        raise InputError(where, key, "missing key because, the reason of the tolerance")
     favoured = sum(bool(reading.favoured) for reading in claim.readings)
     if claim.readings and favoured != 1:
-        raise InputError(
-            where, f"{key}: readings", f"{favoured} favoured", "one that the text favours, with the reason"
-        )
+        raise InputError(where, f"{key}: readings", f"{favoured} favoured readings", "one, with the reason")
 
 
 def _check_arguments(claim: Claim, arguments: Arguments, where: str) -> None:
@@ -153,16 +151,16 @@ def _check_arguments(claim: Claim, arguments: Arguments, where: str) -> None:
     if amplitude is not None and amplitude not in amplitudes:
         allowed = ", ".join(f"{each:g}" for each in amplitudes)
         raise InputError(where, f"{key}: arguments.force_N", str(amplitude), allowed)
-    given = parameters_of(function) & {"run", "table"}  # whose arguments are not the claim's
+    given = parameters_of(function) & {"run", "table"}  # passed by the study
     try:
         if function:
             inspect.signature(function).bind(*given, **arguments)
     except TypeError as error:
-        raise InputError(where, f"{key}: arguments", str(error), f"those of {claim.compute}") from error
+        raise InputError(where, f"{key}: arguments", str(error), f"the arguments of {claim.compute}") from error
 
 
 def function_of(claim: Claim) -> Callable[..., Any] | None:
-    """The function that computes a claim; None where there is none of that name."""
+    """Function that computes a claim; None if no function has this name."""
     module, _, name = claim.compute.partition(".")
     function = getattr(MODULES.get(module), name, None)
     public = inspect.isfunction(function) and function.__module__.endswith(f".{module}") and not name.startswith("_")
@@ -170,5 +168,5 @@ def function_of(claim: Claim) -> Callable[..., Any] | None:
 
 
 def parameters_of(function: Callable[..., Any] | None) -> set[str]:
-    """Names of a function's parameters; none of no function."""
+    """Names of a function's parameters; empty for None."""
     return set(inspect.signature(function).parameters) if function else set()

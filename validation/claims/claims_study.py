@@ -1,9 +1,9 @@
-"""The paper's statements: computed, judged, told.
+"""The study of the paper's statements: computed, judged, reported.
 
-A claim names the function that computes it, ``module.function`` in ``validation/claims``, and its ``arguments``. One of
-``run`` is asked for every engine, one of ``table`` reads Table 1 as every engine solves it; into others no simulated
-chain enters. Where a sentence can be read in more than one way, the reading that the text favours is judged, and the
-exact reference computes the others beside it.
+A claim names the function that computes it, ``module.function`` in ``validation/claims``, and its ``arguments``. A
+function with the parameter ``run`` is computed on every engine, one with ``table`` from Table 1 as every engine solves
+it; other functions use no simulated chain. If a sentence can be read in several ways, the reading that the text favours
+is judged, and the reference computes the others as well.
 """
 
 from collections import Counter
@@ -16,7 +16,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import in_order
 from validation.claims.claim import KINDS, read_claims
-from validation.claims.judged import DIFFERS, REPRODUCED, Judged, Read, judge_all, verdict_of
+from validation.claims.judged import DIFFERS, REPRODUCED, ComputedReading, Judged, judge_all, verdict_of
 from validation.studies import Options, Study, Tables, rows_in
 
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
@@ -24,7 +24,7 @@ RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 
 @dataclass(frozen=True)
 class Row:
-    """A claim with what came out, as the table has it."""
+    """Row of the table: a claim with the computed values and the verdict."""
 
     id: str
     where: str
@@ -32,12 +32,12 @@ class Row:
     kind: str
     relation: str
     quoted: float
-    number_is: str  # whose reading of the paper's words the quoted number is
+    number_is: str  # "the paper's" or "ours": source of the quoted number
     unit: str
     within: float
     because: str
-    reading: str  # the one that is judged, where there are several
-    hangs: bool  # whether another reading gives another verdict
+    reading: str  # the judged reading; empty if there is one only
+    hangs: bool  # True if another reading gives another verdict
     computed: Mapping[str, float]  # by engine
     difference: float  # the reference's value less the quoted one
     verdict: str
@@ -47,11 +47,11 @@ class Row:
 
 @dataclass(frozen=True)
 class ReadingRow:
-    """A reading of a claim's sentence, as the table has it."""
+    """Row of the table of readings."""
 
-    id: str  # of the claim
+    id: str  # id of the claim
     reading: str
-    favoured: str  # why the text favours it; empty for the others
+    favoured: str  # reason why the text favours this reading; empty for the others
     computed: float
     verdict: str
 
@@ -66,7 +66,7 @@ def measure(options: Options) -> dict[str, list[Row] | list[ReadingRow]]:
 
 
 def rows_of(judged: list[Judged]) -> dict[str, list[Row] | list[ReadingRow]]:
-    """Judged claims and their readings as the tables have them."""
+    """Rows of both tables, from judged claims."""
     return {
         "claims": [*map(row_of, judged)],
         "claims-readings": [row for each in judged for row in _reading_rows(each)],
@@ -74,7 +74,7 @@ def rows_of(judged: list[Judged]) -> dict[str, list[Row] | list[ReadingRow]]:
 
 
 def row_of(judged: Judged) -> Row:
-    """A judged claim as the table has it."""
+    """Row of a judged claim."""
     claim = judged.claim
     same = ("id", "where", "quote", "kind", "relation", "quoted", "unit", "because")
     return Row(
@@ -105,24 +105,23 @@ def _reading_rows(judged: Judged) -> list[ReadingRow]:
 
 
 def judged_in(tables: Tables) -> list[Judged]:
-    """The claims of ``inputs/paper/claims.toml`` with the values that the tables hold.
+    """Claims of ``inputs/paper/claims.toml`` with the values of the tables.
 
     Raises:
-        InputError: the tables are of other claims.
+        InputError: the tables hold other claims or verdicts.
     """
     rows, claims = rows_in(tables["claims"], Row), read_claims().claim
     values = {(row.id, row.reading): row.computed for row in rows_in(tables["claims-readings"], ReadingRow)}
     known = {(claim.id, reading.words) for claim in claims for reading in claim.readings}
     if [row.id for row in rows] != [claim.id for claim in claims] or set(values) != known:
-        found = f"not the claims of {paths.shown(paths.CLAIMS)}"
-        raise InputError("claims.csv", "id", found, "the tables that make claims writes")
+        raise InputError("claims.csv", "id", f"other claims than in {paths.shown(paths.CLAIMS)}; run make claims")
     judged = [
         Judged(
             claim,
             dict(row.computed),
             row.how,
             tuple(
-                Read(reading, value := values[claim.id, reading.words], verdict_of(claim, value))
+                ComputedReading(reading, value := values[claim.id, reading.words], verdict_of(claim, value))
                 for reading in claim.readings
             ),
         )
@@ -130,12 +129,14 @@ def judged_in(tables: Tables) -> list[Judged]:
     ]
     for each, row in zip(judged, rows, strict=True):
         if each.verdict != row.verdict:
-            raise InputError("claims.csv", f"{row.id}: verdict", row.verdict, f"{each.verdict}, as make claims writes")
+            raise InputError(
+                "claims.csv", f"{row.id}: verdict", row.verdict, f"{each.verdict}, the verdict of make claims"
+            )
     return judged
 
 
 def sentences(tables: Tables) -> list[str]:
-    """Statements that differ, and how many there are of each verdict."""
+    """Statements that differ, and counts of the verdicts."""
     judged = judged_in(tables)
     differ = [
         f"{each.claim.id}: quoted {each.claim.quoted:g}, computed {each.value:.4g} {each.claim.unit}: "
@@ -144,23 +145,28 @@ def sentences(tables: Tables) -> list[str]:
         if each.verdict == DIFFERS
     ]
     counts = [f"{words}: {good} reproduced, {bad} differ" for words, good, bad in _counts(judged)]
-    hanging = f"{sum(each.hangs for each in judged)} verdicts hang on how a sentence is read"
-    return [*differ, *counts, hanging, f"{len(read_claims().untested)} statements are not tested, each for its reason"]
+    hanging = f"{sum(each.hangs for each in judged)} verdicts depend on the reading of a sentence"
+    return [
+        *differ,
+        *counts,
+        hanging,
+        f"{len(read_claims().untested)} statements are not tested (reasons in the report)",
+    ]
 
 
 def _counts(judged: list[Judged]) -> list[tuple[str, int, int]]:
-    """Kinds in words, with how many of each are reproduced and differ."""
+    """By kind: its description, the number of reproduced and of differing statements."""
     counts: Counter[tuple[str, str]] = Counter((each.claim.kind, each.verdict) for each in judged)
     return [(words, counts[kind, REPRODUCED], counts[kind, DIFFERS]) for kind, words in KINDS.items()]
 
 
 def missed(tables: Tables) -> list[str]:
-    """Claims that cannot stand."""
+    """Claims with an unexplained difference, an unneeded explanation, or engines that disagree."""
     return [f"{each.claim.id}: {each.fault}" for each in judged_in(tables) if each.fault]
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """The rows by verdict, the differing ones first, their readings, what is not tested, the engines, the counts."""
+    """Rows by verdict with their readings, untested statements, engines, and counts."""
     judged = judged_in(tables)
     rows: dict[str, list[dict[str, Any]]] = {verdict: [] for verdict in (DIFFERS, REPRODUCED)}
     for each in judged:
@@ -176,7 +182,7 @@ def section(tables: Tables) -> dict[str, Any]:
 
 def _cells(judged: Judged) -> dict[str, Any]:
     row = row_of(judged)
-    # more digits than four only where the tolerance looks at them
+    # eight digits for a tight tolerance, else four
     digits = 8 if 0 < row.within < 1e-4 * abs(row.quoted) else 4
     cells = asdict(row) | {
         "ours": "our criterion" if row.number_is == "ours" else "",
@@ -196,7 +202,7 @@ def _cells(judged: Judged) -> dict[str, Any]:
 
 STUDY = Study(
     "claims",
-    "the paper's statements, computed",
+    "statements of the paper",
     {"claims": Row, "claims-readings": ReadingRow},
     measure,
     sentences,

@@ -1,4 +1,4 @@
-"""Claims on the experiments' dissipation: the chains with the calibrated law, beside the elastic ones of the paper."""
+"""Claims on dissipation in the experiments: chains with the calibrated law, compared with elastic chains."""
 
 import numpy as np
 
@@ -7,14 +7,14 @@ from drivers.chain.chain import Array
 from postproc.paper.calibrated import calibrated
 from postproc.paper.simulate import case_of
 from postproc.read.signals import Peak
-from validation.claims.chains import BARE, LONG, Run, rate_through, ratio_of, strike_of, waves
+from validation.claims.chains import LONG_DURATION, UNCOMPRESSED, Run, rate_through, ratio_of, strike_of, waves
 
-SEEN_LATER = "run.duration=1.4 ms"  # until the reflected wave has come by on softer beads
+SEEN_LATER = "run.duration=1.4 ms"  # until the reflected wave has passed softer beads
 TAIL_S = (60e-6, 160e-6)  # after the second wave's maximum
 
 
 def fig4(run: Run, observable: str, over: str = "") -> float:
-    """An observable of Fig. 4's chain with dissipation, maybe over another."""
+    """An observable of Fig. 4's chain with dissipation, or its ratio to another."""
     return ratio_of(run(_calibrated("fig4", SEEN_LATER)).values, observable, over)
 
 
@@ -43,7 +43,7 @@ def attenuation_by_amplitude(run: Run, waves_are: str) -> float:
         damped, elastic = (waves(run(case), 1) for case in (_calibrated("fig5"), _softened("fig5")))
         low, high = (damped[i].value / elastic[i].value for i in (2, 0))
     else:
-        low, high = (_kept(run, "table1", 5, *BARE, LONG, strike_of(force)) for force in (0.06, 5.0))
+        low, high = (_kept(run, "table1", 5, *UNCOMPRESSED, LONG_DURATION, strike_of(force)) for force in (0.06, 5.0))
     return low / high
 
 
@@ -74,7 +74,7 @@ def _first_two(run: Run, scene: str) -> tuple[Array, Peak, Peak]:
 
 
 def loss_on_small_beads(run: Run, per: str) -> float:
-    """Loss of the first wave to dissipation in Fig. 6(a) over that in Fig. 5(a), on the whole way or a bead's."""
+    """Loss of the first wave by dissipation in Fig. 6(a) over that in Fig. 5(a), over the chain or per bead."""
     losses = []
     for scene in ("fig6b", "fig5"):
         kept, beads = _kept(run, scene), case_of(scene).chain.beads
@@ -87,5 +87,5 @@ def _calibrated(scene: str, *settings: str) -> Case:
 
 
 def _softened(scene: str, *settings: str) -> Case:
-    """The calibrated chain without its dissipation."""
+    """Calibrated chain without dissipation."""
     return _calibrated(scene, *settings, "contact.restitution=")

@@ -13,7 +13,7 @@ from validation.claims.chains import ptfe_beads
 from validation.reference import travelling_wave
 from validation.reference.travelling_wave import fixed_point, solve_at_amplitude, solve_travelling_wave
 
-STATIC_N = 0.02  # any static force: the statements depend at most on the amplitude over it
+STATIC_N = 0.02  # any value: statements depend on the ratio of amplitude to static force only
 AMPLITUDES = (1.0, 10.0, 100.0)
 SWEPT_AMPLITUDES = (0.1, 1.0, 10.0, 100.0, 1e3, 1e4)
 
@@ -32,7 +32,7 @@ def sound_speed() -> float:
 
 
 def convergence_order() -> float:
-    """Order in a/L at which the lattice's accelerations tend to Eq. (1)'s, the beads over a wave doubled twice."""
+    """Order in a/L with which accelerations of the lattice converge to those of Eq. (1), for three wave lengths."""
     p, mean, swing = ptfe_beads(), 0.01, 0.006
     errors = []
     # the largest difference of accelerations over the largest, for one period of a strongly modulated strain
@@ -122,7 +122,7 @@ def strong_limit() -> float:
 
 
 def precompressed_discrete() -> float:
-    """Largest deviation of Eq. (4) from the exact wave of the discrete chain, amplitudes 0.1 to 1e4 of the static."""
+    """Largest deviation of Eq. (4) from the exact wave of the discrete chain, for 0.1 to 1e4 static forces."""
     p = ptfe_beads()
     found = []
     for amplitude in SWEPT_AMPLITUDES:
@@ -139,7 +139,7 @@ def sensor_share() -> float:
 
 
 def _faces(first_N: float, second_N: float) -> tuple[float, float]:
-    """F_3 and F_4 by the momentum of each part: the unknowns are the two forces and the acceleration."""
+    """F_3 and F_4 from the momentum of each part; unknowns are the two forces and the acceleration."""
     caps, gauge = quoted().sensor.caps_g, quoted().sensor.gauge_g
     parts = np.array([[1.0, 0.0, caps / 2], [1.0, -1.0, -gauge], [0.0, 1.0, -caps / 2]])
     third, fourth, _ = np.linalg.solve(parts, [first_N, 0.0, second_N])
@@ -147,19 +147,19 @@ def _faces(first_N: float, second_N: float) -> tuple[float, float]:
 
 
 def contact_law() -> float:
-    """The stiffness that decks are rendered with, over Eq. (7)'s."""
+    """Contact stiffness of the decks over that of Eq. (7)."""
     return float(case_of("table1").chain.stiffness[1]) / ptfe_beads().stiffness
 
 
 @cache
 def _wave(amplitude: float) -> travelling_wave.PrecompressedWave:
-    """The exact wave of so many times the static force."""
+    """Exact wave of a given amplitude over the static force."""
     p = ptfe_beads()
     return solve_at_amplitude(p.stiffness, p.mass_kg, STATIC_N, amplitude)
 
 
 def beta(amplitude: float, modulus_MPa: float = 1460) -> float:
-    """Beta of a wave of so many times the static force."""
+    """Beta of a wave of a given amplitude over the static force."""
     chain = case_of("table1", f"materials.ptfe.youngs_modulus={modulus_MPa} MPa").chain
     stiffness, mass = float(chain.stiffness[1]), float(chain.mass_kg[0])
     return solve_at_amplitude(stiffness, mass, STATIC_N, amplitude).beta
@@ -171,7 +171,7 @@ def averaged_width() -> float:
 
 
 def energy_in_five(outer_share: float) -> float:
-    """Share of the energy in five neighbouring beads, in per cent, at the moment when it is largest.
+    """Largest share of the energy in five neighbouring beads, per cent.
 
     Kinetic energy of the five, energy of the four contacts between them, and a share of that of the two outer contacts.
     """
@@ -198,7 +198,7 @@ def strain_power(power: float) -> float:
 
 
 def least_mach() -> float:
-    """Least speed over that of sound of exact waves on a static force, amplitudes 0.1 to 1e4 of it."""
+    """Smallest speed of exact waves over the speed of sound, for 0.1 to 1e4 static forces."""
     p = ptfe_beads()
     sound = travelling_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N)
     return min(_wave(amplitude).speed for amplitude in SWEPT_AMPLITUDES) / sound
@@ -217,7 +217,7 @@ def weakly_nonlinear() -> float:
 
 
 def narrow_interval() -> float:
-    """Largest change of Eq. (4)'s speed where the relative amplitude grows by a tenth, from 2 to 1000, per cent."""
+    """Largest change of the speed of Eq. (4) for a tenth more relative amplitude, from 2 to 1000, per cent."""
     p, found = ptfe_beads(), []
     for f in (2.0, 10.0, 100.0, 1000.0):
         speeds = [theory.precompressed_speed(p, each * STATIC_N, STATIC_N) for each in (f, 1.1 * f)]

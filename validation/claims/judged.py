@@ -1,4 +1,4 @@
-"""Claims judged: each computed by every engine that its function asks for, as the text favours to read it."""
+"""Judged claims: each computed on the engines that its function takes, in the favoured reading."""
 
 import inspect
 from collections.abc import Mapping
@@ -23,8 +23,8 @@ REPRODUCED, DIFFERS = "reproduced", "differs"
 
 
 @dataclass(frozen=True)
-class Read:
-    """One reading of a claim's sentence, computed."""
+class ComputedReading:
+    """A computed reading of a claim's sentence."""
 
     reading: Reading
     value: float
@@ -36,34 +36,34 @@ class Judged:
     """A claim with the values computed for it.
 
     Attributes:
-        computed: by engine, for the favoured reading; under ``reference`` alone where no simulated chain enters.
-        how: the computed quantity in words.
-        readings: every reading, by the reference; empty where there is one alone.
+        computed: values by engine for the favoured reading; by ``reference`` only if no chain is simulated.
+        how: description of the computed quantity.
+        readings: all readings, by the reference; empty if there is one only.
     """
 
     claim: Claim
     computed: Mapping[str, float]
     how: str
-    readings: tuple[Read, ...] = ()
+    readings: tuple[ComputedReading, ...] = ()
 
     @property
     def value(self) -> float:
-        """The reference's value."""
+        """Value of the reference."""
         return self.computed.get(REFERENCE, nan)
 
     @property
     def verdict(self) -> str:
-        """By the reference's value."""
+        """Verdict on the value of the reference."""
         return verdict_of(self.claim, self.value)
 
     @property
     def hangs(self) -> bool:
-        """Whether another reading of the sentence gives another verdict."""
+        """True if another reading of the sentence gives another verdict."""
         return len({each.verdict for each in self.readings}) > 1
 
     @property
     def fault(self) -> str:
-        """The reason why this cannot stand: a difference without an explanation or the reverse, engines apart."""
+        """Fault of a claim: a difference without an explanation, the reverse, or engines that disagree; else empty."""
         if self.verdict == DIFFERS and not self.claim.explained:
             return f"differs without an explanation: {self.value:.6g}, quoted {self.claim.quoted:g}"
         if self.verdict == REPRODUCED and self.claim.explained:
@@ -73,15 +73,15 @@ class Judged:
 
 
 def verdict_of(claim: Claim, value: float) -> str:
-    """The verdict on a value."""
+    """Verdict on a value."""
     return REPRODUCED if claim.holds_for(value) else DIFFERS
 
 
 def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
-    """Computes and judges every claim; what simulations enter by every engine.
+    """Computes and judges every claim; claims on simulated chains on every engine.
 
-    Table 1 is solved while the reference goes through the simulated claims; the codes then run what it has run, and it
-    goes through the other readings.
+    Table 1 is solved while the reference computes the simulated claims. The codes then run the same cases, while the
+    reference computes the other readings.
 
     Raises:
         RunError: a run failed.
@@ -103,12 +103,12 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
         return exact(case)
 
     def values_with(name: str, given: Any) -> dict[str, Any]:
-        """Values of the claims whose functions take ``run``, or ``table``."""
+        """Values of claims whose functions take ``run``, or ``table``."""
         taking = (claim for claim in claims if name in takes(claim))
         return {claim.id: _call(claim, claim.favoured, **{name: given}) for claim in taking}
 
-    def others() -> tuple[dict[str, Any], dict[str, tuple[Read, ...]]]:
-        """Values of the claims that take neither, and every reading of all by the reference."""
+    def others() -> tuple[dict[str, Any], dict[str, tuple[ComputedReading, ...]]]:
+        """Values of claims that take neither, and all readings of all claims by the reference."""
         rest = {claim.id: {REFERENCE: _call(claim, claim.favoured)} for claim in claims if not takes(claim)}
         exact_values = {name: each[REFERENCE] for name, each in (computed | rest).items()} | found[REFERENCE]
         return rest, {claim.id: _readings(claim, exact_values[claim.id]) for claim in claims}
@@ -117,40 +117,40 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
         tables = pool.submit(values_with, "table", solved)
         found = {REFERENCE: values_with("run", noted)}
         computed = tables.result()
-        beside = pool.submit(others)
+        reading = pool.submit(others)
         for code, simulations in run_codes_on([*asked.values()], runs).items():
             found[code] = values_with("run", partial(_done, dict(zip(asked, simulations, strict=True))))
-        rest, readings = beside.result()
+        rest, readings = reading.result()
     simulated = {name: {engine: float(own[name]) for engine, own in found.items()} for name in found[REFERENCE]}
     values = computed | rest | simulated
     return [Judged(claim, values[claim.id], _how(claim), readings[claim.id]) for claim in claims]
 
 
 def _done(done: Mapping[str, Simulation], case: Case) -> Simulation:
-    """The simulation of a case among those that are done."""
+    """Finished simulation of a case."""
     return done[_key(case)]
 
 
 def _key(case: Case) -> str:
-    """The case's scene, as text."""
+    """The scene of a case, as text."""
     return case.scene.model_dump_json()
 
 
 def _call(claim: Claim, reading: Reading, **given: Any) -> Any:
-    """The claim's function on one reading, with ``run`` or ``table`` if it takes them."""
+    """Result of the claim's function for one reading, with ``run`` or ``table`` if it takes them."""
     function = function_of(claim)
     assert function is not None
     taken = {name: each for name, each in given.items() if name in parameters_of(function)}
     return function(**taken, **(claim.arguments | reading.arguments))
 
 
-def _readings(claim: Claim, favoured: float) -> tuple[Read, ...]:
-    """Every reading by the reference, of which that of the favoured one is known."""
+def _readings(claim: Claim, favoured: float) -> tuple[ComputedReading, ...]:
+    """All readings by the reference; the value of the favoured one is known."""
     found = []
     for reading in claim.readings:
         value = favoured if reading.favoured else _call(claim, reading, run=exact, table=exact_solutions)
         value = value[REFERENCE] if isinstance(value, dict) else float(value)
-        found.append(Read(reading, value, verdict_of(claim, value)))
+        found.append(ComputedReading(reading, value, verdict_of(claim, value)))
     return tuple(found)
 
 

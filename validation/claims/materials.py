@@ -1,4 +1,4 @@
-"""Claims on materials, masses, contacts and measured numbers: arithmetic of the paper's own."""
+"""Claims on materials, masses, contacts and measured numbers: arithmetic of the paper's numbers."""
 
 from math import pi, sqrt
 
@@ -12,20 +12,20 @@ FORCE_N = 5.0
 
 
 def _density(material: str = "ptfe") -> float:
-    """The nominal one, in ``inputs/materials.toml``."""
+    """Nominal density of a material, from ``inputs/materials.toml``."""
     density = case_of("fig6b").scene.materials[material].density
     assert density is not None
     return density
 
 
 def modulus(bulk_speed_m_s: float, unit_Pa: float, mass_g: float = 0.0) -> float:
-    """Young's modulus behind a bulk speed at the nominal density, or at that of a bead of some mass."""
+    """Young's modulus for a bulk speed at the nominal density, or at the density of a bead of some mass."""
     density = 1e-3 * mass_g / (pi / 6 * ptfe_beads().diameter_m ** 3) if mass_g else _density()
     return theory.bulk_modulus_to_youngs(bulk_speed_m_s, ptfe_beads().poisson_ratio, density) / unit_Pa
 
 
 def modulus_ratio() -> float:
-    """The ratio of the two moduli, in which the density cancels: that of the speeds squared."""
+    """Ratio of the two moduli: the ratio of the squared speeds, as the density cancels."""
     return (quoted().ptfe.hugoniot_m_s / quoted().ptfe.ultrasound_m_s) ** 2
 
 
@@ -41,7 +41,7 @@ def strain() -> float:
 
 
 def strain_depth() -> float:
-    """Radius of the contact at 5 N, over which strains die out, micrometres."""
+    """Radius of the contact at 5 N, the decay length of strains, micrometres."""
     return theory.hertz_contact(ptfe_beads(), FORCE_N)[0] * 1e6
 
 
@@ -57,7 +57,7 @@ def slow_wave() -> float:
 
 
 def over_slowest(speed_m_s: float) -> float:
-    """A speed over the slowest measured wave's."""
+    """A speed over that of the slowest measured wave."""
     return speed_m_s / min(quoted().table1.measured_speed_m_s)
 
 
@@ -77,7 +77,7 @@ def over_smallest(newtons: float) -> float:
 
 
 def speed_accuracy(added: str) -> float:
-    """Errors of 1 mm in each of two sensors over their distance, added in squares or plainly, per cent."""
+    """Errors of 1 mm of two sensors over their distance, added in squares or linearly, per cent."""
     together = {"in squares": sqrt(2), "plainly": 2.0}[added]
     return 100 * together * quoted().accuracy.sensor_position_m / (4 * ptfe_beads().diameter_m)
 
@@ -88,7 +88,7 @@ def bulk_speed() -> float:
 
 
 def mass_ratio(scene: str) -> float:
-    """Striker over bead of a scene."""
+    """Striker mass over bead mass of a scene."""
     chain = case_of(scene).chain
     return float(chain.mass_kg[-1] / chain.mass_kg[0])
 

@@ -1,4 +1,4 @@
-"""Claims on single waves: under strikes, in Fig. 4, in Table 1 and Fig. 3, alone and meeting another."""
+"""Claims on single waves: under strikes, in Fig. 4, Table 1 and Fig. 3, alone and in collisions."""
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -19,10 +19,10 @@ from postproc.paper.strikes import (
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import integral, peaks
 from validation.claims.chains import (
-    BARE,
     COARSE,
-    LONG,
+    LONG_DURATION,
     MICRO,
+    UNCOMPRESSED,
     Run,
     SolvedTable,
     ratio_of,
@@ -37,15 +37,15 @@ ROWS = {"large": slice(0, 2), "small": slice(2, None)}  # of the table: 5 and 2 
 
 
 def exponent(run: Run) -> float:
-    """Power of the force in the speed, from two strikes without gravity a factor of ten apart."""
-    found = [run(case_of("table1", *BARE, f"striker.speed={speed} m/s")) for speed in (0.2, 2.0)]
+    """Exponent of the force in the speed, from two strikes without gravity, a factor of ten apart."""
+    found = [run(case_of("table1", *UNCOMPRESSED, f"striker.speed={speed} m/s")) for speed in (0.2, 2.0)]
     speeds, forces = [speed_between_sensors(one) for one in found], [contact_peak(one) for one in found]
     return float(np.log(speeds[1] / speeds[0]) / np.log(forces[1] / forces[0]))
 
 
 def width_by_amplitude(run: Run, low_N: float, high_N: float) -> float:
-    """Width at 4 % without gravity: under the strike of the table's 0.06 N over that under the strike of its 5 N."""
-    low, high = (struck(run, force, *BARE, LONG).values[WIDTH] for force in (low_N, high_N))
+    """Width at 4 % without gravity under the strike for 0.06 N over that for 5 N."""
+    low, high = (struck(run, force, *UNCOMPRESSED, LONG_DURATION).values[WIDTH] for force in (low_N, high_N))
     return low / high
 
 
@@ -58,14 +58,14 @@ def width_by_modulus(run: Run, force_N: float) -> float:
 
 
 def width_by_gravity(run: Run, force_N: float) -> float:
-    """Width at 4 % with gravity over that without, under the strike of the table's 0.06 N."""
-    heavy, bare = (struck(run, force_N, LONG, *off).values[WIDTH] for off in ((), BARE))
+    """Width at 4 % with gravity over that without, under the strike for 0.06 N in Table 1."""
+    heavy, bare = (struck(run, force_N, LONG_DURATION, *off).values[WIDTH] for off in ((), UNCOMPRESSED))
     return heavy / bare
 
 
 def speed_by_gravity(run: Run, force_N: float) -> float:
     """Speed with gravity over that of the exponent 1/6 without it at the same peak force, less 1, per cent."""
-    heavy, bare = (struck(run, force_N, LONG, *off) for off in ((), BARE))
+    heavy, bare = (struck(run, force_N, LONG_DURATION, *off) for off in ((), UNCOMPRESSED))
     same_force = speed_between_sensors(bare) * (contact_peak(heavy) / contact_peak(bare)) ** (1 / 6)
     return float(100 * (speed_between_sensors(heavy) / same_force - 1))
 
@@ -94,7 +94,7 @@ def _fig4(run: Run) -> Simulation:
 
 
 def fig4(run: Run, observable: str, over: str = "", times: float = 1.0) -> float:
-    """An observable of Fig. 4's chain, maybe over another, times a number."""
+    """An observable of Fig. 4's chain, or its ratio to another, times a number."""
     return times * ratio_of(_fig4(run).values, observable, over)
 
 
@@ -113,7 +113,7 @@ def speed_to_the_wall(run: Run) -> float:
 
 
 def _face(run: Run) -> tuple[Array, Array, Array]:
-    """Times, F_3 and the mean of F_3 and F_4 in bead 5 while the incident wave passes; F_4 is as far from the mean."""
+    """Times, F_3, and the mean of F_3 and F_4 in bead 5 while the incident wave passes; F_4 deviates as much as F_3."""
     one, parts = _fig4(run), quoted().sensor
     forces, time = one.trace.force_N, one.trace.time_s
     passing = np.abs(time - one.values["bead_5_arrival_s"]) < 90e-6
@@ -122,22 +122,24 @@ def _face(run: Run) -> tuple[Array, Array, Array]:
 
 
 def face_deviation(run: Run) -> float:
-    """Largest deviation of F_3 and F_4 from their mean where that exceeds 2 % of its peak, per cent."""
+    """Largest deviation of F_3 and F_4 from their mean, where the mean exceeds 2 % of its peak, per cent."""
     _, third, mean = _face(run)
     seen = mean > 0.02 * mean.max()
     return float(100 * np.abs(third / mean - 1)[seen].max())
 
 
 def face_deviation_at_peak(run: Run) -> float:
-    """Deviation of F_3 and F_4 from their mean where the mean peaks, per cent."""
+    """Deviation of F_3 and F_4 from their mean, at the peak of the mean, per cent."""
     time, third, mean = _face(run)
     return float(100 * abs(CubicSpline(time, third / mean - 1)(peaks(time, mean)[0].time_s)))
 
 
 def reflection(run: Run, incident_N: float) -> float:
-    """Wave that one bead of a sensor's mass sends back from a wave of some force, seen five beads above, N."""
+    """Wave that one bead of a sensor's mass reflects, five beads above it, for an incident wave of some force, N."""
     lighter = f"chain.bead=[{{ from_wall = 30, mass = '{quoted().sensor.mass_g} g' }}]"
-    one = run(case_of("table1", *BARE, "chain.count=60", "chain.sensors=[]", "run.duration=1.6 ms", *COARSE, lighter))
+    one = run(
+        case_of("table1", *UNCOMPRESSED, "chain.count=60", "chain.sensors=[]", "run.duration=1.6 ms", *COARSE, lighter)
+    )
     incident, back = waves(one, 35, at_least=2, prominence=1e-3)[:2]
     return incident_N * back.value / incident.value  # without gravity forces scale
 
@@ -149,21 +151,21 @@ def conservation_error(error: str, of: str = "") -> float:
 
 
 def single_wave(run: Run) -> float:
-    """Second wave over the first, thirty beads below a striker like the beads, no gravity; 0 where there is none."""
-    one = run(case_of("table1", *BARE, "chain.count=60", "run.duration=4 ms", *COARSE))
+    """Second wave over the first, thirty beads below a striker like the beads, no gravity; 0 without a second wave."""
+    one = run(case_of("table1", *UNCOMPRESSED, "chain.count=60", "run.duration=4 ms", *COARSE))
     train = waves(one, 30, prominence=1e-6)
     return train[1].value / train[0].value if len(train) > 1 else 0.0
 
 
 def collision(run: Run, beads: float, seen: str) -> float:
-    """Secondary wave over the original ones after two equal waves met, seen as a force or as a velocity, no gravity.
+    """Secondary wave over the original waves after two equal waves met, as a force or as a velocity, no gravity.
 
-    They meet at a contact where the beads are of even number, else at a bead.
+    The waves meet at a contact if the number of beads is even, else at a bead.
     """
     count = round(beads)
     ends = f"chain.bead=[{{ from_wall = 1, velocity = '1 m/s' }}, {{ from_wall = {count}, velocity = '-1 m/s' }}]"
     chain = ("striker=", f"chain.count={count}", "chain.sensors=[]", ends, "run.duration=2.6 ms", *COARSE)
-    one = run(case_of("table1", *BARE, *chain))
+    one = run(case_of("table1", *UNCOMPRESSED, *chain))
     place = count - 20
     if seen == "force":
         found = waves(one, place + 1, at_least=3, prominence=1e-3)  # from above, from below, and the secondary one
@@ -175,24 +177,24 @@ def collision(run: Run, beads: float, seen: str) -> float:
 
 
 def solved(table: SolvedTable, force_N: float, column: str, beads: float, force_is: str) -> dict[str, float]:
-    """A column of Table 1 by every engine, of the strike that gives this amplitude."""
+    """A column of Table 1 by every engine, for the strike of this amplitude."""
     rows = table(f"chain.count={beads:g}", force_is)
     row = next(row for row in rows.to_dict("records") if row["force_N"] == force_N)
     return {engine: row[f"{engine}_{column}"] for engine in engines_of(rows)}
 
 
 def misfit(modulus_MPa: float, forces: str, force_is: str = "contact force") -> float:
-    """Measured speed off the simulated, root mean square over some forces, per cent."""
+    """Deviation of measured from simulated speeds, root mean square over some forces, per cent."""
     return float(100 * np.sqrt((deviations(modulus_MPa, READINGS[force_is])[ROWS[forces]] ** 2).mean()))
 
 
 def nearest(forces: str, force_is: str) -> float:
-    """The modulus whose simulated speeds are nearest to the measured ones, MPa."""
+    """Modulus for which simulated speeds agree best with the measured ones, MPa."""
     return min(quoted().ptfe.moduli_MPa, key=lambda modulus: misfit(modulus, forces, force_is))
 
 
 def softer_is_worse() -> float:
-    """Measured speed off the simulated at 5 N for 400 MPa over the same for 600 MPa."""
+    """Deviation of measured from simulated speed at 5 N for 400 MPa, over the same for 600 MPa."""
     return float(deviations(400, contact_peak)[0] / deviations(600, contact_peak)[0])
 
 
@@ -200,7 +202,10 @@ def width_by_diameter(run: Run) -> float:
     """Width in diameters at 4 % on the smaller beads over that on the larger ones, without gravity."""
     small = ("diameter=2.38 mm", "mass=0.0157 g")
     settings = [f"{body}.{each}" for body in ("chain", "striker") for each in small]
-    return run(case_of("table1", *BARE, *settings)).values[WIDTH] / run(case_of("table1", *BARE)).values[WIDTH]
+    return (
+        run(case_of("table1", *UNCOMPRESSED, *settings)).values[WIDTH]
+        / run(case_of("table1", *UNCOMPRESSED)).values[WIDTH]
+    )
 
 
 def impulse_to_peak(run: Run) -> float:

@@ -12,7 +12,7 @@ from validation.reference.travelling_wave import solve_travelling_wave
 
 
 def _significant(train: list[Peak], share: float) -> float:
-    """How many waves of a train exceed a share of its first, before one rises again: a reflected wave."""
+    """Number of waves above a share of the first, before a larger one follows (the reflected wave)."""
     rising = next((i for i in range(1, len(train)) if train[i].value > train[i - 1].value), len(train))
     return float(sum(peak.value > share * train[0].value for peak in train[:rising]))
 
@@ -41,7 +41,7 @@ def count_at_wall(run: Run, scene: str, share: float) -> float:
 
 
 def _piston(run: Run) -> tuple[Simulation, Simulation]:
-    """Fig. 5's striker on a chain without and with a static force of 0.5 N."""
+    """Runs of Fig. 5's striker on a chain without and with a static force of 0.5 N."""
     gauges = "chain.sensors=[{ from_wall = 50 }, { from_wall = 45 }]"
     return heavy_strike(run, gauges), heavy_strike(run, gauges, "chain.precompression=0.5 N")
 
@@ -83,12 +83,12 @@ def envelope_by_place(run: Run, bead: float) -> float:
 
 
 def entrance(run: Run, number: str, times: float, bead: float, onset: float = ONSET) -> float:
-    """A number of the averaged force in a bead of Fig. 5 as the pulse enters, in SI times a factor."""
+    """A number of the incident pulse, from the averaged force in a bead of Fig. 5, in SI units times a factor."""
     one = run(case_of("fig5"))
     reading = sensor_average(one.trace.force_N, round(bead))
     shape = incident_pulse(one.trace.time_s, reading - reading[0], onset)
     if shape is None:
-        raise InputError(one.case.scene.file, "run.duration", "no reflected wave within it", "until the wave is back")
+        raise InputError(one.case.scene.file, "run.duration", "a run without the reflected wave", "a longer run")
     return float(getattr(shape, number) * times)
 
 

@@ -1,1 +1,1 @@
-"""Verdicts: a run against the reference, a run against a run, when they part, and what a run that is off matches."""
+"""Verdicts on runs, comparison of two runs, first departure from the exact motion, diagnosis of faulty runs."""

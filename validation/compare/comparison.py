@@ -1,7 +1,7 @@
-"""Scenes run on all engines and compared with two yardsticks: the same scheme at the same step, the exact reference.
+"""Runs of scenes on all engines, compared with the baseline and with the exact motion.
 
-Against ``verlet`` at the same step a run shows its modelling error, which should be rounding; against
-``reference`` it shows what the user pays for the time step.
+The deviation from ``verlet``, the same scheme at the same step, is the modelling error, which should be rounding only.
+The deviation from ``reference`` includes the error of the time step.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,7 +11,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.kept import kept
-from drivers.base.progress import following, step
+from drivers.base.progress import following
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace, until
@@ -22,32 +22,27 @@ from drivers.run.run import refuse_all, run_many
 from postproc.read.observables import observe, of_kind
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, ROUNDING_REASON, Baseline, baseline_of
-from validation.accuracy.budget import PARTS, for_terminal
 from validation.accuracy.plan import planned_case
 from validation.accuracy.prediction import IMPULSE, predict, run_errors
 from validation.accuracy.schemes import ENERGY
-from validation.compare.asked import EVERYTHING, Asked, print_unmet
-from validation.compare.departure import Departure, departure, departure_of, departure_rows, deviation, motion_deviation
+from validation.compare.departure import Departure, departure, departure_of, deviation, motion_deviation
+from validation.compare.selection import ALL_ENGINES, EngineSelection
 from validation.compare.verdict import (
     FAIL,
     NOT_RUN,
-    RUN,
     Verdict,
-    heading,
     judged,
-    line_of,
-    names,
-    share_of,
+    share_of_tolerance,
     without_run,
 )
 
-NOT_INSTALLED, REFUSED = "not installed", "refused"  # why an engine has no run, and need not have one
+NOT_INSTALLED, REFUSED = "not installed", "refused"  # accepted reasons for a missing run
 
 
 def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) -> list[Verdict]:
-    """Verdicts on all finished runs of a case, by engine, and on those that are absent, by why.
+    """Verdicts on the finished runs of a case, by engine, and on absent engines, with the reason by engine.
 
-    What is not installed, or refused the case by name, counts as not run, all else is a failure.
+    An engine that is not installed or refused the case counts as not run; any other absence is a failure.
     """
     verdicts = []
     for engine, why in absent.items():
@@ -60,17 +55,17 @@ def compare_case(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) 
 
 
 def _model_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, EndedRun]) -> list[Verdict]:
-    """The verdicts on a run against its own scheme; against another code where nothing else has the scene."""
+    """Verdicts on a run against its own scheme, or against another code if no in-repo engine models the scene."""
     verdicts = []
     if VERLET in runs and engine not in (VERLET, REFERENCE):
         baseline, own = baseline_of(case), baseline_of(case, engine)
-        another_law = own.law != baseline.law and not own.unknown  # of friction: the same scheme with the engine's
+        another_law = own.law != baseline.law and not own.why_unknown  # law of friction of the engine
         verlet, limit, samples = own.plain if another_law else runs[VERLET].trace, baseline.allowed, baseline.samples
-        why = f"where rounding alone passes {HORIZON:g}"
+        why = f"where rounding alone exceeds {HORIZON:g}"
         verdicts.append(_force_verdict(case, (engine, VERLET), run.trace, verlet, limit, samples, why))
         verdicts.append(motion_verdict(baseline, engine, run.trace, verlet))
     others = [name for name in runs if name != engine]
-    if others and not {VERLET, REFERENCE} & set(runs):  # a bore of flat sides: only the codes have it
+    if others and not {VERLET, REFERENCE} & set(runs):  # bores of flat sides: only the codes model them
         other, limit = runs[others[0]].trace, tolerance("model", "sides")
         verdicts.append(_force_verdict(case, (engine, others[0]), run.trace, other, limit, case.scene.samples))
     return verdicts
@@ -79,7 +74,17 @@ def _model_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, Ende
 def _force_verdict(
     case: Case, engines: tuple[str, str], trace: Trace, right: Trace, limit: Tolerance, samples: int, why: str = ""
 ) -> Verdict:
-    """The verdict on the forces of an engine against another's, over the first samples; why no more of them."""
+    """Verdict on the forces of an engine against another engine, over the first samples, with the reason to stop there.
+
+    Args:
+        case: the case of both runs.
+        engines: the engine and the other engine.
+        trace: trace of the engine.
+        right: trace of the other engine.
+        limit: the tolerance.
+        samples: number of samples to compare.
+        why: reason to compare no more samples.
+    """
     found = deviation(trace, right, samples)
     engine, other = engines
     place = found.place + _judged_until(case, samples, why)
@@ -87,9 +92,9 @@ def _force_verdict(
 
 
 def motion_verdict(baseline: Baseline, engine: str, trace: Trace, verlet: Trace) -> Verdict:
-    """Kinetic energy and momentum: recorded velocities that are off change no force.
+    """Verdict on kinetic energy and momentum, which shows wrong recorded velocities that affect no force.
 
-    Where the forces are allowed more, by rounding or by a sphere for a face, so are they.
+    The tolerance is at least the tolerance of the forces.
     """
     chain, samples = baseline.case.chain, baseline.samples
     found = motion_deviation(chain, trace, verlet, samples)
@@ -101,13 +106,13 @@ def motion_verdict(baseline: Baseline, engine: str, trace: Trace, verlet: Trace)
 
 
 def _predicted_verdicts(case: Case, engine: str, run: EndedRun, reference: EndedRun | None) -> Iterator[Verdict]:
-    """The verdicts on errors that the scheme of a run predicts: force, the worst peak and speed, energy, impulse."""
+    """Verdicts on the predicted errors of a run: force, the worst peak and speed, energy, impulse."""
     baseline = baseline_of(case, engine)
     predicted, samples = predict(baseline, engine, capped=case.plan is None), _known_samples(baseline)
     trace = until(run.trace, samples)
     exact = until(reference.trace, samples) if reference else None
     errors = run_errors(baseline, trace, exact)
-    end = _judged_until(case, samples, f"from when on the reference is off by {HORIZON:g}")
+    end = _judged_until(case, samples, f"where the error of the reference exceeds {HORIZON:g}")
 
     def verdict(name: str, quantity: str, general: Tolerance, where: str) -> Verdict:
         limit, words = predicted.tolerance(name, general)
@@ -120,31 +125,42 @@ def _predicted_verdicts(case: Case, engine: str, run: EndedRun, reference: Ended
             general = tolerance("truncation", kind)
             found = [verdict(name, label, general, name) for name in of_kind(errors, kind)]
             if found:
-                yield max(found, key=lambda each: (share_of(each), each.value))
-    yield verdict(ENERGY, "energy drift", tolerance("energy", "drift"), "share of the largest kinetic energy")
+                yield _closest(found)
+    yield verdict(ENERGY, "energy drift", tolerance("energy", "drift"), "relative to the largest kinetic energy")
     interval_s = case.scene.run.sample_interval
-    where = f"share of momentum, with samples each {interval_s * 1e6:g} µs"
+    where = f"relative to the largest momentum, sampled every {interval_s * 1e6:g} µs"
     yield verdict(IMPULSE, "impulse balance", _sampled(case, trace), where)
 
 
+def _closest(verdicts: list[Verdict]) -> Verdict:
+    """Verdict closest to its limit, or furthest beyond; names the largest error if that is of another verdict."""
+    closest = max(verdicts, key=lambda each: (share_of_tolerance(each), each.value))
+    largest = max(verdicts, key=lambda each: each.value)
+    if largest.value <= closest.value:
+        return closest
+    name, _, words = closest.where.partition(";")
+    other = f"the largest error is {largest.value:.2e}, {largest.where.partition(';')[0]}"
+    return replace(closest, where="; ".join(filter(None, (f"{name}, closest to its limit", other, words.strip()))))
+
+
 def _known_samples(baseline: Baseline) -> int:
-    """At how many samples the exact motion is known to ``HORIZON``; all where nobody can tell."""
+    """Number of samples at which the exact motion is known to ``HORIZON``; all if that is not known."""
     try:
-        return baseline.case.scene.samples if baseline.unknown else len(baseline.exact.time_s)
+        return baseline.case.scene.samples if baseline.why_unknown else len(baseline.exact.time_s)
     except ArithmeticError:
         return baseline.case.scene.samples
 
 
 def _sampled(case: Case, trace: Trace) -> Tolerance:
-    """The general tolerance of the impulse, no finer than the samples of the wall's force allow."""
+    """General tolerance of the impulse, at least the sampling error of the wall force."""
     general, sampling = tolerance("impulse", "balance"), observe(case.layout, trace)["impulse_sampling_share"]
     if sampling > general.limit:
-        return Tolerance(sampling, "what the wall's impulse changes when every other sample is left out")
+        return Tolerance(sampling, "the change of the wall's impulse if every other sample is left out")
     return general
 
 
 def _judged_until(case: Case, samples: int, why: str) -> str:
-    """Until when a run is judged, and why no longer, for the end of a sentence; empty where all of it is."""
+    """End of a sentence: until when a run is judged and why; empty if all samples are."""
     if samples >= case.scene.samples:
         return ""
     return f"; judged until {case.sample_times_s[samples] * 1e6:g} µs, {why}"
@@ -156,11 +172,11 @@ class ComparedScene:
 
     Attributes:
         runs: finished runs by engine.
-        absent: why an engine has none.
-        departures: when each run first leaves the exact motion, and why; also those that failed.
-        diagnoses: by engine, what a run with a failed verdict matches, in a sentence.
-        refused: by engine, what there is of the trace of a run that failed; no verdict and no observable is of it.
-        wall_s: seconds of each run, well or badly ended, by engine.
+        absent: reason for a missing run, by engine.
+        departures: first departure of each run from the exact motion and its cause, for failed runs too.
+        diagnoses: sentence on the variant that a run with a failed verdict matches, by engine.
+        refused: partial trace of a failed run, by engine; used for no verdict and no observable.
+        wall_s: wall time of each finished or failed run in s, by engine.
     """
 
     case: Case
@@ -177,11 +193,11 @@ def run_and_compare(
     source: str | Path,
     settings: tuple[str, ...] = (),
     runs: Path = paths.RUNS,
-    asked: Asked = EVERYTHING,
+    asked: EngineSelection = ALL_ENGINES,
     *,
     unsafe: bool = False,
 ) -> ComparedScene:
-    """Runs and compares one scene, as ``run_and_compare_all``."""
+    """Run and compare one scene, as ``run_and_compare_all``."""
     (compared,) = run_and_compare_all([source], settings, runs, asked, unsafe=unsafe)
     return compared
 
@@ -190,14 +206,14 @@ def run_and_compare_all(
     sources: Sequence[str | Path],
     settings: tuple[str, ...] = (),
     runs: Path = paths.RUNS,
-    asked: Asked = EVERYTHING,
+    asked: EngineSelection = ALL_ENGINES,
     *,
     unsafe: bool = False,
 ) -> Iterator[ComparedScene]:
-    """Runs scenes on every installed engine that is asked for, side by side, unless they are done, and compares them.
+    """Run scenes on every selected and installed engine in parallel, reusing finished runs, and compare them.
 
     Raises:
-        InputError: a scene is wrong, or cannot end well and is not to be run all the same.
+        InputError: a scene is wrong, or a run would be refused and ``unsafe`` is False.
     """
     cases = [planned_case(source, *settings) for source in sources]
     absences = [_absences(case, asked) for case in cases]
@@ -209,8 +225,8 @@ def run_and_compare_all(
         yield _compared(case, {name: next(ended) for name in asked.names if name not in absent}, absent)
 
 
-def _absences(case: Case, asked: Asked) -> dict[str, str]:
-    """Why some engines that are asked for do not run a case."""
+def _absences(case: Case, asked: EngineSelection) -> dict[str, str]:
+    """Reasons why selected engines do not run a case, by engine."""
     absent = {}
     for engine in asked.names:
         if load_engine(engine).find() is None:
@@ -221,7 +237,7 @@ def _absences(case: Case, asked: Asked) -> dict[str, str]:
 
 
 def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str]) -> ComparedScene:
-    """A case with its runs, well or badly ended, assessed and compared; what was compared before is kept."""
+    """Assess and compare the finished and failed runs of a case; results are cached."""
     assessed = {engine: assess(run, case) for engine, run in ended.items()}
     finished = {engine: run for engine, run in assessed.items() if run.done}
     failed = {engine: run for engine, run in assessed.items() if not run.done}
@@ -229,7 +245,7 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str]) ->
     refused = {engine: run.partial_trace for engine, run in failed.items() if run.partial_trace is not None}
     scene = [each.scene.model_dump(mode="json") for each in (case, case.full) if each]
     digests = {engine: [run.record.build_sha256, run.record.forces_sha256] for engine, run in finished.items()}
-    if refused:  # of which no folder keeps the samples
+    if refused:  # partial traces are in no folder: no digest, no cache
         found = _judged(case, finished, absent, refused)
     else:
         found = kept(["compare", scene, absent, digests], lambda: _judged(case, finished, absent, {}))
@@ -237,7 +253,7 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str]) ->
         case,
         finished,
         absent,
-        [Verdict(**verdict) for verdict in found["verdicts"]],
+        [Verdict(**verdict | {"scene": case.scene.name}) for verdict in found["verdicts"]],  # kept by content, not name
         {engine: departure_of(each) for engine, each in found["departures"].items()},
         found["diagnoses"],
         refused,
@@ -248,70 +264,13 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str]) ->
 def _judged(
     case: Case, finished: dict[str, EndedRun], absent: dict[str, str], refused: dict[str, Trace]
 ) -> dict[str, Any]:
-    """Verdicts, departures and diagnoses of a scene's runs, as JSON holds them."""
+    """Verdicts, departures and diagnoses of the runs of a case, as JSON values."""
     verdicts = compare_case(case, finished, absent)
     traces = {engine: run.trace for engine, run in finished.items()} | refused
     departures = {engine: asdict(departure(case, engine, traces[engine])) for engine in in_order(traces)}
     diagnoses = {}
-    if any(verdict.verdict == FAIL for verdict in verdicts):  # few are: only then are the variants loaded
+    if any(verdict.verdict == FAIL for verdict in verdicts):  # slow import, rarely needed
         from validation.compare.diagnosis import diagnoses_of
 
         diagnoses = diagnoses_of(case, verdicts, traces)
     return {"verdicts": [asdict(verdict) for verdict in verdicts], "departures": departures, "diagnoses": diagnoses}
-
-
-def compare_scenes(sources: Sequence[str], settings: tuple[str, ...], runs: Path, asked: Asked, *, unsafe: bool) -> int:
-    """Prints verdicts, departures, diagnoses and error budgets of scenes.
-
-    Builds of one code that are asked for are compared with each other as well; without ``sources`` that alone is done,
-    on all shipped scenes. The exit code is 1 if a verdict is a failure or an engine that has to run did not.
-
-    Raises:
-        InputError: a scene is wrong, or cannot end well and is not to be run all the same.
-    """
-    verdicts: list[Verdict] = []
-    between: list[Verdict] = []
-    ran = set[str]()
-    scenes = sources or sorted(path.stem for path in paths.SCENES.glob("*.toml"))
-    with step(f"{scenes[0] if len(scenes) == 1 else f'{len(scenes)} scenes'} on all engines, compared"):
-        for compared in run_and_compare_all(scenes, settings, runs, asked, unsafe=unsafe):
-            between += [verdict for pair in asked.builds for verdict in _between(compared, *pair)]
-            ran |= set(compared.wall_s)
-            if sources:
-                print(*_lines(compared), "", sep="\n", flush=True)
-                verdicts += compared.verdicts
-    if between:
-        print(heading(), *map(line_of, between), sep="\n")
-    failed = any(verdict.verdict == FAIL for verdict in verdicts + between)
-    return 1 if print_unmet(asked.unmet(ran)) or failed else 0
-
-
-def _between(compared: ComparedScene, one: str, other: str) -> list[Verdict]:
-    """Verdicts on the quantities in which two builds of a code differ."""
-    scene, pair = compared.case.scene.name, f"{other} against {one}"
-    why = [f"{engine}: {compared.absent[engine]}" for engine in (one, other) if engine in compared.absent]
-    if why:
-        failed = any(v.verdict == FAIL for v in compared.verdicts if v.engine in (one, other) and v.quantity == RUN)
-        return [without_run(scene, pair, "; ".join(why), FAIL if failed else NOT_RUN)]
-    from validation.compare.moved import moved  # what looks at two runs is loaded only where two are looked at
-
-    rows = moved(compared.runs[one].folder, compared.runs[other].folder)
-    return [replace(verdict, scene=scene, engine=pair) for verdict in rows]
-
-
-def _lines(compared: ComparedScene) -> Iterator[str]:
-    """Verdicts; when each run first leaves the exact motion and why, and what a failed one matches; error budgets."""
-    yield heading()
-    yield from map(line_of, compared.verdicts)
-    yield ""
-    name = compared.case.scene.name
-    for engine, each in departure_rows(compared.departures):
-        yield f"{names(name, engine)} {each.words}"
-    for engine, sentence in compared.diagnoses.items():
-        yield f"{names(name, engine)} diagnosis: {sentence}"
-    yield f"\n{names('error budget', '')} {'quantity':<24} " + " ".join(f"{part:>10}" for part in PARTS)
-    for engine, run in compared.runs.items():
-        lines = [f"{quantity:<24} {numbers}" for quantity, numbers in for_terminal(run.record.error_budget or ())]
-        lines += [f"warning: {warning}" for warning in run.record.warnings or ()]
-        lines += [run.record.error_note] if run.record.error_note else []
-        yield from (f"{names(name, engine)} {line}" for line in lines)

@@ -1,4 +1,4 @@
-"""``python -m validation compare --runs OLD --against NEW``: quantities in which runs of the same scenes differ."""
+"""``python -m validation compare --runs OLD --against NEW``: quantities that differ between runs of the same scenes."""
 
 import shlex
 from collections import Counter
@@ -10,19 +10,19 @@ from drivers.base import paths
 from drivers.base.command_line import engines_again
 from drivers.base.errors import InputError
 from drivers.inventory.run_folders import KeptRun, kept_runs
-from validation.compare.asked import Asked, print_unmet
 from validation.compare.pair import LEVELS, compare_pair, different_keys, open_pair
-from validation.compare.verdict import FAIL, NOT_RUN, RUN, Verdict, heading, line_of, without_run
+from validation.compare.selection import EngineSelection, print_unmet
+from validation.compare.verdict import FAIL, NOT_RUN, RUN, Columns, Verdict, without_run
 
-ROUNDING = min(LEVELS)  # of the largest change: what differs by less has not moved
-ALL = "all"  # quantities, where none has moved
+ROUNDING = min(LEVELS)  # of the largest change: smaller differences are not reported
+ALL_QUANTITIES = "all"  # quantity of the row of a pair that agrees in all quantities
 Key = tuple[str, str]
 
 
 def moved(first: Path, second: Path) -> list[Verdict]:
-    """Verdicts on the quantities in which two finished runs differ by more than rounding, and when they part.
+    """Verdicts on the quantities that differ by more than rounding between two finished runs.
 
-    Where none does there is one verdict, on the largest difference; where they cannot be compared, one that fails.
+    If none does, one verdict on the largest difference; if the runs cannot be compared, one failure.
     """
     try:
         pair = compare_pair(*open_pair(first, second))
@@ -31,28 +31,28 @@ def moved(first: Path, second: Path) -> list[Verdict]:
     until = f"; {pair.until}" if pair.until else ""
     if found := [verdict for verdict in pair.verdicts if not verdict.value <= ROUNDING]:
         parted = pair.parted[ROUNDING]
-        since = f"they part at {parted.time_s * 1e6:.6g} µs in {parted.quantity}" if parted else "no force parts"
+        since = f"forces differ from {parted.time_s * 1e6:.6g} µs, {parted.quantity}" if parted else "all forces agree"
         return [replace(verdict, where=f"{verdict.where}; {since}{until}") for verdict in found]
     most = max(pair.verdicts, key=lambda verdict: verdict.value)
-    words = f"the same to rounding, most of all {most.quantity}" if most.value else "the same, bit for bit"
-    return [replace(most, quantity=ALL, where=words + until)]
+    words = f"equal to rounding, largest difference in {most.quantity}" if most.value else "identical bit for bit"
+    return [replace(most, quantity=ALL_QUANTITIES, where=words + until)]
 
 
-def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: Asked) -> int:
-    """Prints in which quantities the runs of two folders differ, each from the one of its engine, scene and settings.
+def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSelection) -> int:
+    """Prints the quantities that differ between the runs of two folders, paired by engine, scene and settings.
 
-    The exit code is 1 if a quantity differs by more than is allowed, if a run failed or cannot be read, if one is
-    missing on one side and may not be, or if an engine that is required has no pair.
+    The exit code is 1 if a quantity differs by more than allowed, if a run failed or cannot be read, if a run is
+    missing on one side (unless allowed), or if a required engine has no pair.
 
     Raises:
-        InputError: a folder has no runs, or neither has one of a scene.
+        InputError: a folder has no runs, or neither folder has a run of a scene.
     """
     if old.resolve() == new.resolve():
-        raise InputError("--against", "", f"the folder of --runs, {paths.shown(new)}", "another folder of runs")
+        raise InputError("--against", "", f"{paths.shown(new)} is the folder of --runs as well; name another folder")
     found = _runs("--runs", old), _runs("--against", new)
     names, known = {Path(scene).stem for scene in scenes}, {run.scene for side in found for run in side.values()}
     for name in sorted(names - known):
-        raise InputError("compare", "", f'no run of "{name}" in either folder', ", ".join(sorted(known)))
+        raise InputError("compare", "", f'"{name}" has no run in either folder; allowed: {", ".join(sorted(known))}')
     wanted = {*asked.engines, *asked.require} if asked.engines else {engine for side in found for engine, _ in side}
     first, second = (
         {key: run for key, run in side.items() if run.engine in wanted and (not names or run.scene in names)}
@@ -63,44 +63,48 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: Asked) -
         of_engine = ({run.build for run in side.values() if run.engine == engine} for side in (first, second))
         one, other = (" and ".join(sorted(builds)) or "no run" for builds in of_engine)
         print(f"{engine:<10} {one} {'on both sides' if one == other else f'against {other}'}")
-    print(f"\n{heading()}")
     compared, failed, again = 0, 0, []
     alike = Counter((run.scene, run.engine) for run in either.values())
+    labels = {  # with other settings, a scene and engine have several runs
+        key: run.scene if alike[run.scene, run.engine] == 1 else run.folder.name for key, run in either.items()
+    }
+    columns = Columns.fitting((labels[key], run.engine, "") for key, run in either.items())
+    print(f"\n{columns.heading()}")
     for key, run in sorted(either.items(), key=lambda item: (item[1].scene, item[0])):
         if key in first and key in second and not (first[key].trouble or second[key].trouble):
             rows = moved(first[key].folder, second[key].folder)
         else:
             rows = [_unpaired(key, {old: first, new: second}, asked)]
-        name = run.scene if alike[run.scene, run.engine] == 1 else run.folder.name  # there are other settings
         for verdict in rows:
-            print(line_of(replace(verdict, scene=name, engine=run.engine)), flush=True)
+            print(columns.line_of(replace(verdict, scene=labels[key], engine=run.engine)), flush=True)
         compared += rows[0].quantity != RUN
         if any(verdict.verdict == FAIL for verdict in rows):
             failed += 1
             again += [(first[key].folder, second[key].folder)] if rows[0].quantity != RUN else []
-    print(f"\n{len(either)} runs: {compared} compared, {failed} failed, missing or moved beyond what is allowed")
-    print_again(again)
+    print(f"\n{len(either)} runs: {compared} compared, {failed} failed, missing or changed by more than allowed")
+    print_commands(again)
     return 1 if print_unmet(asked.unmet(engine for engine, _ in first.keys() & second.keys())) or failed else 0
 
 
-def print_again(pairs: Iterable[tuple[Path, Path]]) -> None:
-    """Prints the commands that show more of pairs of runs."""
+def print_commands(pairs: Iterable[tuple[Path, Path]]) -> None:
+    """Prints the commands that show pairs of runs in detail."""
     for pair in pairs:
         words = ["python", "-m", "validation", "compare", *map(paths.shown, pair), *engines_again()]
-        print("look closer:", shlex.join(words))
+        print("details:", shlex.join(words))
 
 
 def _runs(option: str, folder: Path) -> dict[Key, KeptRun]:
-    """Runs of a folder; of those of several builds of an engine the last, not one beside which a better one stands."""
+    """Runs of a folder by key; of several builds of an engine the last, failed runs only if there is no other."""
     found = kept_runs(folder)
     if not found:
-        allowed = "a folder of runs, as python -m drivers run --runs writes them"
-        raise InputError(f"{option} {paths.shown(folder)}", "", "no run", allowed)
+        raise InputError(
+            f"{option} {paths.shown(folder)}", "", "no runs here; python -m drivers run --runs writes them"
+        )
     return {run.key: run for run in sorted(found, key=lambda run: not run.folder.name.endswith("-failed"))}
 
 
-def _unpaired(key: Key, sides: dict[Path, dict[Key, KeptRun]], asked: Asked) -> Verdict:
-    """The verdict on a run that failed, or is missing in one of the folders."""
+def _unpaired(key: Key, sides: dict[Path, dict[Key, KeptRun]], asked: EngineSelection) -> Verdict:
+    """Verdict on a run that failed or is missing in one of the folders."""
     troubles, missing = [], []
     for folder, side in sides.items():
         if key in side and side[key].trouble:
@@ -111,7 +115,7 @@ def _unpaired(key: Key, sides: dict[Path, dict[Key, KeptRun]], asked: Asked) -> 
 
 
 def _closest(key: Key, side: dict[Key, KeptRun], sides: dict[Path, dict[Key, KeptRun]]) -> str:
-    """Keys in which the closest run of a scene differs from one that is missing, in words."""
+    """Text on the keys in which the closest run of the scene differs from the missing run."""
     (own,) = (other[key] for other in sides.values() if key in other)
     alike = [run.record for run in side.values() if (run.engine, run.scene) == (own.engine, own.scene) and run.record]
     if own.record is None or not alike:

@@ -1,4 +1,4 @@
-"""``python -m validation compare RUN RUN``: by how much two runs differ at the times they share, and since when."""
+"""``python -m validation compare RUN RUN``: differences of two runs at their common sample times."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,26 +24,28 @@ from postproc.read.observables import describe, observe, of_kind, scale_of, with
 from postproc.read.residual import largest_change_N
 from postproc.read.signals import integral
 from validation.accuracy.baseline import HORIZON, baseline_of, model_quantity
-from validation.accuracy.budget import PARTS, for_terminal
+from validation.accuracy.budget import BUDGET_WORDS, PARTS, budget_lines
 from validation.accuracy.prediction import predicted_motion
 from validation.compare.departure import Departure, Deviation, departure, deviation, first_deviation, motion_scales
 from validation.compare.verdict import FAIL, Verdict, judged
 
-KINDS = ("peak", "later peak", "speed")  # of observables that are judged
+KINDS = ("peak", "later peak", "speed")  # of judged observables
 # of the largest change: rounding, horizon, coarse steps, experiments
 LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)
-MIN_SAMPLES = 4  # of which peaks can be read
+MIN_SAMPLES = 4  # for peaks
 TIME_TOLERANCE = 1e-9  # of a sample time
-PREDICTED = "what velocity Verlet makes of the first's scene at the steps of both, computed here, and rounding"
+PREDICTED = (
+    "difference of velocity Verlet at the two time steps, computed here for the scene of the first, plus rounding"
+)
 
 
 @dataclass(frozen=True)
 class PairedRun:
-    """A run as it takes part in a comparison.
+    """A run in a comparison.
 
     Attributes:
-        case: of the run's own scene, at the samples that both runs have.
-        trace: likewise.
+        case: case of the run's own scene, at the samples common to both runs.
+        trace: trace at these samples.
     """
 
     run: EndedRun
@@ -52,20 +54,20 @@ class PairedRun:
 
     @property
     def engine(self) -> str:
-        """The engine that ran it."""
+        """Engine of the run."""
         return self.run.record.engine
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two runs and what became of comparing them.
+    """Comparison of two runs.
 
     Attributes:
-        verdicts: by quantity; the second run is the one in question.
-        until: why not all samples were judged; empty where they were.
-        parted: by level, the first sample at which the forces differ by more.
-        departures: of each run from the exact motion of its own scene.
-        taken_for: what the second run looks like, taken for one of the first's scene.
+        verdicts: verdicts on the second run against the first, by quantity.
+        until: reason why not all samples were judged; empty if they were.
+        parted: first sample at which the forces differ by more than a level, by level.
+        departures: departure of each run from the exact motion of its own scene.
+        against_first_scene: departure of the second run from the exact motion of the first run's scene.
     """
 
     first: PairedRun
@@ -74,27 +76,27 @@ class Pair:
     until: str
     parted: dict[float, Deviation | None]
     departures: tuple[Departure, Departure]
-    taken_for: Departure
+    against_first_scene: Departure
 
     @property
     def missed(self) -> list[str]:
-        """Quantities that differ by more than is allowed."""
+        """Quantities that differ by more than allowed."""
         return [verdict.quantity for verdict in self.verdicts if verdict.verdict == FAIL]
 
 
 def open_pair(first: Path, second: Path) -> tuple[PairedRun, PairedRun]:
-    """Two runs at their common sample times.
+    """Open two runs at their common sample times.
 
     Raises:
-        InputError: one is no run that is done, both are the same, or they have other contacts or sample times.
+        InputError: one is no finished run, both are the same, or their contacts or sample times differ.
     """
     where = f"{paths.shown(first)} {paths.shown(second)}"
     if first.resolve() == second.resolve():
-        raise InputError(where, "", "the same run twice", "two run folders")
+        raise InputError(where, "", "both are the same run; name two run folders")
     one, other = _open(first), _open(second)
     counts = [run.trace.force_N.shape[1] for run in (one, other)]
     if counts[0] != counts[1]:
-        raise InputError(where, "", f"{counts[0]} contacts against {counts[1]}", "runs of as many contacts")
+        raise InputError(where, "", f"{counts[0]} contacts against {counts[1]}", "equal numbers of contacts")
     every, samples = _common(where, one.trace, other.trace)
     if samples < MIN_SAMPLES:
         raise InputError(where, "", f"{samples} common sample times", f"{MIN_SAMPLES} or more")
@@ -114,7 +116,7 @@ def _open(folder: Path) -> EndedRun:
 
 
 def _common(where: str, *traces: Trace) -> tuple[list[int], int]:
-    """How many samples of each run make one of the common ones, and how many of these there are."""
+    """Samples of each run per common sample, and the number of common samples."""
     times = [trace.time_s for trace in traces]
     intervals = [float(time[1] - time[0]) if len(time) > 1 else float("nan") for time in times]
     if np.isfinite(intervals).all():
@@ -130,7 +132,7 @@ def _common(where: str, *traces: Trace) -> tuple[list[int], int]:
 
 
 def _at_every(run: EndedRun, every: int, samples: int) -> PairedRun:
-    """A run at each so many-th of its samples."""
+    """A run at every n-th of its samples."""
     scene, chain = chain_of(run)
     if (every, samples) != (1, scene.samples):
         timing = scene.run.model_copy(update={"sample_interval": every * scene.run.sample_interval})
@@ -141,21 +143,21 @@ def _at_every(run: EndedRun, every: int, samples: int) -> PairedRun:
 
 
 def compare_pair(one: PairedRun, other: PairedRun) -> Pair:
-    """All that is known of two runs."""
+    """Compare two runs."""
     (limits, samples), why_not_all = allowed_between(one, other), ""
     predicted: dict[str, Tolerance] = {}
-    if not alike(one, other):
+    if not same_scheme(one, other):
         samples, predicted = _predicted(one, other, limits)
     if samples < len(one.trace.time_s):
-        why_not_all = f"judged until {one.trace.time_s[samples] * 1e6:g} µs, where rounding alone passes {HORIZON:g}"
+        why_not_all = f"judged until {one.trace.time_s[samples] * 1e6:g} µs, where rounding alone exceeds {HORIZON:g}"
     first, second = (until(each.trace, samples) for each in (one, other))
     scene, engines = other.run.record.scene_name, f"{other.engine} against {one.engine}"
     verdicts = [
         judged(scene, engines, each.quantity, each.value, predicted.get(each.quantity, limits[each.kind]), each.where)
         for each in _differences(one, other, first, second)
     ]
-    # one case after the other, since what is expected of the last one is kept
-    of_first, taken_for = (departure(one.case, each.engine, each.trace) for each in (one, other))
+    # one case after the other, since the baselines of the last case are cached
+    of_first, against_first_scene = (departure(one.case, each.engine, each.trace) for each in (one, other))
     return Pair(
         first=one,
         second=other,
@@ -163,36 +165,38 @@ def compare_pair(one: PairedRun, other: PairedRun) -> Pair:
         until=why_not_all,
         parted={level: first_deviation(other.trace, one.trace, level) for level in LEVELS},
         departures=(of_first, departure(other.case, other.engine, other.trace)),
-        taken_for=taken_for,
+        against_first_scene=against_first_scene,
     )
 
 
 def allowed_between(one: PairedRun, other: PairedRun) -> tuple[dict[str, Tolerance], int]:
-    """Tolerances of two runs by kind of quantity, and how many samples can be compared until rounding parts them.
+    """Tolerances of two runs by kind of quantity, and the number of samples until rounding separates them.
 
-    Runs of the same scheme at the same step differ by rounding alone, in friction by their laws; others by what their
-    time steps, or the lack of one, do: by kind that is the general tolerance, which ``_predicted`` narrows.
+    Runs of the same scheme at the same step differ by rounding only (and by their laws of friction). Other runs differ
+    by their truncation errors: they get the general tolerances, which ``_predicted`` narrows.
     """
-    if alike(one, other):
+    if same_scheme(one, other):
         force, samples, of_gauges = *_by_rounding(one, other), {}
     else:
         force, samples = tolerance("truncation", "force"), len(one.trace.time_s)
         of_gauges = {quantity: tolerance("truncation", quantity) for quantity in ("peak", "speed")}
     factor = tolerance("between", "others")
-    others = Tolerance(factor.limit * force.limit, f"{factor.limit:g} times the force's: {factor.reason}")
+    others = Tolerance(
+        factor.limit * force.limit, f"{factor.limit:g} times the tolerance of the force; {factor.reason}"
+    )
     limits = {"force": force, "peak": others, "speed": others, "others": others} | of_gauges
     return limits | {"later peak": limits["peak"]}, samples
 
 
-def alike(one: PairedRun, other: PairedRun) -> bool:
-    """Whether two runs are of the same scheme at the same step."""
+def same_scheme(one: PairedRun, other: PairedRun) -> bool:
+    """True if two runs have the same scheme and the same step."""
     same_step = isclose(one.run.record.time_step_s, other.run.record.time_step_s, rel_tol=1e-12)
     exact = [load_engine(each.engine).scheme == EXACT for each in (one, other)]
     return all(exact) or (not any(exact) and same_step)
 
 
 def _by_rounding(one: PairedRun, other: PairedRun) -> tuple[Tolerance, int]:
-    """Of runs of one scheme at one step, and for how many samples they can be compared."""
+    """Tolerance of the forces of runs of one scheme at one step, and the number of comparable samples."""
     everything = len(one.trace.time_s)
     laws = {load_engine(each.engine).shear for each in (one, other)}
     if len(laws) > 1 and one.case.chain.lateral is not None and one.case.chain.slips:
@@ -200,16 +204,16 @@ def _by_rounding(one: PairedRun, other: PairedRun) -> tuple[Tolerance, int]:
     baselines = [baseline_of(one.case)]
     if one.case.scene != other.case.scene:
         baselines.append(baseline_of(other.case))
-    if any(each.unknown for each in baselines):
+    if any(each.why_unknown for each in baselines):
         return tolerance("model", model_quantity(one.case)), everything
     widest = max((each.allowed for each in baselines), key=lambda each: each.limit)
     return widest, min(each.samples for each in baselines)
 
 
 def _predicted(one: PairedRun, other: PairedRun, general: dict[str, Tolerance]) -> tuple[int, dict[str, Tolerance]]:
-    """For how many samples the first's scene is known, and by quantity what its two schemes make two runs of it differ.
+    """Number of samples at which the first scene is known, and predicted tolerances by quantity.
 
-    A tolerance is left out where the general one is less, all where nothing can be predicted.
+    Predicted tolerances above the general ones are left out; there are none if nothing can be predicted.
     """
     same = one.case.at(other.case.scene.steps_per_sample)
     first = predicted_motion(baseline_of(one.case, one.engine), one.engine)
@@ -230,7 +234,11 @@ def _predicted(one: PairedRun, other: PairedRun, general: dict[str, Tolerance]) 
 
 @dataclass(frozen=True)
 class _Difference:
-    """A quantity in which two runs differ; of a peak, the largest change of force over what it is counted over."""
+    """Difference of a quantity between two runs.
+
+    Attributes:
+        change_share: for peaks, the largest change of force over the scale of the peak.
+    """
 
     quantity: str
     kind: str
@@ -240,12 +248,12 @@ class _Difference:
 
 
 def _differences(one: PairedRun, other: PairedRun, first: Trace, second: Trace) -> Iterator[_Difference]:
-    """Differences of two traces, read by the gauges of two runs."""
+    """Differences of two traces, with the gauges of two runs."""
     found = deviation(second, first)
     yield _Difference("force", "force", found.share, found.place)
 
     should, has = observe(one.run.layout, first), observe(other.run.layout, second)
-    for name in of_kind(should, *KINDS):  # that both runs have a gauge for
+    for name in of_kind(should, *KINDS):
         if name not in has or (np.isnan(should[name]) and np.isnan(has[name])):
             continue
         observable = describe(name)
@@ -273,23 +281,24 @@ def _differences(one: PairedRun, other: PairedRun, first: Trace, second: Trace) 
 
 
 def compare_runs(first: Path, second: Path) -> int:
-    """Prints how two runs differ; 1 if by more than is allowed.
+    """Prints the differences of two runs; the exit code is 1 if one is larger than allowed.
 
     Raises:
-        InputError: they cannot be compared.
+        InputError: the runs cannot be compared.
     """
     pair = compare_pair(*open_pair(first, second))
     both = (("first", pair.first), ("second", pair.second))
-    keys = [f"differs {line}" for line in different_keys(*(each.run.record.scene for _, each in both))]
-    keys = keys or ["the scenes are the same"]
-    parts = (*_runs(*both), "", *keys, "", *_table(pair), "", *_times(pair), *_budgets(*both))
+    lines = different_keys(*(each.run.record.scene for _, each in both))
+    keys = [f"the scenes differ in {line}" for line in lines] or ["the scenes are the same"]
+    result = f"FAIL: larger differences than allowed in {', '.join(pair.missed)}"
+    result = result if pair.missed else f"pass: all {len(pair.verdicts)} quantities agree within their tolerances"
+    parts = (result, "", *_runs(*both), "", *keys, "", *_table(pair), "", *_times(pair), *_budgets(*both))
     print(*parts, sep="\n")
-    print(f"\nFAIL: {', '.join(pair.missed)}" if pair.missed else "\npass")
     return 1 if pair.missed else 0
 
 
 def _runs(*both: tuple[str, PairedRun]) -> Iterator[str]:
-    """What the runs are."""
+    """Lines on the two runs."""
     for name, each in both:
         record = each.run.record
         step = f"time step {record.time_step_s:g} s, {record.steps} steps, {len(each.run.trace.time_s)} samples"
@@ -299,11 +308,11 @@ def _runs(*both: tuple[str, PairedRun]) -> Iterator[str]:
     compared = both[0][1]
     samples, interval = len(compared.trace.time_s), compared.case.scene.run.sample_interval
     if any(len(each.run.trace.time_s) != samples for _, each in both):
-        yield f"        compared at the {samples} sample times that both have, {interval:g} s apart"
+        yield f"        compared at {samples} common sample times, {interval:g} s apart"
 
 
 def _table(pair: Pair) -> Iterator[str]:
-    """The verdicts, and why so much is allowed, each reason once."""
+    """Rows of the verdicts, and the reasons of the tolerances."""
     yield f"{'quantity':<24} {'difference':>10} {'allowed':>9}  verdict"
     for each in pair.verdicts:
         yield f"{each.quantity:<24} {each.value:10.2e} {each.limit:9.2e}  {each.verdict}: {each.where}"
@@ -321,23 +330,24 @@ def _table(pair: Pair) -> Iterator[str]:
 
 
 def _times(pair: Pair) -> Iterator[str]:
-    """When the runs part, when each leaves the exact motion of its own scene, and what a miss looks like."""
+    """Lines on the times at which the forces differ, and on the departures of the runs."""
     for level, found in pair.parted.items():
-        place = f"at {found.time_s * 1e6:.6g} µs in {found.quantity}" if found else "never"
-        yield f"parted by {level:g} of the largest change {place}"
+        place = f"first at {found.time_s * 1e6:.6g} µs in {found.quantity}" if found else "never"
+        yield f"forces differ by more than {level:g} of the largest change: {place}"
     for name, first in zip(("first", "second"), pair.departures, strict=True):
         for each in (first, *first.later):
             yield f"{name:<7} {each.words}"
-    if pair.missed and pair.taken_for.words != pair.departures[1].words:
-        yield f"second, taken for a run of the first's scene: {pair.taken_for.words}"
+    if pair.missed and pair.against_first_scene.words != pair.departures[1].words:
+        yield f"second, against the exact motion of the first: {pair.against_first_scene.words}"
 
 
 def _budgets(*both: tuple[str, PairedRun]) -> Iterator[str]:
-    """The parts of each run's errors, as signed shares that add up to the whole; warnings."""
-    budgets = {name: dict(for_terminal(each.run.record.error_budget or ())) for name, each in both}
+    """Lines with the error budgets, as signed parts that add up to the whole, and with warnings."""
+    budgets = {name: dict(budget_lines(each.run.record.error_budget or ())) for name, each in both}
     quantities = dict.fromkeys(quantity for budget in budgets.values() for quantity in budget)
     if quantities:
-        yield f"\n{'error budget':<24} {'':<7} " + " ".join(f"{part:>10}" for part in PARTS)
+        yield f"\nerror budget: {BUDGET_WORDS}"
+        yield f"{'quantity':<24} {'run':<7} " + " ".join(f"{part:>10}" for part in PARTS)
     for quantity in quantities:
         for name, budget in budgets.items():
             if quantity in budget:
@@ -349,15 +359,15 @@ def _budgets(*both: tuple[str, PairedRun]) -> Iterator[str]:
         for warning in each.run.record.warnings or ():
             yield f"{name:<7} warning: {warning}"
         if sha256_of(each.run.folder / FORCES) != each.run.record.forces_sha256:
-            yield f"{name:<7} warning: its forces are not those that its record was written for"
+            yield f"{name:<7} warning: the forces have changed since the record was written"
 
 
 def different_keys(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
-    """A line for each key that differs, such as ``run.time_step: 0.1 us against 1 us``.
+    """Lines for the keys that differ, such as ``run.time_step: 0.1 us against 1 us``.
 
     Args:
-        one: the scene of a run record, in SI units.
-        other: another.
+        one: scene of a run record, in SI units.
+        other: scene of another run record.
     """
     return [
         f"{key}: {setting_text(key, a) or 'none'} against {setting_text(key, b) or 'none'}"

@@ -1,4 +1,4 @@
-"""The table of variants: a case as a code may have got it, with at most one parameter, or recorded wrongly."""
+"""Variants of a case: models with one fault of a deck, with at most one parameter, and misread records."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,26 +17,26 @@ from drivers.engines import load_engine
 from drivers.scene.model import RIGID, Material
 from drivers.scene.read_scene import read_toml
 from validation.accuracy.schemes import heights_and_reach
-from validation.accuracy.step_choice import WITHOUT
+from validation.accuracy.step_choice import REMOVALS
 from validation.reference.hertz_chain import Motion
 from validation.reference.velocity_verlet import integrate_verlet_absolute
 
 FACTORS = np.logspace(-1.7, 1.7, 41)
 RATIOS = np.logspace(-6, 0.5, 30)
-MAX_VALUES = 4_000_000  # of a motion kept at every step
-Misreading = tuple[str, str, Array, slice]  # kind, words, values as they would be read, samples that have any
+MAX_VALUES = 4_000_000  # of a motion recorded at every step
+Misreading = tuple[str, str, Array, slice]  # kind, words, misread values, samples that have values
 
 
 @dataclass(frozen=True)
 class Model:
-    """A case as a code may have got it.
+    """A case as a faulty deck may have it.
 
     Attributes:
-        case: as it should be.
-        chain: as it is; what its overlaps differ by from the case's moves bodies.
-        ahead: by how many time steps the start velocities are ahead of those of the chain.
-        staggered: whether velocities of half a step before time 0 are set, by the case's step and accelerations.
-        attraction, local_damping: as ``integrate_verlet_absolute`` has them.
+        case: the correct case.
+        chain: the chain of the faulty deck; other overlaps move the bodies.
+        ahead: time steps by which the start velocities are ahead of those of the chain.
+        staggered: True if the deck sets velocities at half a step before time 0, by the case's step and accelerations.
+        attraction, local_damping: as in ``integrate_verlet_absolute``.
     """
 
     case: Case
@@ -49,7 +49,7 @@ class Model:
     local_damping: float = 0.0
 
     def having(self, **changes: Any) -> "Model":
-        """The model with other values of its own or other arrays of its chain; other masses have other weights."""
+        """Copy with other attributes or other arrays of the chain; the weights follow the masses."""
         own = {name: changes.pop(name) for name in list(changes) if name in self.__dataclass_fields__}
         if "mass_kg" in changes:
             heavier = changes["mass_kg"] - self.chain.mass_kg
@@ -57,13 +57,13 @@ class Model:
         return replace(self, chain=replace(self.chain, **changes), **own)
 
     def scaled(self, name: str, places: Sequence[int], factor: float) -> "Model":
-        """The model with some values of an array of its chain multiplied."""
+        """Copy with some values of an array of the chain multiplied by a factor."""
         array = getattr(self.chain, name).copy()
         array[places] *= factor
         return self.having(**{name: array})
 
     def motion(self, samples: int, lift_m: float = 0.0) -> Motion:
-        """The motion from time 0 on; all heights may be lifted, which changes their rounding alone."""
+        """Motion from time 0; lifting all heights changes rounding errors only."""
         arrays = replace(arrays_of(self.chain), velocity_m_s=self.start_velocity_m_s)
         height, reach = heights_and_reach(self.case)
         lowered = np.cumsum(self.chain.overlap_m - self.case.chain.overlap_m)
@@ -74,16 +74,16 @@ class Model:
 
     @property
     def start_velocity_m_s(self) -> Array:
-        """Velocities at time 0 with which the integrator starts as the code does. Shape (bodies,)."""
+        """Velocities at time 0 that make the integrator start as the code does. Shape (bodies,)."""
         velocity, acceleration = self.chain.velocity_m_s, self.chain.acceleration_m_s2
         step = self.time_step_s * acceleration * (1 - self.local_damping * np.sign(acceleration * velocity))
         own_step = self.case.scene.time_step_s * self.case.chain.acceleration_m_s2
         return np.asarray(velocity + self.ahead * step + (0.5 * (step - own_step) if self.staggered else 0.0))
 
     def readings(self, force_N: Array) -> Iterator[Array]:
-        """Contact forces as adapters read them: each, or summed from the lowest up with the loads of the scene.
+        """Contact forces as adapters read them: directly, or summed from the wall up with the loads of the scene.
 
-        The latter, ``F_{j+1} = F_j - (f_j - load_j)`` with f the total forces on bodies, goes wrong with the loads.
+        The sum ``F_{j+1} = F_j - (f_j - load_j)``, f being the total forces on bodies, is wrong if the loads are.
         """
         yield force_N
         excess = np.cumsum(self.chain.load_N - self.case.chain.load_N)
@@ -93,13 +93,13 @@ class Model:
 
 @dataclass(frozen=True)
 class Variant:
-    """Models with one thing wrong.
+    """A family of models with one fault.
 
     Attributes:
-        kind: what is wrong, short.
-        words: what it is at a value, to follow "matches".
-        at: the model at a value, which is above zero.
-        values: values to begin with; none where the variant has no parameter.
+        kind: kind of the fault.
+        words: function that describes the fault at a value, to follow "matches".
+        at: function that returns the model at a value above zero.
+        values: initial values; empty for a variant without a parameter.
     """
 
     kind: str
@@ -109,37 +109,37 @@ class Variant:
 
 
 def model_of(case: Case) -> Model:
-    """The case as it should be."""
+    """Model of the correct case."""
     return Model(case, case.chain, case.scene.time_step_s, case.scene.steps_per_sample)
 
 
 def number(value: float) -> str:
-    """A number for a sentence, told from 1."""
+    """Text of a number, with enough digits to differ from 1."""
     return f"{value:.6g}" if value == 1 or abs(value - 1) > 1e-4 else f"(1 {value - 1:+.3g})"
 
 
 def plain_variants(model: Model, engine: str) -> Iterator[Variant]:
-    """Those without a parameter, the plainest first."""
+    """Variants without a parameter, the simplest first."""
     chain, scene, dt, every = model.chain, model.case.scene, model.time_step_s, model.steps_per_sample
     for kind, words, has in (
         ("gravity", "the scene without gravity", chain.gravity_m_s2),
         ("precompression", "the scene without its precompression", chain.precompression_N),
     ):
         if has:
-            yield _plain(model, kind, words, load_N=build_chain(WITHOUT[kind](scene)).load_N)
+            yield _plain(model, kind, words, load_N=build_chain(REMOVALS[kind](scene)).load_N)
     if scene.striker is not None:
         resting, rising = (model.scaled("velocity_m_s", [-1], factor) for factor in (0.0, -1.0))
-        for each in (resting, resting.having(ahead=0.5)):  # at rest at time 0, or half a step before
+        for each in (resting, resting.having(ahead=0.5)):  # at rest at time 0 or half a step before
             yield _plain(each, "striker speed", "a striker at rest")
         yield _plain(rising, "striker speed", "a striker that moves upwards")
     for ahead, place in ((0.5, "ahead"), (-0.5, "behind")):
-        words = f"velocities that start half a step {place}, as symplectic Euler has them"
-        yield _plain(model, "velocity shift", f"{words}; a step is {number(dt * 1e6)} us", ahead=ahead)
+        words = f"velocities that start half a step {place}, as in symplectic Euler"
+        yield _plain(model, "velocity shift", f"{words} (step {number(dt * 1e6)} µs)", ahead=ahead)
     if chain.damped:
         yield _plain(model, "damping", "contacts that lose no energy", damping_ratio=0.0, gamma=0.0, alpha=0.0)
     for other in sorted({every * 2, every * 10} | {every // n for n in (2, 10) if every % n == 0}):
         step = dt * every / other
-        words = f"a time step of {number(step * 1e6)} us (the scene has {number(dt * 1e6)})"
+        words = f"a time step of {number(step * 1e6)} µs (the scene has {number(dt * 1e6)})"
         yield _plain(model, "time step", words, time_step_s=step, steps_per_sample=other)
     yield from _materials(model, engine)
     for words, overlap_m in (
@@ -156,7 +156,7 @@ def _plain(model: Model, kind: str, words: str, **changes: Any) -> Variant:
 
 
 def _materials(model: Model, engine: str) -> Iterator[Variant]:
-    """Another material of the wall, the beads or wherever a name stands; elastic constants that are forgotten."""
+    """Variants with another material of the wall, of the beads or under a name, and with default elastic constants."""
     chain, scene, defaults = model.chain, model.case.scene, load_engine(engine).defaults
     library = {name: validate(Material, table, name) for name, table in read_toml(paths.MATERIALS).items()}
     yielding = library | scene.materials
@@ -166,19 +166,19 @@ def _materials(model: Model, engine: str) -> Iterator[Variant]:
     swaps: list[tuple[str, dict[str, Material], str | None, list[str]]]
     swaps = [(f"a wall of {other}", known, other, bodies) for other in known if wall]
     swaps += [(f"beads of {n}", known, wall, [n] * chain.beads + bodies[chain.beads :]) for n in yielding]
-    swaps += [(f"{n} taken for {o}", known | {n: known[o]}, wall, bodies) for n in used for o in yielding]
+    swaps += [(f"{o} in place of {n}", known | {n: known[o]}, wall, bodies) for n in used for o in yielding]
     modulus, ratio = defaults.youngs_modulus_Pa, defaults.poisson_ratio
     if modulus is not None and ratio is not None:
-        young = f"the Young's modulus of {number(modulus / 1e9)} GPa"
+        young = f"Young's modulus of {number(modulus / 1e9)} GPa"
         for words, constants in (
-            (f"the Poisson's ratio of {ratio}", {"poisson_ratio": ratio}),
+            (f"Poisson's ratio of {ratio}", {"poisson_ratio": ratio}),
             (young, {"youngs_modulus": modulus}),
             (f"{young} and Poisson's ratio of {ratio}", {"youngs_modulus": modulus, "poisson_ratio": ratio}),
         ):
             for who, names in (("all materials", used), *((name, [name]) for name in used)):
                 completed = {name: known[name].model_copy(update=constants) for name in names}
-                told = f"{who} with {words} that {engine.upper()} has unless told"
-                swaps.append((told, known | completed, wall, bodies))
+                text = f"{who} with {engine.upper()}'s default {words}"
+                swaps.append((text, known | completed, wall, bodies))
     for words, materials, under, names in swaps:
         standing = scene.wall and scene.wall.model_copy(update={"material": under})
         other = scene.model_copy(update={"materials": materials, "wall": standing})
@@ -188,7 +188,7 @@ def _materials(model: Model, engine: str) -> Iterator[Variant]:
 
 
 def families(model: Model, engine: str) -> Iterator[Variant]:
-    """Those of the whole chain, its wall or its striker with a parameter, the plainest first."""
+    """Variants with a parameter of the whole chain, its wall or its striker, the simplest first."""
     chain, defaults = model.chain, load_engine(engine).defaults
     beads, everything = list(range(chain.beads)), list(range(chain.bodies))
     striker, gauges = everything[chain.beads :], [each.from_wall - 1 for each in model.case.scene.chain.sensors]
@@ -197,12 +197,12 @@ def families(model: Model, engine: str) -> Iterator[Variant]:
 
     def note(value: float, default: float | None) -> str:
         same = default and abs(value / default - 1) < 1e-6
-        return f", which {engine.upper()} has unless told" if same else ""
+        return f", the default of {engine.upper()}" if same else ""
 
     def damping(pulls: bool, law: str) -> Variant:
         def words(ratio: float) -> str:
-            told = f"a coefficientRestitution of {number(restitution_with_attraction(ratio))}"
-            return f"contacts of damping ratio {number(ratio)}, {law} (the scene has {number(own)}; {told})"
+            liggghts = f"coefficientRestitution of {number(restitution_with_attraction(ratio))}"
+            return f"contacts of damping ratio {number(ratio)}, {law} (the scene has {number(own)}; {liggghts})"
 
         return Variant(
             "damping", words, lambda t: model.having(damping_ratio=t, gamma=0.0, alpha=0.0, attraction=pulls), RATIOS
@@ -211,7 +211,7 @@ def families(model: Model, engine: str) -> Iterator[Variant]:
     if chain.wall:
         yield Variant(
             "wall contact",
-            lambda t: f"a wall contact {number(t)} times as stiff ({chain.wall} takes 1{note(t, walls)})",
+            lambda t: f"a wall contact {number(t)} times as stiff as with {chain.wall}{note(t, walls)}",
             partial(model.scaled, "stiffness", [0]), FACTORS,
         )  # fmt: skip
     for kind, words, name, places in (
@@ -230,18 +230,18 @@ def families(model: Model, engine: str) -> Iterator[Variant]:
         "local damping", lambda t: f"non-viscous damping of {number(t)}{note(t, defaults.local_damping)}",
         lambda t: model.having(local_damping=min(t, 1.0)), RATIOS[RATIOS < 1],
     )  # fmt: skip
-    laws = [(False, "without attraction"), (True, "which may pull")]
-    for pulls, law in laws if own else laws[::-1]:  # the law of the scene first, if it has one
+    laws = [(False, "without attraction"), (True, "with attraction")]
+    for pulls, law in laws if own else laws[::-1]:  # the law of a damped scene first
         yield damping(pulls, law)
     yield Variant(
         "time step",
-        lambda t: f"a time step of {number(t * dt_us)} us (the scene has {number(dt_us)}) at stamps of the scene's",
+        lambda t: f"a time step of {number(t * dt_us)} µs (the scene has {number(dt_us)}) with the scene's time stamps",
         lambda t: model.having(time_step_s=t * model.time_step_s), FACTORS,
     )  # fmt: skip
 
 
 def single_families(model: Model, places: Sequence[int]) -> Iterator[Variant]:
-    """Those of single contacts and beads, by their places from 0."""
+    """Variants of single contacts and beads, given by indices from 0."""
     beads = [j for j in places if j < model.chain.beads]
     for j in beads:
         yield _scaled(model, f"contact {j + 1}", f"contact {j + 1} {{times}} times as stiff", "stiffness", [j])
@@ -251,7 +251,7 @@ def single_families(model: Model, places: Sequence[int]) -> Iterator[Variant]:
 
 
 def _scaled(model: Model, kind: str, words: str, name: str, places: Sequence[int]) -> Variant:
-    """Values of an array times a factor; in the sentence masses and speeds are those of the first place."""
+    """Variant with some values of an array times a factor; the text names the value at the first place."""
     own = abs(float(getattr(model.chain, name)[places[0]])) * (1e3 if name == "mass_kg" else 1.0)
 
     def described(times: float) -> str:
@@ -261,14 +261,14 @@ def _scaled(model: Model, kind: str, words: str, name: str, places: Sequence[int
 
 
 def misread_forces(model: Model, found_N: Array) -> Iterator[Misreading]:
-    """The forces of a case, recorded wrongly; factors are those of the forces found. Shape (samples, bodies)."""
+    """Misread forces of a case; factors are fitted to the recorded forces, of shape (samples, bodies)."""
     whole, late, (samples, bodies) = slice(None), slice(1, None), found_N.shape
     later, every = model.motion(samples + 1).force_N, model.steps_per_sample
     right = later[:-1]
     yield "time stamps", "forces stamped 1 sample early", later[1:], whole
     yield "time stamps", "forces stamped 1 sample late", np.vstack([right[:1], right[:-1]]), late
     if every > 1 and samples * every * bodies <= MAX_VALUES:
-        words = f"forces stamped one time step ({number(model.time_step_s * 1e6)} us)"
+        words = f"forces stamped one time step ({number(model.time_step_s * 1e6)} µs)"
         steps = replace(model, steps_per_sample=1).motion(samples * every + 1).force_N
         yield "time stamps", f"{words} early", steps[1::every][:samples], whole
         before = steps[every - 1 :: every][: samples - 1]
@@ -282,10 +282,10 @@ def misread_forces(model: Model, found_N: Array) -> Iterator[Misreading]:
 
 
 def misread_velocities(model: Model, right: Motion) -> Iterator[tuple[str, Array]]:
-    """The velocities of a case, recorded wrongly: words and values of shape (samples, bodies)."""
+    """Misread velocities of a case: words and values of shape (samples, bodies)."""
     above_N = np.pad(right.force_N, ((0, 0), (0, 1)))[:, 1:]
     change = 0.5 * model.time_step_s * (right.force_N - above_N + model.chain.load_N) / model.chain.mass_kg
-    size = f"({number(model.time_step_s * 0.5e6)} us)"
+    size = f"({number(model.time_step_s * 0.5e6)} µs)"
     yield f"velocities half a step {size} early", right.velocity_m_s + change
     yield f"velocities half a step {size} late", right.velocity_m_s - change
     yield "velocities of the other sign", -right.velocity_m_s

@@ -1,1 +1,1 @@
-"""What each modelling element adds and costs, what may be left out, and what the experiment would have shown."""
+"""Effect and cost of each modelling element, and its share in the gap between elastic theory and experiment."""

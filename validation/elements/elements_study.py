@@ -1,4 +1,4 @@
-"""The study of elements: what each adds and costs, whether the rule that leaves them out holds, and the experiment."""
+"""The study of elements: effects and costs, omitted elements, and the gap between elastic theory and experiment."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -14,21 +14,21 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.engines import VERLET, installed_codes
 from drivers.limits.refusal import inability
-from postproc.draw.style import FAINT, line_of, pyplot
+from postproc.draw.style import GREY, line_of, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of, run_codes
 from validation.accuracy.costs import cost_on
 from validation.elements import gauge_steps, switches
-from validation.elements.gauge_steps import STEPS, Shown
+from validation.elements.gauge_steps import STEPS, GaugeSignals
 from validation.elements.switches import read_elements
 from validation.studies import Options, Picture, Study, Tables
 
-REPEATS = 3  # further runs from which a cost is the least, where the study is not the short one
-ROUNDING = 1e-6  # of a mean: where a spread is none
+REPEATS = 3  # further runs for costs, except in the short study
+ROUNDING = 1e-6  # of a mean: a smaller spread counts as none
 ELASTIC, *ADDED = STEPS
-LEAST = 1e-6  # of a change: what is smaller is drawn there
+MIN_CHANGE = 1e-6  # smaller changes are drawn here
 SHAPES = "os^vDPX<>ph*d1234+x"
-WATCHED = {
+DRAWN_OBSERVABLES = {
     "sensor peak": ("bead_{upper}_peak_N", 1.0, "N"),
     "speed": ("speed_{upper}_to_{lower}_m_s", 1.0, "m/s"),
     "wall peak": ("wall_peak_N", 1.0, "N"),
@@ -38,11 +38,13 @@ WATCHED = {
 
 @dataclass(frozen=True)
 class Quote:
-    """A number that the paper quotes from its experiment on a scene.
+    """Number that the paper quotes from its experiment on a scene.
 
     Attributes:
-        value: in ``unit``, which is ``scale`` times that of the observable.
-        about: what its label in figures says before it.
+        words: name of the quantity in sentences.
+        scale: factor from the observable's unit to ``unit``.
+        value: quoted value in ``unit``.
+        about: text before the value in figures.
     """
 
     scene: str
@@ -55,18 +57,18 @@ class Quote:
 
 
 def quotes() -> list[Quote]:
-    """What the paper quotes of the scenes that are watched."""
-    told = quoted()
-    envelope = told.fig5.measured_envelope_per_us
+    """Numbers that the paper quotes of its experiments."""
+    paper = quoted()
+    envelope = paper.fig5.measured_envelope_per_us
     return [
-        Quote("fig4", "bead_9_peak_N", "leading force", "N", 1.0, told.fig4.leading_force_N, "about "),
-        Quote("fig4", "speed_9_to_5_m_s", "speed", "m/s", 1.0, told.fig4.speed_m_s),
+        Quote("fig4", "bead_9_peak_N", "leading force", "N", 1.0, paper.fig4.leading_force_N, "about "),
+        Quote("fig4", "speed_9_to_5_m_s", "speed", "m/s", 1.0, paper.fig4.speed_m_s),
         Quote("fig5", "wall_envelope_per_s", "wall envelope", "per µs", 1e-6, envelope),
     ]
 
 
 def measure(options: Options) -> dict[str, Any]:
-    """All of it; the short study takes few seeds, and only the first scene where all are switched."""
+    """Runs and measures everything; the short study has fewer seeds and only the first scene."""
     asked, runs = read_elements(), options.runs
     seeds = asked.quick_seeds if options.quick else asked.seeds
     scenes = asked.scene[:1] if options.quick else asked.scene
@@ -87,20 +89,20 @@ def measure(options: Options) -> dict[str, Any]:
     jobs[fastest] += [case for each in (*chain.from_iterable(steps.values()), *varied) for case in each.cases]
     done = run_codes({engine: [*dict.fromkeys(cases)] for engine, cases in jobs.items()}, runs)
     found = {(run.case, engine): run for engine, own in done.items() for run in own}
-    shown = {name: [gauge_steps.show(each, fastest, found) for each in own] for name, own in steps.items()}
+    shown = {name: [gauge_steps.read_gauges(each, fastest, found) for each in own] for name, own in steps.items()}
     return {
         "elements": [*switches.measure_effects(pairs, engines, 0 if options.quick else REPEATS, found)],
-        "elements-nothing": switches.nothing_changes(scenes, in_tubes or [VERLET], found),
+        "elements-nothing": switches.omitted_effects(scenes, in_tubes or [VERLET], found),
         "elements-accuracies": [*switches.accuracies_kept(scenes[0].name, engines, runs)],
         "elements-between": switches.compare_codes(scenes, seeds, in_tubes, found),
         "oscilloscope": [number for own in shown.values() for each in own for number in each.numbers],
-        "oscilloscope-ranges": [n for each in varied for n in gauge_steps.show(each, fastest, found).numbers],
+        "oscilloscope-ranges": [n for each in varied for n in gauge_steps.read_gauges(each, fastest, found).numbers],
         **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in shown.items()},
     }
 
 
 def sentences(tables: Tables) -> list[str]:
-    """What was found, each with its numbers; the effects themselves are a table."""
+    """Findings; the effects themselves are in the table."""
     rule = _on_rule(tables["elements-nothing"], tables["elements-accuracies"])
     gaps = (_on_gap(quote, tables["oscilloscope"], tables["oscilloscope-ranges"]) for quote in quotes())
     return [
@@ -112,14 +114,14 @@ def sentences(tables: Tables) -> list[str]:
 
 
 def missed(tables: Tables) -> list[str]:
-    """Where the rule does not hold, or the codes differ where they must not."""
+    """Omitted elements with an effect, missed accuracies, and codes that differ without friction."""
     limit, codes = tolerance("elements", "nothing").limit, tolerance("elements", "codes").limit
     nothing, accuracies, between = tables["elements-nothing"], tables["elements-accuracies"], tables["elements-between"]
     without_friction = between[between["friction"] == switches.WITHOUT_FRICTION].drop_duplicates(["scene", "codes"])
     return [
-        *(f"{row['scene']} on {row['engine']}: what is always left out changes forces by {row['change']:.2g}, allowed"
+        *(f"{row['scene']} on {row['engine']}: omitted elements change forces by {row['change']:.2g}, allowed"
           f" {limit:g}" for _, row in nothing[~(nothing["change"] <= limit)].iterrows()),
-        *(f"accuracy {row['accuracy']} on {row['engine']}: {row['quantity']} is off by {row['error']:.2g}, asked were"
+        *(f"accuracy {row['accuracy']} on {row['engine']}: {row['quantity']} error {row['error']:.2g}, allowed"
           f" {row['asked']:g}" for _, row in accuracies[~(accuracies["error"] <= accuracies["asked"])].iterrows()),
         *(f"{row['scene']} in its tube without friction: {row['codes'].replace(' ', ' and ')} differ by"
           f" {row['before_wall']:.2g} before the wave reaches the wall, allowed {codes:g}"
@@ -132,14 +134,15 @@ def _on_rule(nothing: pd.DataFrame, accuracies: pd.DataFrame) -> list[str]:
     kept = accuracies[accuracies["error"] <= accuracies["asked"]]
     most = accuracies["left_out"].map(lambda names: len(names.split(", ")) if names else 0).max()
     return [
-        "What is always left out of straight chains changes nothing: beads free to move, turn and rub change forces by"
-        f" {nothing['change'].max():.1e} of the largest at most; of {len(nothing)} runs {equal} are equal bit for bit.",
-        f"What an accuracy lets out (up to {most} elements) stays within it: {len(kept)} of {len(accuracies)} runs.",
+        "Straight chains omit lateral motion, rotation and friction: with them forces change by"
+        f" {nothing['change'].max():.1e} of the largest at most (bit-identical runs: {equal} of {len(nothing)}).",
+        f"Runs without the elements that an accuracy omits (up to {most}) keep the accuracy: {len(kept)} of"
+        f" {len(accuracies)} runs.",
     ]
 
 
 def _on_variants(effects: pd.DataFrame) -> Iterator[str]:
-    """How sure an effect is: its spread over seeds, and over what is not known of it."""
+    """Uncertainty of an effect: its spread over seeds and over the variants of the element."""
     variants = {each.name: each.of for each in read_elements().element if each.of}
     peaks = effects[effects["observable"] == "wall peak"].groupby(["scene", "element"], sort=False)
     means = 100 * peaks[["change", "spread"]].mean()  # over the codes
@@ -150,7 +153,7 @@ def _on_variants(effects: pd.DataFrame) -> Iterator[str]:
             change, spread = own.loc[element]
             yield (
                 f"{scene}, {element}: changes the wall peak by {change:+.2g} %, with a spread over seeds of"
-                f" {spread:.1g} %; what is not known of it makes that {', '.join(others)}."
+                f" {spread:.1g} %; variants by {', '.join(others)}."
             )
 
 
@@ -158,26 +161,27 @@ def _on_codes(between: pd.DataFrame) -> Iterator[str]:
     for (scene, friction, codes), rows in between.groupby(["scene", "friction", "codes"], sort=False):
         row = rows.iloc[0]
         if not row["seeds"]:
-            yield f"Codes in the tube against each other: {row['observable']}."
+            yield f"Codes in the tube: {row['observable']}."
             continue
-        parted = "they never differ by a per cent"
+        differ = "never by 1 %"
         if pd.notna(row["earliest_parted_s"]):
             median = f"{row['median_parted_s'] * 1e6:.0f} µs" if pd.notna(row["median_parted_s"]) else "never"
-            parted = f"they part by a per cent from {row['earliest_parted_s'] * 1e6:.0f} µs on (median {median})"
+            differ = f"by 1 % from {row['earliest_parted_s'] * 1e6:.0f} µs on (median {median})"
         wall = rows[rows["observable"] == "wall peak"].iloc[0]
         first, second = (_pm(wall[f"{each}_mean"], wall[f"{each}_spread"]) for each in ("first", "second"))
-        apart = f"{wall['second_mean'] / wall['first_mean'] - 1:+.1e} apart"
-        alike = f"{apart}; equal distributions: p = {wall['same']:.2g}"
+        difference = f"difference {wall['second_mean'] / wall['first_mean'] - 1:+.1e}"
+        remark = f"{difference}; equal distributions: p = {wall['same']:.2g}"
         if max(wall["first_spread"], wall["second_spread"]) < ROUNDING * wall["first_mean"]:  # seeds change nothing
-            alike = f"the same for every seed, {apart}"
+            remark = f"{difference}, the same for every seed"
         yield (
-            f"{scene} {friction}, {codes}, {row['seeds']} seeds: until the wave reaches the wall they differ by"
-            f" at most {row['before_wall']:.1e}; {parted}. Wall peak {first} and {second} N ({alike})."
+            f"{scene} {friction}, {str(codes).replace(' ', ' and ')}, {row['seeds']} seeds: the codes differ by at most"
+            f" {row['before_wall']:.1e} until the wave reaches the wall, {differ}. Wall peak {first} and {second} N"
+            f" ({remark})."
         )
 
 
 def _on_gap(quote: Quote, numbers: pd.DataFrame, ranges: pd.DataFrame) -> Iterator[str]:
-    """How much of the gap between the elastic line and the experiment each step explains."""
+    """Share of the gap between the elastic line and the experiment that each step explains."""
     own, varied = (
         table[(table["scene"] == quote.scene) & (table["observable"] == quote.observable)]
         for table in (numbers, ranges)
@@ -190,13 +194,13 @@ def _on_gap(quote: Quote, numbers: pd.DataFrame, ranges: pd.DataFrame) -> Iterat
     shares = (mean - elastic) / (quote.value - elastic)
     parts = [f"{step} {_pm(mean[step], spread[step])} ({_percent(shares[step])})" for step in ADDED]
     yield (
-        f"{quote.scene}, {quote.words}: elastic line {elastic:.4g} {quote.unit}, experiment {quote.value:g}; of the"
-        f" gap, step by step and all before it included: {', '.join(parts)}."
+        f"{quote.scene}, {quote.words}: elastic line {elastic:.4g} {quote.unit}, experiment {quote.value:g}; with each"
+        f" step added to those before (share of the gap): {', '.join(parts)}."
     )
     for name, rows in varied.groupby("step", sort=False):
         shares = (quote.scale * rows["mean"] - elastic) / (quote.value - elastic)
         values = ", ".join(f"{value}: {_percent(share)}" for value, share in zip(rows["value"], shares, strict=True))
-        yield f"{quote.scene}, {quote.words}: share of the gap for a {name} of {values}."
+        yield f"{quote.scene}, {quote.words}: share of the gap, {name} {values}."
 
 
 def _pm(mean: float, spread: float) -> str:
@@ -204,13 +208,13 @@ def _pm(mean: float, spread: float) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %" if np.isfinite(share) else "not seen"
+    return f"{100 * share:.0f} %" if np.isfinite(share) else "not visible"
 
 
 def figures(tables: Tables) -> dict[str, Picture]:
-    """Effects against cost, and for each scene what its gauges show, which is drawn when it is measured."""
+    """Effects against cost, and for each scene the gauges, drawn while measuring."""
     effects, numbers = tables["elements"], tables["oscilloscope"]
-    words = "what the gauges show, from the elastic line to the gauge's electronics"
+    words = "gauge signals, step by step from the elastic line to the electronics"
     return {"elements": Picture("Effect of each element against its cost", partial(draw_effects, effects))} | {
         f"oscilloscope-{scene}": Picture(f"{scene}: {words}", None, numbers[numbers["scene"] == scene])
         for scene in effects["scene"].unique()
@@ -218,26 +222,26 @@ def figures(tables: Tables) -> dict[str, Picture]:
 
 
 def draw_effects(effects: pd.DataFrame) -> Any:
-    """Largest change of an observable over the scenes against what the element costs, a point for each code."""
+    """Draws the largest change of an observable over the scenes against the cost of the element, a point per code."""
     figure, axis = pyplot().subplots(figsize=(7.0, 4.2))
     worst = effects.assign(size=effects["change"].abs()).groupby(["element", "engine"], sort=False)
     table = worst.agg(size=("size", "max"), cost=("cost_ratio", "median")).reset_index()
     for shape, (element, rows) in zip(SHAPES * 2, table.groupby("element", sort=False), strict=False):
         for _, row in rows.iterrows():
             colour = line_of(row["engine"]).colour
-            axis.plot(max(row["size"], LEAST), row["cost"], shape, ms=6, mfc="none", mec=colour, mew=1.2)
-        axis.plot([], [], shape, ms=6, mfc="none", mec=FAINT, label=element)
+            axis.plot(max(row["size"], MIN_CHANGE), row["cost"], shape, ms=6, mfc="none", mec=colour, mew=1.2)
+        axis.plot([], [], shape, ms=6, mfc="none", mec=GREY, label=element)
     for engine in table["engine"].unique():
         axis.plot([], [], "-", color=line_of(engine).colour, lw=2, label=engine)
-    axis.set(xscale="log", yscale="log", ylabel="time per body and step, with it over without")
+    axis.set(xscale="log", yscale="log", ylabel="time per body and step, with over without the element")
     axis.set_xlabel("largest relative change of speed, peaks, width or arrival, over all scenes")
-    axis.axhline(1.0, color=FAINT, lw=0.6)
+    axis.axhline(1.0, color=GREY, lw=0.6)
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
     return figure
 
 
-def draw_oscilloscope(shown: Sequence[Shown], quotes: Sequence[Quote]) -> Any:
-    """One scene: its gauges against time for all steps, and beside them their numbers with what the paper quotes."""
+def draw_oscilloscope(shown: Sequence[GaugeSignals], quotes: Sequence[Quote]) -> Any:
+    """Draws the gauges of a scene against time for all steps; to the right observables with the paper's values."""
     plt = pyplot()
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.8, len(STEPS)))
     gauges = list(shown[0].signals)
@@ -258,22 +262,22 @@ def draw_oscilloscope(shown: Sequence[Shown], quotes: Sequence[Quote]) -> Any:
         for place, (colour, each) in enumerate(zip(colours, values, strict=True)):
             axis.errorbar(place, each.mean(), yerr=each.std(), fmt="o", ms=4, color=colour, capsize=2)
         for quote in (quote for quote in quotes if (quote.scene, quote.observable) == (shown[0].scene, name)):
-            axis.axhline(quote.value, color=FAINT, lw=0.8, ls="--")
+            axis.axhline(quote.value, color=GREY, lw=0.8, ls="--")
             words, place = f"experiment: {quote.about}{quote.value:g} {quote.unit}", axis.get_yaxis_transform()
-            axis.text(0.02, quote.value, words, transform=place, fontsize=6, color=FAINT, va="bottom")
+            axis.text(0.02, quote.value, words, transform=place, fontsize=6, color=GREY, va="bottom")
         axis.set_ylabel(label)
         axis.margins(x=0.15, y=0.25)
     panels[-1].set_xticks(range(len(shown)), [each.step for each in shown], rotation=35, ha="right", fontsize=7)
     for colour, tick in zip(colours, panels[-1].get_xticklabels(), strict=True):
-        tick.set_color(0.55 * colour[:3])  # words need more contrast than lines
+        tick.set_color(0.55 * colour[:3])  # text needs more contrast than lines
         tick.set_fontweight("bold")
     return figure
 
 
-def _numbers(shown: Sequence[Shown], upper: str, lower: str) -> dict[str, tuple[str, list[Any]]]:
-    """Label and values over the seeds, step by step, of the observables that are watched and seen."""
+def _numbers(shown: Sequence[GaugeSignals], upper: str, lower: str) -> dict[str, tuple[str, list[Any]]]:
+    """Labels and values by step, shape (seeds,), of the drawn observables that the scene shows."""
     found = {}
-    for words, (pattern, scale, unit) in WATCHED.items():
+    for words, (pattern, scale, unit) in DRAWN_OBSERVABLES.items():
         name = pattern.format(upper=upper, lower=lower)
         values = [scale * each.values[name] for each in shown]
         if any(np.isfinite(each.mean()) for each in values):
@@ -282,7 +286,7 @@ def _numbers(shown: Sequence[Shown], upper: str, lower: str) -> dict[str, tuple[
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """Effects by scene, and whether it is the short study."""
+    """Effects by scene; True for the short study."""
     effects = tables["elements"]
     names = list(effects["observable"].unique())
     return {
@@ -310,11 +314,11 @@ def _cell(change: float, spread: float) -> str:
 
 STUDY = Study(
     name="elements",
-    title="what each element adds",
+    title="effects of elements",
     tables={
         "elements": switches.Effect,
-        "elements-nothing": switches.Nothing,
-        "elements-accuracies": switches.Asked,
+        "elements-nothing": switches.Omitted,
+        "elements-accuracies": switches.KeptAccuracy,
         "elements-between": switches.Between,
         "oscilloscope": gauge_steps.Number,
         "oscilloscope-ranges": gauge_steps.Number,

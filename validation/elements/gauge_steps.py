@@ -1,4 +1,4 @@
-"""What gauges would have shown: from the elastic line to the gauge of the experiment, step by step."""
+"""Gauge signals, step by step from the elastic line to the experiment: tube, friction, restitution, electronics."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from validation.elements.switches import FRICTIONLESS, Found, Side, Subject, see
 
 RESTITUTION = "contact.restitution=0.9"
 GAUGE = "sensor.time_constant=1 ms"  # RC of about 1e3 us, as the paper has it
-# each step has all that those before it have
+# each step includes the steps before
 STEPS = {
     "elastic line": Side(),
     "tube": Side(tube=True, set=FRICTIONLESS),
@@ -20,7 +20,7 @@ STEPS = {
     "restitution 0.9": Side(tube=True, set=(RESTITUTION,)),
     "gauge of 1 ms": Side(tube=True, set=(RESTITUTION, GAUGE)),
 }
-# one parameter at a time, over the range in which it is known
+# by parameter: its step, its settings, values over the known range
 RANGES = {
     "friction": ("friction 0.05", ("tube.friction={0}", "contact.friction={0}"), (0.0, 0.04, 0.1)),
     "restitution": ("restitution 0.9", ("contact.restitution={0}",), (1.0, 0.95, 0.9, 0.8, 0.7)),
@@ -29,7 +29,7 @@ RANGES = {
 
 @dataclass(frozen=True)
 class Number:
-    """One observable after one step, or at one value of a parameter: mean and spread over the seeds."""
+    """One observable after one step, or at one value of a parameter; mean and standard deviation over the seeds."""
 
     scene: str
     step: str
@@ -42,7 +42,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Variant:
-    """A scene after one step, or at one value of a parameter; a case for each seed."""
+    """A scene after one step, or at one value of a parameter; one case per seed."""
 
     scene: str
     step: str
@@ -51,12 +51,12 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class Shown:
-    """What gauges show after one step, or at one value of a parameter, over the seeds.
+class GaugeSignals:
+    """Signals and observables after one step, or at one value of a parameter.
 
     Attributes:
-        signals: by gauge, shape (seeds, samples).
-        values: observables, shape (seeds,).
+        signals: forces by gauge in N, shape (seeds, samples).
+        values: observables by name, shape (seeds,).
     """
 
     scene: str
@@ -68,29 +68,29 @@ class Shown:
 
     @property
     def numbers(self) -> Iterator[Number]:
-        """Its observables as rows."""
+        """The observables as rows."""
         for name, values in self.values.items():
             yield Number(self.scene, self.step, self.value, name, *spread_of(values), len(values))
 
 
 def add_steps(subject: Subject, seeds: int) -> Iterator[Variant]:
-    """All steps of a scene; the elastic line is the same for every seed."""
+    """Variants of a scene, one per step; the elastic line does not depend on the seed."""
     for step, side in STEPS.items():
         yield Variant(subject.name, step, "", seeded(subject, side, seeds if side.tube else 1))
 
 
 def vary(subject: Subject, seeds: int) -> Iterator[Variant]:
-    """One parameter at a time over its range."""
+    """Variants of a scene, one per value of each parameter."""
     for name, (step, settings, values) in RANGES.items():
         for value in values:
             cases = seeded(subject, STEPS[step], seeds, *(setting.format(value) for setting in settings))
             yield Variant(subject.name, name, f"{value:g}", cases)
 
 
-def show(variant: Variant, engine: str, found: Found) -> Shown:
-    """What gauges show of it on one code."""
+def read_gauges(variant: Variant, engine: str, found: Found) -> GaugeSignals:
+    """Signals and observables of a variant on one code."""
     done = [found[case, engine] for case in variant.cases]
     shown = [sensor_signals(run.case.layout, run.trace) for run in done]
     signals = {name: np.array([each[name] for each in shown]) for name in shown[0]}
     values = {name: np.array([run.values[name] for run in done]) for name in done[0].values}
-    return Shown(variant.scene, variant.step, variant.value, done[0].case.sample_times_s, signals, values)
+    return GaugeSignals(variant.scene, variant.step, variant.value, done[0].case.sample_times_s, signals, values)

@@ -1,9 +1,9 @@
-"""What elements change, cost and would have shown, and whether the rule that leaves them out holds.
+"""Switches of elements: effects and costs, omitted elements, and the codes in the tube.
 
-Both sides of every switch of ``inputs/elements.toml`` are run on the codes, then all steps from the elastic line to
-tube, friction, restitution and gauge. What is always left out must change nothing: a straight chain is run once more
-with beads free to move sideways, in a tube, with friction. What an accuracy allows to be left out must change nothing
-that was asked for by more than that. In the tube codes are compared seed by seed until they part, and as distributions.
+Every scene runs with and without each element of ``inputs/elements.toml`` on the codes. Elements that straight chains
+always omit must change nothing: such a chain runs again with lateral freedom, tube and friction. Elements that an
+accuracy omits must not cost more than this accuracy. In the tube the codes are compared seed by seed and as
+distributions.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -27,26 +27,26 @@ from drivers.run.run import run_all_done
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.simulate import Simulation, case_of
-from postproc.read.residual import apart, residual
+from postproc.read.residual import largest_residual, residual
 from validation.accuracy.assess import assess
 from validation.accuracy.plan import planned_case
 from validation.served_runs import serve, serving
 
-SCATTER = "scatter"  # in a setting: the scene's own
+SCATTER = "scatter"  # in a setting: replaced by the scene's value
 Found = Mapping[tuple[Case, str], Simulation]  # all runs of the study, by case and engine
 
 
 class Side(Part):
-    """A scene with or without an element; ``tube``: its twin in a tube, with ``set`` laid over it."""
+    """Settings of a scene with or without an element; ``tube``: the scene in a tube, with the settings ``set``."""
 
     tube: bool = False
     set: tuple[str, ...] = Field(default=(), strict=False)
 
 
 class Element(Part):
-    """What is switched; ``random`` draws are repeated for every seed, ``only`` names the scenes that have it.
+    """A switched element; ``random``: repeated for every seed; ``only``: names of the scenes that have it.
 
-    One that is ``of`` another is the same as somebody else may have it: together they tell how sure the effect is.
+    ``of`` names the element of which this is a variant: variants show how uncertain its effect is.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Element(Part):
 
 
 class Subject(Part):
-    """A scene, its twin in a tube being named after it; ``gauges`` are its sensors, ``scatter`` that of its masses."""
+    """A scene with its sensors and the scatter of its masses; in a tube the scene is ``NAME-tube``."""
 
     name: str
     scatter: str
@@ -66,7 +66,7 @@ class Subject(Part):
 
 
 class Elements(Part):
-    """The whole file."""
+    """The file ``inputs/elements.toml``."""
 
     seeds: int
     quick_seeds: int
@@ -76,17 +76,17 @@ class Elements(Part):
 
 FRICTIONLESS = ("contact.friction=0", "tube.friction=0")
 STRAIGHT = Side(tube=True, set=("chain.lateral_offset=0 um",))
-# what to ask for, so that something may be left out of a scene with all that can be
-ASKED = (
+# accuracies that omit some elements of a scene with the settings OMISSIBLE
+ACCURACIES = (
     "{ wall_peak = 1e-1 }",
     "{ wall_peak = 3e-2 }",
     "{ wall_peak = 1e-2, speed_9_to_5 = 1e-2 }",
     "{ wall_peak = 1e-3 }",
     "1e-2",
 )
-ALL = ("chain.mass_scatter=0.0008 g", "contact.restitution=0.995", "chain.precompression=1 mN")
+OMISSIBLE = ("chain.mass_scatter=0.0008 g", "contact.restitution=0.995", "chain.precompression=1 mN")
 
-PARTED = 1e-2  # of the largest change
+DIFFERENCE_LEVEL = 1e-2  # of the largest change
 WITHOUT_FRICTION = "without friction"
 TUBES = {
     WITHOUT_FRICTION: Side(tube=True, set=FRICTIONLESS),
@@ -97,7 +97,7 @@ TUBES = {
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """The two sides of a switch, without the element and with it, for one seed."""
+    """Cases without and with an element, for one seed."""
 
     scene: str
     element: str
@@ -106,12 +106,13 @@ class Pair:
 
 @dataclass(frozen=True)
 class Effect:
-    """What an element changes of one observable on one code.
+    """Effect of an element on one observable, on one code.
 
     Attributes:
-        without, with_: means over the seeds.
-        change: mean of the relative changes, seed by seed; ``spread`` their standard deviation, NaN for a single run.
-        cost_ns: of the engine's loop with it on the first scene, per body and step; ``cost_ratio`` over that without.
+        without, with_: means over the seeds without and with the element.
+        change, spread: mean and standard deviation of the relative changes of the seeds; NaN spread for a single run.
+        cost_ns: loop time with the element per body and step, on the first scene.
+        cost_ratio: loop time with the element over loop time without.
     """
 
     scene: str
@@ -128,12 +129,12 @@ class Effect:
 
 
 def read_elements() -> Elements:
-    """The elements to switch."""
+    """Reads ``inputs/elements.toml``."""
     return validate(Elements, read_toml(paths.ELEMENTS), paths.shown(paths.ELEMENTS))
 
 
 def pairs_of(elements: Elements, seeds: int) -> list[Pair]:
-    """All switches of all scenes, random ones for the seeds from 1 on."""
+    """Pairs of cases for all elements, scenes and seeds; seeds count from 1."""
     return [
         Pair(subject.name, switch.name, tuple(case_on(subject, side, seed) for side in (switch.without, switch.with_)))
         for subject in elements.scene
@@ -145,19 +146,19 @@ def pairs_of(elements: Elements, seeds: int) -> list[Pair]:
 
 @cache
 def case_on(subject: Subject, side: Side, seed: int, *more: str) -> Case:
-    """One side of a switch."""
+    """Case of a scene with the settings of one side."""
     settings = [setting.replace(f"={SCATTER}", f"={subject.scatter}") for setting in side.set]
     source = f"{subject.name}-tube" if side.tube else subject.name
     return case_of(source, f"chain.sensors={subject.gauges}", f"seed={seed}", *settings, *more)
 
 
 def seeded(subject: Subject, side: Side, seeds: int, *more: str) -> list[Case]:
-    """One side of a switch for the seeds from 1 on."""
+    """Cases of one side, for the seeds from 1 to ``seeds``."""
     return [case_on(subject, side, seed, *more) for seed in range(1, seeds + 1)]
 
 
 def observables_of(case: Case) -> dict[str, str]:
-    """What is looked at, by a word for it: speed, peak and width at the gauges, peak and arrival at the wall."""
+    """Compared observables by label: speed, peak and width at the gauges, peak and arrival at the wall."""
     upper, lower = (sensor.from_wall for sensor in case.layout.sensors)
     return {
         "speed": f"speed_{upper}_to_{lower}_m_s",
@@ -169,12 +170,12 @@ def observables_of(case: Case) -> dict[str, str]:
 
 
 def spread_of(values: Array) -> tuple[float, float]:
-    """Mean and standard deviation over the seeds; that of a single one is NaN."""
+    """Mean and standard deviation over the seeds; NaN for the deviation of a single seed."""
     return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else nan
 
 
 def measure_effects(pairs: Sequence[Pair], engines: Iterable[str], repeats: int, found: Found) -> Iterator[Effect]:
-    """Effects of all switches on all codes, but for those that a code cannot take."""
+    """Effects of all elements on all codes that can model them."""
     for engine in engines:
         own = taken_by(engine, pairs)
         costs = _costs([pair for pair in own if pair.scene == pairs[0].scene], engine, repeats, found)
@@ -191,14 +192,14 @@ def measure_effects(pairs: Sequence[Pair], engines: Iterable[str], repeats: int,
 
 
 def taken_by(engine: str, pairs: Iterable[Pair]) -> list[Pair]:
-    """The switches of which an engine can take both sides."""
+    """Pairs that an engine can run on both sides."""
     return [pair for pair in pairs if not any(inability(case, engine) for case in pair.cases)]
 
 
 def _costs(pairs: Sequence[Pair], engine: str, repeats: int, found: Found) -> dict[str, tuple[float, ...]]:
-    """Nanoseconds per body and step without and with each element: the least of all seeds, and of some repetitions.
+    """Loop time in ns per body and step without and with each element: the least of all seeds and repetitions.
 
-    The runs have been made side by side; the first seed's are repeated one after the other.
+    The runs of the study are parallel; the repetitions, of the first seed, run one after the other.
     """
     loops_s = {case: found[case, engine].loop_s for pair in pairs for case in pair.cases}
     repeated = {case for pair in {pair.element: pair for pair in reversed(pairs)}.values() for case in pair.cases}
@@ -214,8 +215,8 @@ def _costs(pairs: Sequence[Pair], engine: str, repeats: int, found: Found) -> di
 
 
 @dataclass(frozen=True)
-class Nothing:
-    """What beads free to move sideways change of a straight chain, of the largest change of force."""
+class Omitted:
+    """Effect of the always omitted elements on a straight chain, over the largest change of force."""
 
     scene: str
     engine: str
@@ -223,13 +224,14 @@ class Nothing:
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What an accuracy lets out, and what the run then missed of it.
+class KeptAccuracy:
+    """Elements that an accuracy omits, and the error of the run.
 
     Attributes:
-        left_out: names of elements.
-        quantity: of those asked for, the one that errs by the largest share of its accuracy.
-        error: its error against the exact motion of the whole scene.
+        left_out: names of the omitted elements.
+        quantity: the quantity whose error is the largest share of its accuracy.
+        asked: accuracy of this quantity.
+        error: error of this quantity against the exact motion of the scene with all elements.
     """
 
     accuracy: str
@@ -243,13 +245,13 @@ class Asked:
 
 @dataclass(frozen=True)
 class Between:
-    """Two codes on a scene in its tube; a single row without seeds, which says why, where no two model tubes.
+    """Two codes on a scene in the tube; one row without seeds if fewer than two codes model tubes.
 
     Attributes:
-        before_wall: largest force difference until the wave reaches the wall, over the largest change; the worst seed.
-        parted_s: when the difference first passes a per cent: the earliest seed, and the median; NaN: never.
-        means, spreads: of the observable, by code.
-        same: probability of samples so different from one distribution (Kolmogorov and Smirnov).
+        before_wall: largest force difference until the wave reaches the wall, over the largest change, of all seeds.
+        earliest_parted_s, median_parted_s: time at which the difference passes 1 %, over the seeds; NaN if never.
+        first_mean, first_spread, second_mean, second_spread: of the observable, by code.
+        same: probability that equal distributions give so different samples (Kolmogorov and Smirnov).
     """
 
     scene: str
@@ -268,39 +270,39 @@ class Between:
 
 
 def straight(subject: Subject) -> list[Case]:
-    """The scene as it is, and with what is always left out put in."""
+    """The scene as it is, and with the elements that straight chains always omit."""
     return [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
 
 
-def nothing_changes(subjects: Iterable[Subject], engines: Iterable[str], found: Found) -> Iterator[Nothing]:
-    """What is always left out, put in."""
+def omitted_effects(subjects: Iterable[Subject], engines: Iterable[str], found: Found) -> Iterator[Omitted]:
+    """Effects of the elements that straight chains always omit."""
     for engine, subject in product(engines, subjects):
         one, other = (found[case, engine].trace for case in straight(subject))
-        yield Nothing(subject.name, engine, float(residual(other, one).max()))
+        yield Omitted(subject.name, engine, float(residual(other, one).max()))
 
 
-def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[Asked]:
-    """What several accuracies let out of a scene that has everything, and what runs then miss of them."""
-    for accuracy in following(ASKED, "accuracies asked for", len(ASKED)):
-        case = planned_case(scene, *ALL, "run.time_step=", f"run.accuracy={accuracy}")
+def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[KeptAccuracy]:
+    """Omitted elements and errors of runs, for several accuracies of a scene with all elements."""
+    for accuracy in following(ACCURACIES, "accuracies", len(ACCURACIES)):
+        case = planned_case(scene, *OMISSIBLE, "run.time_step=", f"run.accuracy={accuracy}")
         jobs = [(case, engine) for engine in engines]
         for (_, engine), ended in zip(jobs, run_all_done(jobs, runs), strict=True):
             kept = assess(ended, case).record.accuracy
             assert kept is not None
             worst = max(kept, key=lambda name: kept[name]["measured"] / kept[name]["asked"])
-            lets_out = (each for each in case.elements if not each.modelled and each.reason.startswith("left out"))
-            names = ", ".join(each.name for each in lets_out)
+            omitted = (each for each in case.elements if not each.modelled and each.reason.startswith("left out"))
+            names = ", ".join(each.name for each in omitted)
             step = case.scene.time_step_s
-            yield Asked(accuracy, engine, names, step, worst, kept[worst]["asked"], kept[worst]["measured"])
+            yield KeptAccuracy(accuracy, engine, names, step, worst, kept[worst]["asked"], kept[worst]["measured"])
 
 
 def in_tube(subject: Subject, seeds: int) -> dict[str, list[Case]]:
-    """The scene in its tube, by the friction there."""
+    """Cases of the scene in the tube, by friction."""
     return {friction: seeded(subject, side, seeds) for friction, side in TUBES.items()}
 
 
 def compare_codes(subjects: Iterable[Subject], seeds: int, codes: Sequence[str], found: Found) -> Iterator[Between]:
-    """Every two of the codes, which model tubes, on all scenes in theirs."""
+    """Comparison of every two codes on all scenes in the tube."""
     if len(codes) < 2:
         yield Between("any", "any", " ".join(codes), 0)
         return
@@ -314,7 +316,7 @@ def compare_codes(subjects: Iterable[Subject], seeds: int, codes: Sequence[str],
 def _compared(scene: str, friction: str, first: list[Simulation], second: list[Simulation]) -> Iterator[Between]:
     pairs = [(one.trace, other.trace, one.values["wall_arrival_s"]) for one, other in zip(first, second, strict=True)]
     before = max(float(residual(other, one)[one.time_s < arrival_s].max()) for one, other, arrival_s in pairs)
-    parted = np.nan_to_num([apart(other, one, PARTED)[1] for one, other, _ in pairs], nan=np.inf)
+    parted = np.nan_to_num([largest_residual(other, one, DIFFERENCE_LEVEL)[1] for one, other, _ in pairs], nan=np.inf)
     earliest, median = (float(value) if np.isfinite(value) else nan for value in (parted.min(), np.median(parted)))
     for word, name in observables_of(first[0].case).items():
         one, other = (np.array([run.values[name] for run in runs]) for runs in (first, second))

@@ -1,1 +1,1 @@
-"""Cases beyond the paper, judged by numbers that no engine here has made: published ones, closed forms, exact waves."""
+"""Cases beyond the paper, judged by published numbers, closed forms and exact waves, independent of all engines."""

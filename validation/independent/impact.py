@@ -22,14 +22,14 @@ DURATION = 2 * sqrt(pi) * gamma(7 / 5) / gamma(9 / 10)  # in d_max / v: 2.94328
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
-    """Force from the contact, overlap and speeds from the state."""
-    contact = case.chain.bodies - 1  # the topmost
+    """Peak force, peak overlap, restitution, and for elastic bodies the duration."""
+    contact = case.chain.bodies - 1  # the top contact
     force = trace.force_N[:, contact]
     closed = np.flatnonzero(force > 0)
     if closed.size < 4 or closed[0] == 0 or closed[-1] == len(force) - 1:
-        raise ValueError("the bodies do not meet and part within run.duration")
+        raise ValueError("the bodies do not meet and separate within run.duration")
     if trace.height_m is None or trace.velocity_m_s is None:
-        raise ValueError("no state was kept: run.record needs it")
+        raise ValueError("no state recorded; set run.record to forces and state")
     overlap = overlaps(case.chain, trace.height_m)[:, contact]
     strongest, deepest = first_peak(trace.time_s, force), first_peak(trace.time_s, overlap)
     if strongest is None or deepest is None:
@@ -42,10 +42,9 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
 
 
 def _duration(time_s: Array, force_N: Array) -> float:
-    """Time from closing to opening, finer than samples: ``F^(2/3)`` goes with the overlap, which is linear at both.
+    """Time from closing to opening, by linear extrapolation of ``F^(2/3)``, which is proportional to the overlap.
 
-    Its next term is the overlap to the power 7/2, so that a sample taken 1/400 of the impact after the closing is
-    linear to 1e-8 of it.
+    The next term of the overlap is of power 7/2 in time: 1/400 of the impact after closing it is linear to 1e-8.
     """
     overlap = np.cbrt(np.maximum(force_N, 0.0)) ** 2
     closed = np.flatnonzero(overlap)
@@ -58,10 +57,10 @@ def _duration(time_s: Array, force_N: Array) -> float:
 
 
 def theory(case: Case) -> dict[str, float]:
-    """Hertz's closed form for elastic bodies; the restitution that the scene asks for."""
+    """Hertz's closed form for elastic bodies; the scene's restitution."""
     chain, contact = case.chain, case.chain.bodies - 1
     if np.count_nonzero(chain.stiffness) != 1 or chain.load_N.any():
-        raise ValueError("more than two bodies and one contact without loads")
+        raise ValueError("a case with loads or with more than one contact")
     if chain.damping_ratio:
         return {"restitution": restitution(chain.damping_ratio)}
     speed = _closing(chain.velocity_m_s, contact)
@@ -76,7 +75,7 @@ def theory(case: Case) -> dict[str, float]:
 
 
 def _closing(velocity_m_s: Array, contact: int) -> float:
-    """Speed at which the bodies at a contact come together, negative when they part."""
+    """Closing speed of the bodies at a contact, negative when they separate."""
     below = float(velocity_m_s[contact - 1]) if contact else 0.0
     return below - float(velocity_m_s[contact])
 
@@ -85,6 +84,6 @@ QUANTITIES = {
     "peak_force_N": "largest contact force",
     "peak_overlap_m": "largest overlap, from the bodies' heights",
     "duration_s": "time from closing to opening of the contact",
-    "restitution": "speed of parting over speed of meeting",
+    "restitution": "separation speed over impact speed",
 }
 SOURCE = "Hertz's impact in closed form (Johnson, Contact Mechanics, 11.4)"

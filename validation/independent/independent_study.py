@@ -1,4 +1,4 @@
-"""Cases beyond the paper: run, judged, told."""
+"""The study of independent cases: runs, verdicts, report."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
@@ -25,19 +25,21 @@ from validation.compare.verdict import FAIL, NOT_RUN, PASS, RUN, Verdict, pass_o
 from validation.independent.posed_cases import MEASURES, Check, Posed, pose, read_independent, unit_of
 from validation.studies import Options, Study, Tables, rows_in
 
-HERE: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, "verlet": verlet_of}
+IN_REPO: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, "verlet": verlet_of}
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line of the table: one number of one engine.
+    """Row of the table: one number of one engine.
 
     Attributes:
-        id, title: of the independent case; ``label`` is its case's of a study.
-        quantity: ``run`` where there are no numbers; then ``why`` says why.
-        against: ``quoted`` or ``theory``; ``source`` says whose.
-        error: relative, unless ``error_is`` says absolute; ``within``: what is allowed of it, and ``reason`` why.
-        wall_s: of the run.
+        id, title: id and title of the independent case.
+        label: settings of the case if the independent case is a study; else empty.
+        quantity: ``run`` if the engine has no numbers, with the reason in ``why``.
+        against: ``quoted`` or ``theory``, with its ``source``.
+        error: error, ``relative`` or ``absolute`` as in ``error_is``.
+        within, reason: tolerance of the error and its reason.
+        wall_s: wall time of the run in s.
     """
 
     id: str
@@ -60,10 +62,10 @@ class Line:
 
 
 def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[Line]:
-    """Runs what is not done, the codes side by side, and judges every number by every engine.
+    """Runs the cases, codes in parallel and finished runs reused, and judges every number of every engine.
 
     Raises:
-        InputError: the file, a scene or a study is wrong, or a scene cannot end well.
+        InputError: the file, a scene or a study is wrong, or a guard refuses a scene.
     """
     posed = [one for entry in read_independent(path) for one in pose(entry, path)]
     absent, jobs = {}, {}
@@ -73,9 +75,9 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
             absent[key] = NOT_INSTALLED
         elif (cannot := inability(one.case, engine)) is not None:
             absent[key] = f"{REFUSED}: {cannot}"
-        elif engine not in HERE:
+        elif engine not in IN_REPO:
             jobs[key] = (one.case, engine)
-    # of equal decks the last is run: one that keeps its state serves the others too
+    # the last of equal decks is run: those that keep the state come last
     order = sorted(jobs, key=lambda key: "state" in jobs[key][0].scene.run.record)
     refuse_all([jobs[key] for key in order])
     ended = dict(zip(order, run_many([jobs[key] for key in order], runs), strict=True))
@@ -96,15 +98,15 @@ def _judged(one: Posed, engine: str, ended: EndedRun | None) -> list[Line]:
     if ended is not None and not ended.done:
         return [_without(one, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")]
     try:
-        trace = HERE[engine](one.case) if ended is None else trace_of(one.case, ended.folder)
+        trace = IN_REPO[engine](one.case) if ended is None else trace_of(one.case, ended.folder)
         found = MEASURES[one.entry.measure].measure(one.case, trace)
-    except (ValueError, ArithmeticError, IndexError) as error:  # what the run does not show
+    except (ValueError, ArithmeticError, IndexError) as error:  # the run does not show the quantities
         return [_without(one, engine, FAIL, str(error))]
     return [_line(one, engine, check, found.get(check.quantity, nan)) for check in one.entry.check]
 
 
 def trace_of(case: Case, folder: Path) -> Trace:
-    """The trace of a finished run, with the state where the scene asks for it.
+    """Trace of a finished run, with the state if the scene records it.
 
     Raises:
         InputError: a file is missing or damaged.
@@ -133,20 +135,20 @@ def _line(one: Posed, engine: str, check: Check, found: float) -> Line:
         error_is="relative" if check.within is not None else "absolute",
         within=check.limit,
         verdict=pass_or_fail(error, check.limit),
-        why="" if found == found else "the run does not show it",
+        why="" if found == found else "not visible in the run",
         reason=check.reason,
         source=MEASURES[one.entry.measure].SOURCE if check.expected is None else one.entry.source,
     )
 
 
 def _without(one: Posed, engine: str, verdict: str, why: str) -> Line:
-    entry, reason = one.entry, "a run has to be done and to show what is asked"
+    entry, reason = one.entry, "a run has to finish and to show the quantities"
     names = (entry.id, entry.title, one.label, engine, RUN, "", "")
     return Line(*names, nan, nan, nan, "", nan, verdict, why, reason, entry.source)
 
 
 def verdict_of(line: Line) -> Verdict:
-    """The line as a verdict: the scene is the case's id, what is found and expected stands in ``where``."""
+    """The row as a verdict: the scene is the id of the case, ``where`` holds the found and the expected value."""
     if line.quantity == RUN:
         quantity, where = RUN, line.why
     else:
@@ -159,9 +161,9 @@ def verdict_of(line: Line) -> Verdict:
 
 
 def rows_of(lines: Iterable[Line]) -> list[dict[str, Line]]:
-    """A row for each number of each case: its lines by engine.
+    """One row per number and case: lines by engine.
 
-    An engine without numbers has the line that says why in each row of its case; if none has any, it is the only row.
+    An engine without numbers has its ``run`` line in each row of the case; if no engine has numbers, there is one row.
     """
     rows: dict[tuple[str, ...], dict[str, Line]] = {}
     for line in sorted(lines, key=lambda each: each.quantity == RUN):
@@ -173,7 +175,7 @@ def rows_of(lines: Iterable[Line]) -> list[dict[str, Line]]:
 
 
 def measure(options: Options) -> dict[str, list[Line]]:
-    """Lines of all cases.
+    """Judges all cases.
 
     Raises:
         InputError: the file, a scene or a study is wrong.
@@ -182,25 +184,25 @@ def measure(options: Options) -> dict[str, list[Line]]:
 
 
 def sentences(tables: Tables) -> list[str]:
-    """The lines for a terminal, and how many there are of each verdict."""
+    """Lines for a terminal, and counts of the verdicts."""
     lines = rows_in(tables["independent"], Line)
     counts = Counter(line.verdict for line in lines)
-    return [*for_terminal(lines), f"{counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"]
+    return [*budget_lines(lines), f"{counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"]
 
 
 def missed(tables: Tables) -> list[str]:
-    """Numbers that are off by more than is allowed, and runs that failed."""
+    """Numbers with errors beyond their tolerance, and failed runs."""
     said = []
     for line in rows_in(tables["independent"], Line):
         if line.verdict == FAIL:
             each = verdict_of(line)
-            off = "" if line.quantity == RUN else f"off by {line.error:.3g}, allowed {line.within:g}: "
+            off = "" if line.quantity == RUN else f"error {line.error:.3g}, allowed {line.within:g}: "
             said.append(f"{line.id}: {line.engine}: {each.quantity}: {off}{each.where}")
     return said
 
 
-def for_terminal(lines: list[Line]) -> list[str]:
-    """The lines for a terminal: a row for each number, with the error of each engine."""
+def budget_lines(lines: list[Line]) -> list[str]:
+    """Lines for a terminal: a row for each number, with the error of each engine."""
     engines = list(dict.fromkeys(line.engine for line in lines))
     text = [f"{'case':<24} {'quantity':<34} {'expected':>12} {'allowed':>8} " + " ".join(f"{e:>9}" for e in engines)]
     last = ("", "")
@@ -217,32 +219,33 @@ def for_terminal(lines: list[Line]) -> list[str]:
 
 
 def lines_in(tables: Tables) -> list[Line]:
-    """The lines of the shipped cases.
+    """Rows of the shipped cases.
 
     Raises:
-        InputError: the table is of other cases, or has a verdict that its numbers do not make.
+        InputError: the table holds other cases, or a verdict that disagrees with its numbers.
     """
-    lines, allowed = rows_in(tables["independent"], Line), "what make independent writes"
+    lines = rows_in(tables["independent"], Line)
     if list(dict.fromkeys(line.id for line in lines)) != [entry.id for entry in read_independent()]:
-        raise InputError("independent.csv", "id", f"not the cases of {paths.shown(paths.INDEPENDENT)}", allowed)
+        found = f"other cases than in {paths.shown(paths.INDEPENDENT)}; run make independent"
+        raise InputError("independent.csv", "id", found)
     for line in lines:
-        # the verdict that the numbers make; of what was not measured the one it has, unless that is a pass
+        # verdict by the numbers; without numbers the given one, unless it is a pass
         verdict = line.verdict if line.verdict == NOT_RUN else FAIL
         if isfinite(line.error) and isfinite(line.within) and isfinite(line.found):
             verdict = PASS if line.error <= line.within else FAIL
         if line.verdict != verdict:
-            found = f"{line.verdict} of {line.id} on {line.engine}, off by {line.error:g} of {line.within:g}"
-            raise InputError("independent.csv", "verdict", found, allowed)
+            found = f"{line.verdict} of {line.id} on {line.engine} with error {line.error:g}, tolerance {line.within:g}"
+            raise InputError("independent.csv", "verdict", found, f"{verdict}; run make independent")
     return lines
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """``cases`` with their rows and counts of verdicts, ``engines``, ``verdicts``."""
+    """``cases`` with rows and counts of verdicts, ``engines``, ``verdicts``."""
     lines, cases = lines_in(tables), []
     for entry in read_independent():
         own = [line for line in lines if line.id == entry.id]
         rows = rows_of(own)
-        first = [min(row.values(), key=lambda line: line.quantity == RUN) for row in rows]  # with a number, if any has
+        first = [min(row.values(), key=lambda line: line.quantity == RUN) for row in rows]  # prefer numbers
         words = MEASURES[entry.measure].QUANTITIES | {RUN: "the run"}
         cases.append({
             "entry": entry,
@@ -261,6 +264,4 @@ def section(tables: Tables) -> dict[str, Any]:
     }
 
 
-STUDY = Study(
-    "independent", "cases beyond the paper", {"independent": Line}, measure, sentences, section, missed=missed
-)
+STUDY = Study("independent", "independent cases", {"independent": Line}, measure, sentences, section, missed=missed)

@@ -1,8 +1,8 @@
-"""The linear limit: a long chain held by a force F_0, its top bead given a small speed v at time 0.
+"""The linear limit: a long chain under a force F_0, whose top bead has a small speed v at time 0.
 
-Small motions see springs ``K = (3/2) k^(2/3) F_0^(1/3)``. No frequency above ``omega_c = 2 sqrt(K/m)`` travels, and
-long waves travel at ``c = 2 R sqrt(K/m)`` (Nesterenko, Dynamics of Heterogeneous Materials, chapter 1). Until the far
-end answers, contact n below the top carries
+For small motions contacts are springs ``K = (3/2) k^(2/3) F_0^(1/3)``. No frequency above ``omega_c = 2 sqrt(K/m)``
+propagates, and long waves travel at ``c = 2 R sqrt(K/m)`` (Nesterenko, Dynamics of Heterogeneous Materials, chapter 1).
+Until the reflection from the far end arrives, the force in contact n below the top is
 
     F_n - F_0 = v sqrt(K m) 4 n J_2n(tau) / tau,   tau = omega_c t
 
@@ -23,17 +23,17 @@ from drivers.chain.contact_law import contact_stiffness_at
 from drivers.chain.trace import Trace
 from postproc.read.signals import first_peak
 
-UPPER_CONTACT, LOWER_CONTACT = 5, 30  # contacts below the top, between which the front is timed
-LAST_TAU = 70.0  # of the top contact's record: some twenty periods
-ECHO = 4  # in tau, per bead of the chain: from the top to the wall and back, at the speed of long waves
+UPPER_CONTACT, LOWER_CONTACT = 5, 30  # contacts below the top between which the front is timed
+LAST_TAU = 70.0  # end of the top contact's record: some twenty periods
+ECHO_TAU = 4  # per bead: time of a long wave to the wall and back
 
 
 @dataclass(frozen=True)
 class Fit:
-    """``J_m(tau) / tau`` with ``tau = rate t`` through a record; ``amplitude_N`` is the height of its first maximum.
+    """Fit of ``J_m(tau) / tau`` with ``tau = rate t`` to a record; ``amplitude_N`` is the height of the first maximum.
 
     Attributes:
-        misfit: root mean square of what is left, over the amplitude.
+        misfit: root mean square of the residual, over the amplitude.
     """
 
     rate_per_s: float
@@ -42,37 +42,37 @@ class Fit:
 
 
 def response(order: int, tau: Array) -> Array:
-    """``J_m(tau) / tau``, which is 0 at 0 for the orders above 1 that occur. Shape as ``tau``."""
+    """``J_m(tau) / tau`` for orders above 1; 0 at ``tau = 0``. Shape as ``tau``."""
     safe = np.where(tau > 0, tau, 1.0)
     return np.asarray(np.where(tau > 0, jv(order, safe) / safe, 0.0))
 
 
 def first_maximum(order: int) -> float:
-    """Where ``J_m(tau) / tau`` has its first maximum: ``tau J_m' = J_m``."""
+    """Place tau of the first maximum of ``J_m(tau) / tau``: ``tau J_m' = J_m``."""
     ends = 0.9 * order, jn_zeros(order, 1)[0]
     return float(brentq(lambda tau: tau * jvp(order, tau) - jv(order, tau), *ends, xtol=1e-13))
 
 
 def fit(time_s: Array, force_N: Array, order: int, last_tau: float) -> Fit:
-    """The response fitted to a dynamic force by least squares, its time scale and amplitude free.
+    """Fits the response to a dynamic force by least squares; time scale and amplitude are free.
 
-    It starts from the record's own first maximum; nothing of the chain enters.
+    The fit starts from the first maximum of the record and uses no property of the chain.
 
     Args:
         time_s: shape (samples,).
-        force_N: above its static value. Shape (samples,).
-        order: m, twice the contact's place below the top.
-        last_tau: where the fit ends.
+        force_N: force above the static value. Shape (samples,).
+        order: m, twice the number of the contact below the top.
+        last_tau: end of the fit.
 
     Raises:
-        ValueError: there is no maximum, or the record ends before the fit does.
+        ValueError: there is no maximum, or the record is shorter than the fit.
     """
     top, peak = first_maximum(order), first_peak(time_s, force_N)
     if peak is None:
-        raise ValueError("the signal never comes")
+        raise ValueError("no signal within the run")
     rate, height = top / peak.time_s, float(response(order, np.array(top)))
     if rate * time_s[-1] < last_tau:
-        raise ValueError(f"the run ends at tau = {rate * time_s[-1]:.3g}, the fit at {last_tau:.3g}: too short")
+        raise ValueError(f"run too short: it ends at tau = {rate * time_s[-1]:.3g}, the fit at {last_tau:.3g}")
     used = rate * time_s <= last_tau
     measured = force_N[used] / peak.value
 
@@ -85,14 +85,14 @@ def fit(time_s: Array, force_N: Array, order: int, last_tau: float) -> Fit:
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
-    """Cutoff from the top contact's long record, speed of sound from when the front passes two far contacts.
+    """Cutoff frequency from the record of the top contact, speed of sound from the front's arrivals at two contacts.
 
-    A front's arrival is that of the first maximum of the response fitted to it up to its first zero. That of contact n
-    is late by ``first_maximum(2 n) - 2 n`` in tau, which dispersion does: the exact lateness is taken off.
+    The arrival is the first maximum of the response, fitted up to its first zero. By dispersion the maximum at contact
+    n is late by ``first_maximum(2 n) - 2 n`` in tau; this exact delay is subtracted.
     """
     beads = case.chain.beads
-    if ECHO * beads < LAST_TAU + 2 * LOWER_CONTACT:
-        raise ValueError(f"{beads} beads: the signal is back before it has passed")
+    if ECHO_TAU * beads < LAST_TAU + 2 * LOWER_CONTACT:
+        raise ValueError(f"{beads} beads: the reflection arrives before the signal has passed")
     top = fit(trace.time_s, _dynamic(case, trace, 1), 2, LAST_TAU)
     near, far = (_arrival(case, trace, place) for place in (UPPER_CONTACT, LOWER_CONTACT))
     spring, mass = _spring(case)
@@ -113,20 +113,20 @@ def _arrival(case: Case, trace: Trace, place: int) -> float:
 
 
 def _dynamic(case: Case, trace: Trace, below: int) -> Array:
-    """Force above its static value, of the contact so many places below the top bead's centre."""
+    """Force above the static value of the contact ``below`` places under the top bead."""
     column = case.chain.beads - below
     return np.asarray(trace.force_N[:, column] - trace.force_N[0, column])
 
 
 def _spring(case: Case) -> tuple[float, float]:
-    """K and m of the chain, whose beads are equal."""
+    """K and m of a chain of equal beads."""
     chain = case.chain
     stiffness, mass = float(chain.stiffness[-1]), float(chain.mass_kg[-1])
     return contact_stiffness_at(stiffness, chain.precompression_N), mass
 
 
 def theory(case: Case) -> dict[str, float]:
-    """The formulas at the top."""
+    """Values by the formulas at the top of this module."""
     spring, mass = _spring(case)
     return {
         "cutoff_frequency_Hz": sqrt(spring / mass) / pi,
@@ -137,9 +137,9 @@ def theory(case: Case) -> dict[str, float]:
 
 
 QUANTITIES = {
-    "cutoff_frequency_Hz": "highest frequency that travels",
+    "cutoff_frequency_Hz": "highest frequency that propagates",
     "sound_speed_m_s": "speed of long waves",
-    "impulse_share": "size of the top contact's record, over 4 v sqrt(K m)",
-    "misfit": "what of the top contact's record is not J_2(tau)/tau, over its peak",
+    "impulse_share": "amplitude of the top contact's record, over 4 v sqrt(K m)",
+    "misfit": "deviation of the top contact's record from J_2(tau)/tau, over the peak",
 }
 SOURCE = "K = (3/2) k^(2/3) F_0^(1/3), omega_c = 2 sqrt(K/m), c = 2 R sqrt(K/m), F - F_0 ~ J_2(omega_c t)/t"

@@ -1,8 +1,8 @@
-"""Waves that meet, that a wall turns back, that part behind a heavy striker: over the first wave that passes a contact.
+"""Collisions, reflections and trains of waves: forces relative to the first wave that passes a contact.
 
-A measure reads the maxima of contacts' forces, its theory the same ones of scipy's DOP853: a solver that shares nothing
-with the engines nor with the integrators in this repository. In units of the first bead's mass, a stiffness and a time,
-bodies from the wall upwards, velocities downwards:
+A measure reads maxima of contact forces from a run; its theory reads the same maxima from scipy's DOP853, which shares
+no code with the engines and the in-repo integrators. In units of the first bead's mass, a stiffness and a time, bodies
+from the wall upwards, velocities downwards:
 
     overlap_j' = v_j - v_(j-1),   m_j v_j' = F_(j+1) - F_j,   F_j = k_j max(overlap_j, 0)^(3/2)
 """
@@ -21,31 +21,31 @@ from drivers.chain.trace import Trace
 from postproc.read.signals import first_peak, peaks
 from validation.reference.travelling_wave import solve_travelling_wave
 
-TOLERANCE = 1e-10  # of a step, relative: forces come out to 1e-8 of the largest
-SAMPLES_PER_UNIT = 16  # a solitary wave takes four units to pass: peaks of quintics through them are good to 1e-8
-REACH = 10.0  # beads from an exact wave's peak: beyond, it is less than the rounding of its largest force
+TOLERANCE = 1e-10  # relative, per step: errors of forces up to 1e-8 of the largest
+SAMPLES_PER_UNIT = 16  # a solitary wave passes in four units; peaks of quintic splines have errors of 1e-8
+REACH = 10.0  # beads from the peak of an exact wave; beyond, the force is below rounding
 COLLISION = {
     "middle_share": "largest force where the waves meet, over that of one wave",
-    "outgoing_share": "peak of the wave that leaves, over that of the one that came",
-    "secondary_share": "peak of the secondary wave, over that of the wave that came",
-    "asymmetry": "largest difference of mirrored contacts' forces, over the wave's",
-    "momentum_share": "largest momentum of the chain, over that of either half at first",
+    "outgoing_share": "peak of the outgoing wave over that of the incoming wave",
+    "secondary_share": "peak of the secondary wave over that of the incoming wave",
+    "asymmetry": "largest difference of forces in mirrored contacts, over the peak of the wave",
+    "momentum_share": "largest momentum of the chain, over the initial momentum of either half",
 }
 WALL = {
-    "wall_peak_over_incident": "largest force on the wall over that of the wave that comes",
-    "reflected_over_incident": "force of the wave that goes back over that of the wave that comes",
+    "wall_peak_over_incident": "largest force on the wall over that of the incoming wave",
+    "reflected_over_incident": "force of the reflected wave over that of the incoming wave",
 }
 TRAIN = {
-    f"wave_{number}_over_first": f"force of the {word} wave over the first's, 30 contacts below the striker's"
+    f"wave_{number}_over_first": f"force of the {word} wave over that of the first, 30 contacts below the striker"
     for number, word in enumerate(("second", "third", "fourth", "fifth"), start=2)
 }
 
 
 def forces(mass: Array, stiffness: Array, overlap: Array, velocity_down: Array, duration: float) -> tuple[Array, Array]:
-    """Times and the forces in all contacts, shape (samples, bodies), of a chain without loads.
+    """Times and contact forces, shape (samples, bodies), of a chain without loads.
 
     Raises:
-        ArithmeticError: scipy gives up.
+        ArithmeticError: scipy does not converge.
     """
     bodies = len(mass)
     above = np.zeros(bodies)
@@ -72,17 +72,17 @@ def forces(mass: Array, stiffness: Array, overlap: Array, velocity_down: Array, 
 
 
 def forces_of(chain: Chain, duration_s: float) -> tuple[Array, Array]:
-    """The same of a chain of the project, in seconds and newtons.
+    """Times and contact forces of a chain of this project, in s and N.
 
     Raises:
-        ArithmeticError: scipy gives up.
-        ValueError: the chain has loads or damping, which this does not know.
+        ArithmeticError: scipy does not converge.
+        ValueError: the chain has loads, damping or lateral motion.
     """
     if chain.load_N.any() or chain.damped or chain.lateral is not None:
         raise ValueError("a chain with loads, damping or sideways motion")
     mass, stiffness = float(chain.mass_kg[0]), float(chain.stiffness.max())
     speed = float(np.abs(chain.velocity_m_s).max())
-    length = (mass * speed**2 / stiffness) ** 0.4  # of the unit in which all three are 1
+    length = (mass * speed**2 / stiffness) ** 0.4  # unit of length in which mass, stiffness and speed are 1
     time, force = forces(
         chain.mass_kg / mass,
         chain.stiffness / stiffness,
@@ -95,15 +95,15 @@ def forces_of(chain: Chain, duration_s: float) -> tuple[Array, Array]:
 
 @cache
 def led_to_wall(beads: int, start: float, wall_stiffness: float, duration: float) -> tuple[Array, Array]:
-    """Times and the forces in all contacts, shape (samples, beads), of an exact solitary wave that runs into a wall.
+    """Times and contact forces, shape (samples, beads), of an exact solitary wave that runs into a wall.
 
     Masses and stiffnesses are 1; in these units the wave's speed is 1 bead per unit of time.
 
     Args:
-        beads: how many, counted from 1 at the wall; contact j lies half a bead below bead j.
-        start: where the peak is at time 0, in beads.
-        wall_stiffness: of contact 1, over that of the others.
-        duration: in beads that the wave travels.
+        beads: number of beads, counted from 1 at the wall; contact j lies half a bead below bead j.
+        start: place of the peak at time 0, in beads.
+        wall_stiffness: stiffness of contact 1 over that of the others.
+        duration: distance that the wave travels, in beads.
     """
     wave, place = solve_travelling_wave(), np.arange(1.0, beads + 1) - start
 
@@ -119,31 +119,30 @@ def led_to_wall(beads: int, start: float, wall_stiffness: float, duration: float
 class Collision:
     """Two equal solitary waves that meet head on in the middle of a free chain.
 
-    They meet at a contact where the number of beads is even, at a bead where it is odd. Each half then moves as if its
-    wave ran into a wall: at a contact into one of stiffness ``2 sqrt(2) k``, since a wall sees half of the overlap; at
-    a bead, which stays where it is, into one of stiffness k. What leaves are the two waves and a weak secondary one
-    behind each, stronger from a contact than from a bead (Santibanez, Munoz, Caussarieu, Job and Melo, Phys. Rev. E 84,
-    026604, 2011). A share of 0.0299 and one of 0.0085 of the wave are all there is: read nearer than 30 contacts from
-    the middle they are still growing (0.0244 and 0.0064 after 5 contacts, 0.0267 and 0.0070 after 10, 0.0298 and 0.0084
-    after 20).
+    The waves meet at a contact if the number of beads is even, at a bead if it is odd. Each half moves as if its wave
+    ran into a wall: at a contact into one of stiffness ``2 sqrt(2) k``, since the overlap with the wall is half of that
+    between the beads; at a bead, which stays at rest, into one of stiffness k. Behind each outgoing wave follows a weak
+    secondary wave, stronger from a contact than from a bead (Santibanez, Munoz, Caussarieu, Job and Melo, Phys. Rev. E
+    84, 026604, 2011). Its final share of the wave is 0.0299 or 0.0085, reached 30 contacts from the middle (0.0244 and
+    0.0064 after 5 contacts, 0.0267 and 0.0070 after 10, 0.0298 and 0.0084 after 20).
     """
 
-    DISTANCE = 40  # contacts above the middle: the secondary wave has settled to 1e-4 of itself from 30 on
-    PROMINENCE = 1e-3  # of the wave: the weakest secondary wave is 8.5e-3 of it
+    DISTANCE = 40  # contacts above the middle; from 30 on the secondary wave changes by less than 1e-4
+    PROMINENCE = 1e-3  # of the wave; the weakest secondary wave is 8.5e-3 of the wave
     HALF_BEADS = 120
     START = DISTANCE + 20.5  # bead of the half chain at which the exact wave starts
-    LAST = 165.0  # beads that the wave travels until the secondary one has come by
+    LAST = 165.0  # beads that the wave travels until the secondary wave has passed
     QUANTITIES = COLLISION
-    SOURCE = "the exact solitary wave, integrated by scipy's DOP853 up to the wall that stands for the other half"
+    SOURCE = "the exact solitary wave, integrated by scipy's DOP853 up to a wall in place of the other half"
 
     def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Peaks in the middle and ``DISTANCE`` contacts above it, over the incoming wave's there."""
+        """Peaks in the middle and ``DISTANCE`` contacts above, over the incoming wave there."""
         chain, force = case.chain, trace.force_N
         middle = (chain.beads + 1) // 2  # or just above the bead there
         if middle + self.DISTANCE >= chain.beads:
             raise ValueError(f"{chain.beads} beads: none {self.DISTANCE} contacts above the middle")
         beyond = force[:, middle + self.DISTANCE]
-        inner = force[:, 1:]  # contact 1 of a free chain is none
+        inner = force[:, 1:]  # a free chain has no contact 1
         put_in = float(chain.mass_kg @ np.abs(chain.velocity_m_s)) / 2
         return self._shares(trace.time_s, force[:, middle], beyond) | {
             "asymmetry": float(np.abs(inner - inner[:, ::-1]).max() / beyond.max()),
@@ -151,13 +150,13 @@ class Collision:
         }
 
     def theory(self, case: Case) -> dict[str, float]:
-        """Half of the chain with the exact solitary wave in it, before the wall that stands for the other half."""
+        """Shares for an exact solitary wave in half of the chain, before a wall in place of the other half."""
         wall_stiffness = 2 * sqrt(2) if case.chain.beads % 2 == 0 else 1.0
         time, force = led_to_wall(self.HALF_BEADS, self.START, wall_stiffness, self.LAST)
         return self._shares(time, force[:, 0], force[:, self.DISTANCE]) | {"asymmetry": 0.0, "momentum_share": 0.0}
 
     def _shares(self, time_s: Array, middle_N: Array, beyond_N: Array) -> dict[str, float]:
-        """The middle's peak, and what leaves, over the wave that came by; all of shape (samples,)."""
+        """Peaks in the middle and of outgoing waves over the incoming wave, from arrays of shape (samples,)."""
         passing, together = peaks(time_s, beyond_N, prominence=self.PROMINENCE), first_peak(time_s, middle_N)
         if len(passing) < 3 or together is None:
             raise ValueError(f"{len(passing)} waves within the run, three expected: incoming, outgoing, secondary")
@@ -167,28 +166,27 @@ class Collision:
 
 
 class Wall:
-    """A solitary wave that meets a wall: the peak force there and that of the wave that comes back.
+    """A solitary wave at a wall: peak force at the wall, and peak of the reflected wave.
 
-    Both are read where the wave keeps its shape: at the lowest sensor's contact. The theory starts from the exact
-    solitary wave instead of a strike.
+    Waves are read at the contact of the lowest sensor. The theory starts from the exact solitary wave.
     """
 
-    DISTANCE = 10  # contacts above the sensor's at which the exact wave starts, and beads above that
-    PROMINENCE = 0.02  # of the range: by so much a wave stands out
+    DISTANCE = 10  # contacts from the sensor's contact to the start of the exact wave, and beads above the start
+    PROMINENCE = 0.02  # of a wave, over the range
     QUANTITIES = WALL
-    SOURCE = "the exact solitary wave of the discrete chain, led to the wall by scipy's DOP853"
+    SOURCE = "the exact solitary wave of the discrete chain, integrated by scipy's DOP853 up to the wall"
 
     def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Ratios from the maxima of two contacts."""
+        """Ratios of the maxima at the sensor's contact and at the wall."""
         return self._ratios(_lowest_sensor(case), trace.time_s, trace.force_N)
 
     def theory(self, case: Case) -> dict[str, float]:
-        """From the exact solitary wave and the wall's stiffness over that of the contacts between beads."""
+        """Ratios for the exact solitary wave and the ratio of wall stiffness to bead stiffness."""
         chain, place = case.chain, _lowest_sensor(case)
         if chain.load_N.any():
-            raise ValueError("a chain under load, in which no wave is the exact one")
+            raise ValueError("a chain under load: its waves are not the exact solitary wave")
         start = place + self.DISTANCE
-        # it is back at the sensor after 2 place + DISTANCE beads; those at the wall linger
+        # the wave returns to the sensor after 2 place + DISTANCE beads and a delay at the wall
         duration = 2.0 * place + self.DISTANCE + 8.0
         stiffness = float(chain.stiffness[0] / chain.stiffness[1])
         return self._ratios(place, *led_to_wall(start + self.DISTANCE, start, stiffness, duration))
@@ -201,12 +199,12 @@ class Wall:
         passing = peaks(time_s, force_N[:, place - 1], self.PROMINENCE)
         back = [peak.value for peak in passing if peak.time_s > wall.time_s]
         if not back:
-            raise ValueError(f"no wave comes back to contact {place} within run.duration")
+            raise ValueError(f"no reflected wave at contact {place} within run.duration")
         return dict(zip(self.QUANTITIES, (wall.value / incident.value, max(back) / incident.value), strict=True))
 
 
 def _lowest_sensor(case: Case) -> int:
-    """The bead, whose contact below is read."""
+    """Number of the lowest sensor bead; the contact below the bead is read."""
     if case.scene.wall is None or not case.scene.chain.sensors:
         raise ValueError("no wall, or no sensor to read the wave at")
     return min(sensor.from_wall for sensor in case.scene.chain.sensors)
@@ -215,22 +213,21 @@ def _lowest_sensor(case: Case) -> int:
 class Train:
     """A train of solitary waves behind a heavy striker.
 
-    It is read thirty contacts below the striker's own: that contact lies under the thirtieth bead from the top. There
-    the waves of a striker of up to four bead masses have parted to 1e-3 of their ratios; of eight, the fourth still
-    gains 5 %.
+    The train is read thirty contacts below the striker's contact, under the thirtieth bead from the top. There the
+    ratios of the waves are final to 1e-3 for strikers of up to four bead masses; for eight the fourth still gains 5 %.
     """
 
     DISTANCE = 30  # contacts below the striker's
-    PROMINENCE = 1e-3  # of the range: by so much a wave stands out
+    PROMINENCE = 1e-3  # of a wave, over the range
     QUANTITIES = TRAIN
-    SOURCE = "the same chain by scipy's DOP853 to 1e-10 a step, which shares no line with the integrators judged"
+    SOURCE = "the same chain by scipy's DOP853 with a tolerance of 1e-10 per step"
 
     def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Ratios from the contact's maxima."""
+        """Ratios of the maxima at the contact."""
         return self._ratios(case, trace.time_s, trace.force_N)
 
     def theory(self, case: Case) -> dict[str, float]:
-        """The same of the same chain by another integrator."""
+        """Ratios for the same chain by scipy's DOP853."""
         return self._ratios(case, *forces_of(case.chain, float(case.sample_times_s[-1])))
 
     def _ratios(self, case: Case, time_s: Array, force_N: Array) -> dict[str, float]:

@@ -1,6 +1,6 @@
-"""Reads ``inputs/independent.toml``: cases, the measure that reads each, and what it is checked for.
+"""Reads ``inputs/independent.toml``: cases, their measures and their checks.
 
-A further measure is a module or class of the form of ``Measure`` and a line in ``MEASURES``.
+To add a measure, write a module or class with the members of ``Measure`` and a line in ``MEASURES``.
 """
 
 from collections import Counter
@@ -18,7 +18,7 @@ from drivers.batch.study import read_study, seen_from
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.scene.model import Name, Part
-from drivers.scene.read_scene import lay_over, read_toml
+from drivers.scene.read_scene import apply_setting, read_toml
 from validation.accuracy.plan import plan_case, planned_case
 from validation.independent import impact, linear, solitary, weak
 from validation.independent.passing_waves import Collision, Train, Wall
@@ -27,29 +27,29 @@ UNITS = (("_m_s", "m/s"), ("_N", "N"), ("_Hz", "Hz"), ("_s", "s"), ("_m", "m"), 
 
 
 class Measure(Protocol):
-    """Two pure functions of a case; names of quantities end with their unit, or have none.
+    """Two pure functions of a case; names of quantities end with their unit, if they have one.
 
     Attributes:
-        QUANTITIES: what each quantity is, in words, by its name.
-        SOURCE: where the theory is from.
+        QUANTITIES: description of each quantity, by name.
+        SOURCE: source of the theory.
     """
 
     QUANTITIES: dict[str, str]
     SOURCE: str
 
     def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """The quantities as a run shows them.
+        """Quantities read from a run.
 
         Raises:
-            ValueError: the run does not show them, and fails by it: a wave never comes, say.
+            ValueError: the run does not show them, for example without a wave; the run then fails.
         """
         ...
 
     def theory(self, case: Case) -> dict[str, float]:
-        """The quantities by a closed form or a solver of its own, as many as it knows.
+        """Quantities by a closed form or an independent solver, as far as the theory goes.
 
         Raises:
-            ValueError: the case is none of its kind.
+            ValueError: the theory does not apply to the case.
         """
         ...
 
@@ -76,7 +76,7 @@ Limit = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class Check(Part):
-    """One number; see the head of the file for the keys."""
+    """Check of one number; the head of the file explains the keys."""
 
     quantity: Words
     expected: Number | None = None
@@ -86,22 +86,22 @@ class Check(Part):
 
     @property
     def limit(self) -> float:
-        """The error allowed."""
-        return self.within or self.absolute or nan  # read_independent admits no check without
+        """Allowed error."""
+        return self.within or self.absolute or nan  # read_independent refuses a check without either
 
     @property
     def against(self) -> str:
-        """What it is compared with."""
+        """Origin of the expected value: ``theory`` or ``quoted``."""
         return "theory" if self.expected is None else "quoted"
 
     def error(self, found: float, expected: float) -> float:
-        """By how much a number is off, in the terms of the limit."""
+        """Error of a number, relative or absolute like the limit."""
         off = abs(found - expected)
         return off / abs(expected) if self.within is not None else off
 
 
 class Independent(Part):
-    """A case; see the head of the file for the keys."""
+    """An independent case; the head of the file explains the keys."""
 
     id: Name
     title: Words
@@ -114,19 +114,19 @@ class Independent(Part):
 
 
 class IndependentFile(Part):
-    """The file."""
+    """The file ``inputs/independent.toml``."""
 
     case: Annotated[tuple[Independent, ...], Field(strict=False, min_length=1)]
 
 
 @dataclass(frozen=True)
 class Posed:
-    """A case of an independent case, ready to be run.
+    """A case to be run, of an independent case.
 
     Attributes:
-        entry: as the file has it.
-        label: of a case of a study; empty for a scene.
-        theory: what the measure's theory gives.
+        entry: the independent case, as in the file.
+        label: settings of the case if the entry is a study; empty for a scene.
+        theory: quantities by the theory of the measure.
     """
 
     entry: Independent
@@ -136,10 +136,10 @@ class Posed:
 
 
 def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
-    """The cases of the file.
+    """Reads the cases of the file.
 
     Raises:
-        InputError: anything wrong with it, a measure or quantity that nothing computes included.
+        InputError: anything in the file is wrong, such as an unknown measure or quantity.
     """
     where = paths.shown(path)
     entries = validate(IndependentFile, read_toml(path), where).case
@@ -147,10 +147,10 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
     for entry in entries:
         key = f"case {entry.id}"
         if counts[entry.id] > 1:
-            raise InputError(where, key, "the same id twice", "an id of its own for each case")
+            raise InputError(where, key, "id used twice")
         if (entry.scene is None) == (entry.study is None):
-            found = "neither scene nor study" if entry.scene is None else "a scene and a study"
-            raise InputError(where, key, found, "one of them")
+            found = "missing key scene or study" if entry.scene is None else "keys scene and study; give one of them"
+            raise InputError(where, key, found)
         if entry.measure not in MEASURES:
             raise InputError(where, f"{key}: measure", shorten(entry.measure), ", ".join(sorted(MEASURES)))
         known, same = MEASURES[entry.measure].QUANTITIES, Counter((each.quantity, each.against) for each in entry.check)
@@ -159,22 +159,22 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
             if check.quantity not in known:
                 raise InputError(where, f"{key}: check.quantity", shorten(check.quantity), ", ".join(sorted(known)))
             if (check.within is None) == (check.absolute is None):
-                found = "neither within nor absolute" if check.within is None else "within and absolute"
-                raise InputError(where, place, found, "one of them")
+                missing = "missing key within or absolute"
+                found = missing if check.within is None else "keys within and absolute; give one of them"
+                raise InputError(where, place, found)
             if check.expected == 0 and check.within is not None:
-                allowed = "absolute, since no error is relative to 0"
-                raise InputError(where, place, "within beside expected = 0", allowed)
+                raise InputError(where, place, "within with expected = 0: no error is relative to 0; give absolute")
             if same[check.quantity, check.against] > 1:
                 allowed = "each quantity once with expected and once without"
-                raise InputError(where, place, "the same check twice", allowed)
+                raise InputError(where, place, "check given twice", allowed)
     return entries
 
 
 def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> list[Posed]:
-    """The case of an entry's scene, or all of its study, with its settings laid over.
+    """Cases of an entry: its scene, or all cases of its study, with the settings of the entry.
 
     Raises:
-        InputError: a scene, study or setting is wrong, or no theory gives a number that the file leaves out.
+        InputError: a scene, study or setting is wrong, or an expected value is missing and no theory gives it.
     """
     where, key = paths.shown(path), f"case {entry.id}"
     if entry.scene is not None:
@@ -183,13 +183,13 @@ def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> list[Posed]:
         assert entry.study is not None
         study = read_study(seen_from(path, entry.study))
         for setting in entry.set:
-            lay_over(study.base, setting)
+            apply_setting(study.base, setting)
         cases = {study.label(number): plan_case(study.case(number)) for number in range(1, study.count + 1)}
     try:
         posed = [Posed(entry, label, case, MEASURES[entry.measure].theory(case)) for label, case in cases.items()]
     except (ValueError, ArithmeticError) as error:
-        raise InputError(where, key, str(error), f'a case that the measure "{entry.measure}" can read') from error
+        raise InputError(where, key, str(error), f'a case for the measure "{entry.measure}"') from error
     for check in entry.check:
         if check.expected is None and any(check.quantity not in one.theory for one in posed):
-            raise InputError(where, f"{key}: check {check.quantity}", "no expected", "a number: no theory gives it")
+            raise InputError(where, f"{key}: check {check.quantity}", "missing key expected; no theory gives the value")
     return posed

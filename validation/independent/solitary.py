@@ -1,6 +1,6 @@
-"""A single solitary wave in a chain that nothing presses, against the exact travelling wave of the discrete chain.
+"""A single solitary wave in an uncompressed chain, compared with the exact travelling wave of the discrete chain.
 
-With contact stiffness k and bead mass m the exact wave has, whatever its amplitude,
+With contact stiffness k and bead mass m the exact wave has, at any amplitude,
 
     F_m = A k^(2/5) m^(3/5) v_m^(6/5),   c = B (k/m)^(2/5) v_m^(1/5) = C k^(1/3) m^(-1/2) F_m^(1/6) beads per second
 
@@ -19,17 +19,17 @@ from validation.independent.passing_waves import forces_of
 from validation.reference.travelling_wave import solve_travelling_wave
 
 LONG_WAVE_BY_VELOCITY = 0.64**0.2
-WIDTHS = ((False, 0.04), (False, 0.5), (True, 0.04), (True, 0.5))  # by a sensor's average? at a share of its peak
-SETTLED = 30  # contacts below the strike: there the wave is the exact one to 2e-9
+WIDTHS = ((False, 0.04), (False, 0.5), (True, 0.04), (True, 0.5))  # True for a sensor's average; share of the peak
+FORMATION_CONTACTS = 30  # below the strike: there the wave differs from the exact one by 2e-9
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
-    """Velocity and force at the lower sensor, speed from the upper to the lower one."""
+    """Velocity, force and widths at the lower sensor, speed from the upper to the lower sensor."""
     places = sorted(sensor.from_wall for sensor in case.scene.chain.sensors)
     if len(places) < 2:
-        raise ValueError("two sensors are needed, between which the speed is read")
+        raise ValueError("fewer than two sensors: the speed is read between two")
     if trace.velocity_m_s is None:
-        raise ValueError("no state was kept: run.record needs it")
+        raise ValueError("no state recorded; set run.record to forces and state")
     lower, upper = places[0], places[-1]
     time = trace.time_s
     force, before = _peak(time, trace.force_N[:, lower - 1]), _peak(time, trace.force_N[:, upper - 1])
@@ -51,13 +51,13 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
 
 
 def theory(case: Case) -> dict[str, float]:
-    """The exact wave; its amplitude by a strike from another integrator, force turned to velocity by the exact wave."""
+    """Constants of the exact wave; its amplitude from scipy's integration of the strike."""
     wave, chain = solve_travelling_wave(), case.chain
     speed = float(np.abs(chain.velocity_m_s).max())
     stiffness, mass = float(chain.stiffness[-1]), float(chain.mass_kg[0])
     time_unit = (mass / stiffness) ** 0.4 * speed**-0.2
-    time, force = forces_of(chain, 1.3 * SETTLED * time_unit)
-    peak = _peak(time, force[:, -1 - SETTLED]).value
+    time, force = forces_of(chain, 1.3 * FORMATION_CONTACTS * time_unit)
+    peak = _peak(time, force[:, -1 - FORMATION_CONTACTS]).value
     velocity = (peak / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6)
     widths = [wave.width(share, averaged=averaged) for averaged, share in WIDTHS]
     return _by_quantity(velocity / speed, wave.force_by_velocity, wave.speed_by_force, wave.speed_by_velocity, widths)
@@ -81,20 +81,20 @@ def _width_s(time_s: Array, values: Array, share: float) -> float:
     """Time from rising through a share of the first peak to falling through it."""
     peak = _peak(time_s, values)
     level = share * peak.value
-    # the falling edge rises where time runs back
+    # the falling edge is a rising edge in reversed time
     mirrored = Peak(-peak.time_s, peak.value, len(values) - 1 - peak.sample)
     fall = -rising_crossing(-time_s[::-1], values[::-1], level, mirrored)
     return fall - rising_crossing(time_s, values, level, peak)
 
 
 QUANTITIES = {
-    "peak_velocity_over_strike": "largest bead velocity over the striker's",
+    "peak_velocity_over_strike": "largest bead velocity over the speed of the striker",
     "force_by_velocity": "F_m / (k^(2/5) m^(3/5) v_m^(6/5))",
     "speed_by_force": "c / (k^(1/3) m^(-1/2) F_m^(1/6)), c in beads per second",
     "speed_by_velocity": "c / ((k/m)^(2/5) v_m^(1/5)), c in beads per second",
-    "speed_below_long_wave": "by how much the speed is below that of the long-wave limit for the same velocity",
-    "contact_width_4pct_diameters": "full width of a contact's force at 4 % of its peak",
-    "contact_width_half_diameters": "full width of a contact's force at half its peak",
+    "speed_below_long_wave": "1 less the speed over that of the long-wave limit at the same velocity",
+    "contact_width_4pct_diameters": "full width of a contact force at 4 % of its peak",
+    "contact_width_half_diameters": "full width of a contact force at half its peak",
     "average_width_4pct_diameters": "full width of a sensor's average at 4 % of its peak",
     "average_width_half_diameters": "full width of a sensor's average at half its peak",
 }

@@ -1,18 +1,17 @@
-"""A weak strike on a chain pressed together by its own weight: how strong the signal is, the deeper it gets.
+"""A weak strike on a chain under its own weight: amplitude and arrival of the signal against depth.
 
-The contact under the bead at depth h (the top bead: 1) carries the weight of h beads, so that small motions see springs
-``K = (3/2) k^(2/3) F^(1/3) ~ h^(1/3)``. They are a sum over the modes of this chain of springs, which says what each
-bead does. The leading peak goes with powers of depth (Hong, Ji and Kim, Phys. Rev. Lett. 82, 3058, 1999): for a contact
-force ``overlap^p`` the velocity with ``h^-(1/3 + 1/p)/4``, which is ``h^(-1/4)``; so the force, sqrt(K m) times it,
-with ``h^(-1/12)``. Simulations gave 0.250 (patt-sol/9808008). Speeds go with ``h^((1 - 1/p)/2) = h^(1/6)``, arrivals
-with ``h^(5/6)``. Arrivals tell how stiff the chain is as a whole, amplitudes of velocity do not depend on it.
+The contact under the bead at depth h (top bead: 1) carries the weight of h beads, so for small motions it is a spring
+``K = (3/2) k^(2/3) F^(1/3) ~ h^(1/3)``. The motion is a sum over the modes of this chain of springs. The leading peak
+is a power of depth (Hong, Ji and Kim, Phys. Rev. Lett. 82, 3058, 1999): for a contact force ``overlap^p`` the velocity
+is proportional to ``h^-(1/3 + 1/p)/4 = h^(-1/4)``, the force, sqrt(K m) times the velocity, to ``h^(-1/12)``, the wave
+speed to ``h^((1 - 1/p)/2) = h^(1/6)``, the arrival time to ``h^(5/6)``. Simulations gave 0.250 (patt-sol/9808008).
+Arrivals depend on the stiffness of the chain, amplitudes of velocity do not.
 
-These powers are those of middle depths. The modes of longer chains steepen on: the velocity's local exponent is -0.230
-at depth 45, -0.240 at 130, -0.250 at 500, -0.257 at 2500, -0.261 at 16000. Near the top the springs change within a
-wavelength of long waves, which the powers above leave out: with m = 1 and K = h^(1/3), waves of a struck top are the
-outgoing solutions ``h^(1/3) H_2/5(6/5 omega h^(5/6))``, whose velocities have a spectrum of omega^(1/10) instead of a
-flat one. With a front that takes a time of h^(1/6) the peak goes with ``h^(-1/12 - 11/60) = h^(-4/15)`` in the end,
-that of the force with ``h^(-1/10)``.
+These powers hold at medium depths. In longer chains the exponent of the velocity grows: -0.230 at depth 45, -0.240 at
+130, -0.250 at 500, -0.257 at 2500, -0.261 at 16000. Near the top the springs change within a wavelength of long waves,
+which the powers above neglect: with m = 1 and K = h^(1/3), the outgoing waves of a struck top are
+``h^(1/3) H_2/5(6/5 omega h^(5/6))``, whose velocities have a spectrum of omega^(1/10) instead of a flat one. With a
+front of duration h^(1/6) the peak tends to ``h^(-1/12 - 11/60) = h^(-4/15)``, that of the force to ``h^(-1/10)``.
 """
 
 import numpy as np
@@ -25,40 +24,40 @@ from drivers.chain.contact_law import contact_stiffness
 from drivers.chain.trace import Trace
 from postproc.read.signals import Peak, first_peak
 
-DEPTHS = (20, 100, 450)  # depths whose amplitudes are judged
-FIT_DEPTHS = np.arange(200, 451, 10)  # depths that the power law is fitted to: there the published exponents hold
-FITTED_SHARE = 0.7  # of a peak: samples above it tell how high it is
-DEGREE = 6  # of the polynomial through them
+DEPTHS = (20, 100, 450)  # of the judged amplitudes
+FIT_DEPTHS = np.arange(200, 451, 10)  # of the fitted power law: the published exponents hold there
+FITTED_SHARE = 0.7  # of a peak: the samples above determine its height
+DEGREE = 6  # of the fitted polynomial
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
-    """Leading peaks of beads' downward velocities and of contacts' forces above the static ones."""
+    """Leading peaks of downward bead velocities and of contact forces above the static forces."""
     bead = _beads(case)
     if trace.velocity_m_s is None:
-        raise ValueError("no state was kept: run.record needs it")
+        raise ValueError("no state recorded; set run.record to forces and state")
     force = trace.force_N[:, bead] - trace.force_N[0, bead]
     return _values(trace.time_s, -trace.velocity_m_s[:, bead], force)
 
 
 def theory(case: Case) -> dict[str, float]:
-    """The same peaks of the linear chain's motion, by its modes."""
+    """Leading peaks of the linear chain, by its modes."""
     velocity, force = motion_by_modes(case.chain, case.sample_times_s, _beads(case))
     return _values(case.sample_times_s, -velocity, force)
 
 
 def motion_by_modes(chain: Chain, time_s: Array, bodies: NDArray[np.int_]) -> tuple[Array, Array]:
-    """Small motions about equilibrium from the velocities at time 0: each mode swings at its own frequency.
+    """Small motions about equilibrium from the velocities at time 0, as a sum of modes.
 
-    ``m_j u_j'' = K_j (u_j-1 - u_j) - K_j+1 (u_j - u_j+1)``, with ``sqrt(m) u`` for u a symmetric tridiagonal matrix.
+    ``m_j u_j'' = K_j (u_j-1 - u_j) - K_j+1 (u_j - u_j+1)``: a symmetric tridiagonal matrix for ``sqrt(m) u``.
 
     Args:
-        chain: straight, every contact closed.
+        chain: straight, with all contacts closed.
         time_s: shape (samples,).
-        bodies: indices from the lowest up, as many as wanted.
+        bodies: indices of the wanted bodies, from the lowest up.
 
     Returns:
-        Velocities (upwards) of these bodies and forces above the static ones of the contacts under them, each of shape
-        (samples, wanted).
+        Upward velocities of these bodies, and forces of the contacts below them above the static forces. Shape
+        (samples, wanted), each.
     """
     root, spring = np.sqrt(chain.mass_kg), contact_stiffness(chain.stiffness, chain.overlap_m)
     diagonal = (spring + np.append(spring[1:], 0.0)) / chain.mass_kg
@@ -72,12 +71,12 @@ def motion_by_modes(chain: Chain, time_s: Array, bodies: NDArray[np.int_]) -> tu
 
 
 def leading_peak(time_s: Array, signal: Array) -> Peak:
-    """The first maximum: of a polynomial through the samples around it, which evens out rounding.
+    """First maximum, of a polynomial through the samples around it, which smooths rounding.
 
     Raises:
-        ValueError: there is none, or too few samples show it.
+        ValueError: there is no maximum, or too few samples around it.
     """
-    missing = ValueError("the signal does not come so deep within the run, or run.sample_interval is too long for it")
+    missing = ValueError("no leading peak at this depth within the run, or run.sample_interval is too long")
     peak = first_peak(time_s, signal)
     if peak is None:
         raise missing
@@ -95,7 +94,7 @@ def leading_peak(time_s: Array, signal: Array) -> Peak:
 
 
 def _beads(case: Case) -> NDArray[np.int_]:
-    """Indices of the beads at all depths that are read."""
+    """Indices of the beads at all depths of DEPTHS and FIT_DEPTHS."""
     depths = np.array([*DEPTHS, *FIT_DEPTHS])
     if depths.max() > case.chain.beads:
         raise ValueError(f"{case.chain.beads} beads: too few for a depth of {depths.max()}")
@@ -108,13 +107,13 @@ def _values(time_s: Array, velocity_m_s: Array, force_N: Array) -> dict[str, flo
         peaks = [leading_peak(time_s, column) for column in signals.T]
         values |= {f"{name}_{depth}_deep_{unit}": peak.value for depth, peak in zip(DEPTHS, peaks, strict=False)}
         values[f"{name}_exponent"] = power_of_depth([peak.value for peak in peaks[len(DEPTHS) :]])
-    values[f"arrival_{DEPTHS[-1]}_deep_s"] = peaks[len(DEPTHS) - 1].time_s  # of the force
+    values[f"arrival_{DEPTHS[-1]}_deep_s"] = peaks[len(DEPTHS) - 1].time_s  # arrival of the force
     values["arrival_exponent"] = power_of_depth([peak.time_s for peak in peaks[len(DEPTHS) :]])
     return values
 
 
 def power_of_depth(values: list[float]) -> float:
-    """The power of depth that values at the depths ``FIT_DEPTHS`` go with, by least squares of logarithms."""
+    """Exponent of depth in values at the depths ``FIT_DEPTHS``, by least squares of logarithms."""
     return float(np.polyfit(np.log(FIT_DEPTHS), np.log(values), 1)[0])
 
 
@@ -122,9 +121,9 @@ FIT_RANGE = f"{FIT_DEPTHS[0]} to {FIT_DEPTHS[-1]} deep"
 QUANTITIES = {
     **{f"velocity_{depth}_deep_m_s": f"leading peak of the velocity of bead {depth} from the top" for depth in DEPTHS},
     **{f"force_{depth}_deep_N": f"leading peak of the force under bead {depth} from the top" for depth in DEPTHS},
-    f"arrival_{DEPTHS[-1]}_deep_s": f"when the force under bead {DEPTHS[-1]} from the top has its leading peak",
-    "velocity_exponent": f"power of depth that the velocity's peak goes with, {FIT_RANGE}",
-    "force_exponent": f"power of depth that the force's peak goes with, {FIT_RANGE}",
-    "arrival_exponent": f"power of depth that the time of the force's peak goes with, {FIT_RANGE}",
+    f"arrival_{DEPTHS[-1]}_deep_s": f"time of the leading peak of the force under bead {DEPTHS[-1]} from the top",
+    "velocity_exponent": f"exponent of depth in the peak velocity, {FIT_RANGE}",
+    "force_exponent": f"exponent of depth in the peak force, {FIT_RANGE}",
+    "arrival_exponent": f"exponent of depth in the time of the peak force, {FIT_RANGE}",
 }
 SOURCE = "modes of the linearised chain, K = (3/2) k^(2/3) F^(1/3)"

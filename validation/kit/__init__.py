@@ -1,1 +1,1 @@
-"""Kit: judges an adapter, or a build of its code, before anybody relies on it."""
+"""Kit of checks for an adapter, or a build of its code, before its first use."""

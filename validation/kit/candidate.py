@@ -1,4 +1,4 @@
-"""Engine under test: its build, its scenes, and the ways to run them, all in one folder."""
+"""Engine under test with its build and its scenes, run in one folder."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,19 +26,19 @@ from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from validation.accuracy.plan import planned_case
 
-ENDED = Outcome(0, False, 0.0, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+NORMAL_END = Outcome(0, False, 0.0, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
 
 
 class NotRunError(Exception):
-    """A check has no meaning for the engine; the message says why."""
+    """A check does not apply to the engine; the message is the reason."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A number that a check holds against a limit; the check fails where it is beyond, or no number.
+    """Result of a check: a value and its limit; the check fails if the value exceeds the limit or is NaN.
 
     Attributes:
-        words: what it is, and against what.
+        words: description of the value.
     """
 
     value: float
@@ -47,13 +47,13 @@ class Measured:
 
     @property
     def share(self) -> float:
-        """The number over its limit; inf where it is none."""
+        """Value over limit; inf for NaN."""
         share = self.value / self.limit if self.limit else (0.0 if self.value == 0 else np.inf)
         return float(share) if np.isfinite(share) else np.inf
 
 
 def within(quantity: str, value: float, words: str) -> Measured:
-    """A number held against a limit of ``inputs/tolerances.toml``."""
+    """Result of a check with a limit of ``inputs/tolerances.toml``."""
     return Measured(value, tolerance("kit", quantity).limit, words)
 
 
@@ -61,7 +61,7 @@ Settings = Annotated[tuple[str, ...], Field(strict=False)]
 
 
 class Variant(Part):
-    """A scene that every engine runs, unless it refuses it by name; without one of its own the kit's."""
+    """A scene for every engine that does not refuse it; by default the kit's scene with settings."""
 
     name: str
     scene: str | None = None
@@ -69,7 +69,7 @@ class Variant(Part):
 
 
 class KitFile(Part):
-    """``inputs/kit.toml``: the scene, settings that change no number, those that do, and variants."""
+    """``inputs/kit.toml``: the scene, settings without effect on numbers, settings with an effect, and variants."""
 
     scene: str
     set: Settings
@@ -80,12 +80,12 @@ class KitFile(Part):
 
 @cache
 def kit_file() -> KitFile:
-    """Scenes of the kit."""
+    """Read the file of the kit."""
     return validate(KitFile, read_toml(paths.KIT), paths.shown(paths.KIT))
 
 
 def case_with(*settings: str) -> Case:
-    """The kit's scene with settings."""
+    """Planned case of the kit's scene with settings."""
     return planned_case(kit_file().scene, *kit_file().set, *settings)
 
 
@@ -94,8 +94,8 @@ class Candidate:
     """An engine under test.
 
     Attributes:
-        folder: in which it runs; gone afterwards.
-        session: its server for the checks of physics; None where it cannot be relied upon.
+        folder: temporary folder of the runs.
+        session: server for the checks of physics; None if the check of the server failed.
     """
 
     engine: Engine
@@ -105,27 +105,27 @@ class Candidate:
 
     @property
     def steps(self) -> bool:
-        """Whether it has a time step."""
+        """True if the engine has a time step."""
         return self.engine.scheme != EXACT
 
     @cached_property
     def base(self) -> Case:
-        """The kit's scene."""
+        """Case of the kit's scene."""
         return case_with()
 
     @cached_property
     def deck(self) -> Deck:
-        """Its deck."""
+        """Deck of the kit's scene."""
         return self.engine.render(self.base)
 
     @cached_property
     def alone(self) -> tuple[Path, Trace]:
-        """Folder and trace of its run in a process of its own."""
+        """Folder and trace of the kit's scene, run in a process of its own."""
         folder, outcome = self.process(self.deck, "alone")
         return folder, checked_trace(self.base, self.engine, outcome, folder)
 
     def process(self, deck: Deck, name: str, limit_s: float | None = None) -> tuple[Path, Outcome]:
-        """Runs a deck in a process and a folder of its own."""
+        """Run a deck in a process and a folder of its own."""
         folder = self.folder / f"{name}-{sum(1 for _ in self.folder.iterdir())}"
         folder.mkdir()
         deck.write(folder)
@@ -134,11 +134,11 @@ class Candidate:
         return folder, run_command(command, folder, limit_s, **self.engine.environment)
 
     def read(self, case: Case, folder: Path) -> Trace:
-        """The trace of a folder whose run is said to have ended well; RunError where it cannot be one of the case."""
-        return checked_trace(case, self.engine, ENDED, folder)
+        """Trace of a folder, read as that of a successful run; RunError if it cannot be a trace of the case."""
+        return checked_trace(case, self.engine, NORMAL_END, folder)
 
     def execute(self, case: Case, deck: Deck) -> tuple[Path, Outcome]:
-        """Runs a deck within the time of a case, by the session where there is one."""
+        """Run a deck with the time limit of a case, on the server if there is one."""
         limit_s = default_limit_s(case, self.engine)
         if self.session is None:
             return self.process(deck, "run", limit_s)
@@ -146,12 +146,12 @@ class Candidate:
         return self.session.case, outcome
 
     def run_deck(self, case: Case, deck: Deck) -> Trace:
-        """The trace of a deck as if it were that of the case; RunError where it cannot be."""
+        """Run a deck and read its trace as that of the case; RunError if it cannot be."""
         folder, outcome = self.execute(case, deck)
         return checked_trace(case, self.engine, outcome, folder)
 
     def run(self, case: Case) -> Trace:
-        """The trace of a case; RunError where it failed.
+        """Run a case and read its trace; RunError if the run fails.
 
         Raises:
             NotRunError: the engine refuses the case.
@@ -160,13 +160,12 @@ class Candidate:
         return self.run_deck(case, self.engine.render(case))
 
     def admit(self, case: Case) -> None:
-        """Raises NotRunError where the engine refuses the case by name."""
+        """Raise NotRunError if the engine refuses the case."""
         if refused := inability(case, self.engine.name):
-            _, key, found, allowed = refused.args
-            raise NotRunError(f"refused: {f'{key}: ' if key else ''}{found}; allowed: {allowed}")
+            raise NotRunError(f"refused: {str(refused).removeprefix(f'{refused.args[0]}: ')}")
 
     def changed(self) -> Mapping[str, Case]:
-        """The kit's scene with each of the changes that the engine can take and that its deck has to show."""
+        """Cases of the kit's scene with each change that the engine models and that has to change its deck."""
         found = {name: case_with(*settings) for name, settings in kit_file().change.items()}
         return {
             name: case

@@ -1,6 +1,7 @@
-"""Verdicts on an engine: every check in order, a row each, and the table."""
+"""Verdicts on an engine: all checks in order, one row each, and the table."""
 
 import time
+import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from drivers.base.errors import InputError, RunError, one_line
 from drivers.engines import Engine, load_engine
 from drivers.run.build import build_of
 from drivers.run.session import Session
+from validation.accuracy.costs import Cost, keep
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.kit import adapter_checks, output_checks, physics_checks
 from validation.kit.candidate import Candidate, Measured, NotRunError, kit_file
@@ -41,10 +43,10 @@ CHECKS: dict[str, Check] = {
 
 @dataclass(frozen=True)
 class Row:
-    """One check; NaN where it measured nothing.
+    """Row of the table, for one check; values are NaN if nothing was measured.
 
     Attributes:
-        words: what was measured, against what; why it failed or was not run.
+        words: description of the measured value, or the reason of a failure or of a check that was not run.
     """
 
     engine: str
@@ -57,10 +59,10 @@ class Row:
 
 
 def judge(engine: Engine, home: Path, names: Iterable[str] = tuple(CHECKS)) -> Iterator[Row]:
-    """Rows of the checks of those names.
+    """Run the named checks.
 
-    A check that raises is a failed row, and the others run on. Checks of physics run on the engine's server, unless
-    that is what failed.
+    A check that raises gives a failed row; the others still run. Checks of physics use the engine's server unless its
+    check failed.
 
     Raises:
         RunError: the engine is not installed.
@@ -85,18 +87,18 @@ def _row(candidate: Candidate, name: str) -> Row:
         worst = max(CHECKS[name](candidate), key=lambda each: each.share)
     except NotRunError as reason:
         return row(NOT_RUN, nan, nan, str(reason))
-    except Exception as error:  # whatever an adapter raises
+    except Exception as error:  # adapters may raise anything
         kind = "" if isinstance(error, RunError | InputError) else f"{type(error).__name__}: "
         return row(FAIL, nan, nan, one_line(kind, error))
     return row(PASS if worst.share <= 1 else FAIL, worst.value, worst.limit, worst.words)
 
 
 def judge_engine(name: str, runs: Path, results: Path | None) -> int:
-    """Prints the table of an engine; 1 if a check failed.
+    """Print the table of an engine; the exit code is 1 if a check failed.
 
     Raises:
-        InputError: there is no engine of that name.
-        RunError: it is not installed.
+        InputError: the engine is unknown.
+        RunError: the engine is not installed.
     """
     engine, width = load_engine(name), max(map(len, CHECKS))
     if engine.find() is None:
@@ -110,21 +112,27 @@ def judge_engine(name: str, runs: Path, results: Path | None) -> int:
         print(f"{row.check:<{width}} {verdict:<7} {numbers} {row.seconds:6.1f}  {words}", flush=True)
         rows.append(row)
     print(*_summary(rows), sep="\n")
+    for row in rows if runs == paths.RUNS else ():  # elsewhere, plans do not look for it
+        if entry := row.words.partition("\n")[2]:
+            keep(name, build_of(engine, runs / name), Cost(**tomllib.loads(entry)[name]))
     if results:
         write_table(results / f"engine-{name}.csv", Row, rows)
     return 1 if any(row.verdict == FAIL for row in rows) else 0
 
 
 def _summary(rows: list[Row]) -> Iterator[str]:
-    """The entry for the table of costs; how many checks passed, and which is closest to its limit."""
+    """Lines below the table: entry for the table of costs, number of checks passed, check closest to its limit."""
     for row in rows:
         _, _, entry = row.words.partition("\n")
         if entry:
-            yield f"\nfor {paths.shown(paths.COSTS)}:\n{entry}\n"
+            where = f"as an entry of {paths.shown(paths.COSTS)}; for own engines no file has to be edited"
+            yield f"\nmeasured cost, kept for plans and batches ({where}):\n{entry}\n"
+    if any(row.verdict == NOT_RUN for row in rows):
+        yield "not run: the adapter refuses the scene or has no such part, by design; this is no failure"
     counts = ", ".join(f"{sum(row.verdict == each for row in rows)} {each}" for each in (PASS, FAIL, NOT_RUN))
     measured = [row for row in rows if row.verdict == PASS and row.limit > 0]
     nearest = max(measured, key=lambda row: row.value / row.limit, default=None)
     closest = f"; closest to its limit: {nearest.check}, {nearest.value:.2g} of {nearest.limit:.2g}" if nearest else ""
     if any(row.verdict == FAIL and row.check.startswith("scene: ") for row in rows):
-        yield f"where it goes wrong, and what it matches: python -m validation compare fig4 --engine {rows[0].engine}"
+        yield f"for a diagnosis: python -m validation compare fig4 --engine {rows[0].engine}"
     yield f"{len(rows)} checks in {sum(row.seconds for row in rows):.0f} s: {counts}{closest}"

@@ -1,4 +1,4 @@
-"""Checks of what an engine leaves behind and of how it ends: damaged output, failures, time limits, its server."""
+"""Checks of the output of an engine and of its end: damaged output, failures, time limit, server."""
 
 import shutil
 import time
@@ -20,29 +20,29 @@ from validation.compare.departure import deviation
 from validation.kit.candidate import Candidate, Measured, case_with, within
 from validation.served_runs import serve
 
-FLIPS = 16  # bytes that are flipped one at a time, at the head of each file and throughout
-KEPT = (0.0, 0.3, 0.999)  # shares of a file that a torn one keeps
-FOREIGN = {"text": b"no output of anything\n", "JSON": b"{}\n", "zip": b"PK\x03\x04 torn", "zeros": bytes(4096)}
-OTHERS = {
+FLIPS = 16  # bytes flipped one at a time, at the head of each file and throughout
+TORN_SHARES = (0.0, 0.3, 0.999)  # parts of a file left when it is torn
+REPLACEMENTS = {"text": b"no output of anything\n", "JSON": b"{}\n", "zip": b"PK\x03\x04 torn", "zeros": bytes(4096)}
+OTHER_CASES = {
     "another number of beads": ("chain.count=4",),
     "another number of samples": ("run.duration=0.2 ms",),
     "another striker speed": ("striker.speed=1.1 m/s",),
     "another gravity": ("gravity=",),
 }
 ENDLESS = ("run.duration=200 s", "run.sample_interval=2 ms", "run.time_step=0.1 us")  # 2e9 steps
-# of a server between runs of the kit's scene: what one has set must not reach the other
-BETWEEN = (
+# cases on a server between runs of the kit's scene, which must not depend on them
+CASES_BETWEEN = (
     ("chain.count=3", "wall="),
     ("contact.restitution=0.5", "gravity="),
     ("chain.precompression=2 N", "striker.speed=2 m/s"),
 )
 LIMIT_S = 1.0
 Output = Mapping[str, bytes]  # files by name
-NO_DECK = "this is no deck (\n"
+BAD_DECK = "this is no deck (\n"
 
 
 def start(candidate: Candidate) -> Iterator[Measured]:
-    """The trace begins with the state that the scene has at time 0, not a step or half a step beside it."""
+    """The trace begins with the state of the scene at time 0, not a step or half a step off."""
     moving = "chain.bead=[{from_wall=3, gap_below='20 um', velocity='0.1 m/s'}, {from_wall=1, velocity='-0.2 m/s'}]"
     case = case_with("chain.precompression=2 N", "chain.origin=0.1 m", moving)
     trace, chain = candidate.run(case), case.chain
@@ -53,15 +53,17 @@ def start(candidate: Candidate) -> Iterator[Measured]:
         ("velocity", trace.velocity_m_s, chain.velocity_m_s),
     ):
         share = float(abs(found[0] - right).max() / abs(found).max())
-        yield Measured(share, START_TOLERANCE, f"{name} at time 0, off by this share of the largest")
+        yield Measured(share, START_TOLERANCE, f"error of the {name} at time 0, relative to the largest")
     moved = abs(trace.height_m - chain.height_m)
-    yield within("height", float(moved[0].max() / moved.max()), "height at time 0, off by this share of the motion")
+    yield within(
+        "height", float(moved[0].max() / moved.max()), "error of the heights at time 0, relative to the motion"
+    )
 
 
 def damaged_output(candidate: Candidate) -> Iterator[Measured]:
-    """Output that is missing, torn or another case's is a RunError, or changes nothing; flipped bytes raise no other.
+    """Missing or torn output and output of another case raise RunError or change nothing.
 
-    Not every format can tell a byte that is flipped within a number: there it may change forces.
+    Flipped bytes raise no other error, but may change forces, as some formats cannot detect them.
     """
     folder, trace = candidate.alone
     place, problems, counts = candidate.folder / "damaged", list[str](), Counter[str]()
@@ -77,41 +79,41 @@ def damaged_output(candidate: Candidate) -> Iterator[Measured]:
             same = digest_of(candidate.read(candidate.base, place)) == digest_of(trace)
         except RunError:
             counts["a RunError"] += 1
-        except Exception as error:  # whatever an adapter raises
+        except Exception as error:  # adapters may raise anything
             problems.append(f"{words}: {type(error).__name__}: {error}")
         else:
             counts["no difference" if same else "another trace"] += 1
             if not (same and any(contents.values())) and not may_differ:
                 problems.append(f"{words}: read without an error")
         shutil.rmtree(place)
-    told = ", ".join(f"{words} {count}" for words, count in counts.items())
-    yield Measured(len(problems), 0, "; ".join(problems[:3]) or f"of {counts.total()} damages: {told}")
+    results = ", ".join(f"{count} gave {words}" for words, count in counts.items())
+    yield Measured(len(problems), 0, "; ".join(problems[:3]) or f"of {counts.total()} damages {results}")
 
 
 def _damages(candidate: Candidate, output: Output) -> Iterator[tuple[str, Mapping[str, bytes | None], bool]]:
-    """Damages: words, contents of files by name (None: missing), and whether forces may differ."""
+    """Damages: description, contents of files by name (None for a missing file), and True if forces may differ."""
     yield "no raw output", dict.fromkeys(output), False
     for name, whole in output.items():
-        for share in KEPT:
+        for share in TORN_SHARES:
             yield f"{name} torn at {share:g}", {name: whole[: int(share * len(whole))]}, False
-        for words, content in FOREIGN.items():
+        for words, content in REPLACEMENTS.items():
             yield f"{words} in place of {name}", {name: content}, False
         spread = (number * (len(whole) - 1) // FLIPS for number in range(FLIPS))
         for at in {*range(min(FLIPS, len(whole))), *spread}:
             flipped = whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :]
             yield f"byte {at} of {name} flipped", {name: flipped}, True
-    for words, settings in OTHERS.items():
+    for words, settings in OTHER_CASES.items():
         other = case_with(*settings)
         deck = candidate.engine.render(other)
         folder, outcome = candidate.execute(other, deck)
         if outcome.code:
             raise RunError(f"{words}: exit code {outcome.code}")
-        said = {"stdout.txt": (folder / "stdout.txt").read_bytes()}
-        yield f"output of {words}", {**dict.fromkeys(output), **_output(deck, folder), **said}, False
+        printed = {"stdout.txt": (folder / "stdout.txt").read_bytes()}
+        yield f"output of {words}", {**dict.fromkeys(output), **_output(deck, folder), **printed}, False
 
 
 def _output(deck: Deck, folder: Path) -> Output:
-    """Raw output files by name; where one is a folder, those in it."""
+    """Raw output files by name, including files in output folders."""
     found = (
         path
         for name in deck.raw
@@ -121,7 +123,7 @@ def _output(deck: Deck, folder: Path) -> Output:
 
 
 def failures(candidate: Candidate) -> Iterator[Measured]:
-    """A deck that cannot be run fails with the engine's own words; beyond the time limit nothing of it goes on."""
+    """A bad deck fails with the engine's own message; at the time limit all processes of a run end."""
     folder, outcome = candidate.process(_broken(candidate.deck), "broken", 60.0)
     words = ""
     try:
@@ -129,27 +131,27 @@ def failures(candidate: Candidate) -> Iterator[Measured]:
     except RunError as error:
         words = str(error)
     if not words or words.endswith("no output"):
-        raise RunError(f"a deck that is none: {words or 'done'}")
+        raise RunError(f"a bad deck: {words or 'done'}")
     case = case_with(*ENDLESS)
     began = time.perf_counter()
     folder, outcome = candidate.process(candidate.engine.render(case), "endless", LIMIT_S)
     if not outcome.timed_out:
-        raise RunError(f"a run of {case.scene.steps:.0e} steps ended by itself, exit code {outcome.code}")
+        raise RunError(f"a run of {case.scene.steps:.0e} steps ended before its time limit, exit code {outcome.code}")
     until = began + LIMIT_S + tolerance("kit", "late").limit
     while (left := _processes_in(folder)) and time.perf_counter() < until:
         time.sleep(0.05)
     if left:
-        raise RunError(f"killed at the time limit; processes of it that went on: {left}")
+        raise RunError(f"{left} processes continued after the time limit")
     late_s = time.perf_counter() - began - LIMIT_S
-    yield within("late", late_s, f"s that it went on after the time limit; a deck that is none: {words}")
+    yield within("late", late_s, f"seconds from the time limit to the end of all processes; a bad deck gives: {words}")
 
 
 def _broken(deck: Deck) -> Deck:
-    return Deck(dict.fromkeys(deck.files, NO_DECK), deck.command, deck.raw)
+    return Deck(dict.fromkeys(deck.files, BAD_DECK), deck.command, deck.raw)
 
 
 def _processes_in(folder: Path) -> int:
-    """Processes that run in a folder, where the system tells."""
+    """Number of processes that run in a folder, on systems with /proc."""
     found = 0
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
@@ -158,20 +160,20 @@ def _processes_in(folder: Path) -> int:
 
 
 def server(candidate: Candidate) -> Iterator[Measured]:
-    """The server repeats the bits of a process by itself, in any order, after a bad deck and after one too late."""
+    """The server gives the same bits as a single process, in any order, after a bad deck and after a timeout."""
     engine, base = candidate.engine, candidate.base
     _, alone = candidate.alone
     right, served = {id(base): alone}, 0
-    others = [case for settings in BETWEEN if not inability(case := case_with(*settings), engine.name)]
+    others = [case for settings in CASES_BETWEEN if not inability(case := case_with(*settings), engine.name)]
     with closing(Session(engine, candidate.build.command, candidate.folder / "server")) as session:
 
         def ask(case: Case, when: str) -> None:
-            """Holds a case against its run by itself, or the first one here; RunError where it differs."""
+            """Compare a case with its single run, or with its first run here; RunError if it differs."""
             nonlocal served
             try:
                 trace = serve(session, case).trace
             except RunError as error:
-                silent = f"; within it there was no line {DONE}, flushed" if error.status == "timeout" else ""
+                silent = f"; the server printed no line {DONE} before" if error.status == "timeout" else ""
                 raise RunError(f"{when}: {error}{silent}") from error
             served += 1
             before = right.setdefault(id(case), trace)
@@ -179,7 +181,7 @@ def server(candidate: Candidate) -> Iterator[Measured]:
                 raise RunError(f"{when}: forces differ by {deviation(trace, before).share:.1e}")
 
         began = time.perf_counter()
-        ask(base, "at first")
+        ask(base, "first case")
         ask(base, "again")
         for other in others:
             ask(other, "another case")
@@ -187,7 +189,7 @@ def server(candidate: Candidate) -> Iterator[Measured]:
             ask(other, "another case again")
         case_s = (time.perf_counter() - began - session.start_s) / served
         for words, deck, limit_s in (
-            ("a deck that is none", _broken(candidate.deck), 60.0),
+            ("a bad deck", _broken(candidate.deck), 60.0),
             ("a run beyond its time limit", engine.render(case_with(*ENDLESS)), LIMIT_S),
         ):
             outcome, done = session.run(deck, limit_s), True
@@ -198,16 +200,16 @@ def server(candidate: Candidate) -> Iterator[Measured]:
             if done:
                 raise RunError(f"{words} is done")
             ask(base, f"after {words}")
-    words = f"the same bits as by itself, after other cases, a bad deck, a run too long; {case_s:.3f} s a case"
+    words = f"identical to single runs after other cases, a bad deck and a timeout; {case_s:.3f} s per case"
     yield Measured(0, 0, words)
 
 
 def cost(candidate: Candidate) -> Iterator[Measured]:
-    """What a run costs is measured, and the seconds of its loop are part of those of its process."""
+    """The cost of runs can be measured, and the output contains the time in the loop."""
     found = measure(candidate.engine, candidate.build)
     folder, _ = candidate.alone
     loop_s = candidate.engine.loop_seconds((folder / "stdout.txt").read_text(errors="replace"))
     if loop_s is None:
-        raise RunError("the output has no line of loop_pattern")
-    words = "\n".join(["s to start a process", *entry_of(candidate.engine.name, found)])
+        raise RunError("no line of the output matches loop_pattern")
+    words = "\n".join(["seconds to start a process", *entry_of(candidate.engine.name, found)])
     yield Measured(found.start_s, MAX_START_S, words)

@@ -1,7 +1,7 @@
 """``python -m validation.reference chain.json``: integrates the chain of a deck and writes ``chain.npy``.
 
-With ``-`` in place of the deck it serves many: each line of its input names a folder and a word to print afterwards.
-Kernels named behind it are loaded before the first.
+With ``-`` in place of the deck it runs many decks: each line of the standard input is ``FOLDER WORD``. It runs the deck
+of the folder and then prints the word. Further arguments name kernel modules to load first.
 """
 
 import json
@@ -16,16 +16,16 @@ import numpy as np
 
 from validation.reference.hertz_chain import TUBE_KEYS, Array, HertzChain, TubeChain
 
-Integration = Callable[[int, int], list[Array]]  # of samples, and steps from each to the next
+Integration = Callable[[int, int], list[Array]]  # arguments: number of samples, steps per sample
 
 _compiled: set[str] = set()
 
 
 def main(deck: Path) -> None:
-    """Runs one deck; its output goes beside it."""
+    """Runs one deck and writes the output into the folder of the deck."""
     values = json.loads(deck.read_text())
     method, integrate = ("tube", _tube(values)) if "place_m" in values else (values["method"], _straight(values))
-    if method not in _compiled:  # no part of the time loop
+    if method not in _compiled:  # compiling does not count as time of the time loop
         integrate(2, 1)
         _compiled.add(method)
     start = time.perf_counter()
@@ -36,7 +36,7 @@ def main(deck: Path) -> None:
 
 
 def _straight(values: dict[str, Any]) -> Integration:
-    """The integration of a straight chain, to samples of so many steps each."""
+    """Integration of a straight chain."""
     keys = ("mass_kg", "stiffness_N_m-3/2", "overlap_m", "velocity_m_s", "load_N")
     damping = values.get("gamma_N_(s/m)^alpha", values.get("damping_N_s_m-5/4", []))
     mass, stiffness, overlap, velocity, load = (values[key] for key in keys)
@@ -57,7 +57,7 @@ def _straight(values: dict[str, Any]) -> Integration:
 
 
 def _tube(values: dict[str, Any]) -> Integration:
-    """Likewise of a three-dimensional chain."""
+    """Integration of a three-dimensional chain."""
     from validation.reference.tube import integrate_tube
 
     chain = TubeChain(
@@ -78,7 +78,7 @@ def _tube(values: dict[str, Any]) -> Integration:
 
 
 def serve(requests: Iterable[str], kernels: Iterable[str]) -> None:
-    """Runs deck after deck; one that cannot be run ends it, as it would end a process of its own."""
+    """Runs the decks of all requests; a deck that fails ends the process, as it does in a separate process."""
     for name in kernels:
         import_module(f"validation.reference.{name}")
     for line in requests:

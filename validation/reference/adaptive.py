@@ -1,11 +1,11 @@
-"""The exact reference: adaptive order 8 that knows when contacts open and close.
+"""The exact reference: an adaptive method of order 8 that locates the opening and closing of contacts.
 
-The state is overlaps and velocities, so that nothing cancels; it and the clock carry what rounding leaves out of them.
-Steps are those of ``dop853``: in ``s = (t - t_e)^(1/power)`` after the last event t_e, with a power of 2 of elastic
-chains and of 4 of those that lose energy. A step in which a contact closes, opens or, losing energy, lets go before
-it opens is ended right there; one that ends in an elastic opening runs in ``s = (t_e - t)^(1/2)``. By the power law
-(``power_law_events``) a step is also ended where the closing speed of a contact changes its sign, and runs towards
-that in ``s = (t_e - t)^(1/4)``.
+The state consists of overlaps and velocities, which avoids cancellation. State and time are compensated for rounding
+(Kahan). Steps are those of ``dop853``, in ``s = (t - t_e)^(1/power)`` after the last event t_e, with power 2 for
+elastic and power 4 for dissipative chains. A step ends at each event: a contact closes, opens or, if dissipative,
+releases (its force reaches zero before the overlap does). A step that ends in an elastic opening runs in
+``s = (t_e - t)^(1/2)``. With the power law (``power_law_events``) a step also ends where the closing speed of a contact
+changes sign, and runs in ``s = (t_e - t)^(1/4)``.
 """
 
 from math import sqrt
@@ -23,30 +23,30 @@ from validation.reference.hertz_chain import (
     displacements,
 )
 
-LEAST_TOLERANCE = 1e-12  # what double precision gives with a margin: measured errors end near 1e-14
-LOCAL_SHARE = 0.002  # local tolerance over the one asked for: light and loose beads multiply errors some thousandfold
-FIRST_STEP = 1e-3  # of the time scale
+MIN_TOLERANCE = 1e-12  # attainable in double precision with a margin: the smallest measured errors are near 1e-14
+LOCAL_SHARE = 0.002  # local over requested tolerance: light or loose beads amplify errors about a thousandfold
+FIRST_STEP = 1e-3  # share of the time scale
 
 
-def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAST_TOLERANCE) -> Motion:
-    """Integrates from time 0 with samples at ``time_s``, increasing from 0.
+def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = MIN_TOLERANCE) -> Motion:
+    """Integrates from time 0 and samples the motion at ``time_s``, which begins at 0.
 
-    The largest force error over all contacts and samples stays below ``tolerance`` times the largest force, as
-    long as the motion itself does not multiply small errors more than thousandfold (a chain that bounces on for long
-    is chaotic; ``own_error_N`` of ``validation.accuracy.schemes`` measures what is left).
+    The largest force error over all contacts and samples stays below ``tolerance`` times the largest force if the
+    motion amplifies small errors at most a thousandfold. A chain that bounces for long is chaotic;
+    ``own_error_N`` of ``validation.accuracy.schemes`` measures the remaining error.
 
     Raises:
-        ValueError: sample times that do not begin at 0 or do not increase, a tolerance below what double
-            precision can give or not below 1.
-        ArithmeticError: the motion cannot be followed.
+        ValueError: sample times do not begin at 0 or do not increase; the tolerance is below ``MIN_TOLERANCE`` or not
+            below 1.
+        ArithmeticError: the step size becomes too small.
     """
     time_s = np.ascontiguousarray(time_s, dtype=float)
     if time_s.ndim != 1 or not time_s.size or time_s[0] != 0 or not (np.diff(time_s) > 0).all():
         raise ValueError("time_s: expected increasing times that begin at 0")
     if not np.isfinite(time_s[-1]):
         raise ValueError("time_s: not finite")
-    if not LEAST_TOLERANCE <= tolerance < 1:
-        raise ValueError(f"tolerance: {tolerance:g}, expected from {LEAST_TOLERANCE:g} to below 1")
+    if not MIN_TOLERANCE <= tolerance < 1:
+        raise ValueError(f"tolerance: {tolerance:g}, expected from {MIN_TOLERANCE:g} to below 1")
     from validation.reference.adaptive_kernels import follow
 
     n = chain.mass_kg.size
@@ -59,15 +59,15 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = LEAS
     first = FIRST_STEP * overlap_scale / speed_scale
     states, done = follow(start, time_s, bodies, LOCAL_SHARE * tolerance, scale, first)
     if not done or not np.isfinite(states).all():
-        raise ArithmeticError("the adaptive reference cannot follow this motion: its steps shrink to nothing")
+        raise ArithmeticError("the adaptive reference cannot integrate this motion: its steps become too small")
     overlap, velocity = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
     return Motion(contact_force(chain, overlap, velocity), displacements(chain, overlap), velocity)
 
 
 def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:
-    """Overlap and speed to measure errors by: those that the energy put in can reach.
+    """Scales of overlap and speed for errors: the values that the available energy can produce.
 
-    The energy is kinetic and elastic at time 0, and what the loads do by closing gaps.
+    This energy is the kinetic and elastic energy at time 0 and the work of the loads while gaps close.
     """
     energy = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
     energy += ENERGY_SHARE * float(chain.stiffness @ np.maximum(chain.overlap_m, 0.0) ** (1 + EXPONENT))
@@ -75,7 +75,7 @@ def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:
         np.cumsum(np.maximum(-chain.overlap_m, 0.0)), np.abs(chain.load_N) / chain.mass_kg * duration_s**2
     )
     energy += float(np.abs(chain.load_N) @ fallen)
-    if energy == 0.0:  # nothing moves, or all fall together
+    if energy == 0.0:  # all bodies are at rest, or all fall together
         energy = float((chain.load_N**2 / chain.mass_kg).sum()) * duration_s**2 or 1e-300
     stiffest = float(chain.stiffness.max()) or 1.0
     return ((1 + EXPONENT) * energy / stiffest) ** ENERGY_SHARE, sqrt(2.0 * energy / float(chain.mass_kg.max()))

@@ -1,4 +1,4 @@
-"""Kernels of the exact reference: the module is imported where something is integrated, as it loads compiled code."""
+"""Kernels of the exact reference; imported only for an integration, since the import loads compiled code."""
 
 from math import sqrt
 from typing import Any
@@ -8,7 +8,7 @@ from numba import njit
 
 from validation.reference.contact_kernels import copy
 from validation.reference.dop853 import (
-    BY_POWER,
+    POWER_LAW_LENGTH,
     ROWS,
     Bodies,
     error,
@@ -17,16 +17,17 @@ from validation.reference.dop853 import (
     slope,
     step,
     step_factor,
-    uncounted,
+    without_refcounts,
 )
 from validation.reference.hertz_chain import Array
 from validation.reference.power_law_events import closing_speed, first_holds, first_power_event, passing
 
-DENSE_LIMIT = 1e-9  # local tolerance below which samples of damped contacts are stepped to: their forces rise steeply
-EVENT_OVERLAP = 1e-13  # of the overlap scale: contacts that are open or closed by less are at no event
-MAX_TRIES = 12  # of Newton's method for the time of an event
-MAX_TRIES_BETWEEN = 60  # likewise where it may halve
-MAX_REJECTED = 200  # in a row
+DENSE_LIMIT = 1e-9  # local tolerance; below it damped forces rise too steeply to interpolate samples
+EVENT_OVERLAP = 1e-13  # share of the overlap scale: smaller gaps and overlaps are rounding, no event
+TIME_ROUNDING = 4e-16  # of a time that is computed from s, for power 2
+MAX_TRIES = 12  # iterations of Newton's method for the time of an event
+MAX_TRIES_BETWEEN = 60  # iterations with bisection as fallback
+MAX_REJECTED = 200  # consecutive steps
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -44,7 +45,7 @@ def _root(elapsed: float, power: float) -> float:
 def follow(
     start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float
 ) -> tuple[Array, bool]:
-    """States of a chain at all times, shape (samples, 2 bodies), and whether it got there.
+    """States of a chain at all times, shape (samples, 2 bodies), and True if the integration reached the end.
 
     Local errors of each step stay below ``tolerance`` times ``scale``, shape (2 bodies,).
     """
@@ -57,19 +58,19 @@ def follow(
     return samples, _fill(samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step)
 
 
-@uncounted
+@without_refcounts
 def _fill(
     samples: Array, state: Array, end: Array, work: Array, slopes: Array, spare: Array, dense: Array, times: Array,
     bodies: Bodies, tolerance: float, scale: Array, first_step: float,
 ) -> bool:  # fmt: skip
-    """Fills all samples but the first, which is the state; whether it got to the end."""
+    """Fills all samples after the first, which is the initial state; True if the integration reached the end."""
     power = 4.0 if bodies[2].size else 2.0
     dense_enough = power == 2.0 or tolerance >= DENSE_LIMIT
-    if len(bodies) == BY_POWER:
+    if len(bodies) == POWER_LAW_LENGTH:
         first_holds(state[0], bodies)
     slope(state[0], 1.0, state[2], bodies)
-    nobody: Any = np.int64(-1)  # no literal: those would compile what takes them once more
-    since, rest = 0.0, 0.0  # the sum is the time of the last event; all else counts from it
+    nobody: Any = np.int64(-1)  # a literal would make numba compile the called functions again
+    since, rest = 0.0, 0.0  # the sum is the time of the last event, from which other times are counted
     s, h, sample, rejected, last = 0.0, _root(first_step, power), 1, 0, nobody
 
     while sample < times.size:
@@ -118,11 +119,11 @@ def _fill(
             sample += 1
         if event >= 0:
             contact, switches = event, True
-            if len(bodies) == BY_POWER:
+            if len(bodies) == POWER_LAW_LENGTH:
                 contact, switches = event % bodies[1].size, state[0, event % bodies[1].size] < 0.0
                 if event < bodies[1].size:
                     bodies[5][event] = 1.0 - bodies[5][event]
-            if switches and end[0, contact] <= scale[0] * EVENT_OVERLAP:  # it is 0 but for rounding, which is kept
+            if switches and end[0, contact] <= scale[0] * EVENT_OVERLAP:  # only rounding: move it to row 1
                 end[1, contact] += end[0, contact]
                 end[0, contact] = 0.0
             slope(end[0], 1.0, end[2], bodies)
@@ -140,16 +141,17 @@ def _fill(
     return True
 
 
-@uncounted
+@without_refcounts
 def _first_event(
     start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, elapsed: float, until: float, last: int,
     known: int,
 ) -> tuple[int, float]:  # fmt: skip
-    """The contact that opens, closes or lets go first in a step, by linear interpolation, and where; -1: none does.
+    """First contact that opens, closes or releases in a step (-1: none), and the fraction of the step at which it does.
 
-    By the power law it is an event of ``power_law_events``; a share below 0: the step is to be tried again, shorter.
+    The fraction is linearly interpolated. With the power law the event is one of ``power_law_events``; a negative
+    fraction means that the step must be repeated with a smaller size.
     """
-    if len(bodies) == BY_POWER:
+    if len(bodies) == POWER_LAW_LENGTH:
         return first_power_event(start, end, bodies, scale, tolerance, elapsed, until, last, known)
     stiffness, damping = bodies[1], bodies[2]
     n = stiffness.size
@@ -170,26 +172,26 @@ def _first_event(
     return first, where
 
 
-@uncounted
+@without_refcounts
 def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float:
-    """``k d^(5/4) + C d'``: below 0 a closed contact that loses energy has let go."""
+    """``k d^(5/4) + C d'``, negative after a closed dissipative contact has released."""
     overlap = max(state[contact], 0.0)
     return float(stiffness * overlap * sqrt(sqrt(overlap)) + damping * closing_speed(state, contact))
 
 
-@uncounted
+@without_refcounts
 def _step_to_event(
     state: Array, s: float, power: float, guess: float, limit: float, event: int, slopes: Array, end: Array,
     bodies: Bodies,
 ) -> tuple[float, float, float, float]:  # fmt: skip
-    """The step that ends at an event, where an overlap, a force or a speed is zero, by Newton's method on its end time.
+    """Step that ends at an event, a zero of an overlap, force or speed; Newton's method finds the end time.
 
-    An elastic opening is approached in ``s = sqrt(t_e - t)``, where the motion is smooth, and a turning point by the
-    power law in ``s = (t_e - t)^(1/4)``; before a closing there is no force. ``guess`` and ``limit``, beyond the event,
-    are times.
+    An elastic opening is approached in ``s = sqrt(t_e - t)``, in which the motion is smooth, and a turning point of the
+    power law in ``s = (t_e - t)^(1/4)``. Before a contact closes it has no force, so no change of variable is needed.
+    ``guess`` is the first estimate of the event's time, ``limit`` a time after the event.
 
     Returns:
-        Begin and length of the step in s, its power, time of the event; a length of 0 where none was found.
+        Begin and length of the step in s, its power, time of the event; length 0 if the event was not found.
     """
     n = bodies[1].size
     contact = event % n
@@ -201,7 +203,8 @@ def _step_to_event(
     elif closed and not damped:
         backwards = 2.0
     low, high, past, tries = elapsed, 0.0, 0.0, MAX_TRIES
-    if len(bodies) == BY_POWER:  # a force that has let go tells nothing of when: the event is kept between two times
+    rounding = TIME_ROUNDING * (3.0 if power == 4.0 else 1.0)  # a finer limit than s**4 resolves is never reached
+    if len(bodies) == POWER_LAW_LENGTH:  # Newton's method alone may fail after a release: keep the event bracketed
         high, tries = limit, MAX_TRIES_BETWEEN
         past = passing(end[0], end[2], event, state[0, contact] < 0.0, bodies)[0]
     for _ in range(tries):
@@ -211,7 +214,7 @@ def _step_to_event(
             length = -begin
         step(state, begin, length, stretch, slopes, end, bodies)
         value, rate = end[0, contact], closing_speed(end[0], contact)
-        if len(bodies) == BY_POWER:
+        if len(bodies) == POWER_LAW_LENGTH:
             slope(end[0], 1.0, end[2], bodies)
             value, rate = passing(end[0], end[2], event, state[0, contact] < 0.0, bodies)
         elif closed and damped:
@@ -220,12 +223,12 @@ def _step_to_event(
             value = _grip(end[0], contact, stiffness, damping)
             rate *= 1.25 * stiffness * max(end[0, contact], 0.0) ** 0.25
             rate += damping * closing_speed(end[2], contact)
-        if rate == 0.0 and len(bodies) != BY_POWER:
+        if rate == 0.0 and len(bodies) != POWER_LAW_LENGTH:
             break
         change = -value / rate
-        if abs(change) <= 4e-16 * guess + 1e-14 * (guess - elapsed):
+        if abs(change) <= rounding * guess + 1e-14 * (guess - elapsed):
             return begin, length, stretch, guess
-        if len(bodies) == BY_POWER:
+        if len(bodies) == POWER_LAW_LENGTH:
             low, high = (low, guess) if value * past > 0.0 else (guess, high)
             guess = guess + change if low < guess + change < high else 0.5 * (low + high)
         else:

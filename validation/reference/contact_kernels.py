@@ -1,4 +1,4 @@
-"""What the compiled integrators share: the contact law, as ``hertz_chain`` has it for arrays, and copying."""
+"""Compiled functions shared by the integrators: the contact law (for arrays: ``hertz_chain``) and copying."""
 
 import hashlib
 from math import sqrt
@@ -8,7 +8,7 @@ from numba import config, njit
 
 from validation.reference.hertz_chain import Array
 
-# numba looks for changes in a function's own file, not in those that it calls into: one folder for each state of them
+# numba notices changes in a function's own file only, not in files of called functions: one cache folder per state
 HOME = Path(__file__).parent
 SOURCES = hashlib.sha256(b"".join(file.read_bytes() for file in sorted(HOME.glob("*.py")))).hexdigest()
 vars(config)["CACHE_DIR"] = str(Path(vars(config)["CACHE_DIR"] or HOME / "__pycache__") / f"kernels-{SOURCES[:12]}")
@@ -22,7 +22,7 @@ def elastic_force(stiffness: float, overlap: float) -> float:
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def overlap_power(overlap: float) -> float:
-    """``d^(3/2)`` of an overlap of 0 or more, for kernels that multiply by the stiffness last."""
+    """``d^(3/2)`` of a nonnegative overlap, for kernels that multiply by the stiffness last."""
     return overlap * sqrt(overlap)
 
 
@@ -35,7 +35,7 @@ def damped_force(stiffness: float, damping: float, overlap: float, closing: floa
 
 @njit(error_model="numpy", forceinline=True)
 def raised(speed: float, alpha: float) -> float:
-    """``speed^alpha``, by roots at the exponent that was found for PTFE: a general power takes most of a run's time."""
+    """``speed^alpha``; by square roots for PTFE's exponent 1.75, since a general power dominates the run time."""
     if alpha == 1.75:
         root = sqrt(speed)
         return speed * root * sqrt(root)
@@ -51,6 +51,6 @@ def power_force(stiffness: float, gamma: float, alpha: float, overlap: float, cl
 
 @njit(error_model="numpy", forceinline=True)
 def copy(source: Array, target: Array) -> None:
-    """``target[:] = source``, which would compile three seconds long: the message for shapes that do not match."""
+    """``target[:] = source`` as a loop: the assignment itself takes three seconds to compile."""
     for i in range(target.size):
         target[i] = source[i]

@@ -1,13 +1,13 @@
 """One step of DOP853 (Dormand and Prince, order 8) for a Hertz chain, in stretched time.
 
-An elastic force goes with overlap^(3/2), so where a contact opens or closes at time t_e the motion is smooth in
-``s = |t - t_e|^(1/2)`` but not in t; where one closes that loses energy, its force begins with (t - t_e)^(1/4), and all
-is smooth in ``s = (t - t_e)^(1/4)``. Steps therefore run in s: with ``t = t_e + s^power`` the equations are
-``dy/ds = power s^(power - 1) f(y)``, and the method keeps its order through the event. Powers of -2 and -4 are
-``t = t_e - s^2`` and ``t = t_e - s^4``.
+An elastic force is proportional to overlap^(3/2). Around a time t_e at which a contact opens or closes, the motion is
+smooth in ``s = |t - t_e|^(1/2)`` but not in t. The force of a dissipative contact that closes starts with
+(t - t_e)^(1/4), and the motion is smooth in ``s = (t - t_e)^(1/4)``. Steps are therefore taken in s: with
+``t = t_e + s^power`` the equations are ``dy/ds = power s^(power - 1) f(y)``, and the method keeps its order through
+the event. Powers -2 and -4 mean ``t = t_e - s^2`` and ``t = t_e - s^4``.
 
-Rows of a state: overlaps, then velocities; what rounding has left out of them (Kahan); their slopes dy/dt.
-Coefficients are scipy's.
+Rows of a state: values (overlaps, then velocities); their rounding errors (Kahan); their slopes dy/dt.
+The coefficients are scipy's.
 """
 
 from collections.abc import Callable
@@ -22,37 +22,37 @@ from validation.reference.contact_kernels import damped_force, elastic_force, po
 from validation.reference.hertz_chain import Array
 
 STAGES = 12
-ROWS = 16  # stages, the slope at the end, and three more for dense output
+ROWS = 16  # the stages, the slope at the end, three more stages for dense output
 C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
-# formulas by what they give: each stage, the end of the step, stages of dense output, two errors, dense output
+# rows of FORMULAS: each stage, the end of the step, stages of dense output, two error estimates, dense output
 END, FIFTH, THIRD, DENSE = STAGES, ROWS, ROWS + 1, ROWS + 2
 FORMULAS = np.zeros((DENSE + 4, ROWS))
 FORMULAS[:STAGES, :STAGES], FORMULAS[END, :STAGES], FORMULAS[STAGES + 1 : ROWS] = DOP853.A, DOP853.B, DOP853.A_EXTRA
 FORMULAS[FIFTH, : STAGES + 1], FORMULAS[THIRD, : STAGES + 1], FORMULAS[DENSE:] = DOP853.E5, DOP853.E3, DOP853.D
-# of each formula: weights that are not 0, first; their slopes (those of others may not be finite); how many they are
+# per formula: slopes with weights other than 0 (other slopes may not be finite), their weights, their number
 TERMS = np.argsort(FORMULAS == 0, axis=1, kind="stable")
 WEIGHTS = np.take_along_axis(FORMULAS, TERMS, axis=1)
 TERMS[WEIGHTS == 0] = 0
 COUNTS = np.count_nonzero(FORMULAS, axis=1)
-ROUNDING = 0.5**53  # of a double
-# inverse masses, stiffness, damping (empty of an elastic chain), acceleration by the loads alone; only of the power
-# law its alpha, and for each contact 1 where it may exert a force in the present step, else 0
+ROUNDING = 0.5**53  # relative rounding error of a double
+# inverse masses, stiffness, damping (empty for an elastic chain), acceleration by the loads alone; with the power law
+# also alpha, and for each contact 1 if it may exert a force in the present step, else 0
 Bodies = tuple[Any, ...]
-BY_POWER = 6  # so many: numba compiles kernels for either length, without the branches of the other
+POWER_LAW_LENGTH = 6  # length of Bodies with the power law; numba compiles a kernel for each of the two lengths
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
-def uncounted(kernel: Kernel) -> Kernel:
-    """Compiles a function that makes no array, without reference counts: they take half of a small chain's time."""
-    options: dict[str, Any] = {"_nrt": False, "error_model": "numpy"}  # numba's stubs do not have the first
+def without_refcounts(kernel: Kernel) -> Kernel:
+    """Compiles a function that allocates no arrays; reference counts would take half of a small chain's time."""
+    options: dict[str, Any] = {"_nrt": False, "error_model": "numpy"}  # _nrt is missing from numba's stubs
     compiled: Kernel = njit(**options)(kernel)
     return compiled
 
 
-@uncounted
+@without_refcounts
 def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
-    """Writes ``stretch * dy/dt`` to ``result``; each of its loops compiles to vector instructions."""
-    if len(bodies) == BY_POWER:
+    """Writes ``stretch * dy/dt`` to ``result``; each loop compiles to vector instructions."""
+    if len(bodies) == POWER_LAW_LENGTH:
         _slope_power(state, stretch, result, bodies)
         return
     inverse_mass, stiffness, damping, acceleration = bodies[:4]
@@ -74,9 +74,9 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
         closing[j] *= stretch
 
 
-@uncounted
+@without_refcounts
 def _slope_power(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
-    """As ``slope``, by the power law: which contacts exert a force is held through a step, so that it is smooth."""
+    """``slope`` for the power law; it is smooth, as the contacts with a force stay the same within a step."""
     inverse_mass, stiffness, gamma, acceleration, alpha, holds = bodies
     n = inverse_mass.size
     below, force_below = 0.0, 0.0
@@ -100,9 +100,9 @@ def _stretch(s: float, power: float) -> float:
     return power * s * s * s if abs(power) == 4.0 else power * s
 
 
-@uncounted
+@without_refcounts
 def weigh(formula: int, h: float, slopes: Array, result: Array) -> None:
-    """Writes ``h * FORMULAS[formula] @ slopes`` to ``result``, four rows at a time."""
+    """Writes ``h * FORMULAS[formula] @ slopes`` to ``result``, in blocks of four rows."""
     row, weight = TERMS[formula], WEIGHTS[formula]
     for i in range(result.size):
         result[i] = 0.0
@@ -113,9 +113,9 @@ def weigh(formula: int, h: float, slopes: Array, result: Array) -> None:
             result[i] = result[i] + a * one[i] + b * two[i] + c * three[i] + d * four[i]
 
 
-@uncounted
+@without_refcounts
 def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Array, bodies: Bodies) -> None:
-    """One step from s to s + h; writes values and what rounding left out of them, and fills the stages."""
+    """Takes one step from s to s + h; writes values and their rounding errors to ``end``, stages to ``slopes``."""
     start, result = state[0], end[0]
     stretch = _stretch(s, power)
     for i in range(start.size):
@@ -133,15 +133,15 @@ def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Arr
         end[1, i] = (start[i] - (result[i] - kept)) + (change - kept)
 
 
-@uncounted
+@without_refcounts
 def error(
     end: Array, s_end: float, h: float, power: float, slopes: Array, scale: Array, tolerance: float, work: Array,
     bodies: Bodies,
 ) -> float:  # fmt: skip
     """Largest local error over ``tolerance * scale``, by the two embedded formulas; fills the slope at the end.
 
-    Velocities may err by what rounding of a body's forces makes of them in the step. Where that is more, the body is
-    light and squeezed by forces much larger than what moves it, and shorter steps would not lower it.
+    The allowed error of a velocity is at least the effect of rounding errors of the body's forces in the step. It
+    exceeds the tolerance for light bodies between large, nearly equal forces; shorter steps would not lower it.
     """
     slope(end[0], 1.0, end[2], bodies)
     stretch, largest, n = _stretch(s_end, power), 0.0, scale.size // 2
@@ -158,9 +158,9 @@ def error(
         rounded[j] = rounding * (force[j + 1] + force[j]) * inverse_mass[j]
     rounded[n - 1] = rounding * force[n - 1] * inverse_mass[n - 1]
     for j in range(n):
-        force[j] = 0.0  # overlaps have no such allowance
+        force[j] = 0.0  # overlaps get no allowance for rounding
     for i in range(scale.size):
-        ratio = third[i] / fifth[i]  # squares of what a wave has barely reached underflow
+        ratio = third[i] / fifth[i]  # a ratio, since squares of tiny values ahead of a wave underflow
         estimate[i] = abs(h * fifth[i]) / sqrt(1.0 + 0.01 * ratio * ratio) / max(scale[i], work[2, i])
     for i in range(scale.size):
         if fifth[i] != 0.0 and not estimate[i] <= largest:  # a NaN counts as largest
@@ -168,9 +168,9 @@ def error(
     return largest / tolerance
 
 
-@uncounted
+@without_refcounts
 def step_factor(error: float) -> float:
-    """Next step over this one, by this one's error over the tolerance: below 1 where it is to be repeated."""
+    """Ratio of the next step to this step, from its error over the tolerance; below 1 if it must be repeated."""
     if not error < 1e300:
         return 0.2
     if error > 1.0:
@@ -178,11 +178,11 @@ def step_factor(error: float) -> float:
     return float(min(6.0, max(0.333, 0.9 * error**-0.125))) if error > 0.0 else 6.0
 
 
-@uncounted
+@without_refcounts
 def prepare_dense(
     start: Array, end: Array, s: float, h: float, power: float, slopes: Array, dense: Array, work: Array, bodies: Bodies
 ) -> None:
-    """Fills the seven rows of ``dense`` for a step whose stages and end slope stand in ``slopes``."""
+    """Fills the seven rows of ``dense`` for a step with its stages and end slope in ``slopes``."""
     for row in range(STAGES + 1, ROWS):
         weigh(row, h, slopes, work)
         for i in range(start.size):
@@ -197,9 +197,9 @@ def prepare_dense(
         weigh(DENSE + row, h, slopes, dense[3 + row])
 
 
-@uncounted
+@without_refcounts
 def evaluate_dense(start: Array, dense: Array, x: float, result: Array) -> None:
-    """Writes the state at the share x of the step to ``result``; the interpolant is of order 7."""
+    """Writes the state at the fraction x of the step to ``result``; the interpolant has order 7."""
     for i in range(start.size):
         value = dense[6, i] * x
         value = (value + dense[5, i]) * (1.0 - x)

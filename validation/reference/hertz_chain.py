@@ -1,4 +1,4 @@
-"""Chains as the integrators see them, what an integration gives back, and the contact law."""
+"""Chains and motions, the input and output of the integrators, and the contact law."""
 
 from dataclasses import dataclass, field
 
@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-EXPONENT = 3 / 2  # of the overlap in Hertz's law
+EXPONENT = 3 / 2  # exponent of the overlap in Hertz's law
 ENERGY_SHARE = 1 / (1 + EXPONENT)  # elastic energy over force times overlap
 
 
 def _checked(name: str, values: Array, shape: tuple[int, ...]) -> Array:
-    """An array of a chain as doubles, where it can be one of its name."""
+    """Array of a chain as doubles, checked for shape and range."""
     array = np.array(values, dtype=float)
     if array.shape != shape or not array.size:
         raise ValueError(f"{name}: shape {array.shape}, expected {shape}, for one or more bodies")
@@ -29,16 +29,18 @@ class HertzChain:
     """A chain of bodies 1 to n from the lowest up, contact j under body j; arrays of shape (n,), SI units.
 
     Attributes:
-        stiffness: k of each contact in ``F = k overlap^(3/2)``; 0 where there is none.
-        overlap_m: at time 0, a gap negative. Only these lengths enter, no absolute height: nothing cancels.
-        velocity_m_s: at time 0, upwards positive.
-        load_N: constant force on each body, upwards positive.
-        damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^(1/4) d overlap/dt)``; left out: all 0.
-        alpha: 0, or the exponent of the velocity-power law (``dissipative_force``), whose gamma the damping then is.
+        mass_kg: Mass of each body.
+        stiffness: k of each contact in ``F = k overlap^(3/2)``; 0 for a missing contact.
+        overlap_m: Overlap of each contact at time 0, negative for a gap. No absolute heights enter, which avoids
+            cancellation.
+        velocity_m_s: Velocity at time 0, upwards positive.
+        load_N: Constant force on each body, upwards positive.
+        damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^(1/4) d overlap/dt)``; default 0.
+        alpha: Exponent of the velocity-power law (``dissipative_force``), with gamma in ``damping``; 0: the law above.
 
     Raises:
-        ValueError: an array of another shape, not finite, a mass not above zero, a stiffness or a damping below zero;
-            an alpha that is neither 0 nor 1 or more, or a contact without gamma beside one that has an alpha.
+        ValueError: an array has a wrong shape or values that are not finite; a mass is not above zero; a stiffness or
+            damping is below zero; alpha is between 0 and 1; with alpha, a contact has no gamma.
     """
 
     mass_kg: Array
@@ -58,11 +60,11 @@ class HertzChain:
         if self.alpha and not 1 <= self.alpha < np.inf:
             raise ValueError(f"alpha: {self.alpha}, expected 0, or 1 or more")
         if self.alpha and (self.damping[self.stiffness > 0] == 0).any():
-            raise ValueError("damping: 0 at a contact, expected a gamma above zero where there is an alpha")
+            raise ValueError("damping: 0 at a contact, expected a gamma above zero at each contact")
 
     @property
     def elastic(self) -> bool:
-        """Whether no contact loses energy."""
+        """True if no contact dissipates energy."""
         return not self.damping.any()
 
 
@@ -71,9 +73,9 @@ class Motion:
     """Samples of an integration; arrays of shape (samples, bodies).
 
     Attributes:
-        force_N: of each contact, compression positive.
-        displacement_m: of each body since time 0, upwards positive.
-        velocity_m_s: upwards positive.
+        force_N: Force of each contact, compression positive.
+        displacement_m: Displacement of each body since time 0, upwards positive.
+        velocity_m_s: Velocity of each body, upwards positive.
     """
 
     force_N: Array
@@ -81,7 +83,7 @@ class Motion:
     velocity_m_s: Array
 
 
-# keys of a deck, as ``__main__`` reads it, by field of TubeChain; those of a straight chain go before them
+# field of TubeChain -> key of the deck; the deck also has the keys of a straight chain
 TUBE_KEYS = {
     "place_m": "place_m",
     "velocity_m_s": "velocity_xyz_m_s",
@@ -101,20 +103,24 @@ class TubeChain:
     """Bodies 1 to n from the lowest up, contact j under body j; arrays of shape (n,) and (n, 3), SI units.
 
     Attributes:
-        radius_m: inf for a level face, which moves along the axis only; its place is the face's.
-        stiffness: k of each contact in ``F = k overlap^(3/2)``; 0 where there is none (a free chain's first).
-        damping: C in ``F = max(0, k overlap^(3/2) + C overlap^(1/4) d overlap/dt)``.
-        shear: k_t of each contact: a shear ds adds ``k_t sqrt(overlap) ds``.
-        load_N: along the axis.
-        bore_stiffness: k of each body's contact with the bore, elastic; 0 for a body outside.
-        bore_shear: k_t likewise.
-        place_m: at time 0, the axis is x = y = 0.
-        velocity_m_s: at time 0; nothing spins then.
-        wall_m: height of the wall under body 1.
-        turns: whether friction turns bodies.
+        mass_kg: Mass of each body.
+        radius_m: Radius; inf for a flat striker, which moves along the axis only.
+        stiffness: k of each contact in ``F = k overlap^(3/2)``; 0 for a missing contact (first contact without a wall).
+        damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^(1/4) d overlap/dt)``.
+        shear: k_t of each contact: a shear displacement ds adds the force ``k_t sqrt(overlap) ds``.
+        load_N: Constant force on each body along the axis, upwards positive.
+        bore_stiffness: k of each body's elastic contact with the bore; 0 for a body outside the tube.
+        bore_shear: k_t of each body's contact with the bore.
+        place_m: Centres at time 0, of a flat striker the centre of its face; the axis is x = y = 0.
+        velocity_m_s: Velocities at time 0; spins at time 0 are zero.
+        wall_m: Height of the wall under body 1.
+        friction: Coefficient of friction between bodies and with the wall.
+        bore_m: Radius of the bore.
+        bore_friction: Coefficient of friction with the bore.
+        turns: True if friction turns the bodies.
 
     Raises:
-        ValueError: an array of another shape or not finite, a mass or a radius not above zero.
+        ValueError: an array has a wrong shape or values that are not finite; a mass or radius is not above zero.
     """
 
     mass_kg: Array
@@ -144,15 +150,15 @@ class TubeChain:
 
 @dataclass(frozen=True)
 class Extremes:
-    """The largest of each contact in a motion, step by step; arrays of shape (bodies,).
+    """Extreme values over all steps of a motion; arrays of shape (bodies,).
 
     Attributes:
-        overlap_m: of the contact under each body.
-        closing_m_s: the speed along its line at which it closes.
-        bore_overlap_m: likewise of the bore.
-        bore_closing_m_s: likewise.
-        impacts_J: of all its closings, the energies ``mu v^2 / 2`` together, mu being the reduced mass.
-        speed_m_s: at which it closes or parts while it has a force; of straight chains only.
+        overlap_m: Largest overlap of the contact under each body.
+        closing_m_s: Largest normal speed at which this contact closes.
+        bore_overlap_m: Largest overlap of each body with the bore.
+        bore_closing_m_s: Largest normal speed at which the contact with the bore closes.
+        impacts_J: Sum of ``mu v^2 / 2`` over all closings of the contact under each body, with the reduced mass mu.
+        speed_m_s: Largest relative speed of the contact while it has a force; straight chains only.
     """
 
     overlap_m: Array
@@ -165,14 +171,15 @@ class Extremes:
 
 @dataclass(frozen=True)
 class TubeMotion:
-    """Samples of an integration; velocities and spins at the time of the forces.
+    """Samples of an integration; velocities and spins belong to the time of the forces.
 
     Attributes:
-        force_N: of the contact under each body, along the axis, friction included. Shape (samples, bodies).
-        bore_N: by the bore on each body. Shape (samples, bodies, 3).
-        place_m: likewise.
-        velocity_m_s: likewise.
-        spin_rad_s: likewise.
+        force_N: Axial force of the contact under each body, including friction. Shape (samples, bodies).
+        bore_N: Force of the bore on each body. Shape (samples, bodies, 3).
+        place_m: Centre of each body. Shape (samples, bodies, 3).
+        velocity_m_s: Velocity of each body. Shape (samples, bodies, 3).
+        spin_rad_s: Angular velocity of each body. Shape (samples, bodies, 3).
+        extremes: Extreme values over all steps.
     """
 
     force_N: Array
@@ -187,7 +194,7 @@ def check_timing(time_step_s: float, steps_per_sample: int, samples: int) -> Non
     """Checks the steps and samples of an integration.
 
     Raises:
-        ValueError: a step not above zero, or counts below one.
+        ValueError: the step is not above zero, or a count is below one.
     """
     if not (np.isfinite(time_step_s) and time_step_s > 0):
         raise ValueError(f"time_step_s: {time_step_s}, expected above zero")
@@ -196,17 +203,17 @@ def check_timing(time_step_s: float, steps_per_sample: int, samples: int) -> Non
 
 
 def hertz_force(stiffness: Array, overlap_m: Array) -> Array:
-    """``F = k overlap^(3/2)`` where there is overlap, else 0."""
+    """``F = k overlap^(3/2)`` for positive overlaps, else 0."""
     closed = np.maximum(overlap_m, 0.0)
     return np.asarray(stiffness * closed * np.sqrt(closed))
 
 
 def dissipative_force(damping: Array, alpha: float, overlap_m: Array, closing_m_s: Array) -> Array:
-    """Force of a contact beside Hertz's, which their sum never makes attractive: ``C d^(1/4) d'``, or a power of d'.
+    """Dissipative force of a contact, to be added to the Hertz force (the sum is then limited to 0 and above).
 
-    With an alpha it is ``gamma sgn(d') |d'|^alpha`` where d >= 0 (Carretero-Gonzalez et al., Phys. Rev. Lett. 102,
-    024102, 2009), the damping being gamma in N (s/m)^alpha. It jumps where a contact closes; at that instant, d = 0
-    and d' > 0, it is the value just after.
+    It is ``C d^(1/4) d'`` without alpha, and ``gamma sgn(d') |d'|^alpha`` for d >= 0 with alpha (Carretero-Gonzalez
+    et al., Phys. Rev. Lett. 102, 024102, 2009); ``damping`` is C or gamma in N (s/m)^alpha. The force of the power law
+    jumps when a contact closes; at that instant (d = 0, d' > 0) the result is the value after the jump.
     """
     if not alpha:
         return np.asarray(damping * np.maximum(overlap_m, 0.0) ** 0.25 * closing_m_s)
@@ -215,9 +222,9 @@ def dissipative_force(damping: Array, alpha: float, overlap_m: Array, closing_m_
 
 
 def contact_force(chain: HertzChain, overlap_m: Array, velocity_m_s: Array) -> Array:
-    """Forces of contacts that may lose energy, from overlaps and velocities of shape (..., bodies).
+    """Contact forces from overlaps and velocities of shape (..., bodies).
 
-    By the power law a sample at the instant at which a contact closes shows the force just after.
+    With the power law a sample at the instant of closing has the force after the jump.
     """
     elastic = hertz_force(chain.stiffness, overlap_m)
     if chain.elastic:
@@ -227,5 +234,5 @@ def contact_force(chain: HertzChain, overlap_m: Array, velocity_m_s: Array) -> A
 
 
 def displacements(chain: HertzChain, overlap_m: Array) -> Array:
-    """Displacements since time 0 from overlaps of shape (samples, bodies): ``overlap_j = start_j + u_{j-1} - u_j``."""
+    """Displacements since time 0 from overlaps, shape (samples, bodies): ``overlap_j = start_j + u_{j-1} - u_j``."""
     return np.asarray(-np.cumsum(overlap_m - chain.overlap_m, axis=-1))

@@ -1,63 +1,64 @@
-"""Events of contacts by the law of a power of the closing speed, ``k d^(3/2) + gamma sgn(d') |d'|^alpha``.
+"""Events of contacts with the velocity-power law, ``F = max(0, k d^(3/2) + gamma sgn(d') |d'|^alpha)``.
 
-Its force jumps where a contact closes, has a corner where it lets go or holds again, and a kink of order alpha where
-the closing speed d' changes its sign. Between these events the motion is smooth, if a contact that is open or has let
-go exerts no force until its next event, whatever overlap a stage of a step has: which contacts hold is kept beside
-the state. Events are numbered by contact, and turning points by contact plus the number of contacts.
+The force jumps when a contact closes, has a corner when it releases (F reaches 0 while d > 0) or engages again, and a
+kink of order alpha when the closing speed d' changes sign (a turning point). Between these events the motion is smooth
+if open and released contacts exert no force until their next event, even in stages of a step with positive overlap.
+The set of contacts that may exert a force, ``holds``, is therefore stored separately from the state. Events are
+numbered by contact, turning points by contact plus the number of contacts.
 """
 
 from math import sqrt
 
-from validation.reference.dop853 import Bodies, uncounted
+from validation.reference.dop853 import Bodies, without_refcounts
 from validation.reference.hertz_chain import Array
 
-DEAD = 1e-13  # of the scales of overlap and speed: events that are passed by less are none
-# local tolerances: by what a turning point's force changes velocities in a step in which it is an event. Without such
-# events errors are up to 9 times the tolerance asked for, with all of them steps are 2 to 5 times as many
-KINK = 1e3
-NEAR = 1e-14  # of the time since the last event: an event so soon is at once
+DEAD_BAND = 1e-13  # share of the scales of overlap and speed: smaller crossings are rounding, no event
+# A turning point is an event if its force changes velocities in a step by more than this number of local tolerances.
+# Without turning points errors reach 9 times the requested tolerance; with all of them steps are 2 to 5 times more.
+MIN_KICK = 1e3
+MIN_INTERVAL = 1e-14  # share of the time since the last event: closer events count as simultaneous
 NO_EVENT = (-1, 2.0)
-NOT_YET = (0, -1.0)  # to be tried again with a shorter step
+RETRY = (0, -1.0)  # repeat the step with a smaller size
 
 
-@uncounted
+@without_refcounts
 def closing_speed(state: Array, contact: int) -> float:
-    """``d'`` of a contact, in a state or in its slope."""
+    """Closing speed ``d'`` of a contact from a state, or its rate of change from a slope."""
     velocity = state[state.size // 2 :]
     return float((velocity[contact - 1] if contact > 0 else 0.0) - velocity[contact])
 
 
-@uncounted
+@without_refcounts
 def _grip(state: Array, contact: int, bodies: Bodies) -> float:
-    """``(k d^(3/2))^(1/alpha) + gamma^(1/alpha) d'``: below 0 a closed contact has let go."""
+    """``(k d^(3/2))^(1/alpha) + gamma^(1/alpha) d'``, negative after a closed contact has released."""
     overlap, inverse = max(state[contact], 0.0), 1.0 / bodies[4]
     spring = (bodies[1][contact] * overlap * sqrt(overlap)) ** inverse
     return float(spring + bodies[2][contact] ** inverse * closing_speed(state, contact))
 
 
-@uncounted
+@without_refcounts
 def first_holds(start: Array, bodies: Bodies) -> None:
-    """Contacts that hold at time 0: they overlap, or just touch and do not part, and are not let go."""
+    """Sets ``holds`` at time 0: contacts with overlap, or touching and not separating, that are not released."""
     stiffness, holds = bodies[1], bodies[5]
     for j in range(holds.size):
         holds[j] = 1.0 if stiffness[j] > 0.0 and start[j] >= 0.0 and _grip(start, j, bodies) >= 0.0 else 0.0
 
 
-@uncounted
+@without_refcounts
 def first_power_event(
     start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, elapsed: float, until: float,
     last: int, known: int,
 ) -> tuple[int, float]:  # fmt: skip
-    """The first event of a step by linear interpolation, and where; none but the ``known`` one: ``NO_EVENT``.
+    """First event of a step, and the fraction of the step at which it occurs, by linear interpolation.
 
-    Where a contact does not hold as its state at the start has it, but for rounding of state and time, that is put
-    right, and the step is to be tried again, shorter: a share below 0, as where several events of one contact fall into
-    the step. It goes from ``elapsed`` to ``until``.
+    The step goes from time ``elapsed`` to ``until``. Without an event other than ``known`` the result is ``NO_EVENT``.
+    ``RETRY`` asks for a shorter step: either several events of one contact fall into the step, or ``holds`` disagreed
+    with the state at the start beyond rounding and has been corrected.
     """
     inverse_mass, stiffness, gamma, _, alpha, holds = bodies
     n = stiffness.size
     first, where = NO_EVENT
-    dead, still = DEAD * scale[0], DEAD * scale[n]
+    dead, still = DEAD_BAND * scale[0], DEAD_BAND * scale[n]
     span = until - elapsed
     kinked = alpha != 1.0 and alpha != 3.0
     for j in range(n):
@@ -68,34 +69,34 @@ def first_power_event(
             if holds[j] == 0.0 and start[j] < 0.0:
                 before, after, passed, at_once = start[j], end[j], end[j] > dead, start[j] >= -dead
             else:
-                sign = 1.0 if holds[j] > 0.0 else -1.0  # of a grip that goes on as it is
+                sign = 1.0 if holds[j] > 0.0 else -1.0  # sign of the grip while the contact does not change
                 before, after = sign * _grip(start, j, bodies), sign * _grip(end, j, bodies)
                 passed, at_once = after < -tiny and (holds[j] > 0.0 or end[j] > 0.0), before <= tiny
                 if holds[j] > 0.0 and end[j] < -dead and not passed:
                     if start[j] > dead:
-                        return NOT_YET
+                        return RETRY
                     passed, at_once = True, True
             if passed and at_once:
                 if known < 0:
                     holds[j] = 1.0 - holds[j]
-                return NOT_YET
+                return RETRY
             if passed and before / (before - after) < where:
                 first, where = j, before / (before - after)
         if kinked and holds[j] > 0.0 and n + j != known and n + j != last:
             before, after = closing_speed(start, j), closing_speed(end, j)
             kick = gamma[j] * abs(after) ** alpha * (inverse_mass[j] + (inverse_mass[j - 1] if j > 0 else 0.0)) * span
-            turns = before * after < 0.0 and abs(before) > still and kick > KINK * tolerance * scale[n]
+            turns = before * after < 0.0 and abs(before) > still and kick > MIN_KICK * tolerance * scale[n]
             if turns and before / (before - after) < where:
                 first, where = n + j, before / (before - after)
-    if 0 <= first < n and known < 0 and where * span <= NEAR * elapsed:
+    if 0 <= first < n and known < 0 and where * span <= MIN_INTERVAL * elapsed:
         holds[first] = 1.0 - holds[first]
-        return NOT_YET
+        return RETRY
     return first, where
 
 
-@uncounted
+@without_refcounts
 def passing(state: Array, slope: Array, event: int, closes: bool, bodies: Bodies) -> tuple[float, float]:
-    """The number that is 0 at an event, and its rate of change, in a state that has this slope."""
+    """Quantity that is 0 at an event, and its rate of change, for a state with this slope."""
     n = bodies[1].size
     contact = event % n
     speed, change = closing_speed(state, contact), closing_speed(slope, contact)

@@ -1,7 +1,8 @@
-"""A symplectic method of order 4 at a fixed step, to show where higher order pays on this force law.
+"""Symplectic method of order 4 at a fixed step, to show where higher order pays with Hertz's law.
 
-It is PEFRL (Omelyan, Mryglod and Folk, Comput. Phys. Commun. 146:188, 2002): four forces a step. Hertz's force is
-smooth once only where a contact opens or closes; where that happens often, the order falls towards 2.5.
+The method is PEFRL (Omelyan, Mryglod and Folk, Comput. Phys. Commun. 146:188, 2002), with four force evaluations per
+step. Hertz's force is only once continuously differentiable where a contact opens or closes; if contacts switch
+often, the order falls towards 2.5.
 """
 
 import numpy as np
@@ -16,10 +17,10 @@ KICKS = np.array([0.5 - LAMBDA, LAMBDA, LAMBDA, 0.5 - LAMBDA])
 
 
 def integrate_symplectic(chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int) -> Motion:
-    """Integrates from time 0 and keeps the whole motion every ``steps_per_sample`` steps, the first at time 0.
+    """Integrates from time 0 and samples the motion every ``steps_per_sample`` steps, beginning at time 0.
 
     Raises:
-        ValueError: a step not above zero, or counts below one.
+        ValueError: the step is not above zero, or a count is below one.
     """
     check_timing(time_step_s, steps_per_sample, samples)
     overlap, velocity = _integrate(

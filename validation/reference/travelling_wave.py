@@ -1,13 +1,13 @@
-"""The exact solitary wave of the discrete Hertz chain, without precompression and under a static force.
+"""Exact solitary wave of the discrete Hertz chain, with and without precompression.
 
 A wave of speed c (beads per second) with overlaps ``phi(j - c t)`` obeys the advance-delay equation
-``m c^2 phi'' = k (G(x+1) - 2 G(x) + G(x-1))`` with ``G = phi^(3/2)``. Integrated twice it says
-``phi = (k / m c^2) tent * G``, with the tent of half-width 1 (English and Pego, Proc. AMS 133:1763, 2005):
-a fixed point, found here with m = k = c = 1 by Petviashvili's iteration on a Fourier grid.
+``m c^2 phi'' = k (G(x+1) - 2 G(x) + G(x-1))`` with ``G = phi^(3/2)``. Two integrations give the fixed-point equation
+``phi = (k / m c^2) tent * G``, where * is a convolution and the tent function has half-width 1 (English and Pego, Proc.
+AMS 133:1763, 2005). It is solved here for m = k = c = 1 by Petviashvili's iteration on a Fourier grid.
 
-Under a static force overlaps exceed the static ones by ``w(j - c t)``, which obeys
-``m c^2 w = tent * (F(d + w) - F(d))`` with ``F = k overlap^(3/2)``. With K = F'(d) the linear part moves to the left,
-``(m c^2 - K tent) w = tent * (F(d + w) - F(d) - K w)``, and the iteration serves for every c above the speed of sound.
+In a chain with static overlap d, overlaps are ``d + w(j - c t)``, with
+``m c^2 w = tent * (F(d + w) - F(d))`` and ``F = k overlap^(3/2)``. With K = F'(d) the linear part moves to the left,
+``(m c^2 - K tent) w = tent * (F(d + w) - F(d) - K w)``, and the iteration converges for every c above the sound speed.
 """
 
 from collections.abc import Iterator
@@ -19,37 +19,37 @@ import numpy as np
 
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Array
 
-LENGTH_BEADS = 24.0  # beads: the wave falls double-exponentially, to nothing within 4
+LENGTH_BEADS = 24.0  # length of the grid; the wave decays double-exponentially and vanishes within 4 beads
 POINTS = 2048
 ITERATIONS = 200
 MAX_RESIDUAL = 5e-15
-# under a static force, grid points of steep waves and long ones: twice as many change nothing beyond rounding
+# precompressed chain, steep and long waves: doubling the points changes results by rounding only
 POINTS_PER_BEAD, POINTS_PER_BEAD_LONG = 64, 16
-LONG_WAVE_MACH = 1.05  # times the speed of sound: slower waves are long
-TAIL_EXPONENT = 38.0  # e-folds until the tail has fallen below rounding
-STABILISER_EXPONENT = 2.2  # exponent of Petviashvili's factor: the nonlinearity acts like a power between 3/2 and 2
+LONG_WAVE_MACH = 1.05  # waves below this Mach number count as long
+TAIL_EXPONENT = 38.0  # e-folds after which the tail is below rounding
+STABILISER_EXPONENT = 2.2  # of Petviashvili's factor, for a nonlinearity with an effective power between 3/2 and 2
 MAX_ITERATIONS = 500
-CHANGE_TOLERANCE = 1e-14  # relative change in an iteration
+CHANGE_TOLERANCE = 1e-14  # relative change per iteration
 MAX_RESIDUAL_PRECOMPRESSED = 1e-13
-MAX_MACH = 1e4  # times the speed of sound
-MIN_AMPLITUDE, MAX_AMPLITUDE = 1e-2, 1e20  # amplitudes over the static force, both tested
+MAX_MACH = 1e4
+MIN_AMPLITUDE, MAX_AMPLITUDE = 1e-2, 1e20  # over the static force; both limits are tested
 
 
 @dataclass(frozen=True)
 class TravellingWave:
-    """The wave with m = k = c = 1: its profiles and what follows for any chain.
+    """Wave for m = k = c = 1, with coefficients of the scaling laws for any chain.
 
     Attributes:
-        place: in beads, about the peak; shape (points,).
-        force: contact force at ``place``.
-        velocity: of a bead at ``place``.
-        residual: largest violation of the fixed-point equation, over the largest overlap.
+        place: Distance from the peak in beads; shape (points,).
+        force: Contact force at ``place``.
+        velocity: Bead velocity at ``place``.
+        residual: Largest residual of the fixed-point equation over the largest overlap.
         speed_by_force: c = this times k^(1/3) m^(-1/2) F_m^(1/6).
         speed_by_velocity: c = this times (k/m)^(2/5) v_m^(1/5).
         force_by_velocity: F_m = this times k^(2/5) m^(3/5) v_m^(6/5).
         momentum_by_velocity: momentum = this times m v_m.
         energy_by_velocity: energy = this times m v_m^2.
-        kinetic_share: of the energy, averaged over a period.
+        kinetic_share: Kinetic over total energy, averaged over a period.
     """
 
     place: Array
@@ -65,16 +65,16 @@ class TravellingWave:
 
     @property
     def contact_over_average(self) -> float:
-        """Peak contact force over the peak of a sensor's average of two: beta of Eq. (6) without precompression."""
+        """Peak contact force over peak sensor reading (mean of two contacts), beta of Eq. (6) for F_0 = 0."""
         from scipy.interpolate import CubicSpline
 
         force = CubicSpline(self.place, self.force)
         return float(self.force.max() / force(0.5))
 
     def width(self, level: float, *, averaged: bool) -> float:
-        """Full width in beads at a share of the peak, of the contact force or of a sensor's average of two.
+        """Full width in beads at the fraction ``level`` of the peak.
 
-        The average of neighbouring contacts is taken half a bead to either side.
+        The signal is the contact force or, if ``averaged``, a sensor's mean of the contacts half a bead to either side.
         """
         from scipy.interpolate import CubicSpline
         from scipy.optimize import brentq
@@ -89,13 +89,13 @@ class TravellingWave:
 
 
 def fixed_point(power: float = EXPONENT, speed: float = 1.0) -> tuple[Array, Array, float]:
-    """The wave of a speed in a chain with ``F = overlap^power`` and m = 1, by Petviashvili's iteration.
+    """Wave of a given speed in a chain with ``F = overlap^power`` and m = 1, by Petviashvili's iteration.
 
     Returns:
-        Places in beads, overlaps there, and the largest violation of the equation over the largest overlap.
+        Places in beads, overlaps at these places, and the largest residual of the equation over the largest overlap.
 
     Raises:
-        ArithmeticError: the fixed point was not reached.
+        ArithmeticError: the iteration did not converge.
     """
     place: Array = (np.arange(POINTS, dtype=float) - POINTS // 2) * (LENGTH_BEADS / POINTS)
 
@@ -108,26 +108,26 @@ def fixed_point(power: float = EXPONENT, speed: float = 1.0) -> tuple[Array, Arr
         overlap = float(overlap @ overlap / (overlap @ image)) ** (power / (power - 1)) * image
     residual = float(np.abs(image_of(overlap) - overlap).max() / overlap.max())
     if not residual < MAX_RESIDUAL:
-        raise ArithmeticError(f"the travelling wave is not found: residual {residual:.1e}")
+        raise ArithmeticError(f"the travelling wave did not converge: residual {residual:.1e}")
     return place, overlap, residual
 
 
 def _smooth(values: Array, times: int) -> Array:
-    """Convolution with the box of width 1, once or twice: twice is the tent."""
+    """Convolution with the box of width 1, once or twice; twice equals the tent function."""
     return _convolved(values, np.sinc(np.fft.rfftfreq(POINTS, LENGTH_BEADS / POINTS)) ** times)
 
 
 def _convolved(values: Array, kernel: Array) -> Array:
-    """Convolution with what has a kernel of wave numbers."""
+    """Convolution with a kernel given in Fourier space."""
     return np.asarray(np.fft.irfft(np.fft.rfft(values) * kernel, len(values)))
 
 
 @cache
 def solve_travelling_wave() -> TravellingWave:
-    """The wave of the Hertz chain and what follows from it.
+    """Solitary wave of the Hertz chain without precompression.
 
     Raises:
-        ArithmeticError: it was not found.
+        ArithmeticError: the iteration did not converge.
     """
     place, overlap, residual = fixed_point()
     force = np.maximum(overlap, 0.0) ** EXPONENT
@@ -153,13 +153,13 @@ def solve_travelling_wave() -> TravellingWave:
 
 @dataclass(frozen=True)
 class PrecompressedWave:
-    """A solitary wave; forces are dynamic, that is above the static one.
+    """Solitary wave of a precompressed chain; dynamic forces are total minus static forces.
 
     Attributes:
-        place: in beads, about the peak; shape (points,).
-        force_N: dynamic contact force at ``place``.
-        static_N: the force it rides on.
-        speed: in beads per second.
+        place: Distance from the peak in beads; shape (points,).
+        force_N: Dynamic contact force at ``place``.
+        static_N: Static force, F_0.
+        speed: Speed in beads per second.
     """
 
     place: Array
@@ -169,41 +169,41 @@ class PrecompressedWave:
 
     @property
     def average_N(self) -> Array:
-        """Dynamic mean of two neighbouring contact forces: what a sensor bead reads."""
+        """Dynamic mean of two neighbouring contact forces, the reading of a sensor bead."""
         half = round(0.5 / (self.place[1] - self.place[0]))
         return np.asarray((np.roll(self.force_N, half) + np.roll(self.force_N, -half)) / 2)
 
     @property
     def amplitude(self) -> float:
-        """``(F_m - F_0) / F_0``."""
+        """Peak dynamic force over the static force, ``(F_m - F_0) / F_0``."""
         return float(self.force_N.max()) / self.static_N
 
     @property
     def beta(self) -> float:
-        """Peak dynamic contact force over the peak dynamic average: the coefficient of the paper's Eq. (6)."""
+        """Peak dynamic contact force over peak dynamic average, the coefficient of the paper's Eq. (6)."""
         return float(self.force_N.max() / self.average_N.max())
 
 
 def sound_speed(stiffness: float, mass_kg: float, static_N: float) -> float:
-    """Speed of long small waves in beads per second: ``sqrt(K/m)`` with ``K = (3/2) k^(2/3) F_0^(1/3)``."""
+    """Sound speed in beads per second, ``sqrt(K/m)`` with ``K = (3/2) k^(2/3) F_0^(1/3)``."""
     return sqrt(EXPONENT * stiffness ** (2 / 3) * static_N ** (1 / 3) / mass_kg)
 
 
 def solve_at_speed(stiffness: float, mass_kg: float, static_N: float, speed: float) -> PrecompressedWave:
-    """The wave of a given speed, in beads per second.
+    """Wave with a given speed in beads per second.
 
     Raises:
-        ValueError: a speed not above that of sound, or beyond ``MAX_MACH`` times it.
-        ArithmeticError: the iteration did not get there (amplitudes below some 0.005 of the static force).
+        ValueError: the speed is not above the sound speed, or above ``MAX_MACH`` times the sound speed.
+        ArithmeticError: the iteration did not converge, as for amplitudes below about 0.005 of the static force.
     """
     from scipy.optimize import brentq
 
     sound = sound_speed(stiffness, mass_kg, static_N)
     if not sound < speed <= MAX_MACH * sound:
-        expected = f"above that of sound ({sound:g}), up to {MAX_MACH:g} times it"
+        expected = f"above the sound speed ({sound:g}), up to {MAX_MACH:g} times the sound speed"
         raise ValueError(f"speed: {speed:g} beads/s, expected {expected}")
     mach = speed / sound
-    # the tail falls by q per bead, mach^2 q^2 = 4 sinh^2(q / 2)
+    # the tail decays as exp(-q x), mach^2 q^2 = 4 sinh^2(q / 2)
     decay = float(brentq(lambda q: mach * q - 2 * np.sinh(q / 2), 1e-6, 100.0))
     per_bead = POINTS_PER_BEAD_LONG if mach < LONG_WAVE_MACH else POINTS_PER_BEAD
     points = 2 ** int(np.ceil(np.log2(2 * max(12.0, TAIL_EXPONENT / decay) * per_bead)))
@@ -227,15 +227,15 @@ def solve_at_speed(stiffness: float, mass_kg: float, static_N: float, speed: flo
     defect = _convolved(dynamic_force(wave), tent) / (mass_kg * speed**2) - wave
     residual = float(np.abs(defect).max() / np.abs(wave).max())
     if not residual < MAX_RESIDUAL_PRECOMPRESSED:
-        raise ArithmeticError(f"the precompressed wave is not found: residual {residual:.1e}")
+        raise ArithmeticError(f"the precompressed wave did not converge: residual {residual:.1e}")
     return PrecompressedWave(place, dynamic_force(wave), static_N, speed)
 
 
 def solve_at_amplitude(stiffness: float, mass_kg: float, static_N: float, amplitude: float) -> PrecompressedWave:
-    """The wave whose peak dynamic force is ``amplitude`` times the static force.
+    """Wave with a peak dynamic force of ``amplitude`` times the static force.
 
     Raises:
-        ValueError: below ``MIN_AMPLITUDE``, where the wave is lost in rounding, or above ``MAX_AMPLITUDE``.
+        ValueError: the amplitude is below ``MIN_AMPLITUDE`` (lost in rounding) or above ``MAX_AMPLITUDE``.
     """
     from scipy.optimize import brentq
 
@@ -243,7 +243,7 @@ def solve_at_amplitude(stiffness: float, mass_kg: float, static_N: float, amplit
         raise ValueError(f"amplitude: {amplitude:g}, expected from {MIN_AMPLITUDE:g} to {MAX_AMPLITUDE:g}")
 
     sound = sound_speed(stiffness, mass_kg, static_N)
-    # (c/c_0)^2 - 1 of the long-wave theory, Eq. (4) of the paper, is good to a few per cent
+    # long-wave theory, Eq. (4) of the paper: (c/c_0)^2 - 1 is accurate to a few per cent
     f = (1 + amplitude) ** (2 / 3)
     guess = sqrt(4 / 15 * (3 + 2 * f**2.5 - 5 * f)) / (f - 1)
 
@@ -257,12 +257,12 @@ def solve_at_amplitude(stiffness: float, mass_kg: float, static_N: float, amplit
 
 
 def constants(wave: TravellingWave) -> Iterator[str]:
-    """Lines with the wave's constants for any chain."""
+    """Lines of text with the coefficients of the scaling laws."""
     yield f"speed c         = {wave.speed_by_force:.10f} k^(1/3) m^(-1/2) F_m^(1/6)   beads per second"
     yield f"                = {wave.speed_by_velocity:.10f} (k/m)^(2/5) v_m^(1/5)"
     yield f"force F_m       = {wave.force_by_velocity:.10f} k^(2/5) m^(3/5) v_m^(6/5)"
     yield f"momentum        = {wave.momentum_by_velocity:.10f} m v_m"
-    yield f"energy          = {wave.energy_by_velocity:.10f} m v_m^2, of which kinetic {wave.kinetic_share:.10f}"
+    yield f"energy          = {wave.energy_by_velocity:.10f} m v_m^2, kinetic share {wave.kinetic_share:.10f}"
     for averaged, name in ((True, "sensor average"), (False, "contact force ")):
         widths = ", ".join(f"{wave.width(x, averaged=averaged):.6f} at {x:g}" for x in (0.002, 0.04, 0.5))
         yield f"width, {name}: {widths} of the peak (beads)"

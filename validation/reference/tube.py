@@ -1,15 +1,16 @@
-"""Velocity Verlet of beads in a tube, in three dimensions with spin: the scheme of LIGGGHTS and YADE.
+"""Velocity Verlet for beads in a tube, in three dimensions with spin: the scheme of LIGGGHTS and YADE.
 
-Forces at step n follow from places at n and velocities and spins at n - 1/2, then ``v += dt F/m``, ``x += dt v`` and
-likewise the spin with the inertia ``2/5 m r^2``. Normal forces are those of ``hertz_chain`` along the lines of centres;
-friction's law is one of two:
+Forces at step n follow from positions at n and velocities and spins at n - 1/2. Then ``v += dt F/m``, ``x += dt v``,
+and the spin is advanced in the same way with the inertia ``2/5 m r^2``. Normal forces follow ``hertz_chain`` along the
+lines of centres. The tangential force follows one of two laws:
 
-* total: the shear displacement is kept, projected onto the present tangent plane, and the force is all of it times the
-  present stiffness (LIGGGHTS' ``tangential history``);
-* incremental: the force is kept, turned with the contact, and gets each step's displacement times the present
-  stiffness (YADE's ``Law2_ScGeom_MindlinPhys_Mindlin`` and ``ScGeom::rotate``).
+* total: the contact stores the shear displacement, projected onto the present tangent plane; the force is the whole
+  displacement times the present stiffness (LIGGGHTS' ``tangential history``);
+* incremental: the contact stores the force, rotated with the contact, and adds the displacement of each step times the
+  present stiffness (YADE's ``Law2_ScGeom_MindlinPhys_Mindlin`` and ``ScGeom::rotate``).
 
-Both cut the force, and with it what is kept, back to friction times the normal force; contacts that open forget it.
+Both laws limit the force, and scale the stored vector accordingly, to the coefficient of friction times the normal
+force. A contact that opens loses the stored vector.
 """
 
 from functools import partial
@@ -24,12 +25,12 @@ TOTAL, INCREMENTAL = "total", "incremental"
 def integrate_tube(
     chain: TubeChain, time_step_s: float, steps_per_sample: int, samples: int, law: str = TOTAL
 ) -> TubeMotion:
-    """Integrates from time 0 and keeps the motion every ``steps_per_sample`` steps, the first at time 0.
+    """Integrates from time 0 and samples the motion every ``steps_per_sample`` steps, beginning at time 0.
 
-    Friction follows the ``total`` or the ``incremental`` law.
+    ``law`` is the law of the tangential force, ``total`` or ``incremental``.
 
     Raises:
-        ValueError: a step not above zero, counts below one, or another law.
+        ValueError: the step is not above zero, a count is below one, or the law is unknown.
     """
     check_timing(time_step_s, steps_per_sample, samples)
     if law not in (TOTAL, INCREMENTAL):

@@ -1,4 +1,4 @@
-"""Kernels of a chain in a tube: the module is imported where something is integrated, as it loads compiled code."""
+"""Kernels of a chain in a tube; imported only for an integration, since the import loads compiled code."""
 
 from math import sqrt
 
@@ -9,15 +9,15 @@ from validation.reference.contact_kernels import damped_force, elastic_force
 from validation.reference.hertz_chain import Array
 
 Three = tuple[float, float, float]
-# mass, radius, stiffness, damping, shear, load; of the bore: stiffness, shear
+# mass, radius, stiffness, damping, shear, load; contact with the bore: stiffness, shear
 Bodies = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
-# wall's height, friction between bodies, bore's radius, bore's friction
+# height of the wall, friction between bodies, radius of the bore, friction with the bore
 Numbers = tuple[float, float, float, float]
-# place, velocity, spin, force, torque, bore's force, contacts' axial force
+# place, velocity, spin, force, torque, force of the bore, axial force of the contact under each body
 State = tuple[Array, Array, Array, Array, Array, Array, Array]
-# kept by contacts and by the bore, normals of the step before of both
+# stored vectors of contacts and of bore contacts, normals of both at the previous step
 Memory = tuple[Array, Array, Array, Array]
-# of contacts: deepest, fastest closing, whether closed; of the bore likewise; energies of impacts summed
+# contacts: largest overlap, largest closing speed, 1 if closed; bore contacts: the same three; sum of impact energies
 Marks = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 
@@ -26,16 +26,16 @@ def run_tube(
     bodies: Bodies, inertia: Array, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool,
     dt: float, every: int, forces: Array, samples: Array,
 ) -> None:  # fmt: skip
-    """Runs the time loop and fills the samples: of contacts their forces, of bodies four arrays."""
+    """Runs the time loop; fills contact forces and, per body, bore force, place, velocity and spin."""
     mass = bodies[0]
     place, velocity, spin, force, torque, bore, axial = state
     _forces(bodies, numbers, state, memory, marks, incremental, dt, dt < 0.0)
-    for j in range(mass.size):  # half a step back
+    for j in range(mass.size):  # velocities at -1/2 step
         for axis in range(3):
             velocity[j, axis] -= 0.5 * dt * force[j, axis] / mass[j]
             spin[j, axis] -= 0.5 * dt * torque[j, axis] / inertia[j]
     for step in range((len(forces) - 1) * every + 1):
-        if step or incremental:  # LIGGGHTS takes its first forces from the velocities at time 0, shears not yet moved
+        if step or incremental:  # LIGGGHTS: the first forces use the velocities at time 0 and zero shear
             _forces(bodies, numbers, state, memory, marks, incremental, dt, dt > 0.0)
         if step % every == 0:
             sample = step // every
@@ -58,7 +58,7 @@ def _forces(
     bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
     moved: bool,
 ) -> None:  # fmt: skip
-    """Forces and torques of the present state; ``moved``: whether contacts have sheared since the last ones."""
+    """Forces and torques of the present state; ``moved``: True if shear displacements advance by one step."""
     radius, load = bodies[1], bodies[5]
     force, torque, bore, axial = state[3:]
     force[:], torque[:], bore[:], axial[:] = 0.0, 0.0, 0.0, 0.0
@@ -68,7 +68,7 @@ def _forces(
             _between(j, bodies, numbers, state, memory, marks, incremental, dt, moved)
         if bodies[6][j] > 0.0:
             _in_bore(j, bodies, numbers, state, memory, marks, incremental, dt, moved)
-        if np.isinf(radius[j]):  # level, on the axis
+        if np.isinf(radius[j]):  # flat striker: stays on the axis
             force[j, 0] = force[j, 1] = 0.0
 
 
@@ -77,7 +77,7 @@ def _between(
     j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
     moved: bool,
 ) -> None:  # fmt: skip
-    """The contact under body j: with the wall, a sphere, or of a face."""
+    """Contact under body j: sphere on wall, sphere on sphere, or flat striker on sphere."""
     mass, radius, stiffness, damping, shear = bodies[:5]
     place, velocity, spin, force, torque, _, axial = state
     wall, face = j == 0, np.isinf(radius[j])
@@ -91,11 +91,11 @@ def _between(
         apart = sqrt(nx * nx + ny * ny + nz * nz)
         nx, ny, nz = nx / apart, ny / apart, nz / apart
         overlap = radius[j] + radius[j - 1] - apart
-    plane = 1.0 if incremental else 0.5  # YADE's arm at a plane ends there, LIGGGHTS' in the middle of the overlap
+    plane = 1.0 if incremental else 0.5  # arms end at the plane in YADE, in the middle of the overlap in LIGGGHTS
     share = plane if wall or face else 0.5
     over = 0.0 if face else radius[j] - share * overlap
     under = 0.0 if wall else radius[j - 1] - share * overlap
-    # of the upper body's surface to the lower's: v + n x (arm spin), as both arms end in the contact
+    # velocity of the upper surface relative to the lower: v + n x (arm spin)
     wx, wy, wz = over * spin[j, 0], over * spin[j, 1], over * spin[j, 2]
     ux, uy, uz = velocity[j, 0], velocity[j, 1], velocity[j, 2]
     if not wall:
@@ -148,7 +148,7 @@ def _between(
 
 @njit(error_model="numpy", forceinline=True)
 def _turning(j: int, normal: Array, spin: Array, alone: bool) -> float:
-    """Spin of the contact about its normal: the sum of the two bodies'."""
+    """Sum of the two bodies' spins about the contact normal."""
     total = 0.0
     for axis in range(3):
         total += normal[axis] * (spin[j, axis] + (0.0 if alone else spin[j - 1, axis]))
@@ -160,7 +160,7 @@ def _in_bore(
     j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
     moved: bool,
 ) -> None:  # fmt: skip
-    """The contact of body j with the bore, a true cylinder."""
+    """Contact of body j with the bore, an exact cylinder."""
     radius, stiffness, shear = bodies[1][j], bodies[6][j], bodies[7][j]
     place, velocity, spin, force, torque, bore, _ = state
     kept, before = memory[1][j], memory[3][j]
@@ -202,19 +202,19 @@ def _friction(
     kept: Array, before: Array, normal: Three, slip: Three, turning: float, stiffness: float, most: float, dt: float,
     incremental: bool, moved: bool,
 ) -> Three:  # fmt: skip
-    """The tangential force on the upper body, by either law; changes what the contact keeps.
+    """Tangential force on the upper body; updates the stored vector of the contact.
 
     Args:
-        kept: shear displacement, or force.
-        before: the normal of the step before.
-        normal: the present one.
-        slip: velocity of the upper body's surface to the lower's, in the tangent plane.
-        turning: half of the angle that both bodies together turned about the normal.
-        stiffness: present one, in N/m.
-        most: friction times the normal force.
-        dt: the time step.
-        incremental: the law.
-        moved: as for ``_forces``.
+        kept: Stored vector: shear displacement or force.
+        before: Normal at the previous step.
+        normal: Present normal.
+        slip: Velocity of the upper surface relative to the lower, in the tangent plane.
+        turning: Half of the sum of both bodies' rotations about the normal in this step.
+        stiffness: Present tangential stiffness, in N/m.
+        most: Coefficient of friction times the normal force.
+        dt: Time step.
+        incremental: True for the incremental law, False for the total law.
+        moved: As for ``_forces``.
     """
     x, y, z = kept[0], kept[1], kept[2]
     nx, ny, nz = normal
@@ -244,11 +244,11 @@ def _mark(
     j: int, overlap: float, closing: float, energy: float, deepest: Array, fastest: Array, closed: Array,
     energies: Array,
 ) -> None:  # fmt: skip
-    """Notes what is reached; an open contact closes at the speed of its last step before."""
+    """Updates the extreme values; the closing speed is taken at the last step before the contact closes."""
     deepest[j] = max(deepest[j], overlap)
     if overlap <= 0.0:
         fastest[j] = max(fastest[j], closing)
         closed[j] = 0.0
     elif closed[j] == 0.0:
         closed[j] = 1.0
-        energies[j] += energy if fastest[j] > 0.0 else 0.0  # not of what touches at time 0
+        energies[j] += energy if fastest[j] > 0.0 else 0.0  # no impact if it touches at time 0

@@ -1,7 +1,7 @@
-"""Velocity Verlet at a fixed step: the scheme of LIGGGHTS, YADE and LAMMPS, in overlaps instead of positions.
+"""Velocity Verlet at a fixed step: the scheme of LIGGGHTS, YADE and LAMMPS, with overlaps instead of positions.
 
-Inside, velocities stand half a step behind, so that one pass over the chain makes one step; recorded velocities
-belong to the time of the forces. Compiled code is loaded by the first integration.
+Internal velocities lag half a step behind, so that one step is one pass over the chain. Recorded velocities belong to
+the time of the forces. The first integration loads the compiled code.
 """
 
 from collections.abc import Callable
@@ -16,16 +16,16 @@ from validation.reference.hertz_chain import Array, HertzChain, Motion, check_ti
 if TYPE_CHECKING:
     from validation.reference.verlet_kernels import Arrays
 
-LEAST_FOR_TWO = 50_000  # beads below which a second thread does not pay
+MIN_BEADS_TWO_THREADS = 50_000  # below this number a second thread does not pay
 
 
 def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int) -> Motion:
-    """Integrates from time 0 and keeps the whole motion every ``steps_per_sample`` steps, the first at time 0.
+    """Integrates from time 0 and samples the motion every ``steps_per_sample`` steps, beginning at time 0.
 
     Half kick, drift, new forces, half kick: ``v += a dt/2; x += v dt; a = a(x); v += a dt/2``.
 
     Raises:
-        ValueError: a step not above zero, or counts below one.
+        ValueError: the step is not above zero, or a count is below one.
     """
     check_timing(time_step_s, steps_per_sample, samples)
     from validation.reference.verlet_kernels import fill_samples
@@ -48,22 +48,22 @@ def record_contacts(
     threads: int = 1,
     progress: Callable[[int], object] | None = None,
 ) -> Array:
-    """Forces of some contacts of a long chain, in constant memory.
+    """Forces of selected contacts of a long chain; memory is independent of the number of steps.
 
     Args:
-        chain: the chain.
-        time_step_s: the time step.
-        steps_per_sample: steps from sample to sample, the first at time 0.
-        samples: how many.
-        contacts: which, counted from 1 as in the rest of the project.
-        threads: 1 or 2; a second one serves chains of 50 000 beads and more.
-        progress: called with the number of steps done since its last call, such as ``tqdm.update``.
+        chain: Bodies and contacts at time 0.
+        time_step_s: Time step.
+        steps_per_sample: Steps from sample to sample; the first sample is at time 0.
+        samples: Number of samples.
+        contacts: Contacts to record, counted from 1 as in the rest of the project.
+        threads: 1 or 2; the second thread is used for chains of 50 000 beads and more.
+        progress: Called with the number of steps since the previous call, such as ``tqdm.update``.
 
     Returns:
         Shape (samples, contacts), in N.
 
     Raises:
-        ValueError: a step not above zero, counts below one, contacts that do not exist, threads other than 1 or 2.
+        ValueError: the step is not above zero, a count is below one, a contact is missing, or threads is not 1 or 2.
     """
     check_timing(time_step_s, steps_per_sample, samples)
     places = np.asarray(contacts, dtype=np.int64) - 1
@@ -83,7 +83,7 @@ def record_contacts(
         for first in range(0, total, BLOCK):
             steps = min(BLOCK, total - first)
             rest = (first, steps, steps_per_sample, places, recorded, edge)
-            if threads == 1 or n < LEAST_FOR_TWO:
+            if threads == 1 or n < MIN_BEADS_TWO_THREADS:
                 advance(arrays, time_step_s, 0, n, False, False, *rest)
             else:
                 lower = pool.submit(advance, arrays, time_step_s, 0, middle - 1, False, True, *rest)
@@ -96,7 +96,7 @@ def record_contacts(
 
 
 def _start(chain: HertzChain, time_step_s: float) -> "Arrays":
-    """Velocities of half a step before time 0 behind the wall's, overlaps, forces (none above the last), constants."""
+    """Arrays of the kernels (``Arrays``), with velocities half a step before time 0 and force 0 above the chain."""
     force = np.append(contact_force(chain, chain.overlap_m, chain.velocity_m_s), 0.0)
     acceleration = (force[:-1] - force[1:] + chain.load_N) / chain.mass_kg
     velocity = np.append(0.0, chain.velocity_m_s - 0.5 * time_step_s * acceleration)
@@ -116,23 +116,23 @@ def integrate_verlet_absolute(
     attraction: bool = False,
     local_damping: float = 0.0,
 ) -> Motion:
-    """The same scheme with heights instead of overlaps as its state, as engines hold them.
+    """Integrates as ``integrate_verlet``, with heights instead of overlaps as the state, as in the codes.
 
-    The overlap of contact j is ``reach_j - (z_j - z_{j-1})``. What this differs by from ``integrate_verlet`` is
-    the rounding of absolute coordinates, and what the motion makes of it.
+    The overlap of contact j is ``reach_j - (z_j - z_{j-1})``. The result deviates from ``integrate_verlet`` by the
+    rounding of absolute coordinates and its amplification by the motion.
 
     Args:
-        chain: the bodies and contacts; its overlaps are not used.
-        height_m: of each body at time 0, shape (bodies,).
-        reach_m: distance of neighbouring bodies (of body 1 and the height 0) that just touch, shape (bodies,).
-        time_step_s: as for ``integrate_verlet``.
-        steps_per_sample: likewise.
-        samples: likewise.
-        attraction: whether contacts that lose energy may pull, which a code may be told.
-        local_damping: d of Cundall's non-viscous damping, ``a (1 - d sign(a v))``, which a code may add.
+        chain: Bodies and contacts; the overlaps are ignored.
+        height_m: Height of each body at time 0, shape (bodies,).
+        reach_m: Distance of neighbouring bodies (body 1: its height) when they just touch, shape (bodies,).
+        time_step_s: As for ``integrate_verlet``.
+        steps_per_sample: As for ``integrate_verlet``.
+        samples: As for ``integrate_verlet``.
+        attraction: True if dissipative contacts may pull, an option of some codes.
+        local_damping: d of Cundall's non-viscous damping, ``a (1 - d sign(a v))``, an option of some codes.
 
     Returns:
-        Every array of shape (samples, bodies).
+        Motion with arrays of shape (samples, bodies).
     """
     from validation.reference.verlet_kernels import integrate_absolute
 

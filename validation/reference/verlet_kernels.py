@@ -1,7 +1,7 @@
-"""Kernels of velocity Verlet: the module is imported where something is integrated, as it loads compiled code.
+"""Kernels of velocity Verlet; imported only for an integration, since the import loads compiled code.
 
-Long chains go in tiles that fit the cache and take many steps at a time, each step one bead further down, so that every
-bead finds its neighbours at the right step.
+Long chains are divided into tiles that fit the cache. A tile takes many steps at a time and shifts down by one bead per
+step, so that every bead finds its neighbours at the right step.
 """
 
 from math import sqrt
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from validation.reference.contact_kernels import copy, elastic_force, overlap_power, power_force
 from validation.reference.hertz_chain import Array
 
-TILE = 2048  # beads: their six numbers each fit the second-level cache
-BLOCK = 128  # steps that a tile takes at a time
+TILE = 2048  # beads: with six numbers per bead they fit the second-level cache
+BLOCK = 128  # steps taken by a tile at a time
 
-# velocity (the wall's first), overlap, force; constants: stiffness, kick, drop, damping (empty where there is none),
-# alpha of the power law (0 of others)
+# velocity (wall first), overlap, force; constants: stiffness, kick, drop, damping (empty for an elastic chain), alpha
+# (0 without the power law)
 Arrays = tuple[Array, Array, Array, Array, Array, Array, Array, float]
 
 
@@ -25,7 +25,7 @@ Arrays = tuple[Array, Array, Array, Array, Array, Array, Array, float]
 def _sweep(
     below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array, dt: float
 ) -> None:
-    """One step of neighbouring bodies; ``below`` is the new velocity under them, ``force`` reaches one further."""
+    """One step of neighbouring bodies; ``below``: new velocity of the body under them; ``force`` has one more entry."""
     under = force[0]
     for j in range(overlap.size):
         above = force[j + 1]
@@ -44,7 +44,7 @@ def _sweep_damped(
     below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
     damping: Array, dt: float,
 ) -> None:  # fmt: skip
-    """As ``_sweep``, of contacts that lose energy: by velocities of half a step before, as in the codes."""
+    """``_sweep`` for dissipative contacts; the damping uses velocities half a step before, as in the codes."""
     under = force[0]
     for j in range(overlap.size):
         above = force[j + 1]
@@ -64,7 +64,7 @@ def _sweep_power(
     below: float, velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
     damping: Array, alpha: float, dt: float,
 ) -> None:  # fmt: skip
-    """As ``_sweep_damped``, by the law of a power of the closing speed."""
+    """``_sweep_damped`` for the velocity-power law."""
     under = force[0]
     for j in range(overlap.size):
         above = force[j + 1]
@@ -83,7 +83,7 @@ def _step_range(
     arrays: Arrays, dt: float, low: int, high: int, below: float, step: int, every: int,
     places: NDArray[np.int64], recorded: Array,
 ) -> None:  # fmt: skip
-    """One step of the bodies from ``low`` to below ``high``, and what is to be recorded of it."""
+    """One step of the bodies from ``low`` to ``high - 1``; records their forces."""
     velocity, overlap, force, stiffness, kick, drop, damping, alpha = arrays
     if alpha > 0.0:
         _sweep_power(
@@ -107,7 +107,7 @@ def _step_range(
 def _record(
     force: Array, low: int, high: int, step: int, every: int, places: NDArray[np.int64], recorded: Array
 ) -> None:
-    """Keeps the forces after a step where it ends a sample."""
+    """Records forces after a step that ends a sample interval."""
     if (step + 1) % every == 0:
         for i in range(places.size):
             if low <= places[i] < high:
@@ -119,14 +119,14 @@ def _advance(
     arrays: Arrays, dt: float, first: int, last: int, rising: bool, falling: bool, done: int, steps: int, every: int,
     places: NDArray[np.int64], recorded: Array, edge: Array,
 ) -> None:  # fmt: skip
-    """Takes ``steps`` steps with the bodies from ``first`` to below ``last``.
+    """Takes ``steps`` steps with the bodies from ``first`` to ``last - 1``.
 
-    With ``rising`` the range begins one body higher at each step, with ``falling`` it ends one lower: what another
-    thread's bodies next to it would have to be known for is left to ``fill_between``. A rising range leaves the
-    forces at its lower edge, as they were before each step, in ``edge``.
+    With ``rising`` the range begins one body higher at each step, with ``falling`` it ends one body lower, so that no
+    body depends on bodies of the other thread; ``fill_between`` computes the bodies left out. A rising range stores
+    the force at its lower edge before each step in ``edge``.
     """
     velocity, overlap, force, stiffness, kick, drop, damping, alpha = arrays
-    if first == 0 and overlap.size == last <= TILE:  # one tile: no need to cut it out at every step
+    if first == 0 and overlap.size == last <= TILE:  # a single tile needs no slicing at every step
         for step in range(steps):
             if alpha > 0.0:
                 _sweep_power(0.0, velocity[1:], overlap, force, stiffness, kick, drop, damping, alpha, dt)
@@ -156,7 +156,7 @@ def advance(
     arrays: Arrays, dt: float, first: int, last: int, rising: bool, falling: bool, done: int, steps: int, every: int,
     places: NDArray[np.int64], recorded: Array, edge: Array,
 ) -> None:  # fmt: skip
-    """As ``_advance``: what is kept compiled links nothing that is kept, so that its roundings depend on no history."""
+    """Cached entry to ``_advance``: a cached kernel calls no cached kernel, so that rounding is reproducible."""
     _advance(arrays, dt, first, last, rising, falling, done, steps, every, places, recorded, edge)
 
 
@@ -165,7 +165,7 @@ def fill_samples(
     arrays: Arrays, dt: float, every: int, half_kick: Array, load: Array,
     forces: Array, overlaps: Array, velocities: Array, nowhere: NDArray[np.int64], nothing: Array,
 ) -> None:  # fmt: skip
-    """Fills the samples, the first with the start; velocities are brought to the time of the forces."""
+    """Fills the samples, the first with the initial state; velocities are shifted to the time of the forces."""
     velocity, overlap, force = arrays[0], arrays[1], arrays[2]
     for sample in range(len(forces)):
         if sample:
@@ -183,7 +183,7 @@ def fill_between(
     arrays: Arrays, dt: float, middle: int, done: int, steps: int, every: int,
     places: NDArray[np.int64], recorded: Array, edge: Array,
 ) -> None:  # fmt: skip
-    """The bodies that a falling range to ``middle - 1`` and a rising one from ``middle`` left out."""
+    """Advances the bodies left out by a falling range up to ``middle - 1`` and a rising range from ``middle``."""
     velocity, force = arrays[0], arrays[2]
     for step in range(steps):
         low, high = middle - 1 - step, middle + step
@@ -199,7 +199,7 @@ def integrate_absolute(
     alpha: float | None, force: Array, net: Array, attraction: bool, local: float, dt: float, every: int,
     forces: Array, heights: Array, velocities: Array,
 ) -> None:  # fmt: skip
-    """Fills the samples of ``integrate_verlet_absolute``, heights being the state; no alpha: the other law."""
+    """Fills the samples of ``integrate_verlet_absolute``; alpha is None without the power law."""
     n, half = mass.size, 0.5 * dt
     for step in range((len(forces) - 1) * every + 1):
         if step:

@@ -1,7 +1,7 @@
-"""Charts of the page, as numbers that ``templates/report/chart.html.j2`` draws.
+"""Charts of gauge forces, computed as coordinates for ``templates/report/chart.html.j2``.
 
-They are not matplotlib's: a page of a dozen scenes is drawn in a tenth of a second, its curves know their values, and
-its colours follow the reader's light or dark screen. Ticks and the thinning of lines are matplotlib's.
+Matplotlib chooses the ticks and simplifies the lines; the template draws the SVG. So a page of a dozen scenes takes a
+tenth of a second, a script can show the values of curves, and colours follow the light or dark screen.
 """
 
 from base64 import b64encode
@@ -19,16 +19,16 @@ from postproc.draw.stack import gauge_title, residuals
 from postproc.draw.style import drawing_order, line_of
 from postproc.read.sensors import sensor_signals
 
-WIDTH, LEFT, RIGHT, TOP = 720.0, 62.0, 712.0, 24.0
-PANEL, GAP, BELOW = 116.0, 30.0, 40.0  # heights
-MAX_SAMPLES = 1600  # of a curve's values; of longer records every n-th is kept
-MAX_GAUGES = 4  # drawn; the table of observables has them all
-NOTE = 22.0  # height of a note's words on a phone
-LETTER, KEY = 11.0, 4.5  # width of a letter of the legend on a phone, and of a line with its gaps in letters
-FINE = 10  # coordinates are whole tenths
-SEEN = 0.1  # by how much a line may be moved by thinning
+# lengths are in pixels of the chart at its full width
+WIDTH, LEFT_EDGE, RIGHT_EDGE, TOP_EDGE = 720.0, 70.0, 712.0, 24.0
+PANEL_HEIGHT, GAP_HEIGHT, AXIS_HEIGHT, NOTE_HEIGHT = 116.0, 32.0, 50.0, 24.0
+LETTER_WIDTH, KEY_LETTERS = 11.7, 4.5  # of the legend on a phone; width of a line of the legend with its gaps
+MAX_SAMPLES = 1600  # values of a curve; of longer records every n-th sample is kept
+MAX_GAUGES = 4  # panels; the table of observables has all gauges
+UNITS_PER_PIXEL = 10  # of the integer coordinates of curves
+PATH_ERROR = 0.1  # largest displacement of a curve by simplification
 NO_TRACES: Mapping[str, Trace] = {}
-PLACES = {"width": WIDTH, "left": LEFT, "right": RIGHT}
+PLACES = {"width": WIDTH, "left": LEFT_EDGE, "right": RIGHT_EDGE}
 TIMES = ((1e6, "µs"), (1e3, "ms"), (1.0, "s"))
 
 
@@ -37,16 +37,16 @@ class Curve:
     """One line of a panel."""
 
     engine: str
-    label: str  # the engine, whether its run failed, and in the panel of differences what is subtracted from it
+    label: str  # engine, "(failed)" for a failed run, and in the panel of differences the subtracted engine
     colour: str
     width: float
     dashes: str
-    values: str  # base64 of little-endian float32, one a kept sample
+    values: str  # base64 of little-endian float32, one for each kept sample
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes; ``ticks`` are places and labels, ``notes`` places and words at the right end."""
+    """One pair of axes; ``ticks`` and ``notes`` (at the right end) are heights with their texts."""
 
     title: str
     unit: str
@@ -54,20 +54,20 @@ class Panel:
     bottom: float
     ticks: list[tuple[float, str]]
     curves: list[Curve]
-    paths: list[str]  # the ``d`` of each curve, in tenths
+    paths: list[str]  # SVG path of each curve, in tenths of a pixel
     notes: list[tuple[float, str]]
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Panels over one axis of time."""
+    """Panels over one axis of time, in ``unit``."""
 
     height: float
     unit: str
     start: float
-    spacing: float  # between kept samples, in ``unit``
+    spacing: float  # between kept samples
     count: int
-    last: float  # where time ends, in kept samples from 0: what does not divide leaves a part of one
+    last: float  # end of the record in kept samples from 0; not whole if the number of samples does not divide
     ticks: list[tuple[float, str]]
     engines: list[Curve]
     panels: list[Panel]
@@ -75,22 +75,22 @@ class Chart:
 
     @property
     def legend(self) -> list[tuple[float, Curve]]:
-        """Where the key of each engine is, and how its curves are drawn; longer names have more room."""
-        letters = np.array([KEY + len(each.label) for each in self.engines])
-        letter = min(LETTER, (RIGHT - LEFT) / letters.sum())
-        places = LEFT + letter * (np.cumsum(letters) - letters)
+        """Place of each engine's key, with the style of its curves; longer names get more room."""
+        letters = np.array([KEY_LETTERS + len(each.label) for each in self.engines])
+        letter = min(LETTER_WIDTH, (RIGHT_EDGE - LEFT_EDGE) / letters.sum())
+        places = LEFT_EDGE + letter * (np.cumsum(letters) - letters)
         return list(zip(places.tolist(), self.engines, strict=True))
 
     @property
     def data(self) -> dict[str, Any]:
-        """What the script of the page reads."""
+        """Values and places for the script of the page."""
         panels = [{k: v for k, v in asdict(panel).items() if k != "paths"} for panel in self.panels]
         return asdict(self) | PLACES | {"panels": panels}
 
 
 @dataclass(frozen=True)
 class _Series:
-    """Values of a curve at every sample; ``against`` is the yardstick of a difference."""
+    """Values of a curve at every sample; a difference is from the engine ``against``."""
 
     engine: str
     label: str
@@ -98,81 +98,90 @@ class _Series:
     against: str = ""
 
 
-def chart_of(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, Trace] = NO_TRACES) -> Chart:
-    """Gauge forces of all engines over each other, a panel each, and below the largest differences of any contact.
+def chart_of(
+    layout: Layout,
+    traces: Mapping[str, Trace],
+    failed: Mapping[str, Trace] = NO_TRACES,
+    *,
+    gauges: int = MAX_GAUGES,
+) -> Chart:
+    """Forces of all engines, a panel for each gauge, and a panel of the largest difference over all contacts.
+
+    Differences are from the exact motion and from the baseline; without both, from the first engine.
 
     Args:
         layout: of the chain.
         traces: by engine, of equal sample times; at least one, here or in ``failed``.
-        failed: by engine, what can be shown of runs that failed, at the same times; they are no yardstick.
+        failed: by engine, partial traces of failed runs, at the same times.
+        gauges: largest number of panels of forces; the gauges closest to the wall are shown.
     """
     everything = {**traces, **failed}
     labels = {engine: failed_label(engine) if engine in failed else engine for engine in drawing_order([*everything])}
     time_s = next(iter(everything.values())).time_s
-    # four digits at most
+    # at most four digits
     per_s, unit = next((each for each in TIMES if float(time_s[-1]) * each[0] < 1e4), TIMES[-1])
     start, span = float(time_s[0]) * per_s, float(np.ptp(time_s)) * per_s
-    scale = (RIGHT - LEFT) / (span or 1.0)
+    scale = (RIGHT_EDGE - LEFT_EDGE) / (span or 1.0)
     every = -(-len(time_s) // MAX_SAMPLES)
-    x = LEFT + (RIGHT - LEFT) * (time_s - time_s[0]) / (float(np.ptp(time_s)) or 1.0)
+    x = LEFT_EDGE + (RIGHT_EDGE - LEFT_EDGE) * (time_s - time_s[0]) / (float(np.ptp(time_s)) or 1.0)
     signals = {engine: sensor_signals(layout, trace) for engine, trace in everything.items()}
-    gauges = list(next(iter(signals.values())))
-    yardsticks = [name for name in (REFERENCE, VERLET) if name in traces] or list(traces)[:1]
+    names = list(next(iter(signals.values())))
+    subtracted = [name for name in (REFERENCE, VERLET) if name in traces] or list(traces)[:1]
     differences = [
-        _Series(engine, f"{labels[engine]} − {yardstick}", values, yardstick)
-        for yardstick in yardsticks
-        for engine, values in residuals(everything, yardstick).items()
+        _Series(engine, f"{labels[engine]} − {against}", values, against)
+        for against in subtracted
+        for engine, values in residuals(everything, against).items()
     ]
     panels: list[Panel] = []
-    for gauge in gauges[-MAX_GAUGES:]:
+    for gauge in names[-gauges:]:
         own = [_Series(engine, label, signals[engine][gauge]) for engine, label in labels.items()]
         panels.append(_forces(gauge_title(layout, gauge), own, x, every, _top(len(panels))))
     panels += [_differences(differences, x, every, _top(len(panels)))] if differences else []
     return Chart(
-        height=_top(len(panels)) - GAP + BELOW,
+        height=_top(len(panels)) - GAP_HEIGHT + AXIS_HEIGHT,
         unit=unit,
         start=start,
         spacing=float(time_s[every] - time_s[0]) * per_s if len(time_s) > every else 0.0,
         count=len(time_s[::every]),
         last=(len(time_s) - 1) / every,
-        ticks=[(LEFT + scale * t, f"{t + start:g}") for t in _round_ticks(0.0, span, 8)],
+        ticks=[(LEFT_EDGE + scale * t, f"{t + start:g}") for t in _round_ticks(0.0, span, 8)],
         engines=[_curve(_Series(engine, label, np.empty(0)), 1) for engine, label in labels.items()],
         panels=panels,
-        left_out=max(0, len(gauges) - MAX_GAUGES),
+        left_out=max(0, len(names) - gauges),
     )
 
 
 def failed_label(engine: str) -> str:
-    """What a run that failed is called beside those that finished."""
+    """Label of a failed run."""
     return f"{engine} (failed)"
 
 
 def _round_ticks(low: float, high: float, count: int) -> list[float]:
-    """Round numbers between two, some ``count`` of them."""
+    """About ``count`` round numbers between two numbers."""
     from matplotlib.ticker import MaxNLocator
 
     return [float(value) for value in MaxNLocator(count).tick_values(low, high) if low <= value <= high * (1 + 1e-9)]
 
 
 def _top(panels: int) -> float:
-    return TOP + 18.0 + panels * (PANEL + GAP)
+    return TOP_EDGE + 18.0 + panels * (PANEL_HEIGHT + GAP_HEIGHT)
 
 
 def _forces(title: str, forces: list[_Series], x: Array, every: int, top: float) -> Panel:
-    """Forces on a linear axis from zero, or from the lowest where that is below."""
+    """Panel of forces on a linear axis from zero, or from the smallest force if negative."""
     finite = np.concatenate([each.values[np.isfinite(each.values)] for each in forces])
     low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0)) or 1.0
 
     def place(values: Array) -> Array:
-        return top + PANEL * (1.0 - (values - low) / ((high - low) * 1.04))
+        return top + PANEL_HEIGHT * (1.0 - (values - low) / ((high - low) * 1.04))
 
     paths = [_path(x, place(each.values)) for each in forces]
     ticks = [(float(place(np.array(value))), f"{value:g}") for value in _round_ticks(low, high, 4)]
-    return Panel(title, "N", top, top + PANEL, ticks, [_curve(each, every) for each in forces], paths, [])
+    return Panel(title, "N", top, top + PANEL_HEIGHT, ticks, [_curve(each, every) for each in forces], paths, [])
 
 
 def _differences(found: list[_Series], x: Array, every: int, top: float) -> Panel:
-    """Largest force difference of any contact to each yardstick, over the largest change, on a logarithmic axis."""
+    """Panel of the largest force difference over all contacts, over the largest change, on a logarithmic axis."""
     above_zero = np.concatenate([each.values[np.isfinite(each.values) & (each.values > 0)] for each in found])
     low = np.floor(np.log10(above_zero.min())) if len(above_zero) else -17.0
     high = max(low + 1.0, np.ceil(np.log10(above_zero.max()))) if len(above_zero) else -16.0
@@ -180,20 +189,20 @@ def _differences(found: list[_Series], x: Array, every: int, top: float) -> Pane
     def place(values: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
             logarithm = np.where(values > 0, np.log10(values), np.nan)
-        return np.asarray(top + PANEL * (high - logarithm) / (high - low))
+        return np.asarray(top + PANEL_HEIGHT * (high - logarithm) / (high - low))
 
     notes: dict[str, float] = {}
     heights = [place(each.values) for each in found]
     for each, y in zip(found, heights, strict=True):
         if np.isfinite(y).any():
             words, last = f"from {each.against}", float(y[np.isfinite(y)][-1])
-            last = last - 4.0 if last > top + NOTE else last + NOTE  # clear of the title
-            notes[words] = max(notes.get(words, -np.inf), last)  # at the lowest curve: a run that is off has left it
+            last = last - 4.0 if last > top + NOTE_HEIGHT else last + NOTE_HEIGHT  # below the title
+            notes[words] = max(notes.get(words, -np.inf), last)  # at the lowest curve, the smallest difference
     stride = max(1, int(np.ceil((high - low) / 5)))
     ticks = [(float(place(np.array(10.0**power))), f"1e{power:g}") for power in np.arange(low, high + 1, stride)]
-    title = "largest difference over all contacts, of the largest change"
+    title = "largest force difference of any contact / largest change"
     paths, right = [_path(x, y) for y in heights], [(y, words) for words, y in notes.items()]
-    return Panel(title, "", top, top + PANEL, ticks, [_curve(each, every) for each in found], paths, right)
+    return Panel(title, "", top, top + PANEL_HEIGHT, ticks, [_curve(each, every) for each in found], paths, right)
 
 
 def _curve(series: _Series, every: int) -> Curve:
@@ -204,13 +213,13 @@ def _curve(series: _Series, every: int) -> Curve:
 
 
 def _path(x: Array, y: Array) -> str:
-    """A line's ``d`` in steps of tenths, without points that nobody sees; it breaks where ``y`` is no number."""
+    """SVG path of a curve in integer steps, simplified; interrupted where ``y`` is NaN."""
     from matplotlib.path import Path as Line
 
     line = Line(np.column_stack([x, y]))
-    line.simplify_threshold = SEEN
+    line.simplify_threshold = PATH_ERROR
     clean = line.cleaned(remove_nans=True, simplify=True)
-    whole = np.rint(FINE * np.asarray(clean.vertices)).astype(int)  # before the differences: steps do not drift
+    whole = np.rint(UNITS_PER_PIXEL * np.asarray(clean.vertices)).astype(int)  # rounded before diff: no drift
     steps = np.diff(whole, axis=0, prepend=0)
     kept = zip(steps.tolist(), np.asarray(clean.codes).tolist(), strict=True)
     return "".join(f"{'m' if code == Line.MOVETO else 'l'}{dx} {dy}" for (dx, dy), code in kept if code != Line.STOP)

@@ -1,4 +1,4 @@
-"""The verdicts for programs: ``report.json``, and JUnit XML as continuous integration reads it; what made them."""
+"""Verdicts for programs: ``report.json`` and JUnit XML for continuous integration, with their provenance."""
 
 import datetime
 import json
@@ -28,7 +28,7 @@ CPUS = Path("/proc/cpuinfo")
 
 
 def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
-    """All of it, for the page and for ``report.json``."""
+    """Date, command, commit, engines, libraries and machine of a report."""
     made = provenance()
     records = {name: run.record for scene in scenes for name, run in scene.runs.items()}
     engines = {
@@ -53,7 +53,7 @@ def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
 
 
 def when_made(results: Path) -> dict[str, dict[str, str]]:
-    """When each table of a results folder was made, and where it is, by its name."""
+    """File and date of each table of a results folder, by its name."""
     tables = results.glob("*.csv")
     return {path.name: {"file": paths.shown(path), "date": _utc(path.stat().st_mtime)} for path in tables}
 
@@ -63,7 +63,7 @@ def _utc(seconds: float) -> str:
 
 
 def cpu_name(file: Path = CPUS) -> str:
-    """The processor as Linux names it, else as Python does."""
+    """Processor's name from Linux, else from Python."""
     try:
         lines = file.read_text(errors="replace").splitlines()
     except OSError:
@@ -77,8 +77,8 @@ RECORDED = ("status", "engine_version", "executable", "build_sha256", "deck_sha2
          "commit", "dirty", "host", "time_step_s", "steps", "bodies",
          "wall_s", "cpu_s", "loop_s", "memory_bytes", "step_limit_s", "warnings", "error_budget",
          "error_note", "exact_to", "exact_until_s")  # fmt: skip
-SCENES, CASES = "scenes", "independent"  # what the suites' names begin with
-UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # what XML 1.0 cannot hold
+SCENES, CASES = "scenes", "independent"  # first words of the suites' names
+UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # characters not allowed in XML 1.0
 
 
 def as_json(
@@ -89,7 +89,7 @@ def as_json(
     unmet: Mapping[str, str],
     to_come: Sequence[str],
 ) -> str:
-    """The report as JSON, with the names of studies that are still to come; what is no number is null."""
+    """Report as JSON, with the names of studies still to come; NaN and infinities become null."""
     data = {
         "schema_version": SCHEMA,
         "made_with": made,
@@ -107,10 +107,10 @@ def as_json(
 
 
 def as_junit(made: dict[str, Any], rows: list[Row], cases: list[Row], unmet: Mapping[str, str]) -> str:
-    """The report as JUnit XML: a suite for each scene and independent case, a test for each engine and quantity.
+    """Report as JUnit XML: a suite for each scene and independent case, a test for each engine and quantity.
 
-    Requirements that are not met are failures of a suite of their own. The time of a test is that of the run it judges,
-    in wall seconds; a suite's is that of its runs, each once.
+    Unmet requirements are failures of a suite named required. The time of a test is the wall time of the judged run,
+    the time of a suite the sum over its runs, in s.
     """
     root = ElementTree.Element("testsuites", name="cross-code validation")
     totals, total_s = Counter({FAIL: len(unmet)}), 0.0
@@ -145,7 +145,7 @@ def _test(suite: ElementTree.Element, name: str, row: Row, cell: Cell, verdict: 
     if verdict.verdict == FAIL:
         kind = "tolerance" if measured else "run"
         failure = ElementTree.SubElement(case, "failure", message=words, type=kind)
-        lines = [words, f"tolerance: {verdict.reason}", cell.diagnosis, f"look closer: {row.again}"]
+        lines = [words, f"tolerance: {verdict.reason}", cell.diagnosis, f"details: {row.again}"]
         failure.text = "\n".join(line for line in lines if line)
     elif verdict.verdict == NOT_RUN:
         ElementTree.SubElement(case, "skipped", message=words)
@@ -168,19 +168,19 @@ def _verdicts(row: Row) -> list[Verdict]:
 
 def _scene(scene: ComparedScene, row: Row) -> dict[str, Any]:
     case: Case = scene.case
-    told = _row(row) | {
+    found = _row(row) | {
         "summary": case.summary,
         "source": source_of(case.scene),
         "time_step_s": case.scene.time_step_s,
         "elements": [asdict(element) for element in case.elements],
     }
-    for engine, own in told["engines"].items():
+    for engine, own in found["engines"].items():
         if engine in scene.runs:
             run = scene.runs[engine]
             own["run"] = {"folder": paths.shown(run.folder)} | {name: getattr(run.record, name) for name in RECORDED}
         departure = scene.departures.get(engine)
         own["departure"] = asdict(departure) if departure else None
-    return told
+    return found
 
 
 def _row(row: Row) -> dict[str, Any]:
@@ -205,7 +205,7 @@ def _row(row: Row) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Without NaN and infinities, of which JSON has none."""
+    """Value with None for NaN and infinities, which JSON does not have."""
     if isinstance(value, dict):
         return {str(key): _plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

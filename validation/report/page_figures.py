@@ -1,6 +1,6 @@
-"""Figures of files as the page shows them, each an image with its own bytes; the paper's figures and Table 1.
+"""Figures of the page, embedded as images; sections on the paper's figures and on Table 1.
 
-Inside an ``<img>`` a browser runs no script of an SVG and asks for nothing outside it, whatever the file holds.
+A browser runs no script of an SVG inside an ``<img>`` and loads nothing from outside the file.
 """
 
 import re
@@ -25,42 +25,42 @@ from postproc.figures.table1 import printed
 from postproc.paper.strikes import READINGS
 
 TABLE, SCORED = "table1.csv", "fig3"
-LARGE_N = 2.0  # amplitudes from here on are the large ones of the scores
-PX_PER_PT = 1.6  # print's type, made as large as the page's
-UNSEEN_DIGITS = re.compile(r"(?<=\.\d\d)\d+")  # of a coordinate: below a hundredth of a point
+LARGE_N = 2.0  # smallest force counted among the large amplitudes of the scores
+PX_PER_PT = 1.6  # scale that makes the figures' type as large as the page's
+EXTRA_DIGITS = re.compile(r"(?<=\.\d\d)\d+")  # of a coordinate, below a hundredth of a point
 TAG = re.compile(r"<[^>]*>")
 BLANKS = re.compile(r"\s+")
-SUBSCRIPT = re.compile(r"\b([^\W_])_(\w)\b")  # as captions write symbols: F_m
+SUBSCRIPT = re.compile(r"\b([^\W_])_(\w)\b")  # symbols in captions, such as F_m
 
 
 @dataclass(frozen=True)
 class Image:
-    """An SVG file as it stands in the page: a data address with its bytes, and its width where there is room for it."""
+    """An embedded SVG file: data address with its bytes, and its full width."""
 
     address: str
     width_px: int
 
 
 def image_of(svg: str) -> Image:
-    """The text of a file of matplotlib's as an image; digits that nobody sees are left out.
+    """Image of an SVG written by matplotlib, with coordinates rounded to a hundredth of a point.
 
     Raises:
-        ValueError: it is no SVG with a width in points.
+        ValueError: the text is not an SVG with a width in points.
     """
     try:
         root = ElementTree.fromstring(svg.encode())
     except ElementTree.ParseError as error:
         raise ValueError(str(error)) from error
-    small = TAG.sub(lambda tag: BLANKS.sub(" ", UNSEEN_DIGITS.sub("", tag[0])), svg)
+    small = TAG.sub(lambda tag: BLANKS.sub(" ", EXTRA_DIGITS.sub("", tag[0])), svg)
     address = f"data:image/svg+xml;base64,{b64encode(small.encode()).decode()}"
     return Image(address, round(PX_PER_PT * float(root.attrib.get("width", "").removesuffix("pt"))))
 
 
 def read_image(path: Path) -> Image | None:
-    """A figure's file; None where there is none.
+    """Image of a figure's file; None if the file does not exist.
 
     Raises:
-        InputError: it is no figure.
+        InputError: the file is not an SVG figure.
     """
     try:
         return image_of(path.read_text())
@@ -68,26 +68,26 @@ def read_image(path: Path) -> Image | None:
         return None
     except (ValueError, OSError) as error:
         found = f"a damaged figure ({error})"
-        raise InputError(paths.shown(path), "", found, "an SVG that this project made") from error
+        raise InputError(paths.shown(path), "", found, "an SVG written by make figures or a study") from error
 
 
 def stored_or_drawn(path: Path, table: Path, draw: Callable[[], Any]) -> Image:
-    """The figure that was stored with its table; drawn anew where there is none as new as the table.
+    """Stored figure of a table, or a newly drawn figure if none is as new as the table.
 
     Raises:
-        InputError: what is stored is no figure.
+        InputError: the stored file is not an SVG figure.
     """
     stored = read_image(path) if path.exists() and path.stat().st_mtime >= table.stat().st_mtime else None
     return stored or image_of(svg_of(draw()))
 
 
 def read_figures(results: Path) -> dict[str, Any]:
-    """``made``: caption and image of each of the paper's figures, its chains ``beside`` it; ``missing``: names.
+    """``made``: caption, image and space-time picture of each of the paper's figures; ``missing``: other names.
 
-    The figure of speeds comes with the ``scores`` of the moduli.
+    The figure of speeds has the ``scores`` of the moduli as well.
 
     Raises:
-        InputError: one is damaged.
+        InputError: a figure or its table is damaged.
     """
     made, missing = [], []
     for name, caption in captions().items():
@@ -96,26 +96,26 @@ def read_figures(results: Path) -> dict[str, Any]:
         if image := read_image(results / f"{name}.svg"):
             words = {"title": caption.title, "text": set_symbols(caption.text)}
             scores = read_scores(results) if name == SCORED else None
-            made.append({**words, "image": image, "beside": read_beside(results, name), "scores": scores})
+            made.append({**words, "image": image, "spacetime": read_spacetime(results, name), "scores": scores})
         else:
             missing.append(name)
     return {"made": made, "missing": missing}
 
 
 def set_symbols(caption: str) -> Markup:
-    """A caption with the subscripts of its symbols set as such."""
+    """Caption with subscripts in its symbols."""
     return Markup(SUBSCRIPT.sub(r"\1<sub>\2</sub>", str(escape(caption))))
 
 
-def read_beside(results: Path, name: str) -> Image | None:
-    """The chains of a figure in space and time; None where that was not made."""
+def read_spacetime(results: Path, name: str) -> Image | None:
+    """Space-time picture of a figure's chains; None if it does not exist."""
     return read_image(results / f"{name}-{SPACETIME}.svg")
 
 
 def read_scores(results: Path) -> dict[str, Any] | None:
-    """How far the experiment is from each modulus: a row per reading of the measured force; None without the numbers.
+    """Deviation of measured from computed speeds: a row for each reading of the force and modulus; None without data.
 
-    Deviations in per cent of the simulated speed by amplitude, then root mean squares in standard errors.
+    Deviations are in per cent of the computed speed by amplitude, root mean squares in standard errors.
 
     Raises:
         InputError: the figure's table is damaged.
@@ -135,27 +135,27 @@ def read_scores(results: Path) -> dict[str, Any] | None:
             deviations = [f"{value:+.1f}" for value in own["deviation_pct"]]
             rows.append([reading, f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(paths.shown(path), "", "a damaged table", f"what make {SCORED} writes") from error
+        raise InputError(paths.shown(path), "", "a damaged table", f"the table that make {SCORED} writes") from error
     return {"forces": forces, "rows": rows, "large_N": f"{LARGE_N:g}"}
 
 
 def read_table1(results: Path) -> dict[str, Any]:
-    """Rows by amplitude: measured, the paper's, the exact numbers and the codes' deviation; empty without the table.
+    """Rows by amplitude: measured, the paper's and exact numbers, deviation of the codes; empty without the table.
 
     Raises:
-        InputError: it is damaged.
+        InputError: the table is damaged.
     """
     path = results / TABLE
     if not path.exists():
         return {}
     try:
         rows = [printed(row) for row in pd.read_csv(path).to_dict("records")]
-    except (ValueError, KeyError, TypeError) as error:  # pandas' own errors are ValueErrors
-        raise InputError(paths.shown(path), "", "a damaged table", "what make table1 writes") from error
+    except (ValueError, KeyError, TypeError) as error:  # errors of pandas are ValueErrors
+        raise InputError(paths.shown(path), "", "a damaged table", "the table that make table1 writes") from error
     caption = captions()["table1"]
     return {
         "rows": rows,
         "title": caption.title,
         "text": set_symbols(caption.text),
-        "beside": read_beside(results, "table1"),
+        "spacetime": read_spacetime(results, "table1"),
     }

@@ -1,4 +1,4 @@
-"""The verdict table, scenes and independent cases down, engines across; what the page says of one scene."""
+"""Rows of the verdict tables, and the page's section on a scene."""
 
 import math
 import shlex
@@ -12,6 +12,7 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.command_line import engines_again
+from drivers.base.decks import Deck
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.contact_law import hertz_force
@@ -27,43 +28,57 @@ from postproc.read.observables import observe
 from validation.accuracy.budget import PARTS
 from validation.compare.comparison import ComparedScene
 from validation.compare.departure import departure_rows
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict, share_of
-from validation.report.charts import Chart, chart_of, failed_label
+from validation.compare.verdict import FAIL, Verdict, outcome, share_of_tolerance
+from validation.report.charts import MAX_GAUGES, Chart, chart_of, failed_label
 from validation.report.page_figures import Image, image_of
 
-QUANTITIES = {
-    "force against verlet": "model: force against the same scheme",
-    "motion against verlet": "model: kinetic energy and momentum, likewise",
-    "force against reference": "truncation: force against the exact reference",
-    "peak of a gauge": "peak of a gauge",
-    "speed between gauges": "speed between gauges",
-    "energy drift": "energy drift",
-    "impulse balance": "impulse balance",
-}
+EXACT_FORCE = f"force against {REFERENCE}"  # quantity of a verdict
+# in the order of the page, with the names of the verdicts
+QUANTITIES = (
+    "force against verlet",
+    "motion against verlet",
+    "force against reference",
+    "peak of a gauge",
+    "speed between gauges",
+    "energy drift",
+    "impulse balance",
+)
 
 
 @dataclass(frozen=True)
 class Cell:
-    """What one engine makes of one scene."""
+    """Verdicts of one engine on one scene or independent case."""
 
     engine: str
     verdict: str
-    worst: Verdict | None  # nearest to its tolerance, or passes it by most; None where nothing was measured
-    note: str  # why it is not run or has no numbers
+    worst: Verdict | None  # the check closest to its limit, or furthest beyond; None if nothing was measured
+    note: str  # reason for a missing run or missing numbers
     verdicts: list[Verdict]
-    cost: str = ""
-    diagnosis: str = ""  # what a run that is off matches
-    wall_s: float = 0.0  # of its runs
+    loop_s: float | None = None  # computing time of the code's own loop
+    run_s: float | None = None  # wall time of the judged run
+    diagnosis: str = ""  # known fault that a wrong run matches
+    wall_s: float = 0.0  # of all runs
+
+    @property
+    def error(self) -> float | None:
+        """Largest force error against the exact motion; None if it was not judged."""
+        return next((each.value for each in self.verdicts if each.quantity == EXACT_FORCE), None)
+
+    @property
+    def cost(self) -> str:
+        """Times of the run and of its loop; empty without a run."""
+        loop = f", loop {1e3 * self.loop_s:.0f} ms" if self.loop_s is not None else ""
+        return f"run {self.run_s:.2f} s{loop}" if self.run_s is not None else ""
 
     @property
     def misses(self) -> list[Verdict]:
-        """What failed."""
+        """Failed verdicts."""
         return [verdict for verdict in self.verdicts if verdict.verdict == FAIL]
 
 
 @dataclass(frozen=True)
 class Row:
-    """A scene or an independent case on all engines; ``again`` is the command that shows more of it."""
+    """A scene or an independent case on all engines; the command ``again`` prints more details."""
 
     name: str
     title: str
@@ -72,25 +87,24 @@ class Row:
 
 
 def scene_row(scene: ComparedScene, runs: Path | None = None) -> Row:
-    """The row of a compared scene, whose run folders are in ``runs`` where that is not the usual place."""
+    """Row of a compared scene; ``runs`` is the folder of its run folders if not the default."""
     cells = {}
     for engine in in_order([*scene.runs, *scene.absent]):
-        own = [verdict for verdict in scene.verdicts if verdict.engine == engine]
-        cost = ""
+        verdicts = [verdict for verdict in scene.verdicts if verdict.engine == engine]
+        note, diagnosis = scene.absent.get(engine, ""), scene.diagnoses.get(engine, "")
+        cell = _cell(engine, verdicts, note, scene.wall_s.get(engine, 0.0), diagnosis)
         if engine in scene.runs:
             record = scene.runs[engine].record
-            loop = f", loop {1e3 * record.loop_s:.0f} ms" if record.loop_s is not None else ""
-            cost = f"run {record.wall_s:.2f} s{loop}"
-        note, diagnosis = scene.absent.get(engine, ""), scene.diagnoses.get(engine, "")
-        cells[engine] = _cell(engine, own, note, scene.wall_s.get(engine, 0.0), cost, diagnosis)
-    told = scene.case.scene
+            cell = replace(cell, loop_s=record.loop_s, run_s=record.wall_s)
+        cells[engine] = cell
+    own = scene.case.scene
     options = [*(["--runs", str(runs)] if runs else []), *engines_again()]
-    again = " ".join(["python -m validation compare", source_of(told), *map(shlex.quote, options)])
-    return Row(told.name, told.title or told.name, again, cells)
+    again = " ".join(["python -m validation compare", source_of(own), *map(shlex.quote, options)])
+    return Row(own.name, own.title or own.name, again, cells)
 
 
 def case_rows(independent: Mapping[str, Any]) -> list[Row]:
-    """The rows of independent cases, of the section on them."""
+    """Rows of the independent cases, from the section on them."""
     rows = []
     for entry in (case["entry"] for case in independent.get("cases", [])):
         of_case = [verdict for verdict in independent["verdicts"] if verdict.scene == entry.id]
@@ -104,21 +118,21 @@ def case_rows(independent: Mapping[str, Any]) -> list[Row]:
 
 
 def counted(rows: Iterable[Row]) -> Counter[str]:
-    """How many cells passed, failed and were not run."""
+    """Numbers of cells that passed, failed and were not run."""
     return Counter(cell.verdict for row in rows for cell in row.cells.values())
 
 
 def worst_of(verdicts: list[Verdict]) -> Verdict | None:
-    """The figure with the largest share of its tolerance; one that is no number is the worst of all."""
+    """Verdict closest to its limit, or furthest beyond; NaN counts as furthest. None without measured values."""
     measured = [verdict for verdict in verdicts if not math.isnan(verdict.limit)]
-    return max(measured, key=lambda verdict: (verdict.verdict == FAIL, share_of(verdict)), default=None)
+    return max(measured, key=lambda verdict: (verdict.verdict == FAIL, share_of_tolerance(verdict)), default=None)
 
 
 def tolerances(scenes: list[ComparedScene]) -> list[tuple[str, str, list[str], str]]:
-    """Quantity, limits, scenes and reason of every tolerance that was applied, those of one reason together."""
+    """Quantity, limits, scenes and reason of every applied tolerance; limits with the same reason share a row."""
     used: dict[tuple[str, str], list[Verdict]] = {}
     for verdict in (v for scene in scenes for v in scene.verdicts if not math.isnan(v.limit)):
-        used.setdefault((QUANTITIES.get(verdict.quantity, verdict.quantity), verdict.reason), []).append(verdict)
+        used.setdefault((verdict.quantity, verdict.reason), []).append(verdict)
     rows = []
     for (quantity, reason), found in sorted(used.items()):
         limits = dict.fromkeys(number(choose(each.limit for each in found)) for choose in (min, max))
@@ -127,38 +141,28 @@ def tolerances(scenes: list[ComparedScene]) -> list[tuple[str, str, list[str], s
 
 
 def source_of(scene: Scene) -> str:
-    """A scene as a command line takes it: its name where it is shipped, else its file."""
+    """Argument that names a scene on a command line: its name if shipped, else its file."""
     shipped = paths.SCENES / f"{scene.name}.toml"
     same = shipped.is_file() and scene.file and (paths.ROOT / scene.file).resolve() == shipped.resolve()
     return scene.name if same or scene.file == scene.name else shlex.quote(scene.file)
 
 
 def number(value: float, digits: int = 2) -> str:
-    """A number for people; a dash for what was not seen."""
+    """Rounded number as text; a dash for NaN."""
     return "–" if math.isnan(value) else f"{value:.{digits}g}"
 
 
-def short(value: float) -> str:
-    """Two digits and a power of ten, without the zeros that nobody reads; a dash for what is no number."""
-    if not math.isfinite(value):
-        return "–" if math.isnan(value) else "∞"
-    digits, _, power = f"{value:.1e}".partition("e")
-    return f"{digits}e{int(power)}" if int(power) else digits
-
-
-def _cell(engine: str, own: list[Verdict], note: str, wall_s: float, cost: str = "", diagnosis: str = "") -> Cell:
-    found = {verdict.verdict for verdict in own}
-    verdict = FAIL if FAIL in found else NOT_RUN if NOT_RUN in found else PASS
-    return Cell(engine, verdict, worst_of(own), note, own, cost, diagnosis, wall_s)
+def _cell(engine: str, verdicts: list[Verdict], note: str, wall_s: float, diagnosis: str = "") -> Cell:
+    return Cell(engine, outcome(verdicts), worst_of(verdicts), note, verdicts, diagnosis=diagnosis, wall_s=wall_s)
 
 
 @dataclass(frozen=True)
 class MeasuredOverlay:
-    """A scene's measured traces over computed ones: the picture, and a row for each quantity.
+    """Measured traces of a scene over computed traces: a picture, and a row for each quantity.
 
     Attributes:
-        image: None where only values are quoted.
-        problem: why the traces cannot be laid over the computed ones, in words; empty where they can.
+        image: None if only values are quoted.
+        problem: message if the measured traces do not fit the run; else empty.
     """
 
     engine: str
@@ -169,33 +173,37 @@ class MeasuredOverlay:
 
 
 def overlay_of(case: Case, engine: str, trace: Trace) -> MeasuredOverlay:
-    """The overlay of a scene that has measured traces or quoted values, on an engine's run."""
+    """Overlay of a scene's measured traces or quoted values on the run of an engine."""
     scene = case.scene
     entries = {f"measured.{place}": entry for place, entry in enumerate(scene.measured)}
     try:
         curves, found = lay_over(entries, scene.folder, scene.file, case.layout, trace)
-    except InputError as error:  # what is wrong with the file alone is said before anything runs
+    except InputError as error:  # the file was read before; it does not fit the run
         return MeasuredOverlay(engine, None, HEADINGS, [], str(error))
     drawn = draw_overlay(case.layout, trace, engine, curves, found) if curves else None
     return MeasuredOverlay(engine, image_of(svg_of(drawn.figure)) if drawn else None, HEADINGS, misfit_rows(found))
 
 
-FORCE_RANGE = 2.0  # times the largest force of the runs that finished: what is larger would flatten their curves
+FORCE_RANGE = 2.0  # largest drawn force of a failed run, over the largest force of the finished runs
 
 
 @dataclass(frozen=True)
 class SceneSection:
-    """One scene; every list is in the order in which it is shown.
+    """Section on one scene; lists are in the order of the page.
 
     Attributes:
         row: of the verdict table.
-        runs: those that finished.
-        overlay: measured traces over the exact motion, or over that of the first engine; None without any.
-        chart: None where there is no trace, or neither a gauge nor a second engine; ``chain``: where none finished.
-        judged: of every verdict on a finished run: quantity in words, then by engine the verdict or None.
-        budget: quantity, engine, the whole error and its parts, which add up to it.
-        observables: name and its value by each run.
-        decks: engine, file, text: of codes that finished, and of every engine that failed.
+        runs: finished runs by engine.
+        timing: time step, samples and stability in a sentence.
+        judged: quantity, and the verdict of each finished run or None.
+        chart: gauge forces and differences; None without a trace, or without both a gauge and a second engine.
+        brief: the same with the gauge closest to the wall alone, for the first screen.
+        overlay: measured traces over the exact motion, or over the first engine without it; None without traces.
+        chain: forces of all contacts in space and time; None if no run finished.
+        departures: engines, and when their runs first leave the exact motion.
+        budget: quantity, engine, and the whole error followed by its parts.
+        observables: name, and the value of each run.
+        decks: engine, file and text, of finished codes and of all failed engines.
     """
 
     row: Row
@@ -204,6 +212,7 @@ class SceneSection:
     timing: str
     judged: list[tuple[str, list[Any]]]
     chart: Chart | None
+    brief: Chart | None
     overlay: MeasuredOverlay | None
     chain: Image | None
     departures: list[tuple[str, str]]
@@ -213,18 +222,19 @@ class SceneSection:
 
 
 def section_of(scene: ComparedScene, row: Row) -> SceneSection:
-    """The section of a compared scene, whose row of the verdict table is ``row``."""
+    """Section on a compared scene with its row of the verdict table."""
     case = scene.case
     engines = in_order(scene.runs)
     observed = {engine: observe(scene.runs[engine].layout, scene.runs[engine].trace) for engine in engines}
     names = list(next(iter(observed.values()), {}))
     traces = {engine: scene.runs[engine].trace for engine in engines}
     refused = {engine: part_in_range(case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
-    chart = chart_of(case.layout, traces, refused) if traces or refused else None
+    drawn = bool(traces or refused)
+    chart, brief = (chart_of(case.layout, traces, refused, gauges=n) if drawn else None for n in (MAX_GAUGES, 1))
     shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
     own = {(v.quantity, v.engine): v for v in scene.verdicts if v.engine in engines}
-    seen = dict.fromkeys(quantity for quantity, _ in own)
-    judged = [name for name in dict.fromkeys([*QUANTITIES, *seen]) if name in seen]
+    found = dict.fromkeys(quantity for quantity, _ in own)
+    judged = [name for name in dict.fromkeys([*QUANTITIES, *found]) if name in found]
     budget = [
         (part["quantity"], engine, [f"{part[key]:.1e}" for key in PARTS])
         for engine in engines
@@ -233,15 +243,16 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
     step_s = case.scene.time_step_s
     timing = f"time step {step_s * 1e6:g} µs, {case.scene.steps} steps, {case.scene.samples} samples"
     if limits := [run.record.step_limit_s for run in scene.runs.values() if run.record.step_limit_s]:
-        timing += f"; steps up to {limits[0] * 1e6:.3g} µs are stable, of which this is {step_s / limits[0]:.2g}"
+        timing += f"; stable up to {limits[0] * 1e6:.3g} µs, this run uses {100 * step_s / limits[0]:.2g} % of that"
     order = list(dict.fromkeys(quantity for quantity, _, _ in budget))
     return SceneSection(
         row=row,
         case=case,
         runs={engine: scene.runs[engine] for engine in engines},
         timing=timing,
-        judged=[(QUANTITIES.get(name, name), [own.get((name, e)) for e in engines]) for name in judged],
+        judged=[(name, [own.get((name, e)) for e in engines]) for name in judged],
         chart=chart if chart and chart.panels else None,
+        brief=brief if brief and brief.panels else None,
         overlay=overlay_of(case, shown, traces[shown]) if traces and case.scene.measured else None,
         chain=image_of(svg_of(draw_spacetime({shown: traces[shown]}).figure)) if traces else None,
         departures=_departures(scene),
@@ -251,32 +262,37 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
             (engine, file, text)
             for engine, cell in row.cells.items()
             if (cell.verdict == FAIL if engine in scene.absent else not load_engine(engine).in_repository)
-            for file, text in load_engine(engine).render(case).files.items()
+            for file, text in _written_deck(case, engine).files.items()
         ],
     )
 
 
+def _written_deck(case: Case, name: str) -> Deck:
+    engine = load_engine(name)
+    return engine.deck_by_hand(engine.render(case))
+
+
 def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> Trace:
-    """Forces of a run that failed, at all sample times of its scene; NaN where it has no sample that can be shown.
+    """Forces of a failed run at all sample times of its scene, NaN for missing samples and forces out of range.
 
     Args:
-        case: that was run.
-        failed: maybe only the first samples, maybe no numbers.
-        finished: by engine; where there is none, forces at overlaps of a radius are the largest.
+        case: of the run.
+        failed: trace with the first samples or all, maybe with NaN.
+        finished: traces by engine; without any, the range is that of forces at an overlap of a radius.
     """
     chain = case.chain
     largest_N = max((float(np.abs(trace.force_N).max()) for trace in finished.values()), default=0.0)
     limit_N = FORCE_RANGE * (largest_N or float(hertz_force(chain.stiffness, chain.smaller_radius_m).max()))
-    in_range = np.all(np.abs(failed.force_N) <= limit_N, axis=1)  # not so of NaN
+    in_range = np.all(np.abs(failed.force_N) <= limit_N, axis=1)  # false for NaN
     force_N = np.full((len(case.sample_times_s), failed.force_N.shape[1]), np.nan)
     force_N[: len(in_range)][in_range] = failed.force_N[in_range]
     return replace(failed, time_s=case.sample_times_s, force_N=force_N)
 
 
 def _departures(scene: ComparedScene) -> list[tuple[str, str]]:
-    """Engines that part from the exact motion alike, and how."""
+    """Engines that leave the exact motion in the same way, with a sentence."""
     labels = {name: failed_label(name) if name in scene.refused else name for name in in_order(scene.departures)}
-    alike: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for label, each in departure_rows({label: scene.departures[name] for name, label in labels.items()}):
-        alike.setdefault(each.words, []).append(label)
-    return [(", ".join(same), words) for words, same in alike.items()]
+        groups.setdefault(each.words, []).append(label)
+    return [(", ".join(same), words) for words, same in groups.items()]

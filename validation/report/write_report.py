@@ -1,4 +1,4 @@
-"""``python -m validation report``: compares scenes, running what is not done, and writes the page with JSON and XML."""
+"""``python -m validation report``: run and compare scenes, and write the page with its JSON and XML files."""
 
 import shlex
 from collections import Counter
@@ -18,72 +18,84 @@ from drivers.engines import in_order
 from drivers.scene.read_scene import read_scene
 from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
-from validation.compare.asked import Asked, print_unmet
+from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
-from validation.compare.verdict import FAIL, NOT_RUN, PASS
+from validation.compare.selection import EngineSelection, print_unmet
+from validation.compare.verdict import FAIL, NOT_RUN, PASS, short
 from validation.report.charts import PLACES
 from validation.report.machine_readable import as_json, as_junit, made_with, when_made
+from validation.report.notation import one_notation, unbroken
 from validation.report.page_figures import read_figures, read_table1
-from validation.report.scene_section import case_rows, counted, scene_row, section_of, short, tolerances
+from validation.report.scene_section import (
+    case_rows,
+    counted,
+    scene_row,
+    section_of,
+    tolerances,
+)
 from validation.studies import STUDIES, Options, load_study, named, read_section, up_to_date, write_study
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
-AGAIN = "make report"
-WHOLE = ("independent", "claims")  # studies that have no short form
+MAKE_COMMAND = "make report"
+NO_SHORT_FORM = ("independent", "claims")  # studies that are always made in full
 
-
-# link in the contents and heading of each section, by the name of its template, its table and its ``make`` target
+# link and heading of each section, by the name of its template, table and ``make`` target
 SECTIONS = {
     "independent": ("Independent cases", "Independent cases: are the codes right beyond the paper?"),
     "table1": ("Table 1", "Table 1 of the paper"),
     "claims": ("Claims", "The paper's statements, computed"),
     "figures": ("Figures", "The paper's figures, computed"),
-    "trade": ("Cost of accuracy", "What accuracy costs"),
-    "stability": ("Stability", "Where it breaks"),
-    "elements": ("Elements", "What each element adds"),
-    "calibration": ("Calibration", "What the experiments ask for"),
+    "trade": ("Cost of accuracy", "Cost of accuracy"),
+    "stability": ("Stability", "Stability limits of the time step"),
+    "elements": ("Elements", "Effects of the modelled elements"),
+    "calibration": ("Calibration", "Parameters fitted to the experiments"),
 }
-READERS = {"table1": read_table1, "figures": read_figures}  # of sections that are no study's
+READERS = {"table1": read_table1, "figures": read_figures}  # sections that belong to no study
 
 
-def report(sources: list[str], out: Path | None, runs: Path | None, asked: Asked, *, studies: bool = False) -> int:
-    """Runs and compares scenes and writes the report; with ``studies`` it grows by those that are not up to date.
+def report(
+    sources: list[str], out: Path | None, runs: Path | None, asked: EngineSelection, *, studies: bool = False
+) -> int:
+    """Run and compare scenes, and write the report; with ``studies`` also make those that are not up to date.
 
-    These are short ones, but for claims and independent cases; a table of another study is left as it is. What was
-    made before an interrupt is not made again. The exit code is 1 where a verdict is a failure, a study misses a
-    requirement, or an engine that has to run did not.
+    Studies are made in their short form, claims and independent cases in full; existing tables of other studies are
+    kept. Without named scenes the report is on the paper's scenes, with sections on the studies; a report on named
+    scenes has no such sections unless ``studies`` are asked for. The exit code is 1 if a verdict fails, a study misses
+    a requirement, or a required engine did not run.
 
     Raises:
-        InputError: a scene is wrong, a scene is named twice, or the page would take its own files' names.
+        InputError: a scene is wrong, two scenes have one name, or the page has the name of a JSON or XML file.
     """
     page, folder = out or paths.RESULTS / "report.html", runs or paths.RUNS
     if page.suffix in (".json", ".xml"):
-        raise InputError(f"--out {page}", "", page.suffix, "another ending: JSON and XML are written beside the page")
+        raise InputError(f"--out {page}", "", page.suffix, "another ending than those of its JSON and XML files")
     scenes = [read_scene(source) for source in sources or PAPER]
     names = Counter(scene.name for scene in scenes)
     for name in (name for name, count in names.items() if count > 1):
         raise InputError("report", "", f"two scenes named {name}", "scenes of different names")
     for scene in scenes:
-        if scene.measured:  # wrong files are named before anything runs
+        if scene.measured:  # report wrong files before any run
             read_traces(scene, gauges_of(build_case(scene).layout))
     to_come = [name for name in STUDIES if studies and not _made(name, page.parent)]
     steps, command = 1 + len(to_come), _command(sources, out, runs, asked, studies=studies)
+    sections = tuple(SECTIONS) if studies or not sources else ()
     with step("scenes on all engines, compared", 1, steps):
         compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
-        unmet = asked.unmet(engine for scene in compared for engine in scene.wall_s)
-        counts = write_report(compared, page, command, runs, unmet, to_come)
+        absent = {engine: why for scene in reversed(compared) for engine, why in scene.absent.items()}
+        unmet = asked.unmet((engine for scene in compared for engine in scene.wall_s), absent)
+        counts = write_report(compared, page, command, runs, unmet, to_come, sections)
     _announce(page, counts, to_come)
     failed = False
     for number, name in enumerate([*to_come], 2):
-        study, options = load_study(name), Options(page.parent, folder, quick=name not in WHOLE)
+        study, options = load_study(name), Options(page.parent, folder, quick=name not in NO_SHORT_FORM)
         with step(named(study.title, options), number, steps):
             try:
                 write_study(study, study.measure(options), page.parent)
-            except RunError as error:  # the others are made all the same
+            except RunError as error:  # continue with the other studies
                 say(f"{name}: {error}")
                 failed = True
             to_come.remove(name)
-            counts = write_report(compared, page, command, runs, unmet, to_come)
+            counts = write_report(compared, page, command, runs, unmet, to_come, sections)
         _announce(page, counts, to_come)
     missed = [line for name in STUDIES if studies for line in _missed(name, page.parent)]
     for line in missed:
@@ -92,9 +104,9 @@ def report(sources: list[str], out: Path | None, runs: Path | None, asked: Asked
 
 
 def _made(name: str, results: Path) -> bool:
-    """Whether a study need not be made: its table is up to date, or one that may be of the whole study."""
+    """True if a study is up to date; an existing table counts for a study with a short form."""
     study = load_study(name)
-    return up_to_date(study, results) if name in WHOLE else (results / f"{study.main_table}.csv").exists()
+    return up_to_date(study, results) if name in NO_SHORT_FORM else (results / f"{study.main_table}.csv").exists()
 
 
 def _missed(name: str, results: Path) -> Sequence[str]:
@@ -103,17 +115,17 @@ def _missed(name: str, results: Path) -> Sequence[str]:
 
 
 def _announce(page: Path, counts: Counter[str], to_come: Sequence[str]) -> None:
-    said = f"{paths.shown(page)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"
-    print(said + (f"; to come: {', '.join(to_come)}" if to_come else ""), flush=True)
+    line = f"{paths.shown(page)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"
+    print(line + (f"; to come: {', '.join(to_come)}" if to_come else ""), flush=True)
 
 
-def _command(sources: list[str], out: Path | None, runs: Path | None, asked: Asked, *, studies: bool) -> str:
-    """The command that makes the same page again; ``make report`` requires engines, too."""
+def _command(sources: list[str], out: Path | None, runs: Path | None, asked: EngineSelection, *, studies: bool) -> str:
+    """Command that makes the same page again; ``make report`` requires engines as well."""
     given = [("--out", out), ("--runs", runs), *(("--engine", name) for name in asked.engines)]
     options = [str(word) for option in given if option[1] is not None for word in option] + engines_again()
     options += ["--allow-missing"] * asked.allow_missing + ["--studies"] * (studies and bool(options))
     if not sources and not options:
-        return AGAIN
+        return MAKE_COMMAND
     options += [word for name in asked.require for word in ("--require", name)]
     return shlex.join(["python", "-m", "validation", "report", *sources, *options])
 
@@ -121,29 +133,45 @@ def _command(sources: list[str], out: Path | None, runs: Path | None, asked: Ask
 def write_report(
     scenes: list[ComparedScene],
     path: Path,
-    command: str = AGAIN,
+    command: str = MAKE_COMMAND,
     runs: Path | None = None,
     unmet: Mapping[str, str] | None = None,
     to_come: Sequence[str] = (),
+    sections: Sequence[str] = tuple(SECTIONS),
 ) -> Counter[str]:
-    """Writes the page, and JSON and JUnit XML of its name beside it; none is replaced before all are written.
+    """Write the page, and next to it JSON and JUnit XML with its name; no file is replaced before all are written.
 
-    Each scene gets a section; studies are read from the tables in the page's folder. ``command`` makes the page again;
-    ``unmet`` are words on engines that had to run, ``to_come`` names of studies that are under way.
-    What comes back is how many pairs of a scene or independent case and an engine passed, failed and were not run.
+    Args:
+        scenes: compared scenes; each has a section.
+        path: of the page; studies are read from tables in its folder.
+        command: makes the page again.
+        runs: folder of the run folders if not the default.
+        unmet: messages on required engines without a run.
+        to_come: names of studies that are being made.
+        sections: names of the sections that follow the scenes.
+
+    Returns:
+        Numbers of pairs of a scene or independent case and an engine that passed, failed and were not run.
 
     Raises:
         InputError: a table or a figure in the folder is damaged.
     """
     results = path.parent
     made = made_with(scenes, command)
-    sections: dict[str, Any] = {name: {} for name in SECTIONS}  # former tables of what is to come are not shown
-    for name in (name for name in SECTIONS if name not in to_come):
-        sections[name] = READERS[name](results) if name in READERS else read_section(name, results)
+    shown: dict[str, Any] = {name: {} for name in sections}  # a study to come is not read: its tables are outdated
+    for name in (name for name in shown if name not in to_come):
+        shown[name] = READERS[name](results) if name in READERS else read_section(name, results)
     rows = [scene_row(scene, runs) for scene in scenes]
-    cases = case_rows(sections["independent"])
+    cases = case_rows(shown.get("independent", {}))
     page = deck.render(
         "report/report.html.j2",
+        subject=rows[0].title if len(rows) == 1 and not sections else "Bead chains",
+        answer=unbroken(
+            " ".join(
+                answer(scenes, {row.name: {name: cell.verdict for name, cell in row.cells.items()} for row in cases})
+            )
+        ),
+        claims=claim_counts(shown.get("claims", {})),
         made=made,
         unmet=unmet or {},
         to_come=to_come,
@@ -153,16 +181,18 @@ def write_report(
         reasons=list(dict.fromkeys(cell.worst.reason for row in rows for cell in row.cells.values() if cell.worst)),
         counts=counted(rows),
         case_counts=counted(cases),
+        case_checks=sum(len(cell.verdicts) for row in cases for cell in row.cells.values()),
         tolerances=tolerances(scenes),
         scenes=[section_of(scene, row) for scene, row in zip(scenes, rows, strict=True)],
-        sections=[(name, *words, sections[name]) for name, words in SECTIONS.items()],
+        sections=[(name, *SECTIONS[name], section) for name, section in shown.items()],
         dates=when_made(results),
         short=short,
+        unbroken=unbroken,
         shown=paths.shown,
         places=PLACES,
     )
     texts = {
-        path: page,
+        path: one_notation(page),
         path.with_suffix(".json"): as_json(made, scenes, rows, cases, unmet or {}, to_come),
         path.with_suffix(".xml"): as_junit(made, rows, cases, unmet or {}),
     }
@@ -171,3 +201,11 @@ def write_report(
         for file, text in texts.items():
             drafts.enter_context(whole_file(file)).write_text(text, encoding="utf-8")
     return counted((*rows, *cases))
+
+
+def claim_counts(claims: Mapping[str, Any]) -> dict[str, int]:
+    """Numbers of the paper's statements that are reproduced, differ and are not tested; empty without the study."""
+    if not claims:
+        return {}
+    counts = {verdict: len(rows) for verdict, rows in claims["rows"].items()}
+    return counts | {"untested": len(claims["untested"])}

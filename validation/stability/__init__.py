@@ -1,1 +1,1 @@
-"""Where engines break, whether that is predicted, and what survives: limits, extremes, long runs, rounding."""
+"""Limits of the time step and their prediction, extreme scenes, long runs, and rounding."""

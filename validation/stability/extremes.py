@@ -1,4 +1,4 @@
-"""Scenes at the edge, through scene files and all engines: verdicts, errors, and when a run leaves the reference."""
+"""Extreme scenes on all engines: verdicts, errors, and the time at which a run leaves the exact motion."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,21 +20,21 @@ from drivers.run.finished import EndedRun
 from drivers.run.run import run_many
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
-from postproc.read.residual import apart
+from postproc.read.residual import largest_residual
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON
 from validation.accuracy.plan import planned_case
 from validation.studies import DONE, NOT_RUN
 
-LEFT = 1e-2  # of the largest change: a run that is further from the reference has left it
+DEPARTURE_SHARE = 1e-2  # of the largest change: a run with this error has left the exact motion
 
 
 class Extreme(Part):
-    """A scene at the edge, as ``inputs/extremes.toml`` has it.
+    """Extreme scene of ``inputs/extremes.toml``.
 
     Attributes:
-        set: settings laid over the scene, as ``--set`` takes them.
-        quick: whether it belongs to the subset that the tests run.
+        set: settings over the scene, in the form of ``--set``.
+        quick: True if the scene is in the subset of the tests and of the short study.
     """
 
     name: str
@@ -44,22 +44,22 @@ class Extreme(Part):
 
 
 class ExtremesFile(Part):
-    """All of them."""
+    """The file ``inputs/extremes.toml``."""
 
     extreme: tuple[Extreme, ...] = Field(strict=False)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an extreme on one engine; shares are of the largest change, NaN where nothing was measured.
+    """Result of an extreme scene on one engine; errors over the largest change, NaN if nothing was measured.
 
     Attributes:
         verdict: ``done``, ``warned``, ``failed``, ``timeout``, ``refused`` or ``not run``, with the ``reason``.
         share_of_limit: the time step over the predicted stability limit.
-        error: largest force difference from the reference.
-        model: largest force difference from Verlet in overlaps at the same step, which is rounding unless all is wrong.
-        leaves_reference_s: when the difference from the reference first passes a per cent; NaN: never.
-        leaves_verlet_s: when that from Verlet passes what pointwise comparison allows; NaN: never.
+        error: largest force error.
+        model: largest force difference from Verlet in overlaps at the same step: rounding, unless something is wrong.
+        leaves_reference_s: time at which the force error first passes 1 %; NaN if it never does.
+        leaves_verlet_s: time at which the difference from Verlet ends pointwise comparison; NaN if it never does.
     """
 
     name: str
@@ -78,14 +78,14 @@ class Outcome:
 
 
 def extremes(*, quick: bool = False) -> list[Extreme]:
-    """All of ``inputs/extremes.toml``, or its quick subset."""
+    """Scenes of ``inputs/extremes.toml``, or the quick subset."""
     file = validate(ExtremesFile, read_toml(paths.EXTREMES), paths.shown(paths.EXTREMES))
     return [each for each in file.extreme if each.quick or not quick]
 
 
 @dataclass(frozen=True)
-class _Posed:
-    """An extreme with its case, and by engine the verdict before any run, with its reason: ``done`` is to be run."""
+class _Prepared:
+    """An extreme with its case, and the verdict of each engine before any run; ``done`` means that it will run."""
 
     name: str
     case: Case
@@ -96,45 +96,45 @@ class _Posed:
         return [name for name, (verdict, _) in self.verdicts.items() if verdict == DONE]
 
 
-def run_all(some: list[Extreme], runs: Path) -> Iterator[Outcome]:
-    """Outcomes of extremes on every engine, against the reference and Verlet; what is done is not run again."""
-    posed = [_pose(each) for each in some]
-    ended = iter(run_many([(each.case, name) for each in posed for name in each.running], runs))
-    for each in following(posed, "scenes at the edge, assessed", len(posed), "scene"):
+def run_all(chosen: list[Extreme], runs: Path) -> Iterator[Outcome]:
+    """Outcomes of extremes on every engine, against the exact motion and Verlet; finished runs are reused."""
+    prepared = [_prepare(each) for each in chosen]
+    ended = iter(run_many([(each.case, name) for each in prepared for name in each.running], runs))
+    for each in following(prepared, "extreme scenes, assessed", len(prepared), "scene"):
         yield from _outcomes(each, {name: assess(next(ended), each.case) for name in each.running})
 
 
-def _pose(extreme: Extreme) -> _Posed:
+def _prepare(extreme: Extreme) -> _Prepared:
     case, names = planned_case(extreme.scene, *extreme.set), (REFERENCE, VERLET, *codes())
-    there = installed(names)
-    verdicts = {name: (DONE, "") if name in there else (NOT_RUN, "not installed") for name in names}
-    for name in there:
+    found = installed(names)
+    verdicts = {name: (DONE, "") if name in found else (NOT_RUN, "not installed") for name in names}
+    for name in found:
         try:
             refuse(case, name)
         except InputError as refusal:
             verdicts[name] = ("refused", str(refusal))
-    return _Posed(extreme.name, case, verdicts)
+    return _Prepared(extreme.name, case, verdicts)
 
 
-def _outcomes(posed: _Posed, ended: dict[str, EndedRun]) -> Iterator[Outcome]:
-    """Outcomes of one scene, engine by engine."""
-    case, verdicts = posed.case, dict(posed.verdicts)
+def _outcomes(prepared: _Prepared, ended: dict[str, EndedRun]) -> Iterator[Outcome]:
+    """Outcomes of one scene, one per engine."""
+    case, verdicts = prepared.case, dict(prepared.verdicts)
     for name, record in ((name, run.record) for name, run in ended.items()):
         verdict = "warned" if record.status == DONE and record.warnings else record.status
         verdicts[name] = (verdict, record.reason or "; ".join(record.warnings or ()))
     traces = {name: run.trace for name, run in ended.items() if run.done}
     scene, share = case.scene, case.scene.time_step_s / predicted_limit(case.chain, float(case.sample_times_s[-1]))
     for name, (verdict, reason) in verdicts.items():
-        error, leaves_reference_s = _apart(traces, name, REFERENCE, LEFT)
+        error, leaves_reference_s = _apart(traces, name, REFERENCE, DEPARTURE_SHARE)
         model, leaves_verlet_s = _apart(traces, name, VERLET, HORIZON)
         yield Outcome(
-            posed.name, name, verdict, reason, case.chain.bodies, scene.steps, scene.time_step_s, share, error,
+            prepared.name, name, verdict, reason, case.chain.bodies, scene.steps, scene.time_step_s, share, error,
             model, leaves_reference_s, leaves_verlet_s, ended[name].record.wall_s if name in ended else nan,
         )  # fmt: skip
 
 
 def _apart(traces: dict[str, Trace], engine: str, other: str, limit: float) -> tuple[float, float]:
-    """The largest difference of two runs and the time at which it first passes a limit."""
+    """Largest difference of two runs, and the time at which it first passes a limit."""
     if engine not in traces or other not in traces or engine in (other, REFERENCE):
         return nan, nan
-    return apart(traces[engine], traces[other], limit)
+    return largest_residual(traces[engine], traces[other], limit)

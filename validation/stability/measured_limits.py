@@ -1,8 +1,8 @@
-"""The limit of the time step: the chains on which it is measured, and the scan of steps until the energy blows up.
+"""Measured limits of the time step: chains, and a scan of steps until the energy blows up.
 
-The chains are the paper's, sweeps over one parameter each, and random ones by number. Stable windows interleave with
-unstable ones, so steps are tried one by one, each a per cent larger than the last. That is done by the in-repo Verlet,
-in milliseconds; the codes confirm what it finds.
+The chains are those of the paper, sweeps of one parameter, and random ones by number. Stable steps lie between
+unstable ones, so the scan tries each step, 1 % larger than the one before. It uses the in-repo Verlet, which takes
+milliseconds; the codes confirm the limit.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -35,7 +35,7 @@ from validation.served_runs import serving
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
 SHIPPED, RANDOM, BOUNCING = "shipped scenes", "random scenes", "impacts"
 BASE = "fig4"
-# key of the scene, unit, values; by what the axis of a figure says
+# by axis label: key of the scene, unit, values
 SWEEPS = {
     "striker speed, m/s": ("striker.speed", "m/s", np.geomspace(1e-6, 50, 12)),
     "Young's modulus, Pa": ("materials.ptfe.youngs_modulus", "Pa", np.geomspace(1e6, 1e12, 9)),
@@ -43,16 +43,16 @@ SWEEPS = {
     "Young's modulus of the wall, Pa": ("materials.brass.youngs_modulus", "Pa", np.geomspace(1e6, 1e13, 8)),
 }
 BEAD_KG = 0.1226e-3
-DENSITY = 2200.0  # of random scenes' beads
-TRAVERSE = 45.0  # limits that a scene of a sweep lasts: the wave comes to the wall and back, as in the paper's scene
-BLOWN_UP, BAD = 1.0, 0.1  # energy gained, over what the scene puts in: the guard fails a run beyond the first
-FINENESS = 0.01
-LOWEST, HIGHEST = 0.15, 2.5  # shares of the predicted limit that are scanned
-BELOW = 0.9  # where a code is scanned from that does not blow up where Verlet does
+DENSITY = 2200.0  # kg/m^3, of beads of random scenes
+TRAVERSE = 45.0  # duration of a sweep's scene over the limit: the wave reaches the wall and returns
+UNSTABLE_GAIN, BAD_GAIN = 1.0, 0.1  # energy gained over the energy put in; the guard fails a run beyond the first
+FINENESS = 0.01  # relative step of the scan
+LOWEST, HIGHEST = 0.15, 2.5  # scanned range, over the predicted limit
+CODE_LOWEST = 0.9  # start of the scan of a code that does not blow up where Verlet does
 SHARES = np.exp(np.arange(np.log(LOWEST), np.log(HIGHEST), np.log1p(FINENESS)))
 CRITERION_KEYS = ("rayleigh_s", "hertz_s", "p_wave_s")
-JUDGED = (SHIPPED, RANDOM)  # groups on which the measured limit lies up to WITHIN times the bound; on all it lies above
-WITHIN = 1.25
+MAX_RATIO = 1.25  # largest measured over predicted limit of the judged groups; for all groups the smallest is 1
+JUDGED_GROUPS = (SHIPPED, RANDOM)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Subject:
     """A chain to measure.
 
     Attributes:
-        value: of the parameter that a sweep varies.
+        value: value of the parameter that a sweep varies.
     """
 
     group: str
@@ -76,7 +76,7 @@ def shipped() -> Iterator[Subject]:
 
 
 def sweeps() -> Iterator[Subject]:
-    """One parameter at a time over decades."""
+    """Sweeps of one parameter each, over decades."""
     for group, (key, unit, values) in SWEEPS.items():
         for value in values:
             setting = f"{key}={value:.6g} {unit}"
@@ -90,7 +90,7 @@ def sweeps() -> Iterator[Subject]:
 
 
 def bouncing() -> Iterator[Subject]:
-    """A bead that falls on the wall again and again: errors of impacts add up."""
+    """A bead that bounces on the wall: errors of impacts add up."""
     for duration_ms in (5, 50, 500):
         settings = ("chain.count=0", "chain.sensors=[]", "gravity=981 m/s^2", "striker.speed=0.5 m/s")
         case = case_of(BASE, *settings, f"run.duration={duration_ms} ms", "run.time_step=1 us")
@@ -100,17 +100,16 @@ def bouncing() -> Iterator[Subject]:
 
 
 def at_random(count: int) -> Iterator[Subject]:
-    """Random scenes, the first so many of an endless row."""
+    """The first random scenes, by number."""
     for number in range(count):
         yield Subject(RANDOM, f"random {number}", random_case(number, accuracy=0.1))
 
 
 def random_case(number: int, **run: Any) -> Case:
-    """A chain of 2 to 80 beads of 1 to 20 mm and 0.1 to 210 GPa.
+    """Random chain of 2 to 80 beads of 1 to 20 mm and 0.1 to 210 GPa.
 
-    The striker has 0.1 to 10 bead masses, is flat or round and comes at 0.01 to 10 m/s; with and without gravity,
-    precompression and wall; sampled 5 to 40 times a collision. ``run`` is laid over the scene's table:
-    ``accuracy=1e-4``, or ``time_step="1 us"``.
+    The striker has 0.1 to 10 bead masses, is flat or round and has 0.01 to 10 m/s. Gravity, precompression and wall are
+    random; a collision has 5 to 40 samples. ``run`` sets keys of the scene's ``[run]``, such as ``accuracy=1e-4``.
     """
     draw = np.random.default_rng(number)
 
@@ -148,16 +147,17 @@ def random_case(number: int, **run: Any) -> Case:
 
 @dataclass(frozen=True)
 class Limit:
-    """The limit of one scene by one method; steps in s.
+    """Limit of the time step of one scene by one method, in s.
 
     Attributes:
-        group: what scenes it belongs to: the paper's, random ones, or a sweep of one parameter.
-        value: of the parameter, where it is a sweep's.
-        predicted_s: the lower bound, before any run.
-        measured_s: the smallest step scanned at which the energy blows up; NaN if none does.
-        bad_s: the smallest at which it gains a tenth of what is put in; NaN where that was not found.
-        rayleigh_s, hertz_s, p_wave_s: what users' criteria say (``drivers.limits.criteria.CRITERIA``).
-        steps: of the run at the limit.
+        group: group of scenes: shipped, random, impacts, or a sweep.
+        value: value of a sweep's parameter.
+        predicted_s: predicted limit, a lower bound.
+        measured_s: smallest scanned step at which the energy blows up; NaN if none does.
+        bad_s: smallest scanned step at which the energy gains a tenth of the energy put in; NaN if none was found.
+        ratio: measured over predicted limit.
+        rayleigh_s, hertz_s, p_wave_s: steps of usual criteria (``drivers.limits.criteria.CRITERIA``).
+        steps: number of steps of the run at the limit.
     """
 
     group: str
@@ -176,17 +176,17 @@ class Limit:
 
 
 def measure_limits(subjects: Sequence[Subject], names: Sequence[str] | None = None) -> list[Limit]:
-    """Limits of all subjects by Verlet and codes, all installed ones by default; these run side by side.
+    """Limits of all subjects by Verlet and by codes, all installed ones by default; the codes run in parallel.
 
-    Verlet is scanned; a code is run at the step where Verlet blows up and at the one before it in the scan, and is
-    scanned itself only where it does something else.
+    Verlet is scanned. A code runs at the step where Verlet blows up and at the step before; it is scanned itself only
+    if it behaves differently there.
     """
     names = installed_codes() if names is None else names
     predicted_s = [predicted_limit(each.case.chain, float(each.case.sample_times_s[-1])) for each in subjects]
     by_verlet = [
         _scan(each, VERLET, bound_s, lambda case: gain(case, verlet_of(case)))
         for each, bound_s in following(
-            zip(subjects, predicted_s, strict=True), "limits by the scheme", len(subjects), "scene"
+            zip(subjects, predicted_s, strict=True), "limits by verlet", len(subjects), "scene"
         )
     ]
     limits = [*by_verlet]
@@ -197,9 +197,9 @@ def measure_limits(subjects: Sequence[Subject], names: Sequence[str] | None = No
 
 
 def gain(case: Case, trace: Trace) -> float:
-    """The largest energy gain over what the scene puts in; inf where values are not finite.
+    """Largest energy gain over the energy that the scene puts in; inf if values are not finite.
 
-    Over the kinetic energy at time 0 of a free chain: what loads put in there moves it as a whole.
+    For a free chain over the kinetic energy at time 0, since loads move the chain as a whole.
     """
     change = np.nan_to_num(trace.total_energy_J - trace.total_energy_J[0], nan=np.inf)
     kinetic = 0.0 if case.chain.wall else float(trace.kinetic_energy_J[0])
@@ -213,24 +213,24 @@ def _by_code(
     with serving(name) as session:
         gain_at = partial(_gain_in, session)
         for subject, verlet in zip(subjects, by_verlet, strict=True):
-            if _passes(subject.case, verlet.measured_s, BLOWN_UP, gain_at):
-                bad_s = verlet.bad_s if _passes(subject.case, verlet.bad_s, BAD, gain_at) else nan
+            if _passes(subject.case, verlet.measured_s, UNSTABLE_GAIN, gain_at):
+                bad_s = verlet.bad_s if _passes(subject.case, verlet.bad_s, BAD_GAIN, gain_at) else nan
                 limits.append(replace(verlet, method=name, bad_s=bad_s))
             else:
-                limits.append(_scan(subject, name, verlet.predicted_s, gain_at, lowest=BELOW))
+                limits.append(_scan(subject, name, verlet.predicted_s, gain_at, lowest=CODE_LOWEST))
             count()
     return limits
 
 
 def _passes(case: Case, step_s: float, share: float, gain_at: Callable[[Case], float]) -> bool:
-    """Whether the energy gains more than a share at a step, and not at the one before it in the scan."""
+    """True if the energy gain exceeds a share at this step, but not at the step before in the scan."""
     if not np.isfinite(step_s):
         return False
     return gain_at(case.sampled_at_every(step_s)) > share >= gain_at(case.sampled_at_every(step_s / (1 + FINENESS)))
 
 
 def _gain_in(session: Session, case: Case) -> float:
-    """The gain on a code; inf where it lost a body before it could be seen."""
+    """Energy gain on a code; inf if the code lost a body before."""
     outcome = session.run(session.engine.render(case), default_limit_s(case, session.engine))
     try:
         return gain(case, session.engine.read(case, session.case)) if outcome.code == 0 else inf
@@ -241,14 +241,14 @@ def _gain_in(session: Session, case: Case) -> float:
 def _scan(
     subject: Subject, method: str, predicted_s: float, gain_at: Callable[[Case], float], lowest: float = LOWEST
 ) -> Limit:
-    """Tries larger and larger steps until the energy blows up; from the lowest on it also sees where it is bad."""
+    """Tries increasing steps until the energy blows up; a whole scan also finds the step where it is bad."""
     case, measured_s, bad_s = subject.case, nan, nan
     for step_s in predicted_s * SHARES[lowest <= SHARES]:
         with np.errstate(all="ignore"):
             found = gain_at(case.sampled_at_every(step_s))
-        if lowest == LOWEST and found > BAD and np.isnan(bad_s):
+        if lowest == LOWEST and found > BAD_GAIN and np.isnan(bad_s):
             bad_s = step_s
-        if found > BLOWN_UP:
+        if found > UNSTABLE_GAIN:
             measured_s = step_s
             break
     criteria = {key: share * time(case) for key, (share, time) in zip(CRITERION_KEYS, CRITERIA.values(), strict=True)}

@@ -1,6 +1,6 @@
-"""What rounding does: to forces at rest, to the energy over ten million steps, to the time codes stay comparable.
+"""Effects of rounding: on forces at rest, on the energy over ten million steps, on the horizon of two codes.
 
-At time 0 the exact force is known: the chain rests in equilibrium under the load on its top bead.
+Forces at rest are compared with the exact ones: at time 0 the chain is in equilibrium under the load on its top bead.
 """
 
 from collections.abc import Iterator
@@ -18,24 +18,30 @@ from drivers.chain.trace import Trace
 from drivers.engines import VERLET, installed_codes, load_engine
 from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
-from postproc.read.residual import apart
-from validation.accuracy.schemes import trace_of, truth_of, verlet_in_heights, verlet_of
+from postproc.read.residual import largest_residual
+from validation.accuracy.schemes import exact_motion_of, trace_of, verlet_in_heights, verlet_of
 from validation.reference.symplectic import integrate_symplectic
 from validation.served_runs import builds_of, left_out_if_failed, serve, serving
 from validation.studies import ADAPTIVE, ORDER_4
 
-# five beads whose contacts open and close under gravity, and five pressed together so that none ever opens
-SMALL = ("chain.count=5", "chain.sensors=[]", "run.sample_interval=1 ms", "run.time_step=1 us", "run.duration=10 s")
-PRESSED = ("chain.precompression=30 N", "striker=", "chain.bead=[{from_wall=5, velocity='-2 cm/s'}]")
-LONG_RUNS = {"beads that bounce": SMALL, "contacts that stay closed": (*SMALL, *PRESSED)}
+# five beads that bounce under gravity, and five that are pressed together so that no contact opens
+FIVE_BEADS = (
+    "chain.count=5",
+    "chain.sensors=[]",
+    "run.sample_interval=1 ms",
+    "run.time_step=1 us",
+    "run.duration=10 s",
+)
+LOADED = ("chain.precompression=30 N", "striker=", "chain.bead=[{from_wall=5, velocity='-2 cm/s'}]")
+LONG_RUNS = {"beads that bounce": FIVE_BEADS, "contacts that stay closed": (*FIVE_BEADS, *LOADED)}
 BOUNCING = "fig4"
 HORIZON_STEPS_US = (2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
 HORIZON = ("run.duration=30 ms", "run.sample_interval=10 us")
-AGREED = 1e-2  # of the largest change: what pointwise comparison asks for
+AGREEMENT = 1e-2  # of the largest change
 STATISTICS = ("run.duration=2 s", "run.sample_interval=20 us", "run.time_step=1 us")
-SETTLED_S = 0.2  # when statistics begin
-BLOCKS = 20  # parts of a run, for standard errors
-BEYOND_CHANCE = 3.0  # standard errors
+STATISTICS_FROM_S = 0.2
+BLOCKS = 20  # of a run, for standard errors
+SIGNIFICANCE = 3.0  # standard errors of a drift
 HEIGHTS_M = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
 LOADS_N = tuple(10.0 ** np.arange(-8.0, 3.0, 2.0))
 COUNTS = (10, 100, 1000, 10_000, 100_000)
@@ -45,12 +51,12 @@ OVERLAPS, HEIGHTS = "in-repo, overlaps", "in-repo, heights"
 
 @dataclass(frozen=True)
 class Energy:
-    """The energy error of a long run, as shares of what the scene puts in.
+    """Energy error of a long run, over the energy that the scene puts in.
 
     Attributes:
-        largest: of all samples.
-        drift: over the whole run, from the mean energies of its parts, with its standard error.
-        walk: what the energy changes from one part to the next, standard deviation: a walk has it without a drift.
+        largest: largest error of all samples.
+        drift, drift_error: drift over the whole run, from the mean energies of its blocks, and its standard error.
+        walk: standard deviation of the change between neighbouring blocks; a random walk has it without a drift.
     """
 
     scene: str
@@ -64,7 +70,7 @@ class Energy:
 
 @dataclass(frozen=True)
 class Horizon:
-    """Times in s at which two methods are first a per cent of the largest change apart; NaN: never within the run."""
+    """Time in s at which two methods first differ by 1 % of the largest change; NaN if they never do."""
 
     time_step_s: float
     one: str
@@ -75,7 +81,7 @@ class Horizon:
 
 @dataclass(frozen=True)
 class Statistic:
-    """A mean over a run after its beginning, with its standard error, by blocks."""
+    """Mean over a run after its beginning, with its standard error from blocks."""
 
     method: str
     quantity: str
@@ -84,7 +90,7 @@ class Statistic:
 
 
 def energies() -> Iterator[Energy]:
-    """Energy errors over ten million steps, of every method."""
+    """Energy errors of all methods over ten million steps."""
     for name, settings in following(LONG_RUNS.items(), "long runs", len(LONG_RUNS)):
         case = case_of("fig4", *settings)
         for method, trace in _by_all(case, order_4=True):
@@ -92,23 +98,23 @@ def energies() -> Iterator[Energy]:
 
 
 def horizons() -> Iterator[Horizon]:
-    """How long methods agree point by point, by time step."""
+    """Horizons of pairs of methods, by time step."""
     names = installed_codes()
     for step in following(HORIZON_STEPS_US, "time steps", len(HORIZON_STEPS_US), "step"):
         case = case_of(BOUNCING, *HORIZON, f"run.time_step={step} us")
         traces = dict(_by_all(case))
         for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), (VERLET, ADAPTIVE)):
-            _, until_s = apart(traces[one], traces[other], AGREED)
+            _, until_s = largest_residual(traces[one], traces[other], AGREEMENT)
             yield Horizon(case.scene.time_step_s, one, other, until_s, float(case.sample_times_s[-1]))
 
 
 def statistics() -> Iterator[Statistic]:
-    """Means that stay comparable past the horizon: wall force over weight, kinetic share of the energy."""
+    """Means that agree beyond the horizon: wall force over weight, kinetic energy, energy gained."""
     case = case_of(BOUNCING, *STATISTICS)
     weight = float(np.abs(case.chain.load_N).sum())
     put_in = energy_put_in(case.chain, float(case.sample_times_s[-1]))
     for method, trace in _by_all(case):
-        late = trace.time_s >= SETTLED_S
+        late = trace.time_s >= STATISTICS_FROM_S
         means = {
             "wall force over weight": trace.force_N[late, 0] / weight,
             "kinetic energy over that at time 0": trace.kinetic_energy_J[late] / trace.kinetic_energy_J[0],
@@ -120,7 +126,7 @@ def statistics() -> Iterator[Statistic]:
 
 
 def _by_all(case: Case, *, order_4: bool = False) -> Iterator[tuple[str, Trace]]:
-    """The case by every installed code, side by side, and by the integrators of this repository."""
+    """Traces of a case by the in-repo integrators and by every installed code; the codes run in parallel."""
     with ThreadPoolExecutor() as pool:
         traces = pool.map(lambda name: _by_code(case, name), names := installed_codes())
         yield VERLET, verlet_of(case)
@@ -128,7 +134,7 @@ def _by_all(case: Case, *, order_4: bool = False) -> Iterator[tuple[str, Trace]]
         if order_4:
             motion = integrate_symplectic(arrays, scene.time_step_s, scene.steps_per_sample, scene.samples)
             yield ORDER_4, trace_of(case, case.sample_times_s, motion)
-        yield ADAPTIVE, truth_of(case, finer=False).trace
+        yield ADAPTIVE, exact_motion_of(case, finer=False).trace
         yield from zip(names, traces, strict=True)
 
 
@@ -138,7 +144,7 @@ def _by_code(case: Case, name: str) -> Trace:
 
 
 def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
-    """The largest energy error of a trace, and its drift by the means of its parts."""
+    """Largest energy error of a trace, and its drift from the means of its blocks."""
     change = energy_error(case.chain, trace)
     signed = np.sign(trace.total_energy_J - trace.total_energy_J[0]) * change
     levels = np.array([part.mean() for part in np.array_split(signed, BLOCKS)])
@@ -150,12 +156,12 @@ def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
 
 @dataclass(frozen=True)
 class Rounded:
-    """The largest relative error of the forces between beads at time 0.
+    """Largest relative error of the forces between beads at time 0.
 
     Attributes:
-        method: an engine, a build of its code in higher precision, or the in-repo scheme in overlaps or in heights.
-        height_m: of the wall.
-        overlap_m: of the contacts.
+        method: an engine, a build of higher precision, or the in-repo scheme in overlaps or in heights.
+        height_m: height of the wall.
+        overlap_m: overlap of the contacts.
     """
 
     method: str
@@ -166,7 +172,7 @@ class Rounded:
 
 
 def measure_rounding() -> Iterator[Rounded]:
-    """Errors by height and overlap, then by the number of beads."""
+    """Errors against height and overlap, then against the number of beads."""
     cases = [pressed(3, load, height) for height in HEIGHTS_M for load in LOADS_N]
     cases += [pressed(count, COUNTS_LOAD_N, 0.0) for count in COUNTS]
     for case in cases:
@@ -178,20 +184,20 @@ def measure_rounding() -> Iterator[Rounded]:
 
 
 def pressed(count: int, load_N: float, height_m: float) -> Case:
-    """A chain at rest, pressed together from above; its forces at time 0 are known."""
+    """Chain at rest, pressed from above."""
     rest = ("striker=", "gravity=", "chain.sensors=[]", "run.duration=1 ns", "run.sample_interval=1 ns")
     settings = (f"chain.count={count}", f"chain.precompression={load_N:g} N", f"chain.origin={height_m:g} m")
     return case_of("fig4", *settings, *rest, "run.time_step=1 ns")
 
 
 def in_repo(case: Case) -> Iterator[Rounded]:
-    """By the scheme of the codes in overlaps and in heights."""
+    """Rounding errors of the in-repo scheme, in overlaps and in heights."""
     yield _rounded(case, OVERLAPS, verlet_of(case).force_N)
     yield _rounded(case, HEIGHTS, verlet_in_heights(case).force_N)
 
 
 def by_build(engine: str, build: str, cases: list[Case]) -> Iterator[Rounded]:
-    """By a code, or a build of it; the longest chains only where they take seconds."""
+    """Rounding errors of a build of a code; builds of higher precision take chains up to their limit."""
     most_bodies = load_engine(engine).precise_builds.get(build, inf)
     with serving(engine, build) as session:
         for case in cases:

@@ -11,36 +11,49 @@ import pandas as pd
 from drivers.base.progress import step
 from drivers.engines import VERLET, codes
 from drivers.limits.criteria import CRITERIA
-from postproc.draw.style import COLUMN_IN, FAINT, marker_of, pyplot
+from postproc.draw.style import COLUMN_IN, GREY, marker_of, pyplot
 from validation.stability import measured_limits, rounding_effects
 from validation.stability.extremes import Outcome, extremes, run_all
-from validation.stability.measured_limits import BOUNCING, CRITERION_KEYS, JUDGED, SHIPPED, SWEEPS, WITHIN, Limit
+from validation.stability.measured_limits import (
+    BOUNCING,
+    CRITERION_KEYS,
+    JUDGED_GROUPS,
+    MAX_RATIO,
+    SHIPPED,
+    SWEEPS,
+    Limit,
+)
 from validation.studies import Options, Picture, Study, Tables, named
 
 RANDOM_SCENES = 100
-LONG: dict[str, tuple[str, Callable[[], Iterable[Any]]]] = {
+LONG_PARTS: dict[str, tuple[str, Callable[[], Iterable[Any]]]] = {
     "stability-energy": ("energy over ten million steps", rounding_effects.energies),
-    "stability-horizons": ("how long methods agree", rounding_effects.horizons),
-    "stability-statistics": ("means beyond that", rounding_effects.statistics),
+    "stability-horizons": ("horizons of pairs of methods", rounding_effects.horizons),
+    "stability-statistics": ("means beyond the horizon", rounding_effects.statistics),
     "stability-rounding": ("rounding of heights", rounding_effects.measure_rounding),
 }
-LONG_ROWS = (rounding_effects.Energy, rounding_effects.Horizon, rounding_effects.Statistic, rounding_effects.Rounded)
-WASTEFUL = 0.1  # of the measured limit: steps below it buy accuracy that stability does not ask for
+LONG_PART_ROWS = (
+    rounding_effects.Energy,
+    rounding_effects.Horizon,
+    rounding_effects.Statistic,
+    rounding_effects.Rounded,
+)
+SMALL_STEP_SHARE = 0.1  # of the measured limit: smaller steps serve accuracy, not stability
 COLOURS = ("#cc79a7", "#e69f00", "#56b4e9")
 ULP = np.spacing(1.0)
 
 
 def measure(options: Options) -> dict[str, Any]:
-    """All of it; the short study leaves out random scenes, most extremes, long runs and rounding."""
+    """Measures limits, extremes, long runs and rounding; the short study omits most scenes and all long runs."""
     more = () if options.quick else (*measured_limits.bouncing(), *measured_limits.at_random(RANDOM_SCENES))
     parts: dict[str, tuple[str, Callable[[], Iterable[Any]]]] = {
         "stability": (
             "limits of the time step",
             lambda: measured_limits.measure_limits([*measured_limits.shipped(), *measured_limits.sweeps(), *more]),
         ),
-        "stability-extremes": ("scenes at the edge", lambda: run_all(extremes(quick=options.quick), options.runs)),
+        "stability-extremes": ("extreme scenes", lambda: run_all(extremes(quick=options.quick), options.runs)),
     }
-    parts |= {} if options.quick else LONG
+    parts |= {} if options.quick else LONG_PARTS
     rows = {}
     for number, (name, (what, run)) in enumerate(parts.items(), 1):
         with step(named(what, options), number, len(parts)):
@@ -49,7 +62,7 @@ def measure(options: Options) -> dict[str, Any]:
 
 
 def sentences(tables: Tables) -> list[str]:
-    """Sentences that a user can act on, most general first."""
+    """Findings, most general first."""
     said = {
         "stability": _on_limits,
         "stability-extremes": _on_extremes,
@@ -62,63 +75,65 @@ def sentences(tables: Tables) -> list[str]:
 
 
 def missed(tables: Tables) -> list[str]:
-    """Where a prediction is wrong, or a scene at the edge fails."""
+    """Limits outside the allowed range, and extreme scenes that failed."""
     limits, edge = tables["stability"], tables["stability-extremes"]
-    wrong = limits[(limits["ratio"] < 1) | limits["group"].isin(JUDGED) & ~(limits["ratio"] <= WITHIN)]
+    wrong = limits[(limits["ratio"] < 1) | limits["group"].isin(JUDGED_GROUPS) & ~(limits["ratio"] <= MAX_RATIO)]
     failed = edge[edge["verdict"].isin(["failed", "timeout"])]
     return [
-        *(f"{row['scene']} by {row['method']}: blows up at {row['ratio']:.3f} of the predicted limit, allowed 1 to"
-          f" {WITHIN}" for _, row in wrong.iterrows()),
+        *(f"{row['scene']} by {row['method']}: unstable from {row['ratio']:.3f} of the predicted limit on; allowed 1 to"
+          f" {MAX_RATIO}" for _, row in wrong.iterrows()),
         *(f"{row['name']} on {row['engine']}: {row['verdict']}: {row['reason']}" for _, row in failed.iterrows()),
     ]  # fmt: skip
 
 
 def _on_limits(limits: pd.DataFrame) -> Iterator[str]:
     ratio, *methods = limits["ratio"], *sorted(limits["method"].unique())
+    above = int((ratio < 1).sum())
+    exceeded = f"exceeded {above} times" if above else "never exceeded"
     yield (
-        f"Steps blow up at {ratio.min():.2f} to {ratio.max():.2f} times the predicted limit, a lower bound, on"
-        f" {limits['scene'].nunique()} scenes by {' and '.join(filter(None, (', '.join(methods[:-1]), methods[-1])))};"
-        f" the prediction lies above the measured limit on {int((ratio < 1).sum())} of {len(ratio)}."
+        f"The measured limit of the time step is {ratio.min():.2f} to {ratio.max():.2f} times the predicted one, on"
+        f" {limits['scene'].nunique()} scenes by {' and '.join(filter(None, (', '.join(methods[:-1]), methods[-1])))}:"
+        f" the prediction {exceeded} the measured limit ({len(ratio)} checks)."
     )
     wide = limits.pivot_table(index="scene", columns="method", values="measured_s")
     others = wide.drop(columns=VERLET)
     if len(others.columns):
         same = int((others.sub(wide[VERLET], axis=0).abs().max(axis=1) < 1e-9 * wide[VERLET]).sum())
-        yield f"Codes and the in-repo scheme blow up at the very same step of the scan on {same} of {len(wide)} scenes."
+        yield f"Codes and verlet become unstable at the same step of the scan on {same} of {len(wide)} scenes."
     verlet = limits[limits["method"] == VERLET]
     bounces, own = (verlet[verlet["group"] == group] for group in (BOUNCING, SHIPPED))
     if not bounces.empty:
         said = [
-            f"{row['scene']} blows up at {row['measured_s'] * 1e6:.3g} µs, {row['ratio']:.2f} of the prediction"
+            f"{row['scene']}: {row['measured_s'] * 1e6:.3g} µs, {row['ratio']:.2f} of the prediction"
             for _, row in bounces.iterrows()
         ]
-        yield f"Errors of impacts add up, so that limits fall with them: {'; '.join(said)}."
-    for label, part in ((f"On the {SHIPPED}", own), ("Where one hit holds all of it, on bodies that bounce,", bounces)):
+        yield f"The limit falls with the number of impacts, as their errors add up: {'; '.join(said)}."
+    for label, part in ((SHIPPED, own), ("bouncing bodies, where one impact holds all energy", bounces)):
         share = part["bad_s"] / part["predicted_s"]
         if not part.empty:
             yield (
-                f"{label} the energy is off by a tenth from {share.min():.2f} to {share.max():.2f} of the predicted"
-                " limit on: between that and the limit runs are stable and of little use."
+                f"{label[0].upper()}{label[1:]}: from {share.min():.2f} to {share.max():.2f} of the predicted limit on,"
+                " a run is stable, but its energy is more than 10 % wrong."
             )
     for key, label in zip(CRITERION_KEYS, CRITERIA, strict=True):
         share, band = verlet[key] / verlet["measured_s"], verlet["bad_s"] / verlet["measured_s"]
-        useless = (share <= 1) & (share > band)
+        wrong = (share <= 1) & (share > band)
         yield (
-            f"{label} lies between {share.min():.2g} and {share.max():.2g} of the measured limit on {len(verlet)}"
-            f" scenes: beyond it on {(share > 1).sum()}, in the useless band on {useless.sum()}, below"
-            f" a tenth of it on {(share < WASTEFUL).sum()}."
+            f"{label} is {share.min():.2g} to {share.max():.2g} of the measured limit on {len(verlet)} scenes: unstable"
+            f" on {(share > 1).sum()}, stable but more than 10 % wrong on {wrong.sum()}, below a tenth of the limit on"
+            f" {(share < SMALL_STEP_SHARE).sum()}."
         )
 
 
 def _on_extremes(extremes: pd.DataFrame) -> Iterator[str]:
     for engine, part in extremes.groupby("engine", sort=False):
         said = ", ".join(f"{count} {verdict}" for verdict, count in sorted(Counter(part["verdict"]).items()))
-        yield f"{len(part)} scenes at the edge by {engine}: {said}."
+        yield f"{len(part)} extreme scenes by {engine}: {said}."
     if extremes["model"].notna().any():
         worst = extremes.iloc[int(np.nanargmax(extremes["model"]))]
         yield (
-            f"A code is furthest from the same scheme at the same step on “{worst['name']}”: {worst['model']:.1e} of"
-            f" the largest force ({worst['engine']})."
+            f"Largest deviation of a code from verlet at the same step: {worst['model']:.1e} of the largest force"
+            f" ({worst['engine']}, “{worst['name']}”)."
         )
 
 
@@ -127,9 +142,9 @@ def _on_energy(energy: pd.DataFrame) -> Iterator[str]:
         said = []
         for _, row in part.iterrows():
             drift = f"{row['drift']:.1e} ± {row['drift_error']:.0e}"
-            drifts = abs(row["drift"]) > rounding_effects.BEYOND_CHANCE * row["drift_error"]
+            drifts = abs(row["drift"]) > rounding_effects.SIGNIFICANCE * row["drift_error"]
             moves = f"drifts by {drift}" if drifts else f"does not drift ({drift})"
-            said.append(f"{row['method']} errs by {row['largest']:.1e} and {moves}")
+            said.append(f"{row['method']} has errors up to {row['largest']:.1e} and {moves}")
         yield f"Energy over {part['steps'].iloc[0]:.0e} steps, {scene}: {'; '.join(said)}."
 
 
@@ -139,14 +154,14 @@ def _on_horizons(horizons: pd.DataFrame) -> Iterator[str]:
         steps = part["time_step_s"] * 1e6
         yield (
             f"{one} and {other} agree to 1 % for {until.min():.2g} to {until.max():.2g} ms at steps of"
-            f" {steps.min():g} to {steps.max():g} µs: {until.iloc[int(np.argmin(steps))]:.2g} ms at the smallest."
+            f" {steps.min():g} to {steps.max():g} µs ({until.iloc[int(np.argmin(steps))]:.2g} ms at the smallest step)."
         )
 
 
 def _on_statistics(statistics: pd.DataFrame) -> Iterator[str]:
     for quantity, part in statistics.groupby("quantity", sort=False):
         said = ", ".join(f"{row['method']} {row['mean']:.3g} ± {row['error']:.1g}" for _, row in part.iterrows())
-        yield f"Past the horizon, mean {quantity}: {said}."
+        yield f"Beyond the horizon, mean {quantity}: {said}."
 
 
 def _on_rounding(rounding: pd.DataFrame) -> Iterator[str]:
@@ -154,24 +169,25 @@ def _on_rounding(rounding: pd.DataFrame) -> Iterator[str]:
     for method, part in few.groupby("method", sort=False):
         near, far = (part[part["height_m"] == height]["error"] for height in (0.0, 1e3))
         yield (
-            f"Forces at rest by {method}: off by {near.min():.0e} to {near.max():.0e} with the wall at 0, by"
-            f" {far.min():.0e} to {far.max():.0e} with it at 1 km (overlaps from {part['overlap_m'].max():.1g} down to"
+            f"Rounding error of forces at rest, {method}: {near.min():.0e} to {near.max():.0e} with the wall at 0,"
+            f" {far.min():.0e} to {far.max():.0e} with the wall at 1 km (overlaps of {part['overlap_m'].max():.1g} to"
             f" {part['overlap_m'].min():.1g} m)."
         )
     said = ", ".join(f"{row['method']} {row['error']:.0e}" for _, row in many.iterrows())
-    yield f"In a chain of {int(many['beads'].iloc[0]):,} beads pressed with 1 N: {said}."
+    yield f"Rounding error in a chain of {int(many['beads'].iloc[0]):,} beads under 1 N: {said}."
     yield (
-        "Heights lose 3/2 of a unit in the last place over the overlap: six digits are left as long as the overlap is"
-        f" above {1.5 * ULP * 1e6:.1g} of the height, {1.5 * ULP * 1e6 * 1e9:.1g} nm a metre up. Overlaps lose none."
+        "The relative rounding error of heights is 3/2 of a unit in the last place over the overlap: six digits remain"
+        f" if the overlap exceeds {1.5 * ULP * 1e6:.1g} of the height ({1.5 * ULP * 1e6 * 1e9:.1g} nm at 1 m)."
+        " Overlaps have no such error."
     )
 
 
 def figures(tables: Tables) -> dict[str, Picture]:
-    """Maps of the tables that are there."""
+    """Figures of the existing tables."""
     drawn = {
-        "limits": ("stability", draw_limits, "Predicted steps and users' criteria over the measured limit"),
-        "horizons": ("stability-horizons", draw_horizons, "How long two methods agree to a per cent, by time step"),
-        "rounding": ("stability-rounding", draw_rounding, "Relative error of a contact's force against its overlap"),
+        "limits": ("stability", draw_limits, "Predicted limit and usual criteria over the measured limit"),
+        "horizons": ("stability-horizons", draw_horizons, "Time until two methods differ by 1 %, by time step"),
+        "rounding": ("stability-rounding", draw_rounding, "Relative error of a contact force against the overlap"),
     }
     return {
         f"stability-{name}": Picture(title, partial(draw, tables[table]))
@@ -181,13 +197,13 @@ def figures(tables: Tables) -> dict[str, Picture]:
 
 
 def draw_limits(limits: pd.DataFrame) -> Any:
-    """Predicted steps and users' criteria over the measured limit, along each sweep. Returns a figure."""
+    """Draws the predicted limit and usual criteria over the measured limit, along each sweep."""
     figure, grid = pyplot().subplots(2, 2, figsize=(2 * COLUMN_IN, 5.6), sharey=True, layout="constrained")
     for axis, group in zip(grid.flat, SWEEPS, strict=True):
         part = limits[limits["group"] == group].sort_values("value")
         verlet = part[part["method"] == VERLET]
         x, limit = verlet["value"], verlet["measured_s"]
-        axis.fill_between(x, verlet["bad_s"] / limit, 1.0, color="0.85", lw=0, label="stable, worse than 10 %")
+        axis.fill_between(x, verlet["bad_s"] / limit, 1.0, color="0.85", lw=0, label="stable, but more than 10 % wrong")
         axis.axhline(1.0, color="black", lw=0.8)
         for key, label, colour in zip(CRITERION_KEYS, CRITERIA, COLOURS, strict=True):
             axis.plot(x, verlet[key] / limit, color=colour, lw=1.0, label=label)
@@ -202,7 +218,7 @@ def draw_limits(limits: pd.DataFrame) -> Any:
 
 
 def draw_horizons(horizons: pd.DataFrame) -> Any:
-    """How long pairs agree to a per cent, by time step. Returns a figure."""
+    """Draws the time until pairs of methods differ by 1 %, against the time step."""
     figure, axis = pyplot().subplots(figsize=(COLUMN_IN * 1.4, 2.8), layout="constrained")
     for (one, other), part in horizons.sort_values("time_step_s").groupby(["one", "other"], sort=False):
         until = part["until_s"].fillna(part["duration_s"])
@@ -214,7 +230,7 @@ def draw_horizons(horizons: pd.DataFrame) -> Any:
 
 
 def draw_rounding(rounding: pd.DataFrame) -> Any:
-    """Relative error of a contact's force against its overlap, for walls at several heights. Returns a figure."""
+    """Draws the relative error of a contact force against the overlap, for walls at several heights."""
     figure, axis = pyplot().subplots(figsize=(COLUMN_IN * 1.7, 3.0), layout="constrained")
     few = rounding[rounding["beads"] == rounding["beads"].min()]
     overlaps_m, heights = (np.array(sorted(few[name].unique())) for name in ("overlap_m", "height_m"))
@@ -227,7 +243,7 @@ def draw_rounding(rounding: pd.DataFrame) -> Any:
         bound = 1.5 * np.spacing(max(height, 0.01)) / overlaps_m
         axis.plot(overlaps_m, bound, lw=0.8, color=colour, label=f"wall at {height:g} m")
     for engine in engines:
-        axis.plot([], [], ls="", label=engine, **marker_of(engine) | {"color": FAINT})
+        axis.plot([], [], ls="", label=engine, **marker_of(engine) | {"color": GREY})
     axis.set(xscale="log", yscale="log", xlabel="overlap, m", ylabel="relative error of the force")
     axis.set_title("lines: 3/2 of a unit in the last place over the overlap", fontsize="x-small")
     figure.legend(fontsize="x-small", loc="outside right upper")
@@ -235,12 +251,12 @@ def draw_rounding(rounding: pd.DataFrame) -> Any:
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """Limits of the shipped scenes with users' criteria, verdicts at the edge, and whether it is the short study."""
+    """Limits of the shipped scenes with usual criteria, verdicts of extreme scenes, and True for the short study."""
     limits, edge = tables["stability"], tables["stability-extremes"]
     methods = list(limits["method"].unique())
     own = limits[limits["group"] == SHIPPED].groupby("scene", sort=False)
     return {
-        "short": not LONG.keys() <= tables.keys(),
+        "short": not LONG_PARTS.keys() <= tables.keys(),
         "criteria": list(CRITERIA),
         "methods": methods,
         "limits": [{"scene": scene, **_limits(part.set_index("method"), methods)} for scene, part in own],
@@ -256,7 +272,7 @@ def section(tables: Tables) -> dict[str, Any]:
 
 
 def _limits(by_method: pd.DataFrame, methods: list[str]) -> dict[str, Any]:
-    """The predicted step of a scene, the measured ones, and users' criteria as shares of Verlet's."""
+    """Predicted and measured limits of a scene, and usual criteria over Verlet's limit."""
     verlet: dict[Any, Any] = by_method.loc[VERLET].to_dict()
     shares = [verlet[key] / verlet["measured_s"] for key in CRITERION_KEYS]
     band = verlet["bad_s"] / verlet["measured_s"]
@@ -264,14 +280,14 @@ def _limits(by_method: pd.DataFrame, methods: list[str]) -> dict[str, Any]:
         "predicted": _micro(verlet["predicted_s"]),
         "measured": [_micro(step_s) for step_s in by_method["measured_s"].reindex(methods)],
         "bad": _micro(verlet["bad_s"]),
-        "criteria": [(f"{share:.2f}", _usefulness(share, band)) for share in shares],
+        "criteria": [(f"{share:.2f}", _judged(share, band)) for share in shares],
     }
 
 
-def _usefulness(share: float, band: float) -> str:
+def _judged(share: float, band: float) -> str:
     if share > 1:
-        return "wrong"
-    return "useless" if share > band else "wasteful" if share < WASTEFUL else "safe"
+        return "unstable"
+    return "more than 10 % wrong" if share > band else "below a tenth" if share < SMALL_STEP_SHARE else "safe"
 
 
 def _micro(seconds: float) -> str:
@@ -279,7 +295,7 @@ def _micro(seconds: float) -> str:
 
 
 def _verdict(row: "pd.Series[Any]") -> dict[str, Any]:
-    """What came of a scene at the edge on one engine."""
+    """Result of an extreme scene on one engine."""
     return {
         **{key: row[key] for key in ("engine", "verdict", "reason")},
         "numbers": [f"{row[key]:.0e}" for key in ("error", "model") if pd.notna(row[key])],
@@ -289,12 +305,12 @@ def _verdict(row: "pd.Series[Any]") -> dict[str, Any]:
 
 STUDY = Study(
     name="stability",
-    title="where engines break",
-    tables={"stability": Limit, "stability-extremes": Outcome} | dict(zip(LONG, LONG_ROWS, strict=True)),
+    title="limits of stability",
+    tables={"stability": Limit, "stability-extremes": Outcome} | dict(zip(LONG_PARTS, LONG_PART_ROWS, strict=True)),
     measure=measure,
     sentences=sentences,
     figures=figures,
     section=section,
     missed=missed,
-    optional=frozenset(LONG),
+    optional=frozenset(LONG_PARTS),
 )

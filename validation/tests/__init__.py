@@ -1,1 +1,1 @@
-"""Tests; the real engines run wherever they are installed, and always in CI."""
+"""Tests; real engines run if they are installed, and always in CI."""

@@ -9,23 +9,23 @@ import pytest
 from drivers.base import paths
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, EnginesWriter, SceneWriter, StandIn, StudyWriter
 
-os.environ.pop(paths.ENGINES_VARIABLE, None)  # the tests are of the engines of the package, and make their own entries
+os.environ.pop(paths.ENGINES_VARIABLE, None)  # tests use the engines of the package and entries of their own
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """``--update-decks`` writes the deck snapshots anew."""
-    parser.addoption("--update-decks", action="store_true", help="write the deck snapshots anew")
+    """``--update-decks`` writes the deck snapshots again."""
+    parser.addoption("--update-decks", action="store_true", help="write the deck snapshots again")
 
 
 @pytest.fixture(autouse=True)
 def _nothing_kept(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a test computes, with whatever it has put in place of code, no other one and no user is told."""
-    monkeypatch.setattr(paths, "KEPT", tmp_path_factory.getbasetemp() / f"kept-{uuid.uuid4().hex}")
+    """Gives each test a cache of its own, since tests replace code."""
+    monkeypatch.setattr(paths, "CACHE", tmp_path_factory.getbasetemp() / f"kept-{uuid.uuid4().hex}")
 
 
 @pytest.fixture
 def scene_file(tmp_path: Path) -> SceneWriter:
-    """Writes a small scene: five beads on a brass wall, struck by a sixth; any part can be replaced."""
+    """Writes a small scene of five beads on a brass wall, struck by a sixth; any part can be replaced."""
 
     def write(
         name: str = "scene",
@@ -62,7 +62,7 @@ def study_file(scene_file: SceneWriter, tmp_path: Path) -> StudyWriter:
 
 @pytest.fixture
 def engines_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> EnginesWriter:
-    """Writes entries of engines, which hold for the test as if given by ``--engines``."""
+    """Writes entries of engines for the test, as if given by ``--engines``."""
 
     def write(text: str) -> Path:
         path = tmp_path / "own-engines.toml"
@@ -75,7 +75,7 @@ def engines_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> EnginesWrit
 
 @pytest.fixture(scope="session")
 def shared_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A runs folder for the whole session, so that a case runs once."""
+    """Folder of runs for the whole session, so that a case runs once."""
     return tmp_path_factory.mktemp("runs")
 
 

@@ -1,4 +1,4 @@
-"""Imports run one way, and a room holds few things, each with a name of its own."""
+"""Structure of the packages: imports run one way, folders are small, module names are unique."""
 
 import ast
 import graphlib
@@ -10,28 +10,30 @@ from pathlib import Path
 import pytest
 
 from drivers.base import paths
+from drivers.base.processes import git
 from drivers.engines import codes, engine_names
 
-FLOORS = ("validation.reference", "drivers", "postproc", "validation")  # each imports those before it
+LAYERS = ("validation.reference", "drivers", "postproc", "validation")  # each imports those before it
 MAX_MODULES = 12
 MAX_LINES = 400
 ENTRY_POINTS = ("__init__", "__main__", "conftest")
+TOP_FOLDERS = {"inputs", "templates", "drivers", "postproc", "validation"}
 
 
 def sources(root: Path = paths.ROOT, *, tests: bool = False) -> list[Path]:
     """Python files of the three packages, relative to the checkout."""
-    found = [file.relative_to(root) for package in FLOORS[1:] for file in (root / package).rglob("*.py")]
+    found = [file.relative_to(root) for package in LAYERS[1:] for file in (root / package).rglob("*.py")]
     return sorted(file for file in found if tests or "tests" not in file.parts)
 
 
 def module_of(file: Path) -> str:
-    """Dotted name of a file; a package's is that of its folder."""
+    """Dotted module name of a file; for ``__init__.py`` the name of the package."""
     parts = file.with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 def imports_of(file: Path, modules: set[str], root: Path = paths.ROOT) -> Iterator[str]:
-    """Project modules that a file imports, wherever in the file, for types alone too."""
+    """Project modules imported anywhere in a file, also for type checking only."""
     for node in ast.walk(ast.parse((root / file).read_text())):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -44,25 +46,25 @@ def imports_of(file: Path, modules: set[str], root: Path = paths.ROOT) -> Iterat
         yield from (name for name in names if name in modules)
 
 
-def arrows(root: Path = paths.ROOT) -> dict[str, set[str]]:
-    """Imports of every module below its front doors."""
+def imports(root: Path = paths.ROOT) -> dict[str, set[str]]:
+    """Imports of every module."""
     modules = {module_of(file) for file in sources(root)}
     return {module_of(file): set(imports_of(file, modules, root)) for file in sources(root)}
 
 
-def floor_of(module: str) -> int:
-    """Number of the floor a module stands on; ``validation.reference`` is the ground."""
-    return min(i for i, floor in enumerate(FLOORS) if f"{module}.".startswith(f"{floor}."))
+def layer_of(module: str) -> int:
+    """Number of the layer of a module; ``validation.reference`` is 0."""
+    return min(i for i, layer in enumerate(LAYERS) if f"{module}.".startswith(f"{layer}."))
 
 
 def upward_imports(root: Path = paths.ROOT) -> list[str]:
-    """Imports from a higher floor, outside the front doors."""
+    """Imports from a higher layer, except those of ``__main__`` modules."""
     return [
         f"{module} -> {taken}"
-        for module, imported in arrows(root).items()
+        for module, imported in imports(root).items()
         if not module.endswith("__main__")
         for taken in imported
-        if floor_of(taken) > floor_of(module)
+        if layer_of(taken) > layer_of(module)
     ]
 
 
@@ -80,7 +82,7 @@ def test_imports_run_one_way() -> None:
     ],
 )
 def test_a_single_upward_import_is_found(tmp_path: Path, file: str, line: str) -> None:
-    for package in FLOORS[1:]:
+    for package in LAYERS[1:]:
         shutil.copytree(paths.ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("tests"))
     with (tmp_path / file).open("a") as source:
         source.write(f"\n\n{line}\n")
@@ -88,20 +90,20 @@ def test_a_single_upward_import_is_found(tmp_path: Path, file: str, line: str) -
 
 
 def test_imports_run_in_no_circle() -> None:
-    graphlib.TopologicalSorter(arrows()).prepare()  # raises CycleError, which names the circle
+    graphlib.TopologicalSorter(imports()).prepare()  # raises CycleError, which names the circle
 
 
 def test_a_folder_has_few_modules() -> None:
-    rooms = Counter(file.parent for file in sources(tests=True) if file.stem not in ENTRY_POINTS)
-    assert {str(room): count for room, count in rooms.items() if count > MAX_MODULES} == {}
+    counts = Counter(file.parent for file in sources(tests=True) if file.stem not in ENTRY_POINTS)
+    assert {str(folder): count for folder, count in counts.items() if count > MAX_MODULES} == {}
 
 
-def test_a_name_is_used_once() -> None:
+def test_module_names_are_unique() -> None:
     names = Counter(file.stem for file in sources(tests=True) if file.stem not in ENTRY_POINTS)
     assert {name: count for name, count in names.items() if count > 1} == {}
 
 
-def test_each_folder_says_what_is_in_it() -> None:
+def test_each_folder_has_a_docstring() -> None:
     for folder in {file.parent for file in sources(tests=True)}:
         assert ast.get_docstring(ast.parse((paths.ROOT / folder / "__init__.py").read_text())), folder
 
@@ -112,13 +114,13 @@ def test_modules_are_small() -> None:
 
 
 @pytest.mark.parametrize("engine", engine_names())
-def test_nobody_imports_an_engine_by_name(engine: str) -> None:
-    assert not [module for module, imported in arrows().items() if f"drivers.engines.{engine}" in imported]
+def test_no_module_imports_an_engine_by_name(engine: str) -> None:
+    assert not [module for module, imported in imports().items() if f"drivers.engines.{engine}" in imported]
 
 
 @pytest.mark.parametrize("code", codes())
 def test_nothing_chooses_by_the_name_of_a_code(code: str) -> None:
-    """A further engine touches nothing else: its name stands in its own module and in data files."""
+    """A further engine changes no other module: its name is only in its own module and in data files."""
     own = {file for file in sources() if file.parts[:2] == ("drivers", "engines") and code in file.stem}
     named = {
         str(file)
@@ -129,3 +131,8 @@ def test_nothing_chooses_by_the_name_of_a_code(code: str) -> None:
     }
     assert own
     assert not named
+
+
+def test_the_top_level_holds_the_five_folders() -> None:
+    tracked = {name for name in git("ls-files").splitlines() if "/" in name}
+    assert {name.partition("/")[0] for name in tracked if name[0] != "."} <= TOP_FOLDERS

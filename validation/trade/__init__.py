@@ -1,1 +1,1 @@
-"""What accuracy costs: errors against time for every engine and step, what else users do, and what to use."""
+"""Error against computing time of every engine and time step, and the cheapest way to an accuracy."""

@@ -1,4 +1,4 @@
-"""The trade study: errors against cost for every engine and step: orders of convergence, the cheapest way, diagrams."""
+"""The trade study: errors against cost, orders of convergence, advice, diagrams."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -18,27 +18,28 @@ from drivers.engines import VERLET, codes, engine_names, in_order
 from postproc.draw.style import COLUMN_IN, line_of, marker_of, pyplot
 from validation import studies
 from validation.studies import ADAPTIVE, DONE, ORDER_4, Options, Picture, Study, Tables
-from validation.trade.climb import BUDGET_S, SCENES, SHORT_BUDGET_S, SHORT_SCENES, Lever, Row, climb, pull_all
+from validation.trade.ladder import BUDGET_S, SCENES, SHORT_BUDGET_S, SHORT_SCENES, Row, run_ladder
+from validation.trade.levers import Lever, measure_levers
 
 TARGETS = tuple(10.0**-k for k in range(2, 9))
-STRAIGHT = 0.15  # by how much the order between neighbouring steps may stray from the range's
+ORDER_SPREAD = 0.15  # largest deviation of the order between neighbouring steps, within a straight range
 SMOOTH_ORDER, FLAT_ORDER = 3.7, 0.5
-BY_SAMPLING = "samples: the exact motion read from them errs as much"
-BY_SAMPLES = 30.0  # times what the exact motion errs by when read from samples: there these begin to count
-LEAST_POINTS = 3  # of a range
-SMALL = 0.1  # errors beyond are no longer small, and fall by no order
+BY_SAMPLING = "sampling: the exact motion read from the same samples has this error"
+SAMPLING_FACTOR = 30.0  # times the reading error of the exact motion: smaller errors are limited by sampling
+MIN_POINTS = 3  # of a straight range
+MAX_ERROR = 0.1  # larger errors show no order
 QUANTITIES = {
-    "force": "the force trace",
-    "sensor_peak": "a sensor's peak",
-    "wall_peak": "the wall's peak",
+    "force": "force trace",
+    "sensor_peak": "sensor peak",
+    "wall_peak": "wall peak",
     "arrival": "arrival times",
-    "speed": "the speed V_s",
-    "width": "the width",
-    "energy": "the energy",
-    "momentum": "the momentum",
+    "speed": "speed V_s",
+    "width": "width",
+    "energy": "energy",
+    "momentum": "momentum",
 }
-METHODS = {ORDER_4: ("#56b4e9", "P"), ADAPTIVE: ("#999999", ">")}  # colours and markers of what is no engine
-COSTS = {"loop_s": "time in the loop, s", "wall_s": "time of a run by itself, s"}
+METHODS = {ORDER_4: ("#56b4e9", "P"), ADAPTIVE: ("#999999", ">")}  # colours and markers of methods that are no engines
+COSTS = {"loop_s": "time of the loop, s", "wall_s": "time of a whole run, s"}
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,10 @@ class Order:
     """Order of convergence over the longest straight range.
 
     Attributes:
-        order: slope of log error over log step; NaN where no range is straight.
-        from_share, to_share: of the stability limit, the range's ends.
-        above, below: the order between neighbouring steps beyond either end; NaN where nothing was measured there.
-        why_bent: what shows beyond the lower end; empty where the order holds to the last step.
+        order: slope of log error over log step; NaN if no range is straight.
+        from_share, to_share: largest and smallest step of the range, over the stability limit.
+        above, below: order between the steps next to either end, outside; NaN without measurements there.
+        why_bent: reason why the order ends below the range; empty if it holds to the smallest step.
     """
 
     scene: str
@@ -65,7 +66,7 @@ class Order:
 
 @dataclass(frozen=True)
 class Advice:
-    """Cheapest way to an error of one quantity, among all methods or by one; empty where nothing reaches it."""
+    """Cheapest run that reaches an error of one quantity, by any method or by one; empty if none does."""
 
     scene: str
     quantity: str
@@ -80,7 +81,7 @@ class Advice:
 
 
 def done(rows: pd.DataFrame) -> pd.DataFrame:
-    """The runs that ended well."""
+    """Finished runs."""
     return rows[rows["status"] == DONE]
 
 
@@ -90,22 +91,22 @@ def orders(rows: pd.DataFrame) -> Iterator[Order]:
     for scene, method in rows[["scene", "method"]].drop_duplicates().itertuples(index=False):
         own = fixed[(fixed["scene"] == scene) & (fixed["method"] == method)]
         for quantity in QUANTITIES:
-            good = own[(own[quantity] > 0) & (own[quantity] <= SMALL)]
-            if len(good) > LEAST_POINTS:
+            good = own[(own[quantity] > 0) & (own[quantity] <= MAX_ERROR)]
+            if len(good) > MIN_POINTS:
                 columns = (good[name].to_numpy() for name in ("share_of_limit", "time_step_s", quantity))
                 order = _order(Order(scene, method, quantity), *columns)
                 yield replace(order, why_bent=_why_bent(order, done(rows[rows["scene"] == scene])))
 
 
 def _order(order: Order, shares: Array, steps: Array, errors: Array) -> Order:
-    """The same with its longest range within which the order between neighbouring steps hardly changes."""
+    """The order over the longest range in which it is the same between neighbouring steps."""
     x, y = np.log(steps), np.log(errors)
     local = np.diff(y) / np.diff(x)
     first = last = 0
     for start, end in product(range(len(local)), range(1, len(local) + 1)):
-        if end - start > last - first and np.ptp(local[start:end]) <= 2 * STRAIGHT:
+        if end - start > last - first and np.ptp(local[start:end]) <= 2 * ORDER_SPREAD:
             first, last = start, end
-    if last - first < LEAST_POINTS - 1:
+    if last - first < MIN_POINTS - 1:
         return order
     return replace(
         order,
@@ -118,48 +119,52 @@ def _order(order: Order, shares: Array, steps: Array, errors: Array) -> Order:
 
 
 def _why_bent(order: Order, rows: pd.DataFrame) -> str:
-    """Why errors stop falling as they did, by what else was measured on the scene at the same steps."""
+    """Reason why errors fall more slowly below the range, from other runs of the scene."""
     if not np.isfinite(order.order):
         return "no straight range"
     if order.order < FLAT_ORDER:
         return BY_SAMPLING
     if order.method == ORDER_4 and order.order < SMOOTH_ORDER:
-        return "contacts that open and close, where the force is smooth once only"
-    if not abs(order.below - order.order) > 2 * STRAIGHT:
+        return "opening and closing contacts, where the force is only once differentiable"
+    if not abs(order.below - order.order) > 2 * ORDER_SPREAD:
         return ""
     finer = rows[rows["share_of_limit"] < 0.99 * order.to_share]
     exact, own, smooth = (
         table.loc[table["method"] == method, order.quantity]
         for table, method in ((rows, ADAPTIVE), (finer, order.method), (finer, VERLET))
     )
-    if own.min() < BY_SAMPLES * exact.min():
+    if own.min() < SAMPLING_FACTOR * exact.min():
         return BY_SAMPLING
     if order.method not in (VERLET, ORDER_4) and own.max() > 1.1 * smooth.max():
-        return "rounding of heights: the same scheme in overlaps errs less"
-    return "a change of sign of the error" if order.below > order.order else "the error of other contacts or times"
+        return "rounding of heights: the same scheme in overlaps has a smaller error"
+    return (
+        "a change of sign of the error"
+        if order.below > order.order
+        else "the largest error moves to another contact or time"
+    )
 
 
 def front(rows: pd.DataFrame, quantity: str, cost: str) -> pd.DataFrame:
-    """The Pareto front, from the cheapest on: nothing is both cheaper and more accurate."""
+    """Pareto front, cheapest first: no other run is both cheaper and more accurate."""
     ordered = rows.sort_values([cost, quantity])
     return ordered[ordered[quantity] < ordered[quantity].cummin().shift(fill_value=np.inf)]
 
 
 def kept_errors(rows: pd.DataFrame, quantity: str) -> "pd.Series[float]":
-    """Errors of the runs that ended well, each the largest of itself and all finer steps: none is small by chance."""
+    """Errors of finished runs, each at least as large as at all smaller steps, so that none is small by chance."""
     ordered = done(rows).sort_values("share_of_limit")
     return ordered[quantity].fillna(np.inf).groupby(ordered["method"]).cummax()
 
 
 def cheapest(rows: pd.DataFrame, quantity: str, target: float, cost: str) -> Any:
-    """The cheapest run that reaches an error; None where none does."""
+    """Cheapest run that reaches an error; None if none does."""
     errors = kept_errors(rows, quantity)
     kept = errors.index[errors <= target]
     return None if kept.empty else rows.loc[rows.loc[kept, cost].idxmin()]
 
 
 def advice(rows: pd.DataFrame) -> Iterator[Advice]:
-    """For each scene, quantity and error the cheapest way of all, and by each method, with and without start-up."""
+    """Advice by scene, quantity and error: the cheapest run of all and of each method, with and without start-up."""
     for scene, group in rows.groupby("scene", sort=False):
         among = ["any", *group["method"].unique()]
         for quantity in QUANTITIES:
@@ -177,30 +182,32 @@ def advice(rows: pd.DataFrame) -> Iterator[Advice]:
 
 
 def measure(options: Options) -> dict[str, Any]:
-    """The ladder within a budget of engine time, the levers, and what follows from the ladder."""
+    """Measures ladder and levers; derives advice and orders."""
     short = options.quick
     budget_s, scenes = (SHORT_BUDGET_S, SHORT_SCENES) if short else (BUDGET_S, SCENES)
     with step(studies.named("the ladder of time steps", options), 1, 2):
-        rows = climb(options.budget_s or budget_s, scenes, short=short)
-    with step(studies.named("other ways to less time or error", options), 2, 2):
-        levers = [*pull_all(short=short)]
+        rows = run_ladder(options.budget_s or budget_s, scenes, short=short)
+    with step(studies.named("other ways to save time or error", options), 2, 2):
+        levers = [*measure_levers(short=short)]
     table = studies.frame_of(Row, rows)
     return {"trade": rows, "trade-levers": levers, "trade-advice": advice(table), "trade-orders": orders(table)}
 
 
 def sentences(tables: Tables) -> list[str]:
-    """Sentences that a user can act on, most general first."""
+    """Findings, most general first."""
     rows, levers = tables["trade"], tables["trade-levers"]
     return [_on_extent(rows), *_on_orders(tables["trade-orders"]), *_on_cost(rows), *_on_levers(levers)]
 
 
 def _on_extent(rows: pd.DataFrame) -> str:
     left, unstable = (rows[rows["status"] == status] for status in (studies.NOT_RUN, studies.FAILED))
-    said = f"{len(rows) - len(left)} of {len(rows)} runs were made"
+    said = f"{len(rows) - len(left)} of {len(rows)} runs were done"
     if not left.empty:
-        said += f"; {len(left)}, most of them of {left['scene'].mode()[0]}, did not fit the budget of computing time"
+        said += f"; {len(left)} did not fit the time budget, most of them of {left['scene'].mode()[0]}"
     if not unstable.empty:
-        said += f"; {len(unstable)} failed, at {unstable['share_of_limit'].min():.2g} of the stability limit or above"
+        said += (
+            f"; {len(unstable)} failed, all at {unstable['share_of_limit'].min():.2g} of the stability limit or more"
+        )
     return said + "."
 
 
@@ -208,11 +215,14 @@ def _on_orders(orders: pd.DataFrame) -> Iterator[str]:
     known = orders[(orders["quantity"] == "force") & orders["order"].notna()]
     for method, own in known.groupby("method", sort=False):
         said = f"The force trace by {method} converges with order {own['order'].min():.2f} to {own['order'].max():.2f}"
-        said += f" ({len(own)} scenes), from {own['from_share'].min():.2g} of the stability limit on"
-        slower = own[own["below"] < own["order"] - 2 * STRAIGHT]
+        said += f" ({len(own)} scenes) at steps below {own['from_share'].min():.2g} of the stability limit"
+        slower = own[own["below"] < own["order"] - 2 * ORDER_SPREAD]
         if not slower.empty:
-            bent = [f"{row['scene']} from {row['to_share']:.1g} ({row['why_bent']})" for _, row in slower.iterrows()]
-            said += f". Below these shares of the limit errors fall more slowly: {', '.join(bent)}"
+            bent = [
+                f"{row['scene']} below {row['to_share']:.1g} of the limit ({row['why_bent']})"
+                for _, row in slower.iterrows()
+            ]
+            said += f". Errors fall more slowly on {', '.join(bent)}"
         yield said + "."
 
 
@@ -228,27 +238,27 @@ def _on_cost(rows: pd.DataFrame) -> Iterator[str]:
         ]
         if costs:
             start = (done(part)["wall_s"] - done(part)["in_session_s"]).median()
-            yield f"{first} by {code}: an error of {', '.join(costs)}; {start:.2g} s of start-up come on top."
+            yield f"{first} by {code}: an error of {', '.join(costs)}; start-up adds {start:.2g} s."
     for target in (1e-4, 1e-6, 1e-8):
         best_of = [cheapest(group, "force", target, "loop_s") for _, group in rows.groupby("scene")]
         used = Counter(str(best["method"]) for best in best_of if best is not None)
         if used:
             counted = ", ".join(f"{name} on {count} of {len(best_of)} scenes" for name, count in used.most_common())
-            yield f"Cheapest loop for a force error of {target:.0e}: {counted}."
+            yield f"Shortest loop for a force error of {target:.0e}: {counted}."
 
 
 def _codes_in(rows: pd.DataFrame) -> list[str]:
-    """The codes that a table has measurements of."""
+    """Codes with measurements in a table."""
     return [name for name in codes() if (rows["method"] == name).any()]
 
 
 def _on_levers(levers: pd.DataFrame) -> Iterator[str]:
     lever = {name: levers[levers["lever"] == name] for name in levers["lever"].unique()}
-    for quantity, word in (("force", "the force trace"), ("wall_peak", "the wall's peak")):
+    for quantity, word in (("force", "force trace"), ("wall_peak", "wall peak")):
         part = lever["Rayleigh fraction"]
         errors = part[part["quantity"] == quantity].groupby("setting", sort=False)["error"]
         ranges = [f"{each.min():.1e} to {each.max():.1e} at {setting}" for setting, each in errors]
-        yield f"A fraction of the Rayleigh time does not fix the error: that of {word} is {', '.join(ranges)}."
+        yield f"A fraction of the Rayleigh time does not determine the error: {word} {', '.join(ranges)}."
     part = lever["softened modulus"]
     for row in _worst(part[part["setting"].str.startswith("E/100,")]):
         yield (
@@ -258,31 +268,31 @@ def _on_levers(levers: pd.DataFrame) -> Iterator[str]:
     part = lever["Richardson extrapolation"]
     for _, row in part[part["scene"] == "fig4"].iloc[[0, -1]].iterrows():
         yield (
-            f"Richardson's extrapolation of fig4 from {row['setting']}: error {row['error']:.1e}; a single run as good"
-            f" would take {row['gain']:.2g} times the steps of the pair."
+            f"Richardson's extrapolation of fig4 from {row['setting']}: error {row['error']:.1e}; a single run with"
+            f" this error needs {row['gain']:.2g} times the steps of the pair."
         )
     part = lever["sampling interval"]
     for row in _worst(part[part["setting"].isin(["1 us", "10 us"])]):
-        yield f"Samples every {row['setting']} on fig4: {row['quantity']} is read to {row['error']:.1e}."
+        yield f"Samples every {row['setting']} on fig4: {row['quantity']} is {row['error']:.1e} off."
     gains = levers.dropna(subset="gain")
     for _, row in gains[gains["lever"].isin(["two cores", "one process for many"])].iterrows():
         share = f"{row['gain']:.2g} times as fast" if row["gain"] >= 1 else f"{1 / row['gain']:.2g} times as slow"
-        yield f"{row['engine']}, {row['lever']} ({row['scene']}, {row['setting']}): {share} as without."
+        yield f"{row['engine']}, {row['lever']} ({row['scene']}, {row['setting']}): {share}."
     for _, row in gains[gains["lever"] == "extended precision"].iterrows():
         yield (
-            f"{row['engine']}, {row['setting']}: {row['error']:.1e} of the largest change off the scheme in overlaps,"
-            f" at {1 / row['gain']:.2g} times the time of double precision."
+            f"{row['engine']}, {row['setting']}: deviation from the scheme in overlaps {row['error']:.1e} of the"
+            f" largest change, {1 / row['gain']:.2g} times the time of double precision."
         )
 
 
 def _worst(part: pd.DataFrame) -> Iterator[Any]:
-    """The row of each setting that errs most."""
+    """Row with the largest error, for each setting."""
     for _, own in part.groupby("setting", sort=False):
         yield own.iloc[int(own["error"].to_numpy().argmax())]
 
 
 def figures(tables: Tables) -> dict[str, Picture]:
-    """Error against time: the force of every scene against both costs, and all quantities of the first scene."""
+    """Error against time: the force of every scene against both costs, all quantities of the first scene."""
     rows = tables["trade"]
     scenes = list(rows["scene"].unique())
     pictures = {f"trade-{scene}": Picture(scene, partial(draw_scene, rows, scene)) for scene in scenes}
@@ -290,13 +300,13 @@ def figures(tables: Tables) -> dict[str, Picture]:
 
 
 def draw_scene(rows: pd.DataFrame, scene: str) -> Any:
-    """The force error of a scene against both costs. Returns a figure."""
+    """Draws the force error of a scene against both costs."""
     figure, axes = pyplot().subplots(1, 2, figsize=(2 * COLUMN_IN, 3.2), sharey=True, layout="constrained")
     for axis, (cost, label) in zip(axes, COSTS.items(), strict=True):
         _draw(axis, rows, scene, "force", cost)
         axis.set_xlabel(label)
         low, high = axis.get_xlim()
-        if high < 1e3 * low:  # with the start-up, or of few runs
+        if high < 1e3 * low:  # a short range of times: plain numbers as labels
             axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)) if high > 10 * low else MaxNLocator(4))
             axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.xaxis.set_minor_formatter(NullFormatter())
@@ -307,7 +317,7 @@ def draw_scene(rows: pd.DataFrame, scene: str) -> Any:
 
 
 def draw_quantities(rows: pd.DataFrame, scene: str) -> Any:
-    """All quantities of a scene against the time in the loop. Returns a figure."""
+    """Draws the errors of all quantities of a scene against the time of the loop."""
     figure, axes = pyplot().subplots(4, 2, figsize=(2 * COLUMN_IN, 9.0), sharex=True, layout="constrained")
     for axis, (quantity, words) in zip(axes.flat, QUANTITIES.items(), strict=True):
         _draw(axis, rows, scene, quantity, "loop_s")
@@ -315,12 +325,12 @@ def draw_quantities(rows: pd.DataFrame, scene: str) -> Any:
     for axis in axes[-1]:
         axis.set_xlabel(COSTS["loop_s"])
     axes[0, 0].legend(fontsize="x-small")
-    figure.suptitle(f"{scene}: error against time in the loop", fontsize="medium")
+    figure.suptitle(f"{scene}: error against time of the loop", fontsize="medium")
     return figure
 
 
 def _draw(axis: Any, rows: pd.DataFrame, scene: str, quantity: str, cost: str) -> None:
-    """A line for each method, and the Pareto front through what nothing beats."""
+    """Draws a line for each method, and the Pareto front."""
     shown = done(rows[(rows["scene"] == scene) & (rows[quantity] > 0)])
     for method in in_order(shown["method"]):
         own = shown[shown["method"] == method].sort_values("share_of_limit")
@@ -333,11 +343,11 @@ def _draw(axis: Any, rows: pd.DataFrame, scene: str, quantity: str, cost: str) -
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """Cheapest code for each error: on the first scene in all quantities, on the others of the force."""
+    """Cheapest code for each error: all quantities of the first scene, the force of the others."""
     rows = tables["trade"]
     first, *others = rows["scene"].unique()
     chosen = [*((first, quantity) for quantity in QUANTITIES), *((scene, "force") for scene in others)]
-    among = rows[rows["method"].isin(_codes_in(rows) or rows["method"])]  # where no code was run, of all methods
+    among = rows[rows["method"].isin(_codes_in(rows) or rows["method"])]  # all methods if no code was run
     table = []
     for scene, quantity in chosen:
         part = among[among["scene"] == scene]
@@ -351,15 +361,15 @@ def section(tables: Tables) -> dict[str, Any]:
 
 
 def _time(seconds: float) -> str:
-    """Two digits, in the unit in which they are easily read."""
+    """A time with two digits and a suitable unit."""
     if pd.isna(seconds):
-        return "of its own"
+        return "adaptive"
     return EngFormatter("s")(float(f"{seconds:.2g}"))
 
 
 STUDY = Study(
     name="trade",
-    title="what accuracy costs",
+    title="cost of accuracy",
     tables={"trade": Row, "trade-levers": Lever, "trade-advice": Advice, "trade-orders": Order},
     measure=measure,
     sentences=sentences,

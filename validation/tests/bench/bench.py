@@ -1,4 +1,4 @@
-"""What things cost, as ratios taken in one run: the in-repo integrators, scipy's best, and the codes."""
+"""Cost of the in-repo integrators, of scipy's DOP853 and of the codes, measured in one run."""
 
 import resource
 import sys
@@ -29,7 +29,7 @@ IN_REPO_STEPS = {22: 400_000, 1000: 20_000, 10_000: 4000, 100_000: 1000, 1_000_0
 
 
 def best_time(action: Callable[[], object]) -> float:
-    """Shortest of some runs, in seconds; the first, which may compile, does not count."""
+    """Shortest time of several runs, in s, after one that may compile."""
     action()
     times = []
     for _ in range(REPEATS):
@@ -40,7 +40,7 @@ def best_time(action: Callable[[], object]) -> float:
 
 
 def bench() -> None:
-    """Prints all tables."""
+    """Print all tables."""
     bench_adaptive()
     bench_order()
     bench_fixed_step(bench_engines())
@@ -48,7 +48,7 @@ def bench() -> None:
 
 
 def bench_adaptive() -> None:
-    """Fig. 4, 0.6 ms, 600 samples: time and error of the reference and of scipy's DOP853 on the same slope."""
+    """Print time and error of the reference and of scipy's DOP853 with the same slope: Fig. 4, 0.6 ms, 600 samples."""
     chain = arrays_of(build_case(read_scene("fig4")).chain)
     times = np.linspace(0, 6e-4, 601)
     exact = integrate_adaptive(chain, times).force_N
@@ -56,7 +56,7 @@ def bench_adaptive() -> None:
     def error(force: Array) -> float:
         return float(np.abs(force - exact).max() / exact.max())
 
-    print("Fig. 4, 0.6 ms, 600 samples: error of the force, time, and scipy's time at no smaller error")
+    print("Fig. 4, 0.6 ms, 600 samples: force error and time, and scipy's at the same tolerance or better")
     print(f"{'asked':>8} {'error':>9} {'time ms':>8}   {'scipy rtol':>10} {'error':>9} {'time ms':>8} {'ratio':>6}")
     for tolerance in (1e-4, 1e-6, 1e-8, 1e-10, 1e-11):
         own = best_time(partial(integrate_adaptive, chain, times, tolerance))
@@ -89,10 +89,10 @@ def _scipy(chain: HertzChain, times: Array, rtol: float) -> Array:
 
 
 def bench_order() -> None:
-    """Fig. 4: error against number of forces, of Verlet and of the symplectic method of order 4."""
+    """Print the error of Verlet and of the symplectic method of order 4 against the number of forces, for Fig. 4."""
     chain = arrays_of(build_case(read_scene("fig4")).chain)
     exact = integrate_adaptive(chain, np.linspace(0, 6e-4, 601)).force_N
-    print("\nFig. 4 at a fixed step: error of the force at as many forces a microsecond")
+    print("\nFig. 4 at a fixed step: force error by number of force evaluations per microsecond")
     print(f"{'forces':>8} {'Verlet':>9} {'order 4':>9}")
     for steps in (1, 2, 4, 8, 16, 32, 64):
         verlet = integrate_verlet(chain, 1e-6 / (4 * steps), 4 * steps, 601).force_N
@@ -102,7 +102,7 @@ def bench_order() -> None:
 
 
 def bench_long_chain() -> None:
-    """A pulse through a million beads for ten thousand steps: time, and memory, which does not grow."""
+    """Print time and memory of a pulse through a million beads for ten thousand steps."""
     one = np.ones(1_000_000)
     velocity = np.append(np.zeros(one.size - 1), -1.0)
     chain = HertzChain(1e-4 * one, 1e6 * one, 0 * one, velocity, 0 * one)
@@ -117,7 +117,7 @@ def bench_long_chain() -> None:
 
 
 def bench_engines() -> dict[tuple[str, int], float]:
-    """The codes on a chain: prints start-up, returns ns per bead and step in the engine's own loop."""
+    """Print the start-up times of the codes, and return ns per bead and step in their own loops."""
     costs: dict[tuple[str, int], float] = {}
     print("\nthe codes, one process: seconds outside the time loop (start-up, building the chain, writing)")
     with tempfile.TemporaryDirectory() as folder:
@@ -136,8 +136,8 @@ def bench_engines() -> dict[tuple[str, int], float]:
 
 
 def bench_fixed_step(engine_costs: dict[tuple[str, int], float]) -> None:
-    """Velocity Verlet: ns per bead and step, in the repository and in the engines."""
-    print("\nvelocity Verlet: ns per bead and step (in brackets: times the in-repo cost on one thread)")
+    """Print ns per bead and step of velocity Verlet, in the repository and in the engines."""
+    print("\nvelocity Verlet: ns per bead and step (in brackets: ratio to the in-repo cost on one thread)")
     engines = list(dict.fromkeys(engine for engine, _ in engine_costs))
     print(f"{'bodies':>8} {'1 thread':>9} {'2 threads':>9}", *(f"{engine:>16}" for engine in engines))
     for bodies, steps in IN_REPO_STEPS.items():
@@ -150,7 +150,7 @@ def bench_fixed_step(engine_costs: dict[tuple[str, int], float]) -> None:
 
 
 def _compressed_chain(bodies: int, steps: int) -> Case:
-    """A struck chain under 1 N, so that every contact is closed and costs its force; sampled at its ends."""
+    """Struck chain under 1 N, so that every contact is closed; sampled at start and end."""
     settings = (
         f"chain.count={bodies - 1}", "chain.sensors=[]", "chain.precompression=1 N", "gravity=", "tube=",
         f"run.duration={steps / 10} us", f"run.sample_interval={steps / 10} us",

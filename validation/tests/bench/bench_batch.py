@@ -1,4 +1,4 @@
-"""What a batch costs, as ratios taken in one run: many cases in one process against a process for each."""
+"""Cost of batches: many cases in one process against a process for each case."""
 
 import contextlib
 import io
@@ -12,7 +12,7 @@ import pandas as pd
 
 from drivers.__main__ import request_of
 from drivers.base.processes import run_command
-from drivers.batch.study_commands import SPENT, Where, batch, status
+from drivers.batch.study_commands import WORKER_COSTS, Where, batch, status
 from drivers.chain.case import build_case
 from drivers.engines import installed_codes, load_engine
 from drivers.scene.read_scene import read_scene
@@ -35,9 +35,9 @@ count = {cases}
 
 
 def bench_batch() -> None:
-    """Prints cases per second on Fig. 4 at 0.1 us, the workflow's share, and the time to list many cases."""
+    """Print cases per second on Fig. 4 at 0.1 us, the workflow's share, and the time to list many cases."""
     print(
-        f"\nBatches of Fig. 4 at 0.1 us on {WORKERS} workers, start and tables included; errors against the reference"
+        f"\nbatches of Fig. 4 at 0.1 us on {WORKERS} workers, including start, tables and errors against the reference"
     )
     print(f"{'engine':<20} {'cases':>6} {'a process each':>15} {'in a batch':>12} {'ratio':>6} {'workflow':>9}")
     for name in installed_codes():
@@ -47,11 +47,11 @@ def bench_batch() -> None:
     for names in (("verlet",), ("reference",), ("reference", "verlet")):
         rate, share = _rate_in_batch(names, IN_REPO_CASES)
         print(f"{', '.join(names):<20} {IN_REPO_CASES:6} {'':>15} {rate:10.0f}/s {'':>6} {share:9.0%}")
-    print(f"status of {LISTED} cases, all of them done: {_listing_s():.2f} s")
+    print(f"status of {LISTED} finished cases: {_listing_s():.2f} s")
 
 
 def _rate_alone(name: str) -> float:
-    """Cases per second with a bare engine process for each: nothing rendered, read or kept."""
+    """Cases per second with an engine process for each, without rendering, reading or storing."""
     engine = load_engine(name)
     build = engine.find()
     assert build is not None
@@ -68,7 +68,7 @@ def _rate_alone(name: str) -> float:
 
 
 def _rate_in_batch(names: tuple[str, ...], cases: int) -> tuple[float, float]:
-    """Rows per second of a whole batch, and the share of the workers' time that is the workflow's own."""
+    """Rows per second of a whole batch, and the workflow's share of the workers' time."""
     with tempfile.TemporaryDirectory() as home:
         study = _study(Path(home), names, cases)
         began = time.perf_counter()
@@ -76,11 +76,11 @@ def _rate_in_batch(names: tuple[str, ...], cases: int) -> tuple[float, float]:
         took = time.perf_counter() - began
         spent = pd.read_parquet(Path(home, "bench-cost.parquet"))
         own = spent["workflow_s"].sum()
-        return len(spent) / took, own / spent[list(SPENT)].sum().sum()
+        return len(spent) / took, own / spent[list(WORKER_COSTS)].sum().sum()
 
 
 def _listing_s() -> float:
-    """Seconds that ``status`` takes, from a store with rows of many cases and a plan that is kept."""
+    """Time of ``status`` in s, from a store with rows of many cases and a stored plan."""
     with tempfile.TemporaryDirectory() as home:
         study = _study(Path(home), ("verlet",), LISTED)
         _quietly(study, Path(home))

@@ -1,4 +1,4 @@
-"""What fits cost on one core: parameters of what the paper quotes, by the in-repo exact motion."""
+"""Cost of fits to the data quoted by the paper, on one core, by the in-repo exact motion."""
 
 import time
 
@@ -7,20 +7,20 @@ from validation.calibration.outcome import solve
 from validation.calibration.problem import pose
 
 MODULUS, RESTITUTION = "materials.ptfe.youngs_modulus", "contact.restitution"
-ALL = ("fig4", "table1", "fig5")
+ALL_SETS = ("fig4", "table1", "fig5")
 FITS = (
     ("two parameters on Fig. 4", ("fig4",), (MODULUS, RESTITUTION)),
-    ("two parameters on all quoted data", ALL, (MODULUS, RESTITUTION)),
+    ("two parameters on all quoted data", ALL_SETS, (MODULUS, RESTITUTION)),
     (
         "four parameters on all quoted data",
-        ALL,
+        ALL_SETS,
         (MODULUS, RESTITUTION, "sensor.time_constant", "chain.mass=0.1 g..0.15 g"),
     ),
 )
 
 
 def bench_fit() -> None:
-    """Prints seconds of fits alone, and with profiles and predictions without each datum."""
+    """Print the times of fits alone, and with profiles and predictions without each datum."""
     print(f"\n{'fit, one core':<36} {'alone':>8} {'with profiles and predictions':>30}")
     for words, sets, free in FITS:
         took = []

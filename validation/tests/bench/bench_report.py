@@ -1,4 +1,4 @@
-"""Seconds until a newcomer sees something: ``make report`` in a fresh clone, step by step."""
+"""Time of ``make report`` in a fresh clone, step by step."""
 
 import re
 import resource
@@ -11,17 +11,17 @@ from pathlib import Path
 from drivers.base import paths
 
 ANNOUNCED = re.compile(r"step \d+ of \d+: [^(]+|results/report.html: .+")
-AFTER = (("compare of finished runs", "validation", "compare", "fig4"), ("plan", "drivers", "plan", "fig4"))
+COMMANDS = (("compare of finished runs", "validation", "compare", "fig4"), ("plan", "drivers", "plan", "fig4"))
 
 
 def bench_report() -> None:
-    """Prints when each step begins and the page grows, then what commands cost on what is finished."""
-    print("\nmake report in a fresh clone of what is committed: seconds since the packages were there")
+    """Print the times at which steps begin and the page grows, then the cost of commands on finished runs."""
+    print("\nmake report in a fresh clone of the last commit: seconds since packages were installed")
     with tempfile.TemporaryDirectory() as home:
         clone = Path(home, "clone")
         words = ("git", "clone", "-q", str(paths.ROOT), str(clone))
         if subprocess.run(words, check=False).returncode:
-            print("not measured: this is no clone", file=sys.stderr)
+            print("not measured: no git clone", file=sys.stderr)
             return
         subprocess.run(("make", "-s", ".venv/.ready", ".venv/.engines"), cwd=clone, check=True)
         process = subprocess.Popen(
@@ -33,8 +33,8 @@ def bench_report() -> None:
             if not line.startswith(" ") and (found := ANNOUNCED.match(line)):
                 print(f"{time.perf_counter() - began:7.1f}  {found[0].strip()}", flush=True)
         print(f"{time.perf_counter() - began:7.1f}  exit code {process.wait()}")
-        print("\nCPU seconds (of a second call, with all that is kept) and wall seconds")
-        for what, package, *arguments in AFTER:
+        print("\nCPU and wall seconds of commands, and of their second call with cached results")
+        for what, package, *arguments in COMMANDS:
             for _ in range(2):
                 cpu_s, wall_s = _spent((str(clone / ".venv/bin/python"), "-m", package, *arguments), clone)
             print(f"{what:<26} {cpu_s:5.2f} {wall_s:5.2f}")

@@ -1,4 +1,4 @@
-"""Random scenes against which a prediction of the stability limit has a hard time, by kind and number."""
+"""Random scenes that are hard for a prediction of the stability limit, by kind and number."""
 
 from typing import Any
 
@@ -13,9 +13,9 @@ KINDS = ("light bead", "light striker", "bounces", "gaps", "head on")
 
 
 def adversarial_case(kind: str, number: int, *, damped: bool = False) -> Case:
-    """A chain of 0 to 12 beads: light ones between heavy ones, light strikers, bounces, gaps, beads head on.
+    """Random chain of 0 to 12 beads: light beads between heavy ones, light strikers, bounces, gaps, beads head on.
 
-    Durations are up to 40 collisions and a traverse, of bounces several flights. Damping ratios are 0.01 to 3.
+    Durations are up to 40 collisions and a traverse, or several flights of a bounce. Damping ratios are 0.01 to 3.
     """
     draw = np.random.default_rng([number, KINDS.index(kind), damped])
 

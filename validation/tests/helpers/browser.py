@@ -15,27 +15,27 @@ from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.actions.interaction import POINTER_TOUCH
 from selenium.webdriver.common.actions.pointer_input import PointerInput
 
-QUESTIONS = (Path(__file__).parent / "page.js").read_text()
-LARGEST_PX = 16_000  # beyond it a screenshot comes out blank
+PAGE_SCRIPT = (Path(__file__).parent / "page.js").read_text()
+MAX_SCREENSHOT_PX = 16_000  # larger screenshots are blank
 A4_IN = {"paperWidth": 8.27, "paperHeight": 11.69}
 PICTURES = ("image", "img", "SvgRoot", "Canvas", "graphics-document")  # roles in Chromium's accessibility tree
-PRINTED_PX, PRINTED_HIGH_PX = 718, 1047  # what A4 leaves between margins of 1 cm, at 96 to the inch
+PRINTED_PX, PRINTED_HIGH_PX = 718, 1047  # A4 without margins of 1 cm, at 96 pixels per inch
 
 
 def need_browser() -> None:
-    """Leaves a test out where there is no browser; in CI that is a failure."""
+    """Skip a test without a browser; fail it in CI."""
     missing = [name for name in ("chromium", "chromedriver") if shutil.which(name) is None]
     if missing:
         if os.environ.get("CI"):
-            pytest.fail(f"{' and '.join(missing)} not installed, and CI has to have them")
+            pytest.fail(f"{' and '.join(missing)} not installed, but required in CI")
         pytest.skip(f"{' and '.join(missing)} not installed")
 
 
 @contextmanager
 def browser() -> Iterator[Chrome]:
-    """A browser that keeps a log of its console and of its requests.
+    """Browser that logs its console and its requests.
 
-    Both paths are given, so that selenium looks for nothing and downloads nothing.
+    Both paths are given, so that selenium searches and downloads nothing.
     """
     options = ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
@@ -43,7 +43,7 @@ def browser() -> Iterator[Chrome]:
     for argument in ("--headless=new", "--disable-dev-shm-usage", "--disable-gpu", "--force-color-profile=srgb"):
         options.add_argument(argument)
     if os.geteuid() == 0:
-        options.add_argument("--no-sandbox")  # root cannot have one
+        options.add_argument("--no-sandbox")  # root cannot use a sandbox
     with pytest.MonkeyPatch.context() as environment:
         environment.setenv("no_proxy", "*")  # the driver listens on loopback
         driver = Chrome(options=options, service=ChromeService(executable_path=shutil.which("chromedriver")))
@@ -55,13 +55,13 @@ def browser() -> Iterator[Chrome]:
 
 
 def devtools(driver: Chrome, command: str, **parameters: Any) -> dict[str, Any]:
-    """Sends a command of the DevTools protocol and returns its answer."""
+    """Send a command of the DevTools protocol and return its answer."""
     answer: dict[str, Any] = driver.execute_cdp_cmd(command, parameters)
     return answer
 
 
 def view(driver: Chrome, width_px: int, scheme: str = "light", media: str = "") -> None:
-    """Shows the page at a width, in a colour scheme, as on paper with ``media="print"``."""
+    """Show the page at a width, in a colour scheme, and as on paper with ``media="print"``."""
     height_px = 800 if width_px > 500 else 844
     devtools(driver, "Emulation.setDeviceMetricsOverride", width=width_px, height=height_px, deviceScaleFactor=1,
              mobile=False)  # fmt: skip
@@ -70,18 +70,18 @@ def view(driver: Chrome, width_px: int, scheme: str = "light", media: str = "") 
 
 
 def allow_scripts(driver: Chrome, *, allowed: bool) -> None:
-    """Whether pages loaded from now on may run their scripts; ``ask`` works all the same."""
+    """Allow or forbid scripts of pages loaded later; ``ask`` works in both cases."""
     devtools(driver, "Emulation.setScriptExecutionDisabled", value=not allowed)
 
 
 def ask(driver: Chrome, question: str, *arguments: Any) -> Any:
-    """The answer of a function in ``page.js`` on the page that is shown."""
+    """Answer of a function in ``page.js`` on the current page."""
     names = ", ".join(f"arguments[{i}]" for i in range(len(arguments)))
-    return driver.execute_script(f"{QUESTIONS}\nreturn {question}({names});", *arguments)
+    return driver.execute_script(f"{PAGE_SCRIPT}\nreturn {question}({names});", *arguments)
 
 
 def point(driver: Chrome, x: float, y: float, kind: str = "mouse") -> None:
-    """Moves the mouse there, or taps (``kind`` touch)."""
+    """Move the mouse to a point, or tap it (``kind`` touch)."""
     pointer = PointerInput(kind, kind)
     actions = ActionBuilder(driver, mouse=pointer, duration=0)
     actions.pointer_action.move_to_location(round(x), round(y))
@@ -91,20 +91,20 @@ def point(driver: Chrome, x: float, y: float, kind: str = "mouse") -> None:
 
 
 def said(driver: Chrome) -> list[str]:
-    """What was written to the console since the last call, information left out."""
+    """Warnings and errors on the console since the last call."""
     return [f"{entry['level']}: {entry['message']}" for entry in driver.get_log("browser")
             if entry["level"] not in ("INFO", "DEBUG")]  # fmt: skip
 
 
 def requests(driver: Chrome) -> list[str]:
-    """Addresses that were asked for since the last call."""
+    """Addresses requested since the last call."""
     events = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
     asked = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
     return [each["request"]["url"] for each in asked]
 
 
 def nameless_pictures(driver: Chrome) -> list[str]:
-    """Pictures for which a screen reader has no words: neither their own nor those of a picture around them."""
+    """Pictures without a text for screen readers, of their own or of a picture around them."""
     nodes = {node["nodeId"]: node for node in devtools(driver, "Accessibility.getFullAXTree")["nodes"]}
 
     def named(node: dict[str, Any] | None) -> bool:
@@ -119,10 +119,10 @@ def nameless_pictures(driver: Chrome) -> list[str]:
 
 
 def keep_screenshot(driver: Chrome, file: Path, *, whole: bool) -> None:
-    """Writes the first screen, or the page as far as a picture can hold it."""
+    """Write a screenshot of the first screen, or of the whole page up to the largest possible height."""
     if whole:
         size = devtools(driver, "Page.getLayoutMetrics")["cssContentSize"]
-        clip = {"x": 0, "y": 0, "width": size["width"], "height": min(size["height"], LARGEST_PX), "scale": 1}
+        clip = {"x": 0, "y": 0, "width": size["width"], "height": min(size["height"], MAX_SCREENSHOT_PX), "scale": 1}
         shot = devtools(driver, "Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)
     else:
         shot = devtools(driver, "Page.captureScreenshot", format="png")
@@ -131,7 +131,7 @@ def keep_screenshot(driver: Chrome, file: Path, *, whole: bool) -> None:
 
 
 def keep_print(driver: Chrome, file: Path) -> bytes:
-    """Writes the page as it prints on A4, and returns that."""
+    """Write the page printed on A4 as PDF, and return its bytes."""
     printed = devtools(driver, "Page.printToPDF", printBackground=True, **A4_IN)
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(base64.b64decode(printed["data"]))

@@ -1,8 +1,8 @@
-"""An independent integration of chains whose contacts lose energy by a power of their closing speed.
+"""Independent integrator for chains with the power law of damping.
 
-It shares nothing with ``validation.reference``: scipy's DOP853 at a relative tolerance of 1e-13, started anew where a
-contact closes, lets go, holds again or where its closing speed changes its sign. Between these events contacts are
-kept as they are. Events are found on the interpolant of a step, then by integrating up to them.
+It shares nothing with ``validation.reference``: scipy's DOP853 at a relative tolerance of 1e-13, restarted where a
+contact closes, lets go (zero force), holds again, or where its closing speed changes sign. Between these events the
+state of the contacts is fixed. Events are located on the interpolant of a step, then by integrating up to them.
 """
 
 import numpy as np
@@ -15,12 +15,12 @@ from validation.reference.hertz_chain import HertzChain
 Array = NDArray[np.float64]
 RTOL = 1e-13
 OPEN, HOLDS, LET_GO = 0, 1, 2
-PASSED = 1e-13  # of the scale of what changes its sign
-POLISHED = 3  # times
+EVENT_TOLERANCE = 1e-13  # of the scale of the function that changes sign
+NEWTON_STEPS = 3
 
 
 class ByPower:
-    """The motion of a chain; lengths, speeds and times over scales of their own."""
+    """Motion of a chain, in dimensionless lengths, speeds and times."""
 
     def __init__(self, chain: HertzChain) -> None:
         speed = max(float(np.abs(chain.velocity_m_s).max()), 1e-3)
@@ -42,7 +42,7 @@ class ByPower:
         return np.concatenate([[0.0], state[self.n : -1]]) - state[self.n :]
 
     def raw(self, state: Array) -> Array:
-        """Forces of contacts, were they closed and able to pull."""
+        """Forces of contacts if all were closed and could pull."""
         closing = self.closing(state)
         return np.asarray(
             self.k * np.maximum(state[: self.n], 0) ** 1.5
@@ -58,7 +58,7 @@ class ByPower:
         return DOP853(self.rate, self.now, self.state, until, rtol=RTOL, atol=1e-17)
 
     def watched(self, state: Array) -> Array:
-        """What is above 0 until an event of each contact, and then speeds that are until it turns. Shape (2, n)."""
+        """Functions that are positive until an event of each contact, and until its turning point. Shape (2, n)."""
         first = np.select(
             [self.mode == OPEN, self.mode == HOLDS], [-state[: self.n], self.raw(state)], -self.raw(state)
         )
@@ -66,14 +66,14 @@ class ByPower:
         return np.array([np.where(self.k > 0, first, 1.0), self.closing(state) * self.sense])
 
     def after(self, until: float) -> Array:
-        """The state at a time within a step from now on."""
+        """State at a time within the next step."""
         solver = self.solver(until)
         while solver.status == "running":
             solver.step()
         return np.asarray(solver.y)
 
     def advance(self, until: float) -> None:
-        """To a time, event by event."""
+        """Integrate to a time, event by event."""
         while self.now < until:
             solver = self.solver(until)
             while solver.status == "running":
@@ -87,13 +87,13 @@ class ByPower:
                     self.mode[opened] = OPEN
 
     def event_of(self, solver: DOP853) -> tuple[int, int] | None:
-        """The first event of a step, where the motion is then taken to."""
+        """First event of a step; the motion is advanced to it."""
         begin, end = self.watched(self.state), self.watched(solver.y)
         smooth = (self.mode != HOLDS) | (self.sense == 0)
         end[1][smooth] = 1.0
         self.sense[smooth] = np.sign(self.closing(solver.y))[smooth]
         found, between = None, solver.dense_output()
-        for kind, contact in np.argwhere(end < -PASSED):
+        for kind, contact in np.argwhere(end < -EVENT_TOLERANCE):
 
             def value(at: float, kind: int = kind, contact: int = contact) -> float:
                 return float(self.watched(between(at))[kind, contact])
@@ -107,7 +107,7 @@ class ByPower:
         if found is None:
             return None
         time, kind, contact = found
-        for _ in range(POLISHED):  # by the speed at which the interpolant passes zero
+        for _ in range(NEWTON_STEPS):
             state = self.after(time) if time > self.now else self.state
             change = np.array([self.watched(state + h * self.rate(0, state))[kind, contact] for h in (-1e-7, 1e-7)])
             slope = (change[1] - change[0]) / 2e-7

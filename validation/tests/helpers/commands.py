@@ -1,4 +1,4 @@
-"""Commands as a user types them."""
+"""Commands run as by a user."""
 
 import os
 import re
@@ -10,7 +10,7 @@ PROGRESS = re.compile(r": (\d+ of \d+ \w+ in \d+ s|\d+ s so far)")
 
 
 def command_line(*words: str | Path, **changes: str) -> subprocess.CompletedProcess[str]:
-    """Runs ``python -m ...`` as a user does; what is said of progress, which depends on the machine, is left out."""
+    """Run ``python -m ...`` as a user does; lines on progress, which depend on the machine, are removed."""
     done = subprocess.run(
         [sys.executable, "-m", *map(str, words)],
         capture_output=True,
@@ -24,5 +24,13 @@ def command_line(*words: str | Path, **changes: str) -> subprocess.CompletedProc
 
 
 def without_progress(said: str) -> str:
-    """Lines on the standard error beside those that are said now and then."""
+    """Standard error without the lines on progress."""
     return "".join(line for line in said.splitlines(keepends=True) if not PROGRESS.search(line))
+
+
+def assert_in_order(message: str, *parts: str) -> None:
+    """Check that a message is one line that contains the parts in order."""
+    assert "\n" not in message
+    for part in parts:
+        assert part in message, (part, message)
+        message = message[message.index(part) + len(part) :]

@@ -1,4 +1,4 @@
-"""Properties of drawn figures: are their numbers in their table, does everything lie inside."""
+"""Properties of drawn figures: all numbers are in the table, all artists are inside."""
 
 import re
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ LETTER = re.compile(r"\((\w)\)")
 
 
 def lettered_axes(figure: Any) -> Iterator[tuple[str, Any]]:
-    """Axes with the letter of their panel: their own, else that of the axes before; empty where there is none yet."""
+    """Axes with the letter of their panel: their own, else that of the previous axes, else empty."""
     letter = ""
     for axis in figure.axes:
         found = LETTER.match(axis.get_title(loc="left"))
@@ -24,9 +24,9 @@ def lettered_axes(figure: Any) -> Iterator[tuple[str, Any]]:
 
 
 def not_in_table(figure: Any, table: pd.DataFrame) -> list[str]:
-    """Lines and points in data coordinates that no pair of columns holds in the rows of their panel.
+    """Lines and points in data coordinates that are in no pair of columns of the rows of their panel.
 
-    Schemes, on axes that are switched off, and the caps of error bars are left out.
+    Schemes (on axes that are switched off) and caps of error bars are left out.
     """
     missing = []
     for letter, axis in lettered_axes(figure):
@@ -44,7 +44,7 @@ def not_in_table(figure: Any, table: pd.DataFrame) -> list[str]:
 
 
 def _is_held(points: np.ndarray, columns: dict[str, np.ndarray]) -> bool:
-    """Whether two columns, at some factors, have all the points, each in one row."""
+    """True if two columns, times some factors, contain all the points, each in one row."""
     x, y = _rounded(points.T)
     across = [held for column in columns.values() for factor in FACTORS
               if np.isin(x, held := _rounded(factor * column)).all()]  # fmt: skip
@@ -62,9 +62,9 @@ def _rounded(values: np.ndarray) -> np.ndarray:
 
 
 def out_of_bounds(figure: Any, widths_in: tuple[float, ...]) -> list[str]:
-    """Print wider than every allowed width, words beyond the sides of their axes, cut points, curves and patches.
+    """Problems of a figure: wider than all allowed widths, text beyond its axes, cut points, curves and patches.
 
-    On a logarithmic axis curves may leave through the bottom: it has to end somewhere.
+    On a logarithmic axis curves may leave through the bottom.
     """
     figure.draw_without_rendering()
     width_in, found = figure.get_tightbbox().width, []
@@ -81,7 +81,7 @@ def out_of_bounds(figure: Any, widths_in: tuple[float, ...]) -> list[str]:
 
 
 def _is_cut(artist: Any, axis: Any, box: Any) -> bool:
-    """Whether its axes' edges cut a line, a marker or a patch."""
+    """True if a line, a marker or a patch is cut by the edges of its axes."""
     if not artist.get_visible() or not artist.get_clip_on():
         return False
     room = SLACK_PX

@@ -1,7 +1,7 @@
-"""An independent integrator in 40 digits, to measure the error of the reference.
+"""Independent integrator in 40 digits, to measure the error of the reference.
 
-It shares nothing with ``validation.reference``: Taylor series of order 30 in multiple-precision numbers (gmpy2),
-step control of its own, contacts switched by hand. The six cases take some 25 s in all.
+It shares nothing with ``validation.reference``: Taylor series of order 30 in multiple-precision numbers (gmpy2), with
+its own step control and its own treatment of contacts. The six cases take about 25 s in all.
 """
 
 from collections.abc import Callable, Iterator
@@ -16,12 +16,12 @@ from validation.tests.helpers.scenes import case_of
 
 DIGITS, ORDER = 40, 30
 TRUNCATION = 1e-22  # local, of the scales of overlap and velocity
-HOP_S = 1e-12  # nearer to an opening or closing than this a contact counts as open: its impulse is below 1e-18
-HOP_DAMPED_S = 1e-20  # likewise, where forces begin with the fourth root of time
+HOP_S = 1e-12  # within this time of an opening or closing a contact counts as open: its impulse is below 1e-18
+HOP_DAMPED_S = 1e-20  # the same with damping, where forces begin with the fourth root of time
 HALVINGS = 120
 SAMPLES = 40
 
-# scene, settings, duration: the paper's, a weak one, and a chain whose beads separate and meet again
+# scene, settings, duration: scenes of the paper, a weak wave, and a chain whose beads separate and meet again
 CASES = {
     "fig4": ("fig4", (), 8e-4),
     "fig5": ("fig5", (), 1.2e-3),
@@ -42,13 +42,13 @@ CASES = {
 
 
 def chain_of(name: str) -> Chain:
-    """The chain of a case."""
+    """Chain of a case."""
     scene, settings, _ = CASES[name]
     return case_of(scene, *settings).chain
 
 
 def times_of(name: str) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
-    """The sample times of a case; they fall on no step of anybody."""
+    """Sample times of a case, which coincide with no time step."""
     duration = CASES[name][2]
     return np.concatenate([[0.0], np.arange(1, SAMPLES + 1) * (duration / SAMPLES)])
 
@@ -56,7 +56,7 @@ def times_of(name: str) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
 def random_chain(
     kind: str, seed: int, bodies: int = 6
 ) -> tuple[HertzChain, "np.ndarray[tuple[int], np.dtype[np.float64]]"]:
-    """A struck chain and its sample times: with ``light`` beads, a ``flat`` striker, or ``gaps`` and damping."""
+    """Random struck chain and its sample times: with ``light`` beads, a ``flat`` striker, or ``gaps`` and damping."""
     random = np.random.default_rng([seed, len(kind)])
     mass = 1e-4 * (1 + 0.05 * random.standard_normal(bodies))
     stiffness = 1e9 * random.uniform(0.5, 2.0, bodies)
@@ -74,7 +74,7 @@ def random_chain(
 
 
 class Taylor:
-    """The motion of a chain, step by step."""
+    """Motion of a chain, step by step."""
 
     def __init__(self, chain: Chain | HertzChain) -> None:
         self.mass = [mpfr(float(x)) for x in chain.mass_kg]
@@ -92,7 +92,7 @@ class Taylor:
         self.scales = ((1.25 * heaviest * fastest**2 / stiffest) ** 0.4, fastest)
 
     def series(self) -> tuple[list[list[mpfr]], list[list[mpfr]]]:
-        """Taylor coefficients of overlaps and velocities about now."""
+        """Taylor coefficients of overlaps and velocities at the present time."""
         n = self.n
         overlap = [[x] for x in self.overlap]
         velocity = [[x] for x in self.velocity]
@@ -131,7 +131,7 @@ class Taylor:
         return overlap, velocity
 
     def longest_step(self, overlap: list[list[mpfr]], velocity: list[list[mpfr]]) -> float:
-        """The step at which the last two coefficients fall below the truncation wanted."""
+        """Longest step at which the last two terms are below the allowed truncation."""
         longest = 1.0
         for rows, scale in ((overlap, self.scales[0]), (velocity, self.scales[1])):
             for row in rows:
@@ -142,7 +142,7 @@ class Taylor:
         return longest
 
     def advance(self, until: mpfr) -> None:
-        """One step, at most to ``until``; ends where an open contact closes."""
+        """Take one step, at most to ``until``; it ends where an open contact closes."""
         overlap, velocity = self.series()
         h = min(mpfr(self.longest_step(overlap, velocity)), until - self.time)
         closing = -1
@@ -152,7 +152,7 @@ class Taylor:
         if closing >= 0:
             h += min(mpfr(HOP_DAMPED_S if self.damping[closing] else HOP_S), until - self.time - h)
         switching = -1
-        for j in range(self.n):  # one that lets go before it opens, or holds again
+        for j in range(self.n):  # damped contacts that lose or regain their force
             if self.damping[j] and self.overlap[j] > 0:
 
                 def grip(at: mpfr, j: int = j) -> mpfr:
@@ -177,7 +177,7 @@ class Taylor:
                 self.closed[j] = True
 
     def forces(self) -> list[mpfr]:
-        """Contact forces now."""
+        """Contact forces at the present time."""
         found = []
         for j, d in enumerate(self.overlap):
             root = gmpy2.sqrt(d) if d > 0 else mpfr(0)
@@ -187,7 +187,7 @@ class Taylor:
 
 
 def value(row: list[mpfr], h: mpfr) -> mpfr:
-    """A series at h."""
+    """Value of a series at h."""
     total = mpfr(0)
     for coefficient in reversed(row):
         total = total * h + coefficient
@@ -195,7 +195,7 @@ def value(row: list[mpfr], h: mpfr) -> mpfr:
 
 
 def switch(function: Callable[[mpfr], mpfr], high: mpfr, falling: bool) -> mpfr:
-    """Where a function changes its sign, by bisection."""
+    """Argument at which a function changes sign, by bisection."""
     low = mpfr(0)
     for _ in range(HALVINGS):
         middle = (low + high) / 2
@@ -204,7 +204,7 @@ def switch(function: Callable[[mpfr], mpfr], high: mpfr, falling: bool) -> mpfr:
 
 
 def root(row: list[mpfr], high: mpfr) -> mpfr:
-    """Where a series first rises through zero, by bisection and then Newton."""
+    """First zero of a series with positive slope, by bisection and Newton's method."""
     low = mpfr(0)
     for _ in range(30):
         middle = (low + high) / 2
@@ -222,7 +222,7 @@ def forces_at(
     """Contact forces at increasing times."""
     with gmpy2.context(gmpy2.get_context(), precision=int(DIGITS * 3.33)):
         motion = Taylor(chain)
-        # a striker that just touches: hop off the singular start
+        # a striker that just touches: step over the singular start
         hopping = [j for j in range(motion.n) if motion.overlap[j] == 0 and chain.velocity_m_s[j] < 0]
         for until in times:
             if until and hopping:

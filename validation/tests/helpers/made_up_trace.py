@@ -1,4 +1,4 @@
-"""The made-up readings of the scene ``example-measured``; ``python -m`` this module writes them."""
+"""Invented readings of the scene ``example-measured``; ``python -m`` this module writes them."""
 
 import numpy as np
 import pandas as pd
@@ -11,17 +11,19 @@ from postproc.read.sensors import sensor_signals
 
 SCENE = "example-measured"
 FILE = paths.INPUTS / "measured" / f"{SCENE}.csv"
-SETTINGS = ("materials.ptfe.youngs_modulus=1.35 GPa", "contact.restitution=0.97")  # of the motion behind it
+SETTINGS = ("materials.ptfe.youngs_modulus=1.35 GPa", "contact.restitution=0.97")  # of the underlying motion
 CHANNELS = {"bead_9": ("CH1", 2.1), "bead_5": ("CH2", 2.1), "wall": ("CH3", 5.5)}  # gains in N/V
 TRIGGER_US, INTERVAL_US, READINGS = 40.0, 2.0, 410
 NOISE = 0.02  # of the amplitude
 OFFSET_MV, DRIFT_MV_PER_US = 12.0, 0.05
 SEED = 5
-HEAD = f"# MADE UP, no experiment: exact motion of {SCENE} with {', '.join(SETTINGS)}, noise, an offset and a drift\n"
+HEAD = (
+    f"# INVENTED, not an experiment: exact motion of {SCENE} with {', '.join(SETTINGS)}, noise, an offset and a drift\n"
+)
 
 
 def made_up_trace() -> pd.DataFrame:
-    """Time in us, and readings of all channels in mV, to a tenth."""
+    """Table of times in us and readings of all channels in mV, to a tenth."""
     made = exact(case_of(SCENE, *SETTINGS))
     time_us = INTERVAL_US * np.arange(READINGS)
     clock_s = np.clip(time_us - TRIGGER_US, 0, None) * 1e-6
@@ -35,7 +37,7 @@ def made_up_trace() -> pd.DataFrame:
 
 
 def true_values() -> dict[str, float]:
-    """Observables of the motion behind the readings."""
+    """Observables of the underlying motion."""
     made = exact(case_of(SCENE, *SETTINGS))
     return observe(made.case.layout, made.trace)
 

@@ -19,15 +19,15 @@ Motion = tuple[float, float, float]  # speed towards the plane, velocity along x
 
 @dataclass(frozen=True)
 class TangentialLaw:
-    """How a code finds the friction force of a contact, without tangential damping.
+    """Law of friction of a code, without tangential damping.
 
     Attributes:
-        incremental: whether the force itself is kept and gets ``-k_t ds`` at each step (YADE's
-            ``Law2_ScGeom_MindlinPhys_Mindlin``). Otherwise the displacement s is kept and the force is all of it
-            times the present stiffness, ``-k_t s`` (LIGGGHTS' ``tangential history``). ``k_t`` is that of the present
-            overlap in both, and both cut the force, and with it what is kept, back to friction times normal force.
-        slip_arm: c in the arm ``r - c d`` with which the spin enters the velocity of the contact.
-        torque_arm: c in the arm ``r - c d`` of the force.
+        incremental: True if the contact stores its force and adds ``-k_t ds`` at each step (YADE's
+            ``Law2_ScGeom_MindlinPhys_Mindlin``); False if it stores its displacement s, with the force ``-k_t s``
+            (LIGGGHTS' ``tangential history``). In both, ``k_t`` is that of the present overlap, and the force and the
+            stored value are limited to friction times the normal force.
+        slip_arm: c in the lever arm ``r - c d`` of the spin in the velocity of the contact.
+        torque_arm: c in the lever arm ``r - c d`` of the force.
     """
 
     incremental: bool
@@ -35,8 +35,8 @@ class TangentialLaw:
     torque_arm: float
 
 
-# the arms at a plane: LIGGGHTS has the middle of the overlap for both, YADE's wall the whole radius for the slip
-# (``noRatch``, its default) and the plane for the torque
+# lever arms at a plane: LIGGGHTS to the middle of the overlap; YADE's wall the radius for the slip (default
+# ``noRatch``) and to the plane for the torque
 LIGGGHTS = TangentialLaw(incremental=False, slip_arm=0.5, torque_arm=0.5)
 YADE = TangentialLaw(incremental=True, slip_arm=0.0, torque_arm=1.0)
 YADE_ONE_ARM = TangentialLaw(incremental=True, slip_arm=1.0, torque_arm=1.0)  # noRatch=False: the plane for both
@@ -72,9 +72,9 @@ class Rebound:
         normal_m_s: velocity of the centre away from the plane.
         tangential_m_s: velocity of the centre along x.
         spin_rad_s: about y.
-        sliding: share of the contact's steps in which the force was cut back to friction.
-        duration_s: of the contact.
-        overlap_m: the greatest.
+        sliding: fraction of the contact's steps in which the force was limited by friction.
+        duration_s: duration of the contact.
+        overlap_m: largest overlap.
     """
 
     normal_m_s: Array
@@ -97,18 +97,18 @@ def integrate_oblique(
     time_step_s: float,
     spin_rad_s: ArrayLike = 0.0,
 ) -> Rebound:
-    """Integrates impacts from the first touch to separation, step by step as both codes do.
+    """Integrate impacts from the first touch to separation, step by step as both codes do.
 
     Forces at step n follow from the position at n and the velocities at n - 1/2, then velocities and position advance:
     ``v += dt F/m; z += dt v``.
 
     Args:
         contact: sphere and plane.
-        law: a code's.
+        law: law of a code.
         normal_m_s: speed of the centre towards the plane, above zero.
         tangential_m_s: velocity of the centre along x.
         time_step_s: the time step.
-        spin_rad_s: before the impact.
+        spin_rad_s: spin before the impact.
 
     Returns:
         Arrays of the shape to which the three motions broadcast.
@@ -125,23 +125,24 @@ def integrate_half_space(
     spin_rad_s: ArrayLike = 0.0,
     springs: int = 400,
 ) -> Rebound:
-    """The same impact with stick and slip at each place of the contact, the answer of elastic theory.
+    """Integrate the same impact by elastic theory, with stick and slip at each point of the contact.
 
-    Half spaces whose normal and tangential tractions do not couple, Coulomb's law at each place, and friction along x
-    everywhere: the assumptions of Maw, Barber and Fawcett (Wear 38, 101). Such a contact is equivalent to a row of
+    The assumptions are those of Maw, Barber and Fawcett (Wear 38, 101): half spaces with uncoupled normal and
+    tangential tractions, Coulomb's law at each point, friction along x. Such a contact is equivalent to a row of
     independent springs under the profile ``x^2/r`` (Popov and Hess, Method of Dimensionality Reduction), for any
-    history of load: each enters unstrained, slips where its own friction is reached, and leaves. The arm is the radius.
+    history of load: each spring enters unstrained, slips at its own friction limit, and leaves. The lever arm is the
+    radius.
 
     Args:
         contact: sphere and plane.
-        normal_m_s: as for ``integrate_oblique``.
-        tangential_m_s: likewise.
-        time_step_s: likewise.
-        spin_rad_s: likewise.
-        springs: on one half of the widest contact; 100 give the rebound to 1e-5.
+        normal_m_s: speed of the centre towards the plane, above zero.
+        tangential_m_s: velocity of the centre along x.
+        time_step_s: the time step.
+        spin_rad_s: spin before the impact.
+        springs: number of springs on one half of the widest contact; 100 give the rebound to 1e-5.
 
     Returns:
-        Likewise; ``sliding`` counts the steps in which every spring slips.
+        Arrays as for ``integrate_oblique``; ``sliding`` counts the steps in which every spring slips.
     """
     body = astuple(contact)
     return _each(
@@ -195,23 +196,23 @@ def _impact(body: Numbers, rule: tuple[bool, float, float], motion: Motion, dt: 
 
 @njit(cache=True)
 def shear_of_springs(kept: Array, rise: Array, overlap: float, most: float, moved: float) -> tuple[float, bool]:
-    """Moves the plane's springs along and lets those slip that reach friction.
+    """Move the springs of the plane and limit their forces to friction.
 
     Args:
-        kept: force of each spring, changed.
-        rise: overlap at which each meets the sphere.
-        overlap: present one.
-        most: friction times normal force; each spring may bear its share by its compression.
+        kept: force of each spring, updated.
+        rise: overlap at which each spring meets the sphere.
+        overlap: present overlap.
+        most: friction times normal force, distributed over the springs by their compression.
         moved: stiffness of one spring times displacement of the contact.
 
     Returns:
-        Their force, and whether every one slips.
+        Total force of the springs, and True if all slip.
     """
     share = np.maximum(0.0, overlap - rise).sum()
     force, slid = 0.0, True
     for j in range(kept.size):
         pressed = overlap - rise[j]
-        if pressed <= 0.0:  # left, or never met
+        if pressed <= 0.0:  # not in contact
             kept[j] = 0.0
             continue
         bound = most * pressed / share
@@ -255,22 +256,22 @@ def _impact_of_springs(body: Numbers, springs: int, motion: Motion, dt: float) -
 def gross_sliding(
     contact: ObliqueContact, restitution: ArrayLike, normal_m_s: ArrayLike, tangential_m_s: ArrayLike
 ) -> tuple[Array, Array]:
-    """Tangential velocity and spin after an impact without spin that slides along x throughout, by momentum alone.
+    """Tangential velocity and spin after an impact without initial spin that slides throughout, by momentum alone.
 
     ``v_t' = v_t - mu (1 + e) v_n``, so ``e_t = 1 - mu (1 + e)/tan(theta)``; ``spin = 5 mu (1 + e) v_n/(2 r)``.
-    Rigid bodies slide throughout from ``tan(theta) = 7/2 mu (1 + e)`` on (Foerster et al., Phys. Fluids 6, 1108).
+    Rigid bodies slide throughout if ``tan(theta) >= 7/2 mu (1 + e)`` (Foerster et al., Phys. Fluids 6, 1108).
     """
     impulse = contact.friction * (1 + np.asarray(restitution)) * np.asarray(normal_m_s)
     return np.asarray(tangential_m_s) - impulse, 2.5 * impulse / contact.radius_m
 
 
 def sticking_restitution(contact: ObliqueContact) -> float:
-    """Velocity of the contact after over before an elastic impact that never slips, overlap small beside the radius.
+    """Ratio of the contact velocities after and before an elastic impact without slip, for overlaps << radius.
 
-    With a kept force the contact's velocity, with a kept displacement the displacement itself obeys
-    ``u'' = -7/(2 m) shear sqrt(d(t)) u`` during the Hertz impact. In ``(d/d_max)^(5/2)`` that is the hypergeometric
-    equation, and both laws give ``cos(2 pi sqrt(1/400 + 7/10 shear/k))/cos(pi/10)``. The absolute value may be above 1:
-    neither law conserves energy while the normal force changes.
+    During the Hertz impact, the velocity of the contact (incremental law) or its displacement (total law) obeys
+    ``u'' = -7/(2 m) shear sqrt(d(t)) u``. In ``(d/d_max)^(5/2)`` this is the hypergeometric equation, and both laws
+    give ``cos(2 pi sqrt(1/400 + 7/10 shear/k))/cos(pi/10)``. The absolute value may exceed 1: neither law conserves
+    energy while the normal force changes.
     """
     return cos(2 * pi * sqrt(1 / 400 + 0.7 * contact.shear / contact.stiffness)) / cos(pi / 10)
 
@@ -278,6 +279,6 @@ def sticking_restitution(contact: ObliqueContact) -> float:
 def scaled_angle(tangent: ArrayLike, poisson: float, friction: float) -> Array:
     """``psi = 2 (1 - nu)/(mu (2 - nu)) tan(theta)`` of Maw, Barber and Fawcett (Wear 38, 101), for like materials.
 
-    Of the incoming contact point: below 1 it sticks at first. Serves for the outgoing point, too.
+    For the velocity of the contact point before the impact (below 1 the contact sticks at first) or after it.
     """
     return 2 * (1 - poisson) / (friction * (2 - poisson)) * np.asarray(tangent)

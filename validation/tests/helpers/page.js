@@ -1,4 +1,4 @@
-// Questions to a page, asked by test_page.py. Each function answers with a list of what is wrong, empty if nothing is.
+// Checks of a page, called by test_page.py. Each function returns a list of problems, empty if there are none.
 
 const name = (element) => {
   const about = element.id || element.getAttribute("class") || element.textContent.trim().slice(0, 40);
@@ -16,7 +16,7 @@ function openAll() {
   document.querySelectorAll("details").forEach((each) => { each.open = true; });
 }
 
-// images of SVG files made part of the page, so that their words can be asked for; they keep the images' filter
+// replace images of SVG files by inline SVG with the same filter, so that their text can be examined
 function unpackPictures() {
   for (const image of document.querySelectorAll('img[src^="data:image/svg+xml"]')) {
     const bytes = Uint8Array.from(atob(image.src.split(",")[1]), (c) => c.charCodeAt(0));
@@ -26,14 +26,14 @@ function unpackPictures() {
     holder.innerHTML = text.slice(text.indexOf("<svg"));
     const picture = holder.querySelector("svg");
     picture.dataset.filter = getComputedStyle(image).filter;
-    picture.style.fill = "#000";  // what the page gives its own pictures does not reach into an image
+    picture.style.fill = "#000";  // the page's styles do not apply inside an image
     picture.setAttribute("width", width);
     picture.setAttribute("height", height);
     image.replaceWith(picture);
   }
 }
 
-// a horizontal scroll of the page, tried as a reader would; and what reaches past its edge where nothing scrolls
+// horizontal scrolling of the page, and elements that reach past its edge
 function tooWide(width) {
   const root = document.scrollingElement;
   const wrong = [];
@@ -48,37 +48,56 @@ function tooWide(width) {
   return wrong.slice(0, 5);
 }
 
-// what a reader sees only after scrolling down
+// elements below the first screen
 function belowTheFold(selector) {
   return elements(selector).filter((each) => each.getBoundingClientRect().bottom > window.innerHeight).map(name);
 }
 
-// boxes that hold more than they show: on paper nobody can scroll
+// boxes with hidden content, which cannot be scrolled on paper
 function cutOff() {
   return elements("body *:not(svg *)").filter((each) => {
     const { overflowX, overflowY } = getComputedStyle(each);
-    const small = each.clientWidth <= 1;  // words for screen readers alone
+    const small = each.clientWidth <= 1;  // text for screen readers only
     return !small && ((overflowX !== "visible" && each.scrollWidth > each.clientWidth + 1)
       || (overflowY !== "visible" && each.scrollHeight > each.clientHeight + 1));
   }).map(name);
 }
 
-// what does not fit on a sheet, so that it is torn whatever is asked for
+// boxes that scroll sideways without a shade at their edges or a note above
+function scrollsUnmarked() {
+  return elements("body *:not(svg *)").filter((each) => {
+    const scrolls = getComputedStyle(each).overflowX === "auto" && each.scrollWidth > each.clientWidth + 1;
+    return scrolls && !getComputedStyle(each).backgroundImage.includes("gradient")
+      && getComputedStyle(each, "::before").content === "none";
+  }).map(name);
+}
+
+// elements larger than a sheet, which have to break
 function tallerThan(height) {
   return elements("figure, tr").filter((each) => each.getBoundingClientRect().height > height).map(name);
 }
 
-// words of a picture that stand on each other, or past its edge
+// boxes of a text: those of its parts, since exponents and indices make the box of the whole too high
+function boxes(text) {
+  const parts = [...text.querySelectorAll("tspan")].filter((part) => !part.children.length);
+  return (parts.length ? parts : [text]).map((part) => part.getBoundingClientRect());
+}
+
+function overlap(one, other) {
+  const wide = Math.min(one.right, other.right) - Math.max(one.left, other.left);
+  const high = Math.min(one.bottom, other.bottom) - Math.max(one.top, other.top);
+  return wide > 2 && high > 0.3 * Math.min(one.height, other.height);
+}
+
+// texts of a picture that overlap or reach past its edge
 function colliding() {
   const wrong = [];
   for (const picture of elements("svg")) {
-    const texts = [...picture.querySelectorAll("text")].filter(visible).filter((each) => Math.abs(each.getScreenCTM().b) < 1e-6).map((each) => [each.textContent.trim(), each.getBoundingClientRect()]);
-    texts.forEach(([words, one], i) => {
-      if (one.right > document.scrollingElement.clientWidth + 1 || one.left < -1) wrong.push(`${words} past the edge`);
+    const texts = [...picture.querySelectorAll("text")].filter(visible).filter((each) => Math.abs(each.getScreenCTM().b) < 1e-6).map((each) => [each.textContent.trim(), boxes(each)]);
+    texts.forEach(([words, ones], i) => {
+      if (ones.some((one) => one.right > document.scrollingElement.clientWidth + 1 || one.left < -1)) wrong.push(`${words} past the edge`);
       for (const [others, other] of texts.slice(i + 1)) {
-        const wide = Math.min(one.right, other.right) - Math.max(one.left, other.left);
-        const high = Math.min(one.bottom, other.bottom) - Math.max(one.top, other.top);
-        if (wide > 2 && high > 0.3 * Math.min(one.height, other.height)) wrong.push(`${words} on ${others}`);
+        if (ones.some((one) => other.some((box) => overlap(one, box)))) wrong.push(`${words} on ${others}`);
       }
     });
   }
@@ -108,13 +127,13 @@ function headings() {
     .map((each) => [Number(each.localName[1]), each.textContent.trim()]);
 }
 
-// all that can be read, with everything unfolded
+// all text, with everything unfolded
 function text() {
   openAll();
   return document.body.innerText.replace(/\s+/g, " ");
 }
 
-// a pointer that goes over every picture, so that scripts which wait for it have run
+// moves a pointer over every picture, so that its scripts run
 function touchAll() {
   for (const picture of document.querySelectorAll("svg, img, canvas")) {
     const { left, top, width, height } = picture.getBoundingClientRect();
@@ -129,7 +148,7 @@ function touchAll() {
 
 const chartOf = (chart) => document.querySelector(`figure[data-chart="${CSS.escape(chart)}"]`);
 
-// one pair of axes of a chart, brought into view: its edges on the screen, and what each curve is drawn at along time
+// one pair of axes of a chart, scrolled into view: its edges on the screen, and the drawn values of each curve
 function panel(chart, index, shares) {
   const axis = chartOf(chart).querySelectorAll("path.axis")[index];
   axis.scrollIntoView({ block: "center", behavior: "instant" });
@@ -160,7 +179,7 @@ function charts() {
   return [...document.querySelectorAll("figure[data-chart]")].map((each) => each.dataset.chart);
 }
 
-// what a chart tells at the moment, or null: the time, all its words, and the value of each curve by its label
+// the values that a chart shows, or null: the time, the whole text, and the value of each curve by its label
 function readout(chart) {
   const box = chartOf(chart).querySelector(".readout");
   if (!visible(box)) return null;
@@ -173,7 +192,7 @@ function readout(chart) {
   };
 }
 
-// words that are torn apart though they are short
+// short words that are broken
 function torn() {
   const found = [];
   for (const element of elements("h1, h2, h3, th, td, dt, summary, caption, nav a, b")) {
@@ -194,7 +213,7 @@ function hidden(selector) {
   return [...document.querySelectorAll(selector)].filter((each) => !visible(each)).map(name);
 }
 
-// any colour CSS can write, as red, green, blue, alpha
+// any CSS colour as red, green, blue, alpha
 const paint = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
 const rgba = (colour) => {
   paint.clearRect(0, 0, 1, 1);
@@ -222,7 +241,7 @@ const ratio = (one, other) => {
 const canvasColour = () => rgba(getComputedStyle(document.documentElement).colorScheme.includes("dark")
   && matchMedia("(prefers-color-scheme: dark)").matches && !matchMedia("print").matches ? "#121212" : "#ffffff");
 
-// the areas of a picture that are painted below the middle of a text
+// areas of a picture painted below the middle of a text
 function painted(text) {
   const { left, right, top, bottom } = text.getBoundingClientRect();
   const covers = (each) => {
@@ -247,7 +266,7 @@ function background(element) {
   return below;
 }
 
-// contrast of every kind of text there is: the lowest ratio by tag, class and colours
+// contrast of every kind of text: the lowest ratio by tag, class and colours
 function contrasts() {
   const found = new Map();
   for (const element of elements()) {
@@ -266,7 +285,7 @@ function contrasts() {
   return [...found].map(([kind, [value, words]]) => [kind, value, words]);
 }
 
-// what breaks between two sheets of paper though it should stay whole
+// elements that break between two sheets of paper but should not
 function breakable(selector) {
   return elements(selector).filter((each) => getComputedStyle(each).breakInside !== "avoid").map(name);
 }

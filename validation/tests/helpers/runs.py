@@ -1,4 +1,4 @@
-"""Runs that tests need: done, failed, blown up."""
+"""Runs for tests: finished, failed, blown up."""
 
 import os
 from dataclasses import replace
@@ -18,15 +18,15 @@ from validation.tests.helpers.scenes import case_of
 
 
 def need(engine: str) -> None:
-    """Leaves a test out where its engine is not installed; in CI that is a failure."""
+    """Skip a test whose engine is not installed; fail it in CI."""
     if load_engine(engine).find() is None:
         if os.environ.get("CI"):
-            pytest.fail(f"{engine} is not installed, and CI has to have it")
+            pytest.fail(f"{engine} is not installed, but required in CI")
         pytest.skip(f"{engine} is not installed")
 
 
 def finished(case: Case, engine: str, runs: Path) -> EndedRun:
-    """The run of a case on an engine, which has to be done."""
+    """Finished run of a case on an engine; the test fails if the run does."""
     need(engine)
     result = assessed(case, engine, runs)
     assert result.done, result.record.reason
@@ -34,13 +34,13 @@ def finished(case: Case, engine: str, runs: Path) -> EndedRun:
 
 
 def assessed(case: Case, engine: str, runs: Path) -> EndedRun:
-    """A case that is refused, or run and assessed."""
+    """Assessed run of a case; InputError if the case is refused."""
     refuse(case, engine)
     return assess(run_case(case, engine, runs), case)
 
 
 def blown_up(trace: Trace, sample: int) -> Trace:
-    """The same that blows up from that sample on: too large where the wave is, then no numbers."""
+    """Trace that blows up from a sample: too large in the wave, then NaN."""
     force = trace.force_N.copy()
     force[sample:, np.argmax(force[sample])] = 1e200
     force[sample + 2 :] = np.nan
@@ -48,7 +48,7 @@ def blown_up(trace: Trace, sample: int) -> Trace:
 
 
 def failing_run(scene: Path, engine: str, runs: Path, limit_s: float = 60) -> tuple[str, str]:
-    """Status and reason of a run that must not be done, after checking what it leaves behind."""
+    """Status and reason of a run that has to fail, after checking its run folder."""
     result = run_case(case_of(scene), engine, runs, limit_s=limit_s)
     stored = read_record(result.folder)
     assert stored is not None

@@ -1,4 +1,4 @@
-"""Traces of chains with one thing wrong, by the integrators of ``validation.reference`` and no engine."""
+"""Traces of chains with one fault, by the integrators of ``validation.reference`` without an engine."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,12 +12,12 @@ from validation.accuracy.schemes import heights_and_reach
 from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 
-Changed = tuple[HertzChain, str]  # and the kind that a diagnosis should have
+Changed = tuple[HertzChain, str]  # chain, expected kind of the diagnosis
 Sabotage = Callable[[Case, np.random.Generator], Changed | None]
 
 
 def trace_with(case: Case, chain: HertzChain, *, in_heights: bool = True) -> Trace:
-    """What an engine would have recorded of a changed chain; its energies are those of the scene's own masses."""
+    """Trace that an engine would have recorded of a changed chain; energies are from the masses of the scene."""
     scene = case.scene
     timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
     motion = integrate_verlet(chain, *timing)
@@ -66,7 +66,7 @@ def stiffer_striker(case: Case, draw: np.random.Generator) -> Changed:
 def one_contact(case: Case, draw: np.random.Generator) -> Changed | None:
     chain = arrays_of(case.chain)
     if case.chain.beads < 3:
-        return None  # it is the contact of all beads
+        return None  # the same as the contacts of all beads
     j = int(draw.integers(1, case.chain.beads))
     return replace(chain, stiffness=_times(chain.stiffness, j, _factor(draw))), f"contact {j + 1}"
 

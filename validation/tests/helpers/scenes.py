@@ -1,4 +1,4 @@
-"""Small scenes that tests write, and cases of scenes."""
+"""Small scenes written by tests, and cases of scenes."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -32,5 +32,5 @@ StandIn = Callable[[str, str], None]
 
 
 def case_of(scene: str | Path, *settings: str) -> Case:
-    """The planned case of a scene with settings."""
+    """Planned case of a scene with settings."""
     return planned_case(scene, *settings)

@@ -26,7 +26,8 @@ from validation.stability.measured_limits import SHIPPED, Subject, measure_limit
 from validation.stability.stability_study import STUDY as STABILITY
 from validation.studies import STUDIES, Options, frame_of, load_study, read_section, write_study
 from validation.tests.helpers.scenes import case_of
-from validation.trade.climb import Lever, Row, climb, extrapolation, rayleigh, sampling, softened
+from validation.trade.ladder import Row, run_ladder
+from validation.trade.levers import Lever, extrapolation, rayleigh, sampling, softened
 from validation.trade.trade_study import STUDY as TRADE
 from validation.trade.trade_study import advice, orders
 
@@ -76,7 +77,7 @@ def test_studies_are_those_of_the_command_line_and_of_make() -> None:
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_trade_takes_any_number_of_codes(count: int, install: Installer, levers: list[Lever], tmp_path: Path) -> None:
     names = install(count)
-    rows = climb(0.5, ("fig5",))
+    rows = run_ladder(0.5, ("fig5",))
     found = frame_of(Row, rows)
     assert {*names, "verlet", "order 4", "adaptive"} == set(found["method"])
     derived: dict[str, list[Any]] = {"trade-advice": list(advice(found)), "trade-orders": list(orders(found))}
@@ -114,7 +115,7 @@ def on_verlet(monkeypatch: pytest.MonkeyPatch, shared_runs: Path) -> None:
     monkeypatch.setattr(
         switches, "run_all_done", lambda jobs, _: run_all_done([(case, "verlet") for case, _ in jobs], shared_runs)
     )
-    monkeypatch.setattr(switches, "ASKED", switches.ASKED[:1])
+    monkeypatch.setattr(switches, "ACCURACIES", switches.ACCURACIES[:1])
     monkeypatch.setattr(gauge_steps, "RANGES", {"restitution": ("tube", ("contact.restitution={0}",), (0.9,))})
 
 
@@ -141,7 +142,7 @@ def test_elements_takes_any_number_of_codes(
     assert section["short"]
     said = " ".join(section["sentences"])
     assert ("not compared: fewer than two installed codes model tubes" in said) == (len(in_tubes) < 2)
-    assert all(f"fig4 without friction, {pair}, 2 seeds" in said for pair in pairs)
-    assert [title for title, _ in section["figures"]][1].startswith("fig4: what the gauges show")
+    assert all(f"fig4 without friction, {pair.replace(chr(32), ' and ')}, 2 seeds" in said for pair in pairs)
+    assert [title for title, _ in section["figures"]][1].startswith("fig4: gauge signals")
     assert all(f">{name}<" in (results / "elements.svg").read_text() for name in names)
     assert sorted(path.suffix for path in results.glob("oscilloscope-fig4.*")) == [".csv", ".png", ".svg"]

@@ -1,1 +1,1 @@
-"""Tests of ``drivers/base`` and of what all commands share."""
+"""Tests of ``drivers/base`` and of options shared by all commands."""

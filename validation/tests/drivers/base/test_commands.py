@@ -1,4 +1,4 @@
-"""What commands share: version, what they say outside the environment, completion by a shell; lists of inputs."""
+"""Tests of options shared by all commands: version, missing environment, shell completion, lists of inputs."""
 
 import ast
 import os
@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from drivers import environment
-from drivers.base import paths
+from drivers.base import paths, processes
 from drivers.base.processes import git
 from drivers.engines import VERLET, engine_names
 from validation.tests.helpers.commands import command_line
 
 PACKAGES = ("drivers", "postproc", "validation")
-BARE = (sys.executable, "-S")  # a Python without the packages of the environment
+BARE_PYTHON = (sys.executable, "-S")  # a Python without the packages of the environment
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -29,11 +29,30 @@ def test_the_version_is_one_line(package: str, tmp_path: Path) -> None:
     assert (git("rev-parse", "HEAD") or "unknown").startswith(found[2])
 
 
+@pytest.mark.parametrize(
+    ("status", "changed"),
+    [("", False), ("?? steel.toml\n?? inputs/scenes/mine.toml", False), ("?? drivers/engines/mine.py", True),
+     ("M Makefile\n?? steel.toml", True)],
+)  # fmt: skip
+def test_new_files_outside_the_packages_are_no_changes(
+    status: str, changed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes, "git", lambda *_: status)
+    assert processes.local_changes() is changed
+
+
+def test_an_unknown_engine_says_where_own_engines_are_read(tmp_path: Path) -> None:
+    said = command_line("drivers", "run", "fig4", "--engine", "lammps-pip").stderr
+    assert said.startswith('--engine: found "lammps-pip"; allowed: ')
+    for place in ("./engines.toml", "~/.config/bead-chains/engines.toml", "--engines FILE"):
+        assert place in said
+
+
 @pytest.mark.parametrize("package", PACKAGES)
-def test_outside_the_environment_one_line_tells_how_to_enter_it(package: str, tmp_path: Path) -> None:
+def test_outside_the_environment_one_line_gives_the_command_that_enters_it(package: str, tmp_path: Path) -> None:
     for place in (tmp_path, paths.ROOT):
         ended = subprocess.run(
-            [*BARE, "-m", package, "--help"],
+            [*BARE_PYTHON, "-m", package, "--help"],
             capture_output=True,
             text=True,
             check=False,
@@ -47,7 +66,7 @@ def test_outside_the_environment_one_line_tells_how_to_enter_it(package: str, tm
         assert ended.stderr.rstrip().endswith(how if there else "setup")
 
 
-def test_an_older_python_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_older_python_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     assert environment.trouble() == ""
     monkeypatch.setattr(sys, "version_info", (3, 9, 2))
     assert environment.trouble().startswith("Python 3.9, and 3.11 or later is needed: ")
@@ -55,7 +74,7 @@ def test_an_older_python_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_an_older_python_reads_that_far(package: str) -> None:
-    """What is read before the environment is checked is syntax of Python 3.8, and loads nothing that is newer."""
+    """Modules read before the environment is checked are valid Python 3.8 and import nothing newer."""
     before = ["drivers/__init__", "drivers/environment", "drivers/base/__init__", "drivers/base/paths"]
     for file in (*before, f"{package}/__init__", f"{package}/__main__"):
         ast.parse((paths.ROOT / f"{file}.py").read_text(), feature_version=(3, 8))
@@ -75,7 +94,7 @@ def test_scenes_studies_and_materials_are_listed() -> None:
 
 
 def completed(line: str, place: Path) -> set[str]:
-    """Words that a bash with global completion offers at the end of a line."""
+    """Completions that bash offers at the end of a line."""
     pytest.importorskip("argcomplete")
     script = """
         eval "$(activate-global-python-argcomplete --dest=-)"

@@ -1,4 +1,4 @@
-"""Progress is a line for each step, with what is known of its time, and a word now and then."""
+"""Tests of progress: a line for each step with its estimate, and further lines while it runs."""
 
 import json
 import os
@@ -17,29 +17,31 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paths, "RUNS", tmp_path / "runs")
 
 
-def test_a_step_has_a_line_and_an_estimate_by_the_last_time(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_step_has_a_line_and_an_estimate_from_the_last_run(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     for _ in range(2):
         with progress.step("waves counted", 2, 3):
             time.sleep(0.15)
     first, second = capsys.readouterr().err.splitlines()
     assert first == "step 2 of 3: waves counted"
-    assert second == "step 2 of 3: waves counted (about 0.2 s, an estimate by the last time)"
-    assert list(json.loads((tmp_path / "runs" / progress.NOTE).read_text())) == ["waves counted"]
+    assert second == "step 2 of 3: waves counted (about 0.2 s, estimated from the last run)"
+    assert list(json.loads((tmp_path / "runs" / progress.DURATIONS_FILE).read_text())) == ["waves counted"]
 
 
-def test_a_step_alone_has_no_line_until_it_takes_long(
+def test_a_single_step_has_no_line_until_it_takes_long(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(progress, "QUIET_S", 0.3)
+    monkeypatch.setattr(progress, "MAX_SILENCE_S", 0.3)
     monkeypatch.setattr(progress, "REFRESH_S", 0.1)
     for seconds in (0.0, 0.6):
         with progress.step("alone"):
             time.sleep(seconds)
     (line,) = capsys.readouterr().err.splitlines()[:1]
-    assert line == "alone (about 0 s, an estimate by the last time): 0 s so far"
+    assert line == "alone (about 0 s, estimated from the last run): 0 s so far"
 
 
-def test_a_step_that_was_broken_off_tells_no_time(tmp_path: Path) -> None:
+def test_an_interrupted_step_leaves_no_duration(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError), progress.step("broken"):
         raise ZeroDivisionError
     assert not (tmp_path / "runs").exists()
@@ -48,7 +50,7 @@ def test_a_step_that_was_broken_off_tells_no_time(tmp_path: Path) -> None:
 def test_steps_that_take_long_are_not_silent(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(progress, "QUIET_S", 0.3)
+    monkeypatch.setattr(progress, "MAX_SILENCE_S", 0.3)
     monkeypatch.setattr(progress, "REFRESH_S", 0.1)
     with progress.step("outer", 1, 2):
         for number in progress.following(range(3), "inner", 3, "wave"):

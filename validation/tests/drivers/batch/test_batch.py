@@ -1,6 +1,7 @@
-"""Batches: what is done is kept and never done again, whatever happens to them."""
+"""Tests of batches: finished rows are kept and never run again, also after failures."""
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StudyWriter, case_of
 
-ALL = ("reference", "verlet", "liggghts", "yade")
+ENGINES = ("reference", "verlet", "liggghts", "yade")
 
 
 def batch(study: Path, runs: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
@@ -40,7 +41,7 @@ def table_bytes(runs: Path) -> list[bytes]:
 
 
 def stored(runs: Path) -> Counter[str]:
-    """How often each row stands in the store."""
+    """Number of times that each row is in the store."""
     store = Store(runs)
     return Counter(row.identity for row in store.refresh())
 
@@ -69,6 +70,31 @@ def test_the_table(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: P
     assert (costs["engine_s"] > 0).all()
 
 
+def test_an_unfinished_table_replaces_none_with_more_rows(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(3), "verlet", top='figure = ["wall_peak_N"]'), tmp_path / "runs"
+    other = ("--only", "*=0.5*")
+    part = batch(path, runs, *other)
+    assert part.stdout.splitlines()[-2:] == ["verlet     1 done", "1 of 3 rows done"]
+    done = batch(path, runs)
+    assert done.stdout.splitlines()[-1] == "3 of 3 rows done"
+    draw = next(line for line in done.stdout.splitlines() if line.startswith("to draw the table: python -m "))
+    drawn = command_line(*shlex.split(draw.partition(" -m ")[2]), "--out", tmp_path / "drawn")
+    assert drawn.returncode == 0, drawn.stderr
+    complete = table_bytes(runs)
+    words = ("drivers", "batch", path, "--runs", tmp_path / "others", *other)
+    kept = command_line(*words, "--results", results_of(runs))
+    assert (kept.returncode, kept.stdout) == (1, "verlet     1 done\n1 of 3 rows done\n")
+    assert kept.stderr == (
+        f"table {results_of(runs) / 'study.csv'} kept: it has 3 rows done, this batch 1 of 3; "
+        "--results DIR writes another table\n"
+    )
+    assert table_bytes(runs) == complete
+    assert command_line(*words, "--results", tmp_path / "another").returncode == 0
+    path.write_text(path.read_text().replace("count = 3", "count = 2"))
+    assert batch(path, runs).returncode == 0  # complete, although with fewer rows
+    assert list(table(runs)["status"]) == ["done"] * 2
+
+
 def test_what_is_done_is_not_run_again(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(4), "verlet"), tmp_path / "runs"
     plan = batch(path, runs, "--dry-run")
@@ -92,7 +118,7 @@ def test_what_is_done_is_not_run_again(study_file: StudyWriter, tmp_path: Path) 
 @pytest.mark.long
 def test_cases_of_one_process_are_bit_identical_to_single_runs(scene_file: SceneWriter, tmp_path: Path) -> None:
     scene_file()
-    for name in ALL:
+    for name in ENGINES:
         need(name)
     path, runs = tmp_path / "study.toml", tmp_path / "runs"
     kinds = [
@@ -105,7 +131,9 @@ def test_cases_of_one_process_are_bit_identical_to_single_runs(scene_file: Scene
         f'[[axis]]\nkey = "{key}"\n{values}\n'
         for key, values in zip(("wall", "striker", "gravity"), kinds, strict=True)
     )
-    path.write_text(f'scene = "scene.toml"\nengines = {list(ALL)}\nset = {{ "chain.mass_scatter" = "1 mg" }}\n{axes}')
+    path.write_text(
+        f'scene = "scene.toml"\nengines = {list(ENGINES)}\nset = {{ "chain.mass_scatter" = "1 mg" }}\n{axes}'
+    )
     done = batch(path, runs, "--workers", "1")
     assert done.returncode == 0, done.stderr
     for number in (4, 7, 8):
@@ -116,7 +144,7 @@ def test_cases_of_one_process_are_bit_identical_to_single_runs(scene_file: Scene
     assert {"chain.py", "forces.parquet", "sensors.csv", "run.json"} <= {file.name for file in folder.iterdir()}
 
 
-# a stand-in for LIGGGHTS that changes what one case asks of the real one
+# a script in place of LIGGGHTS that changes the deck of one case
 MEDDLER = """#!/bin/sh
 case "$*" in *-help*) exec {real} "$@";; esac
 fifo=$(mktemp -u); mkfifo $fifo; exec 3<&0
@@ -175,11 +203,11 @@ def test_a_failure_is_charged_to_its_case(
 @pytest.mark.long
 def test_an_unstable_case_is_refused_or_fails_alone(study_file: StudyWriter, tmp_path: Path) -> None:
     axes = '[[axis]]\nzip = { "run.time_step" = ["0.1 us", "25 us"], "run.sample_interval" = ["1 us", "25 us"] }'
-    refused = batch(study_file(axes, *installed(ALL)), tmp_path / "runs")
+    refused = batch(study_file(axes, *installed(ENGINES)), tmp_path / "runs")
     assert refused.returncode == 2
     assert "case 2 (" in refused.stderr
     assert "run.time_step: found 2.5e-05 s; allowed: at most" in refused.stderr
-    done = batch(study_file(axes, *installed(ALL), top="unsafe = true"), tmp_path / "runs")
+    done = batch(study_file(axes, *installed(ENGINES), top="unsafe = true"), tmp_path / "runs")
     assert done.returncode == 1
     assert "unstable at t = " in done.stderr
     found = table(tmp_path / "runs").set_index(["case", "engine"])["status"]
@@ -233,7 +261,7 @@ def test_exactly_what_changed_is_stale(study_file: StudyWriter, scene_file: Scen
 
 
 @pytest.mark.long
-def test_two_batches_at_once_share_the_work(study_file: StudyWriter, tmp_path: Path) -> None:
+def test_two_simultaneous_batches_share_the_work(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(150), "verlet", "reference"), tmp_path / "runs"
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs)]
     results = [tmp_path / "one", tmp_path / "two"]
@@ -245,7 +273,7 @@ def test_two_batches_at_once_share_the_work(study_file: StudyWriter, tmp_path: P
 
 
 @pytest.mark.long
-def test_rows_without_exact_forces_are_tried_again(study_file: StudyWriter, tmp_path: Path) -> None:
+def test_rows_without_a_reference_run_are_tried_again(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet", top='limit = "1 us"'), tmp_path / "runs"
     assert batch(path, runs).returncode == 1
     assert set(table(runs)["status"]) == {"timeout"}
@@ -255,10 +283,10 @@ def test_rows_without_exact_forces_are_tried_again(study_file: StudyWriter, tmp_
     assert table(runs)["force_error_share"].notna().all()
 
 
-def test_observables_that_nothing_is_called_like(study_file: StudyWriter, tmp_path: Path) -> None:
+def test_patterns_without_observables(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet", top='observables = ["wall_peak_*", "wal_*"]'), tmp_path / "runs"
     done = batch(path, runs)
-    assert (done.returncode, 'nothing is called like "wal_*"' in done.stderr) == (1, True)
+    assert (done.returncode, '"wal_*" matches no observable' in done.stderr) == (1, True)
     assert set(table(runs).columns[-4:]) == {"force_error_share", "wall_peak_N", "wall_peak_2_N", "wall_peak_3_N"}
 
 
@@ -276,16 +304,16 @@ def test_damaged_files_do_not_count(study_file: StudyWriter, tmp_path: Path) -> 
     first = table_bytes(runs)
     for file in (runs / "batch").glob("*.jsonl"):
         file.write_text(file.read_text().replace("1", "2", 1))
-    told = command_line("drivers", "status", path, "--runs", runs)
-    assert "damaged file" in told.stderr
-    assert told.stdout == "verlet     4 to do\n"
+    status = command_line("drivers", "status", path, "--runs", runs)
+    assert "damaged file" in status.stderr
+    assert status.stdout == "verlet     4 to do\n"
     assert batch(path, runs).returncode == 0
     assert table_bytes(runs) == first
 
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of three megabytes."""
+    """File system of three megabytes."""
     place = tmp_path / "disk"
     place.mkdir()
     mounted = subprocess.run(
@@ -317,8 +345,8 @@ def test_a_full_disk_ends_the_batch(engine: str, study_file: StudyWriter, small_
 def test_status_lists_cases(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet"), tmp_path / "runs"
     assert batch(path, runs, "--slice", "2/2").returncode == 0
-    told = command_line("drivers", "status", path, "--runs", runs, "--list").stdout
-    assert told.splitlines() == [
+    status = command_line("drivers", "status", path, "--runs", runs, "--list").stdout
+    assert status.splitlines() == [
         "1: striker.speed=0.5 m/s: verlet to do",
         "2: striker.speed=2.0 m/s: verlet done",
         "verlet     1 done, 1 to do",

@@ -1,4 +1,4 @@
-"""Studies on a real Dask cluster: a scheduler and two workers on loopback."""
+"""Tests of studies on a Dask cluster: a scheduler and two workers on loopback."""
 
 import os
 import re
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.long
 
 @dataclass(frozen=True)
 class Cluster:
-    """Its scheduler's address and its workers."""
+    """Address of the scheduler, and the workers."""
 
     address: str
     workers: list[subprocess.Popen[bytes]]
@@ -33,17 +33,17 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     said = tmp_path / "scheduler.txt"
     started = []
 
-    def start(program: str, *words: str, told: Path) -> subprocess.Popen[bytes]:
+    def start(program: str, *words: str, log: Path) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard", *words]
-        with told.open("wb") as output:
+        with log.open("wb") as output:
             started.append(subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True))
         return started[-1]
 
     try:
-        start("dask_scheduler", "--host", "127.0.0.1", "--port", "0", told=said)
+        start("dask_scheduler", "--host", "127.0.0.1", "--port", "0", log=said)
         address = str(_wait_for(lambda: re.search(r"Scheduler at: +(tcp://[0-9.:]+)", said.read_text()))[1])
         options = (address, "--nthreads", "1", "--no-nanny", "--local-directory", str(tmp_path / "dask"))
-        workers = [start("dask_worker", *options, told=tmp_path / f"worker{i}.txt") for i in (1, 2)]
+        workers = [start("dask_worker", *options, log=tmp_path / f"worker{i}.txt") for i in (1, 2)]
         yield Cluster(address, workers)
     finally:
         for process in started:
@@ -71,9 +71,9 @@ def test_a_worker_killed_in_the_middle(cluster: Cluster, study_file: StudyWriter
         time.sleep(0.05)
     os.killpg(cluster.workers[0].pid, signal.SIGKILL)
     assert 0 < rows < 600
-    told, complaints = process.communicate(timeout=120)
+    printed, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
-    assert "verlet     300 done" in told
+    assert "verlet     300 done" in printed
     assert command_line("drivers", "batch", path, "--runs", here, "--results", here).returncode == 0
     assert (tmp_path / "study.parquet").read_bytes() == (here / "study.parquet").read_bytes()
 

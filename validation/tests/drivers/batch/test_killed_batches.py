@@ -1,7 +1,8 @@
-"""Batches that are killed, as a whole or in part: nothing lost, nothing left behind."""
+"""Tests of killed batches: no row is lost, and no process or file remains."""
 
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -33,7 +34,7 @@ def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> No
             process.wait(moments.uniform(0.3, 3.2))
             assert process.returncode == 0, process.stderr and process.stderr.read()
             kept = 0
-            shutil.rmtree(runs / "batch")  # done already: from the beginning, for there are kills to go
+            shutil.rmtree(runs / "batch")  # finished too early: start again for the remaining kills
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
@@ -51,7 +52,7 @@ def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> No
 
 
 def _processes_of(leader: int, folder: Path) -> list[str]:
-    """Commands of processes of a session, and of those that work below a folder: engines lead sessions of their own."""
+    """Commands of processes of a session, and of processes in a folder, since engines have sessions of their own."""
     found = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
@@ -60,7 +61,7 @@ def _processes_of(leader: int, folder: Path) -> list[str]:
                 found.append((process / "cmdline").read_text())
         except OSError:
             continue
-    return [command for command in found if command]  # the dead that nobody has asked for yet have none
+    return [command for command in found if command]  # processes that have ended have none
 
 
 @pytest.mark.parametrize("request_to_end", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
@@ -68,7 +69,7 @@ def _processes_of(leader: int, folder: Path) -> list[str]:
 def test_helpers_do_not_outlive_a_killed_batch(
     request_to_end: signal.Signals, early: bool, study_file: StudyWriter, tmp_path: Path
 ) -> None:
-    """Workers, their engines and what they are forked from, be it while that still loads what they need."""
+    """Workers, their engines and their fork server, also while it still imports modules."""
     path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
     process = subprocess.Popen(
@@ -84,7 +85,7 @@ def test_helpers_do_not_outlive_a_killed_batch(
     time.sleep(1)
     assert not _processes_of(process.pid, runs)
     assert process.stderr is not None
-    assert without_progress(process.stderr.read()) in ("", "interrupted\n")
+    assert re.fullmatch(r"(interrupted(: \d+ of 3000 rows done; .*)?\n)?", without_progress(process.stderr.read()))
 
 
 def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: Path) -> None:
@@ -122,8 +123,10 @@ def test_interrupted_in_order(study_file: StudyWriter, tmp_path: Path) -> None:
     while not stored(runs) and time.monotonic() < until:
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=20)
-    assert (process.returncode, without_progress(told)) == (130, "interrupted\n")
+    _, errors = process.communicate(timeout=20)
+    count = len(stored(runs))
+    said = f"interrupted: {count} of 3000 rows done; the same command continues\n"
+    assert (process.returncode, without_progress(errors)) == (130, said)
     assert stored(runs)
     time.sleep(0.5)
     assert not _processes_of(process.pid, runs)

@@ -1,4 +1,4 @@
-"""Studies on a real Slurm of one machine, started here on loopback and stopped afterwards: ``make test-slurm``."""
+"""Tests of studies on a Slurm of one machine, started here on loopback and stopped afterwards (make test-slurm)."""
 
 import os
 import signal
@@ -43,7 +43,7 @@ PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
 
 @pytest.fixture(scope="module")
 def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A cluster of this machine; its configuration file."""
+    """Slurm cluster on this machine; returns its configuration file."""
     home = tmp_path_factory.mktemp("slurm")
     host = os.uname().nodename.split(".")[0]
     conf = home / "slurm.conf"

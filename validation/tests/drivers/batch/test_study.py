@@ -1,4 +1,4 @@
-"""Study files: what they may say, and what they are refused for."""
+"""Tests of study files: forms of axes, and errors."""
 
 from pathlib import Path
 
@@ -48,7 +48,7 @@ def test_ranges_of_quantities(write: StudyWriter, ends: str, expected: list[str]
     assert [c["striker.speed"] for c in choices(write(f'[[axis]]\nkey = "striker.speed"\n{ends}'))] == expected
 
 
-def test_whole_ends_give_whole_values(write: StudyWriter) -> None:
+def test_whole_numbers_at_both_ends_give_whole_numbers(write: StudyWriter) -> None:
     axes = '[[axis]]\nkey = "chain.count"\nfrom = 1\nto = 100\ncount = 9\nspacing = "log"'
     assert [c["chain.count"] for c in choices(write(axes))] == [1, 2, 3, 6, 10, 18, 32, 56, 100]
 
@@ -119,7 +119,7 @@ def test_selection(write: StudyWriter) -> None:
     assert select(study, (), ["chain.count=3", "chain.count=4", "wall.material=st*"]).numbers == [2, 4]
     assert select(study, (), ["*steel"]).numbers == [2, 4, 6]
     assert list(select(study, (), ()).slice_of(2, 4)) == [2, 6]
-    with pytest.raises(InputError, match="no case"):
+    with pytest.raises(InputError, match="matches no case"):
         select(study, (), ["chain.count=5"])
     assert select(study, ["reference"], ()).engines == ("reference",)
     assert read_study(write(axes), ["yade"]).engines == (*study.engines, "yade")
@@ -132,40 +132,40 @@ def test_rows_depend_on_the_sources_that_read_them_and_on_no_figure() -> None:
 
 
 BAD = {
-    "no such key": ('[[axis]]\nkey = "striker.colour"\nvalues = ["red"]', "striker.colour: found an unknown key"),
+    "no such key": ('[[axis]]\nkey = "striker.colour"\nvalues = ["red"]', "striker.colour: unknown key; allowed: "),
     "a key that is nearly right": ('[[axis]]\nkey = "striker.sped"\nvalues = ["1 m/s"]', "did you mean speed?"),
     "an empty axis": ('[[axis]]\nkey = "chain.count"\nvalues = []', "axis.0.values: found an empty list"),
     "no factors": ('[[axis]]\nkey = "chain.count"\nfactors = []', "axis.0.factors: found an empty list"),
     "no form": ('[[axis]]\nkey = "chain.count"', "exactly one of values, from, factors, zip, seeds, table"),
-    "two forms": ('[[axis]]\nkey = "chain.count"\nvalues = [1]\nseeds = 2', "none or several"),
+    "two forms": ('[[axis]]\nkey = "chain.count"\nvalues = [1]\nseeds = 2', "found values, seeds"),
     "no key": ("[[axis]]\nvalues = [1]", "axis.0.key: found []; allowed: a key"),
-    "a key too many": ('[[axis]]\nkey = "chain.count"\nseeds = 2', "no key beside seeds"),
-    "no count": ('[[axis]]\nkey = "chain.count"\nfrom = 1\nto = 2', "axis.0.count: found nothing"),
+    "a key too many": ('[[axis]]\nkey = "chain.count"\nseeds = 2', "no key with seeds"),
+    "no count": ('[[axis]]\nkey = "chain.count"\nfrom = 1\nto = 2', "axis.0.count: missing key"),
     "units apart": ('[[axis]]\nkey = "striker.speed"\nfrom = "1 m/s"\nto = "2 kg"\ncount = 3', "a quantity in m/s"),
     "log of nothing": ('[[axis]]\nkey = "chain.count"\nfrom = 0\nto = 9\ncount = 3\nspacing = "log"',
         "ends above zero"),
     "lists of unlike lengths": ('[[axis]]\nzip = { "chain.count" = [1, 2], "seed" = [1] }',
         "2 of chain.count, 1 of seed"),
-    "a key twice": ('[[axis]]\nkey = "seed"\nvalues = [1]\n[[axis]]\nseeds = 2', "seed beside seed of axis.0"),
-    "a key also set": ('set = { seed = 1 }\n[[axis]]\nseeds = 2', "seed beside seed of set"),
+    "a key twice": ('[[axis]]\nkey = "seed"\nvalues = [1]\n[[axis]]\nseeds = 2', "seed, which overlaps seed of axis.0"),
+    "a key also set": ('set = { seed = 1 }\n[[axis]]\nseeds = 2', "seed, which overlaps seed of set"),
     "a factor of nothing": ('[[axis]]\nkey = "chain.precompression"\nfactors = [2]', "nothing at chain.precompression"),
     "a factor of a word": ('[[axis]]\nkey = "wall.material"\nfactors = [2]', '"brass" at wall.material'),
     "no table": ('[[axis]]\ntable = "none.csv"', "No such file"),
     "a word in the table": ('[[axis]]\ntable = "word.csv"',
         "line 3, striker.speed: found \"fast\"; allowed: a plain number"),
-    "an unknown column": ('[[axis]]\ntable = "column.csv"', "striker.colour: found an unknown key"),
+    "an unknown column": ('[[axis]]\ntable = "column.csv"', "striker.colour: unknown key; allowed: "),
     "a ragged table": ('[[axis]]\ntable = "ragged.csv"', "line 2: found 1 values; allowed: 2"),
     "an empty table": ('[[axis]]\ntable = "empty.csv"', "at least one line of values"),
     "a scene that cannot be": ('[[axis]]\nkey = "chain.count"\nvalues = [3, -1]',
         "case 2 (chain.count=-1): chain.count: found -1"),
     "an unknown engine": ('engines = ["abaqus"]', f'"abaqus"; allowed: {", ".join(engine_names())}'),
     "no base scene": ('scene = "nowhere"', 'scene: found "nowhere"'),
-    "an unknown word": ("axes = 3", "axes: found an unknown key; allowed: did you mean axis?"),
+    "an unknown word": ("axes = 3", "axes: unknown key; did you mean axis?"),
     "keys one below the other": (
         '[[axis]]\nkey = "striker.speed"\nvalues = ["1 m/s"]\n[[axis]]\nkey = "striker"\nvalues = [""]',
-        "striker beside striker.speed of axis.0",
+        "striker, which overlaps striker.speed of axis.0",
     ),
-    "a name that is taken": ('[[axis]]\nkey = "seed"\nname = "case"\nvalues = [1]', '"case", a column already'),
+    "a name that is taken": ('[[axis]]\nkey = "seed"\nname = "case"\nvalues = [1]', '"case", the name of another'),
     "a key that is a number": ("[[axis]]\nkey = 5\nvalues = [1]", "axis.0.key: found 5; allowed: a list"),
     "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number"),
     "a table without a name": ('[[axis]]\ntable = "a\\u0000b"', "a readable CSV file"),
@@ -194,21 +194,21 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--slice", "3/2"], "I/N with I from 1 to N"),
         (["--slice", "0/2"], "I/N with I from 1 to N"),
         (["--workers", "0"], "a whole number from 1"),
-        (["--dask", "tcp://127.0.0.1:9"], "nobody who answers"),
-        (["--dask", "carrier pigeon"], "the address of a running scheduler"),
+        (["--dask", "tcp://127.0.0.1:9"], "no scheduler answers"),
+        (["--dask", "carrier pigeon"], "no scheduler answers"),
         (["--slurm", "--dask"], "not allowed with"),
-        (["--slice", "1/2", "--dry-run"], "a slice runs here, by itself"),
-        (["--wait"], "it goes with --slurm"),
+        (["--slice", "1/2", "--dry-run"], "not allowed with --slice"),
+        (["--wait"], "needs --slurm"),
         (["--engine", "nix"], "reference, verlet"),
-        (["--only", "seed=9"], "no case"),
+        (["--only", "seed=9"], "matches no case"),
     ],
 )
-def test_bad_words(words: list[str], told: str, scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_bad_words(words: list[str], message: str, scene_file: SceneWriter, tmp_path: Path) -> None:
     scene_file()
     path = tmp_path / "study.toml"
     path.write_text('scene = "scene.toml"\nengines = ["reference"]\n[[axis]]\nseeds = 3')
@@ -216,9 +216,18 @@ def test_bad_words(words: list[str], told: str, scene_file: SceneWriter, tmp_pat
         "drivers", "batch", path, "--runs", tmp_path / "runs", "--results", tmp_path / "results", *words
     )
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
-    assert told in done.stderr
+    assert message in done.stderr
     assert not list(tmp_path.glob("runs/batch/*.jsonl"))
     assert "--dask" not in words or not (tmp_path / "runs").exists()
+
+
+def test_all_problems_of_a_study_are_listed(study_file: StudyWriter) -> None:
+    path = study_file('[[axis]]\nkey = "chain.count"\n[[axis]]\nkey = "seed"\nvalues = []', "abaqus", "reference")
+    with pytest.raises(InputError) as refused:
+        read_study(path)
+    first, second, third = refused.value.problems
+    assert (first[0], second[0], third[:2]) == ("axis.0", "axis.1.values", ("engines", '"abaqus"'))
+    assert ": 3 problems: (1) axis.0: " in str(refused.value)
 
 
 def test_no_dask(study_file: StudyWriter, tmp_path: Path) -> None:
@@ -234,8 +243,19 @@ def test_no_sbatch(scene_file: SceneWriter, tmp_path: Path) -> None:
     scene_file()
     path = tmp_path / "study.toml"
     path.write_text('scene = "scene.toml"\nengines = ["reference"]\n[[axis]]\nseeds = 3')
-    done = command_line("drivers", "batch", path, "--runs", tmp_path / "runs", "--slurm", PATH="/nowhere")
-    assert (done.returncode, done.stderr) == (2, "--slurm: found no sbatch; allowed: a machine that submits to Slurm\n")
+    words = ("drivers", "batch", path, "--runs", tmp_path / "runs", "--slurm")
+    done = command_line(*words, PATH="/nowhere")
+    assert (done.returncode, done.stderr) == (
+        2,
+        "--slurm: sbatch not found; run this on a machine that submits to Slurm\n",
+    )
+    lines = ("--slices", "2", "--slurm-line", "#SBATCH --time=10")
+    script, _, last = command_line(*words, "--dry-run", *lines, PATH="/nowhere").stdout.partition("\nsbatch ")
+    assert "#SBATCH --array=1-2\n" in script
+    assert "#SBATCH --time=10\n" in script
+    assert last.splitlines()[0].endswith("study.sh")
+    assert last.splitlines()[1] == "job array of 2 tasks with one worker each; nothing submitted"
+    assert not (tmp_path / "runs" / "batch" / ".slurm").exists()
 
 
 def test_a_million_cases_by_accident(write: StudyWriter, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Beads in a tube on both codes: where they start, what the bore does, and what each code makes of odd scenes."""
+"""Beads in a tube on LIGGGHTS and YADE: starts, bore contacts, records, and agreement with the integrator."""
 
 from functools import cache
 from pathlib import Path
@@ -35,8 +35,8 @@ CODES = ("liggghts", "yade")
 TWINS = ("fig4-tube", "fig5-tube", "fig6b-tube", "fig6d-tube")
 STATE = 'run.record=["forces","state"]'
 FIRST_STEPS = ('run.sample_interval="0.1 us"', 'run.duration="0.2 us"', STATE)
-SLIPPERY = ("contact.friction=0", "tube.friction=0")
-ROUNDED = 1e-9  # of the largest force: as tolerances model.force
+FRICTIONLESS = ("contact.friction=0", "tube.friction=0")
+ROUNDING_SHARE = 1e-9  # over the largest force, as the tolerance model.force
 
 
 def state_of(run: EndedRun, name: str) -> Array:
@@ -46,7 +46,7 @@ def state_of(run: EndedRun, name: str) -> Array:
 
 
 def bore_of(run: EndedRun) -> Array:
-    """What the bore presses with. Shape (samples, bodies)."""
+    """Forces of the bore. Shape (samples, bodies)."""
     table = pd.read_parquet(run.folder / "forces.parquet")
     return table[[f"bore_{j}_N" for j in range(1, run.record.bodies + 1)]].to_numpy()
 
@@ -67,7 +67,7 @@ def test_codes_start_at_the_same_rest(scene: str, shared_runs: Path) -> None:
         force, bore = run.trace.force_N[0], bore_of(run)[0]
         assert force[0] == pytest.approx(weight, rel=10 * AT_REST)
         place = np.stack([state_of(run, name) for name in ("x_m", "y_m", "height_m")], axis=2)[0]
-        # forces across the axis, of the codes' own: contacts push along the line of centres, the bore to the axis
+        # forces of the code across the axis: contacts push along the line of centres, the bore towards the axis
         along = np.diff(place[:beads], axis=0)
         push = force[1:beads, np.newaxis] * along[:, :2] / along[:, 2:]
         radial = place[:beads, :2] / np.linalg.norm(place[:beads, :2], axis=1)[:, np.newaxis]
@@ -75,7 +75,7 @@ def test_codes_start_at_the_same_rest(scene: str, shared_runs: Path) -> None:
         left[1:] += push
         left[:-1] -= push
         assert np.abs(left).max() < 100 * AT_REST * weight
-        # after one step all but the struck bead and the striker are where they were
+        # after one step only the struck bead and the striker have moved
         for name in ("x_velocity_m_s", "y_velocity_m_s", "velocity_m_s"):
             moved = np.abs(state_of(run, name)[1, : beads - 1])
             assert moved.max() < 100 * AT_REST * beads * chain.gravity_m_s2 * case.scene.time_step_s
@@ -86,7 +86,7 @@ def test_codes_start_at_the_same_rest(scene: str, shared_runs: Path) -> None:
 
 
 @pytest.mark.parametrize("scene", TWINS)
-def test_beads_lean_to_and_fro_in_a_plane_whatever_the_seed(scene: str) -> None:
+def test_beads_start_in_a_plane_zigzag_for_each_seed(scene: str) -> None:
     cases = [case_of(scene, f"seed={seed}") for seed in range(4)]
     first, azimuths = cases[0], set()
     for case in cases:
@@ -95,9 +95,9 @@ def test_beads_lean_to_and_fro_in_a_plane_whatever_the_seed(scene: str) -> None:
         cosine = (offset[1:] * offset[:-1]).sum(axis=1) / off[1:] / off[:-1]
         assert cosine == pytest.approx(-1, abs=1e-9)
         play = case.scene.tube.inner_diameter / 2 - case.chain.radius_m[: case.chain.beads] if case.scene.tube else 0
-        assert (off > play).all()  # pressed in
+        assert (off > play).all()  # pressed into the bore
         assert (off < 1.02 * play).all()
-        # nothing but the azimuth and the striker's place is the seed's
+        # only the azimuth and the striker's position depend on the seed
         assert off == pytest.approx(np.linalg.norm(offsets_of(first), axis=1), rel=1e-8)
         assert case.chain.overlap_m[:-1] == pytest.approx(first.chain.overlap_m[:-1], rel=1e-6)
         for name in ("mass_kg", "radius_m", "stiffness", "velocity_m_s", "load_N"):
@@ -106,7 +106,7 @@ def test_beads_lean_to_and_fro_in_a_plane_whatever_the_seed(scene: str) -> None:
     assert len(azimuths) == len(cases)
 
 
-def test_the_seed_places_the_striker_within_the_play() -> None:
+def test_seeded_positions_of_the_striker_are_within_the_play() -> None:
     places = []
     for seed in range(4):
         case = case_of("fig6b-tube", f"seed={seed}", 'chain.lateral_offset="60 um"')
@@ -114,7 +114,7 @@ def test_the_seed_places_the_striker_within_the_play() -> None:
         places.append(case.chain.lateral.offset_m[-1])
         assert np.hypot(*places[-1]) <= 0.25e-3 * (1 + 1e-12)
     assert len({tuple(place) for place in places}) == 4
-    for wide in ("fig5-tube", "fig6d-tube"):  # what is wider stands above the tube, on the axis
+    for wide in ("fig5-tube", "fig6d-tube"):  # a striker wider than the bore starts above the tube, on the axis
         lateral = case_of(wide).chain.lateral
         assert lateral is not None
         assert not lateral.offset_m[-1].any()
@@ -122,21 +122,21 @@ def test_the_seed_places_the_striker_within_the_play() -> None:
 
 @pytest.mark.parametrize("engine", CODES)
 @pytest.mark.parametrize("scene", ["fig4", "fig5"])
-def test_without_offset_it_is_the_straight_chain(scene: str, engine: str, shared_runs: Path) -> None:
+def test_without_offset_forces_are_those_of_the_straight_chain(scene: str, engine: str, shared_runs: Path) -> None:
     short = 'run.duration="0.1 ms"'
     straight = finished(case_of(scene, short), engine, shared_runs).trace
     top = ("tube.top=52 mm",) if scene == "fig5" else ()
     free = case_of(scene, short, "chain.lateral_offset=0 um", "tube.friction=0.05", "contact.friction=0.05", *top)
     assert free.chain.lateral is not None
     found = finished(free, engine, shared_runs)
-    limit = tolerance("elements", "nothing").limit if scene == "fig5" else ROUNDED
+    limit = tolerance("elements", "nothing").limit if scene == "fig5" else ROUNDING_SHARE
     assert np.abs(found.trace.force_N - straight.force_N).max() < limit * straight.force_N.max()
     assert not bore_of(found).any()
 
 
 @cache
 def elliptic(radius_m: float, bore_m: float) -> float:
-    """How many times as stiff as a flat's a bore's contact is, by Hertz's integrals over the potential.
+    """Ratio of the contact stiffness in a bore to that on a flat, from Hertz's integrals over the potential.
 
     A force F on an ellipse of half axes a and b = e a makes ``overlap = c I(1, 1)/a`` and the curvatures
     ``(1/R - 1/Rb)/2 = c I(3, 1)/a^3`` and ``1/(2R) = c I(1, 3)/a^3`` with ``c = 3F/(4 pi E*)`` and ``I(p, q) =
@@ -154,20 +154,21 @@ def elliptic(radius_m: float, bore_m: float) -> float:
     return float(np.pi * np.sqrt(integral(3, 1, ratio) / across) / integral(1, 1, ratio) ** 1.5 / np.sqrt(radius_m))
 
 
-def test_the_bore_is_two_and_a_half_times_a_flat() -> None:
+def test_a_bore_contact_is_2_54_times_as_stiff_as_a_flat() -> None:
     for radius, bore in ((2.38e-3, 2.5e-3), (1.19e-3, 1.25e-3), (1e-3, 5e-3)):
         assert conformity(radius, bore) == pytest.approx(elliptic(radius, bore), rel=1e-8)
     assert elliptic(2.38e-3, 2.5e-3) == pytest.approx(2.54, abs=5e-3)
     assert elliptic(1.19e-3, 1.25e-3) == pytest.approx(2.54, abs=5e-3)
-    assert elliptic(1e-3, 1e4) == pytest.approx(1, rel=1e-6)  # a bore as wide as a flat is one
+    assert elliptic(1e-3, 1e4) == pytest.approx(1, rel=1e-6)  # a very wide bore is a flat
 
 
 @pytest.mark.parametrize("engine", CODES)
 @pytest.mark.parametrize("scene", ["fig4-tube", "fig6b-tube"])
 def test_contact_with_the_bore_is_the_elliptic_one(scene: str, engine: str, shared_runs: Path) -> None:
     case = case_of(
-        scene, "chain.count=1", "chain.sensors=[]", "chain.lateral_offset=", "striker=", "wall=", "gravity=", *SLIPPERY,
-        "chain.bead=[{from_wall=1, lateral_velocity='1 m/s'}]", 'run.duration="0.3 ms"', 'run.time_step="20 ns"', STATE,
+        scene, "chain.count=1", "chain.sensors=[]", "chain.lateral_offset=", "striker=", "wall=", "gravity=",
+        *FRICTIONLESS, "chain.bead=[{from_wall=1, lateral_velocity='1 m/s'}]", 'run.duration="0.3 ms"',
+        'run.time_step="20 ns"', STATE,
     )  # fmt: skip
     run = finished(case, engine, shared_runs)
     assert case.scene.tube is not None
@@ -178,7 +179,7 @@ def test_contact_with_the_bore_is_the_elliptic_one(scene: str, engine: str, shar
     force = bore_of(run)[:, 0]
     assert (overlap > 0).sum() > 20
     assert np.abs(force - expected * overlap**1.5).max() < 1e-8 * force.max()
-    # at the deepest all of the energy is in the contact
+    # at the largest overlap the contact has all the energy
     energy = 0.5 * case.chain.mass_kg[0]
     assert force.max() == pytest.approx(expected * (2.5 * energy / expected) ** 0.6, rel=1e-3)
     assert np.abs(run.trace.total_energy_J / energy - 1).max() < 1e-4
@@ -186,17 +187,17 @@ def test_contact_with_the_bore_is_the_elliptic_one(scene: str, engine: str, shar
     assert np.abs(state_of(run, "height_m") - case.chain.height_m).max() < 1e-15
 
 
-def test_flat_sides_are_the_same_in_both_codes(shared_runs: Path) -> None:
-    case = case_of("fig4-tube", *SLIPPERY, "tube.sides=12", 'run.duration="0.2 ms"')
+def test_codes_agree_on_a_bore_of_flat_sides(shared_runs: Path) -> None:
+    case = case_of("fig4-tube", *FRICTIONLESS, "tube.sides=12", 'run.duration="0.2 ms"')
     one, other = (finished(case, engine, shared_runs) for engine in CODES)
     largest = one.trace.force_N.max()
-    assert np.abs(one.trace.force_N - other.trace.force_N).max() < ROUNDED * largest
-    assert np.abs(bore_of(one) - bore_of(other)).max() < ROUNDED * largest
+    assert np.abs(one.trace.force_N - other.trace.force_N).max() < ROUNDING_SHARE * largest
+    assert np.abs(bore_of(one) - bore_of(other)).max() < ROUNDING_SHARE * largest
     assert bore_of(one).max() > 1e-3 * largest
 
 
 @pytest.mark.parametrize("sides", [12, 40])
-def test_the_mesh_as_a_file_is_a_closed_bore(sides: int, tmp_path: Path) -> None:
+def test_the_mesh_file_is_a_bore_with_two_open_ends(sides: int, tmp_path: Path) -> None:
     import meshio
 
     case = case_of("fig4-tube", f"tube.sides={sides}")
@@ -208,8 +209,8 @@ def test_the_mesh_as_a_file_is_a_closed_bore(sides: int, tmp_path: Path) -> None
     assert bore is not None
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normal /= np.linalg.norm(normal, axis=1)[:, np.newaxis]
-    away = -(normal * triangles[:, 0]).sum(axis=1)  # how far the planes are from the axis, which they look at
-    assert away == pytest.approx(bore.radius_m, rel=1e-6)
+    distance = -(normal * triangles[:, 0]).sum(axis=1)  # of the planes from the axis; normals point inwards
+    assert distance == pytest.approx(bore.radius_m, rel=1e-6)
     assert np.abs(normal[:, 2]).max() < 1e-6
     assert (triangles[:, :, 2].min(), triangles[:, :, 2].max()) == pytest.approx((bore.low_m, bore.high_m))
     edges: dict[frozenset[tuple[float, ...]], int] = {}
@@ -223,13 +224,13 @@ def test_the_mesh_as_a_file_is_a_closed_bore(sides: int, tmp_path: Path) -> None
     assert {round(point[2], 6) for edge in open_edges for point in edge} == {bore.low_m, round(bore.high_m, 6)}
 
 
-SHORT = ("chain.count=6", "chain.sensors=[]", 'run.duration="0.15 ms"')
-ODD = {
-    "unlike beads and a gap": (
+SHORT_CHAIN = ("chain.count=6", "chain.sensors=[]", 'run.duration="0.15 ms"')
+SCENES = {
+    "different beads and a gap": (
         "chain.bead=[{from_wall=2, diameter='4.6 mm'}, {from_wall=3, material='steel', mass='0.3 g'}, "
         "{from_wall=5, diameter='4.7 mm', mass='0.1 g', material='glass', gap_below='3 um'}]",
     ),
-    "own velocities": (
+    "beads with velocities": (
         "chain.bead=[{from_wall=2, velocity='0.5 m/s'}, {from_wall=4, lateral_velocity='3 m/s', velocity='-1 m/s'}]",
     ),
     "pressed, raised, damped": (
@@ -243,15 +244,15 @@ ODD = {
     "flat striker, rough bore": (
         "striker.shape=flat", "striker.diameter=", "tube.top=28 mm", "contact.friction=0", "tube.friction=0.4",
     ),
-    "nothing strikes rough beads": (
+    "no striker, friction between beads": (
         "striker=", "chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]", "contact.friction=0.4", "tube.friction=0",
     ),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize("name", SCENES)
 def test_codes_agree_with_the_integrator(name: str, shared_runs: Path) -> None:
-    case = case_of("fig4-tube", *SHORT, *ODD[name])
+    case = case_of("fig4-tube", *SHORT_CHAIN, *SCENES[name])
     runs = {engine: finished(case, engine, shared_runs) for engine in (*CODES, "verlet")}
     verdicts = compare_case(case, runs, {})
     judged = [each for each in verdicts if each.quantity == "force against verlet"]
@@ -263,17 +264,17 @@ def test_codes_agree_with_the_integrator(name: str, shared_runs: Path) -> None:
 
 
 @pytest.mark.parametrize("engine", CODES)
-def test_what_nothing_moves_stays(engine: str, shared_runs: Path) -> None:
-    case = case_of("fig4-tube", *SHORT, "wall=", "gravity=", "striker=", 'run.duration="20 us"')
+def test_beads_without_loads_stay_at_rest(engine: str, shared_runs: Path) -> None:
+    case = case_of("fig4-tube", *SHORT_CHAIN, "wall=", "gravity=", "striker=", 'run.duration="20 us"')
     run = finished(case, engine, shared_runs)
     assert run.trace.kinetic_energy_J.max() < 1e-25
     assert run.trace.force_N.max() < 1e-12
 
 
 @pytest.mark.parametrize("engine", CODES)
-def test_a_bead_may_fly_off_where_no_tube_holds_it(engine: str, shared_runs: Path) -> None:
+def test_a_bead_may_leave_a_chain_without_tube(engine: str, shared_runs: Path) -> None:
     flies = "chain.bead=[{from_wall=3, lateral_velocity='50 m/s'}]"
-    case = case_of("fig4-tube", *SHORT, "tube=", "chain.lateral_offset=", flies, 'run.duration="1 ms"', STATE)
+    case = case_of("fig4-tube", *SHORT_CHAIN, "tube=", "chain.lateral_offset=", flies, 'run.duration="1 ms"', STATE)
     run = finished(case, engine, shared_runs)
     assert 0.04 < state_of(run, "x_m")[-1, 2] < 0.05
     assert not run.record.warnings
@@ -288,7 +289,7 @@ def test_a_study_over_seeds(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     table = pd.read_parquet(tmp_path / "results" / "seeds.parquet")
     assert list(table["status"]) == ["done"] * 6
-    assert table["force_error_share"].isna().all()  # no exact motion is known
+    assert table["force_error_share"].isna().all()  # no exact motion in three dimensions
     study.write_text(f'scene = "fig4-tube"\nengines = ["reference"]\n{settings}')
     refused = command_line("drivers", "batch", study, *where)
     assert refused.returncode == 2
@@ -296,8 +297,8 @@ def test_a_study_over_seeds(tmp_path: Path) -> None:
     assert len(refused.stderr.strip().splitlines()) == 1
 
 
-def test_records_hold_what_moves(shared_runs: Path, tmp_path: Path) -> None:
-    case = case_of("fig4-tube", *SHORT, *ODD["weightless, wide striker"], STATE)
+def test_run_files_contain_sideways_motion_and_bore_forces(shared_runs: Path, tmp_path: Path) -> None:
+    case = case_of("fig4-tube", *SHORT_CHAIN, *SCENES["weightless, wide striker"], STATE)
     bodies = case.chain.bodies
     for engine in CODES:
         run = finished(case, engine, shared_runs)
@@ -309,7 +310,7 @@ def test_records_hold_what_moves(shared_runs: Path, tmp_path: Path) -> None:
         names += [f"spin_{axis}_rad_s" for axis in "xyz"]
         assert set(state) == {"time_s"} | {f"body_{j}_{name}" for j in range(1, bodies + 1) for name in names}
         assert not np.isnan(state.to_numpy()).any()
-        assert not forces[f"bore_{bodies}_N"].any()  # the striker stays above
+        assert not forces[f"bore_{bodies}_N"].any()  # the striker stays above the tube
         vertical = state[[f"body_{j}_velocity_m_s" for j in range(1, bodies + 1)]].to_numpy()
         assert forces["momentum_N_s"].to_numpy() == pytest.approx(vertical @ case.chain.mass_kg, rel=1e-12)
     assert len(write_series(run, tmp_path / "vtk", 2)) == 2
@@ -322,17 +323,17 @@ def test_records_hold_what_moves(shared_runs: Path, tmp_path: Path) -> None:
     assert values["momentum_start_N_s"] == pytest.approx(-0.2e-3 * 2, rel=1e-9)
 
 
-def test_beads_that_do_not_come_to_rest_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_messages_name_beads_without_equilibrium(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.chain.lateral_start.find_rest", lambda chain, place: find_rest(chain, place, steps=3))
     with pytest.raises(InputError) as caught:
         case_of("fig4-tube")
-    key, told = str(caught.value).split(": found ")
+    key, message = str(caught.value).split(": found ")
     assert "chain.lateral_offset" in key
-    assert "do not come to rest" in told
-    assert " N are left on bead " in told
+    assert "no equilibrium" in message
+    assert " N are unbalanced on bead " in message
 
 
-def test_a_rest_is_one() -> None:
+def test_an_equilibrium_is_found_again_from_itself() -> None:
     case = case_of("fig6d-tube")
     chain, beads = case.chain, case.chain.beads
     lateral = chain.lateral
@@ -346,7 +347,7 @@ def test_a_rest_is_one() -> None:
     assert chain.force_N[0] == pytest.approx(-chain.load_N[:beads].sum(), rel=10 * AT_REST)
 
 
-def test_a_striker_that_comes_down_onto_the_tube_is_told(tmp_path: Path) -> None:
+def test_a_run_fails_if_the_striker_hits_the_tube(tmp_path: Path) -> None:
     ended = run_case(case_of("fig6d-tube", "tube.top=43.1 mm"), "liggghts", tmp_path)
     assert not ended.done
     assert ended.record.reason.startswith("at t = ")

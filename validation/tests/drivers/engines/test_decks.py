@@ -1,4 +1,4 @@
-"""Decks: snapshots of the paper's scenes, nothing in them that the scene does not need."""
+"""Tests of decks: snapshots of the paper's scenes; no lines for elements that a scene does not have."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ def test_decks_of_the_paper_stay_as_they_are(scene: str, engine: str, request: p
         assert text == kept.read_text(), f"{kept.name} differs; if it should: pytest --update-decks"
 
 
-# a setting that takes the element out of (or into) fig4, and the word each deck has if and only if it is modelled
+# a setting that removes (or adds) the element in fig4, and the word of each deck that models it
 NEEDED_BY = {
     "precompression": ("chain.precompression=2 N", {"lammps": "addforce", "liggghts": "addforce", "yade": "setPermF"}),
     "gravity": ("gravity=", dict.fromkeys(("lammps", "liggghts", "yade"), "gravity")),
@@ -51,7 +51,7 @@ def test_straight_decks_have_no_tube_friction_or_rotation(engine: str) -> None:
         assert word not in text
 
 
-# the same of fig4 in its tube: settings that take the element out of it (or into it), and words as above
+# the same for fig4 in its tube
 IN_TUBES: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "friction": (
         ("contact.friction=0", "tube.friction=0"),

@@ -1,4 +1,4 @@
-"""The codes on the paper's scene: as exact as their step, and what gauges read. All else is the kit's."""
+"""Tests of the codes on Fig. 4: truncation error and observables; ``python -m validation engine`` tests the rest."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What a further engine finds ready: a look of its own, readers of raw output, tables of pairs."""
+"""Tests of functions for further engines: styles, readers of raw output, tables of pairs."""
 
 from dataclasses import replace
 from itertools import chain
@@ -25,7 +25,9 @@ def test_builds_and_engines_without_a_style_look_different(monkeypatch: pytest.M
     shipped = [name for name in engine_names() if load_engine(name).style]
     some = load_engine(next(name for name in codes() if name in shipped))
     plain = {f"a-build{place}": replace(some, name=f"a-build{place}") for place in range(2)}
-    plain |= {f"mine{place}": replace(some, name=f"mine{place}", style=None) for place in range(len(style.SPARE) - 2)}
+    plain |= {
+        f"mine{place}": replace(some, name=f"mine{place}", style=None) for place in range(len(style.EXTRA_STYLES) - 2)
+    }
 
     def load(name: str) -> Engine:
         return plain[name] if name in plain else load_engine(name)
@@ -44,7 +46,7 @@ MAGIC = (-10).to_bytes(8, "little", signed=True) + b"DUMPCUSTOM" + (1).to_bytes(
 
 
 def dump_of(case: Case, shares: tuple[int, ...], *, since_2020: bool) -> np.ndarray[Any, np.dtype[np.void]]:
-    """Frames of a binary dump of ``id`` and ``z``, which is the atom's number too, in a chunk for each process."""
+    """Frames of a binary dump with ``id`` and ``z`` (equal to the atom's number), in a chunk for each process."""
     before = [("magic", "V26")] if since_2020 else []
     behind = [("units", "i4"), ("timed", "i1"), ("letters", "i4"), ("names", "S4")] if since_2020 else []
     chunks = [((f"count{i}", "i4"), (f"values{i}", "f8", (share, 2))) for i, share in enumerate(shares)]
@@ -77,13 +79,13 @@ def test_a_dump_of_any_number_of_processes_is_read(shares: tuple[int, ...], sinc
     for place, field, wrong in ((3, "atoms", 21), (2, "count0", 1), (0, "processes", 0)):
         frames[field][place] = wrong
         path.write_bytes(frames.tobytes())
-        with pytest.raises(RunError, match=f"torn in sample {place + 1}"):
+        with pytest.raises(RunError, match=f"damaged in sample {place + 1}"):
             read_dump(case, path, columns)
     assert read_partial_dump(case, path, columns) is None
 
 
 @pytest.mark.parametrize("since_2020", [False, True])
-def test_processes_that_exchange_beads_are_refused_by_words(since_2020: bool, tmp_path: Path) -> None:
+def test_processes_that_exchange_beads_are_reported(since_2020: bool, tmp_path: Path) -> None:
     case, path = case_of("fig4", "run.duration=3 us"), tmp_path / "dump.bin"
     one, other = (dump_of(case, shares, since_2020=since_2020) for shares in ((11, 11), (10, 12)))
     path.write_bytes(one[:2].tobytes() + other[2:].tobytes())

@@ -1,4 +1,4 @@
-"""Contacts that lose energy by a power of their closing speed: reference, scheme, codes, limits, plans."""
+"""Tests of the power law of dissipation: reference, Verlet, codes, stability limits, plans."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +14,8 @@ from drivers.chain.trace import energy_error_J
 from drivers.engines import codes
 from drivers.limits.refusal import inability
 from postproc.read.observables import observe
-from validation.accuracy.schemes import heights_and_reach, trace_of, truth_of, verlet_of
-from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
+from validation.accuracy.schemes import exact_motion_of, heights_and_reach, trace_of, verlet_of
+from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 from validation.stability.measured_limits import RANDOM, Subject, measure_limits, random_case
@@ -35,13 +35,13 @@ FITTED = ("contact.gamma=1.2515069300612442", "materials.ptfe.youngs_modulus=102
 
 
 def by_power(scene: str, gamma: float, alpha: float | None = None, *settings: str) -> Case:
-    """A scene whose contacts lose energy so."""
+    """Case with the power law."""
     law = (POWER, f"contact.gamma={gamma}", *([] if alpha is None else [f"contact.alpha={alpha}"]))
     return case_of(scene, *law, *settings)
 
 
 def random_chain(kind: str, seed: int, bodies: int) -> tuple[HertzChain, Array]:
-    """A struck chain with light beads, a flat striker or gaps, and a law of any strength; and sample times."""
+    """Random struck chain with light beads, a flat striker or gaps, and any gamma; and sample times."""
     chain, times = high_precision.random_chain(kind, seed, bodies)
     draw = np.random.default_rng([seed, 99])
     alpha = float(draw.choice([1, 1.1, 1.25, 1.5, 1.75, 1.9, 2, 2.6, 3]))
@@ -56,7 +56,7 @@ def test_the_reference_is_exact_and_its_energy_never_grows(scene: str, alpha: fl
     case = by_power(scene, gamma, alpha)
     times = np.linspace(0, LASTS_S[scene], SAMPLES + 1)
     exact = forces_at(arrays_of(case.chain), times)
-    for tolerance_asked in (LEAST_TOLERANCE, 1e-9, 1e-6):
+    for tolerance_asked in (MIN_TOLERANCE, 1e-9, 1e-6):
         motion = integrate_adaptive(arrays_of(case.chain), times, tolerance_asked)
         error = np.abs(motion.force_N - exact).max() / exact.max()
         assert error <= max(tolerance_asked, EXACT)
@@ -86,7 +86,7 @@ def test_motions_are_followed_whatever_gamma(settings: tuple[str, ...], alpha: f
     exact = integrate_adaptive(chain, times).force_N
     for asked in (1e-9, 1e-6):
         assert np.abs(integrate_adaptive(chain, times, asked).force_N - exact).max() <= asked * exact.max()
-    if gamma < 1e-8:  # all but elastic
+    if gamma < 1e-8:  # nearly elastic
         elastic = integrate_adaptive(arrays_of(case_of("fig4", *settings).chain), times).force_N
         assert 0 < np.abs(exact - elastic).max() < 1e-6 * elastic.max()
 
@@ -117,7 +117,7 @@ def test_bodies_that_just_touch_start_with_the_force_just_after() -> None:
 def test_without_gamma_contacts_are_elastic_bit_for_bit() -> None:
     plain, none = case_of("fig5"), by_power("fig5", 0)
     np.testing.assert_array_equal(verlet_of(none).force_N, verlet_of(plain).force_N)
-    np.testing.assert_array_equal(truth_of(none, 1e-9).trace.force_N, truth_of(plain, 1e-9).trace.force_N)
+    np.testing.assert_array_equal(exact_motion_of(none, 1e-9).trace.force_N, exact_motion_of(plain, 1e-9).trace.force_N)
     assert not none.chain.damped
     assert none.summary == plain.summary
 
@@ -142,11 +142,17 @@ def test_heights_differ_from_overlaps_by_rounding_by_a_power() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ((POWER,), "contact.gamma: found nothing; allowed: a number of 0 or more"),
-        (("contact.gamma=3",), 'contact.gamma: found 3 with a dissipation that is "viscoelastic"'),
-        (("contact.alpha=2",), 'contact.alpha: found 2 with a dissipation that is "viscoelastic"'),
-        ((POWER, "contact.gamma=3", "contact.restitution=0.9"), "contact.restitution: found 0.9 with a dissipation"),
-        ((POWER, "contact.gamma=3", "contact.damping_ratio=0"), "contact.damping_ratio: found 0 with a dissipation"),
+        ((POWER,), "contact.gamma: missing key; give a number of 0 or more"),
+        (("contact.gamma=3",), 'contact.gamma: found 3 with contact.dissipation = "viscoelastic"'),
+        (("contact.alpha=2",), 'contact.alpha: found 2 with contact.dissipation = "viscoelastic"'),
+        (
+            (POWER, "contact.gamma=3", "contact.restitution=0.9"),
+            "contact.restitution: found 0.9 with contact.dissipation",
+        ),
+        (
+            (POWER, "contact.gamma=3", "contact.damping_ratio=0"),
+            "contact.damping_ratio: found 0 with contact.dissipation",
+        ),
         ((POWER, "contact.gamma=-1"), "contact.gamma: found -1; allowed: 0 or more"),
         ((POWER, "contact.gamma=3", "contact.alpha=0.9"), "contact.alpha: found 0.9; allowed: 1 or more"),
         ((POWER, "contact.gamma=3", "contact.alpha=3.1"), "contact.alpha: found 3.1; allowed: at most 3"),
@@ -157,11 +163,11 @@ def test_heights_differ_from_overlaps_by_rounding_by_a_power() -> None:
         ((POWER, "contact.gamma=3", "seed=1", "chain.lateral_offset=30 um"), "beads that move sideways"),
     ],
 )
-def test_wrong_keys_are_told_in_a_line(settings: tuple[str, ...], message: str) -> None:
-    with pytest.raises(InputError) as told:
+def test_wrong_keys_are_named_in_one_line(settings: tuple[str, ...], message: str) -> None:
+    with pytest.raises(InputError) as error:
         case_of("fig4", *settings)
-    assert message in str(told.value)
-    assert "\n" not in str(told.value)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_codes_that_have_no_such_law_refuse_it_by_name() -> None:
@@ -169,9 +175,9 @@ def test_codes_that_have_no_such_law_refuse_it_by_name() -> None:
     assert all(able.values())
     linear = {name for name in codes() if inability(by_power("fig4", 3, 1), name) is None}
     assert linear == {"lammps"}
-    for told in able.values():
-        assert "contact.dissipation" in str(told)
-        assert '"viscoelastic"' in str(told)
+    for message in able.values():
+        assert "contact.dissipation" in str(message)
+        assert '"viscoelastic"' in str(message)
     assert not any(inability(by_power("fig4", 0), name) for name in codes())
 
 
@@ -186,7 +192,7 @@ def test_lammps_has_the_law_of_the_first_power(scene: str, tmp_path: Path) -> No
 
 
 def random_limits(numbers: range) -> list[float]:
-    """Measured limits of the step over the predicted ones, of random scenes that lose energy by a power; or NaN."""
+    """Measured over predicted stability limits of random scenes with the power law; NaN if no step blows up."""
     subjects = []
     for number in numbers:
         case = random_case(number, accuracy=0.1)
@@ -206,7 +212,7 @@ MORE = [pytest.param(range(first, first + 60), marks=pytest.mark.long) for first
 def test_no_random_scene_blows_up_below_the_limit_predicted(numbers: range) -> None:
     ratios = np.array(random_limits(numbers))
     print(f"{np.isfinite(ratios).mean():.2f} of {ratios.size} blow up, from {np.nanmin(ratios):.4f} of the limit on")
-    assert np.isfinite(ratios).mean() > 0.5  # others end well at all steps tried: what is damped much cannot gain
+    assert np.isfinite(ratios).mean() > 0.5  # strongly damped scenes are stable at all steps tried
     assert np.nanmin(ratios) >= 1
     assert np.nanquantile(ratios, 0.2) <= 1.25
 
@@ -235,15 +241,15 @@ def test_a_run_keeps_its_law(tmp_path: Path) -> None:
     assert run.layout.damped
     np.testing.assert_array_equal(run.trace.force_N, verlet_of(case).force_N)
     exact = finished(case, "reference", tmp_path)
-    assert np.abs(exact.trace.force_N - truth_of(case, finer=False).trace.force_N).max() < 1e-10
+    assert np.abs(exact.trace.force_N - exact_motion_of(case, finer=False).trace.force_N).max() < 1e-10
 
 
 def test_force_and_speed_of_fig_4_take_a_modulus_and_a_gamma() -> None:
-    """Fitted to 2 N and 152 m/s; the rest is what an independent Runge-Kutta method of order 4 has."""
+    """Fitted to 2 N and 152 m/s; the other numbers are from an independent Runge-Kutta method of order 4."""
     fig4, fig5 = (case_of(scene, POWER, *FITTED) for scene in ("fig4", "fig5"))
-    seen = observe(fig4.layout, truth_of(fig4, 1e-9).trace)
+    seen = observe(fig4.layout, exact_motion_of(fig4, 1e-9).trace)
     assert seen["bead_9_amplitude_N"] == pytest.approx(2.0, rel=1e-9)
     assert seen["speed_9_to_5_m_s"] == pytest.approx(152, rel=1e-9)
     assert seen["bead_5_width_4pct_diameters"] == pytest.approx(4.93, abs=0.005)
-    envelope = observe(fig5.layout, truth_of(fig5, 1e-9).trace)["wall_envelope_per_s"]
+    envelope = observe(fig5.layout, exact_motion_of(fig5, 1e-9).trace)["wall_envelope_per_s"]
     assert envelope == pytest.approx(-0.0065e6, abs=0.00005e6)

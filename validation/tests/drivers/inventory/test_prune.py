@@ -1,4 +1,4 @@
-"""Runs that no command would use again are removed, and no others."""
+"""Tests of ``drivers runs --prune``: runs that no command would use again are removed, and no others."""
 
 import json
 import os
@@ -24,7 +24,7 @@ DAY_S = 86400.0
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two runs that are done and one that is not."""
+    """Two finished runs and a failed one."""
     home = tmp_path_factory.mktemp("ran")
     scene = home / "small.toml"
     scene.write_text(BASE.format(count=3, chain="", striker=STRIKER, wall=WALL, duration="20 us", step="0.1 us"))
@@ -35,7 +35,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def runs(ran: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The same of yesterday, to be changed; the present folder is that of the scene."""
+    """A copy of these runs, dated yesterday; the present folder is that of the scene."""
     shutil.copytree(ran, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     made_yesterday(tmp_path)
@@ -56,7 +56,7 @@ def done(runs: Path, engine: str) -> Path:
 
 
 def copied(folder: Path, name: str, **changes: object) -> Path:
-    """A copy of a run beside it, with another record."""
+    """A copy of a run in the same folder, with another record."""
     other = shutil.copytree(folder, folder.with_name(name))
     record = json.loads((other / FILE).read_text())
     (other / FILE).write_text(json.dumps(record | changes))
@@ -65,14 +65,14 @@ def copied(folder: Path, name: str, **changes: object) -> Path:
 
 
 def pruned(capsys: pytest.CaptureFixture[str], runs: Path, *scenes: str, engines: tuple[str, ...] = ()) -> list[str]:
-    """Lines that are the same with and without ``dry_run``, which removes nothing."""
+    """Lines of a dry run, which removes nothing, followed by the real run with the same lines."""
     before = folders(runs)
     prune(runs, scenes, engines, (), dry_run=True)
     assert folders(runs) == before
-    told = [line for line in capsys.readouterr().out.splitlines() if line[0] != " "]
+    lines_of_run = [line for line in capsys.readouterr().out.splitlines() if line[0] != " "]
     prune(runs, scenes, engines, ())
     lines = capsys.readouterr().out.splitlines()
-    assert [line.replace("would remove", "removed").replace("would free", "freed") for line in told] == lines
+    assert [line.replace("would remove", "removed").replace("would free", "freed") for line in lines_of_run] == lines
     return lines
 
 
@@ -101,7 +101,7 @@ def test_what_is_damaged_or_lacks_its_forces_goes(runs: Path, capsys: pytest.Cap
     made_yesterday(runs)
     lines = pruned(capsys, runs)
     assert folders(runs) == set()
-    assert "that is damaged or of another version" in lines[0]
+    assert "damaged or of another version" in lines[0]
     assert lines[1].startswith("removed 2 runs")
 
 
@@ -110,7 +110,7 @@ def test_runs_of_another_build_go(runs: Path, capsys: pytest.CaptureFixture[str]
     run.rename(run.with_name(f"{run.name[:-12]}{'0' * 12}"))
     lines = pruned(capsys, runs, engines=(VERLET,))
     assert [name.split("/")[0] for name in folders(runs)] == [REFERENCE]
-    assert "by another build than the present one" in lines[1]
+    assert "run by another build" in lines[1]
 
 
 def test_older_runs_of_a_former_deck_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -121,23 +121,23 @@ def test_older_runs_of_a_former_deck_go(runs: Path, capsys: pytest.CaptureFixtur
     lines = pruned(capsys, runs)
     assert not older.exists()
     assert run.exists()
-    assert "of a former deck" in lines[1]
+    assert "with an older deck" in lines[1]
 
 
 def test_what_cannot_be_judged_stays(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = done(runs, VERLET)
-    shutil.copytree(runs / VERLET, runs / "nobody")
-    for digit, folder in enumerate(list((runs / "nobody").glob("[!.]*/"))):
-        copied(folder, f"{folder.name[:-12]}{str(digit) * 12}", engine="nobody")
+    shutil.copytree(runs / VERLET, runs / "absent")
+    for digit, folder in enumerate(list((runs / "absent").glob("[!.]*/"))):
+        copied(folder, f"{folder.name[:-12]}{str(digit) * 12}", engine="absent")
         shutil.rmtree(folder)
     mine = copied(run, "mine")
     (runs / VERLET / "notes").mkdir()
     lines = pruned(capsys, runs)
-    assert {"nobody"} < {run.engine for run in kept_runs(runs)}
+    assert {"absent"} < {run.engine for run in kept_runs(runs)}
     assert mine.exists()
     assert (runs / VERLET / "notes").exists()
-    assert any(line.startswith("kept 1 runs (nobody 1)") and "not installed now" in line for line in lines)
-    assert any("in folders that somebody renamed" in line for line in lines)
+    assert any(line.startswith("kept 1 runs (absent 1)") and "is not installed" in line for line in lines)
+    assert any("their folders have been renamed" in line for line in lines)
 
 
 def test_what_just_ended_stays(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -194,7 +194,7 @@ def test_leftovers_of_killed_runs_go_and_no_others(
 def test_a_run_that_was_replaced_meanwhile_stays(
     runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Another process runs again what failed, after it was found to have failed."""
+    """Another process repeats a failed run after it was selected for removal."""
     failed, good = next(run.folder for run in kept_runs(runs) if run.trouble), done(runs, VERLET)
 
     def late(*_: object) -> list[KeptRun]:
@@ -207,3 +207,11 @@ def test_a_run_that_was_replaced_meanwhile_stays(
     prune(runs, (), (), ())
     assert read_record(failed) == read_record(good)
     assert "removed" not in capsys.readouterr().out
+
+
+def test_rows_of_batches_stay(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (runs / "batch").mkdir()
+    (runs / "batch" / "a.jsonl").write_text("{}\n{}\n")
+    (line,) = [line for line in pruned(capsys, runs) if "rows of batches" in line]
+    assert line.startswith("kept runs/batch: 2 rows of batches")
+    assert line.endswith("batches use those of unchanged decks and builds; remove the folder to free the space")

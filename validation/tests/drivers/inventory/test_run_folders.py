@@ -1,4 +1,4 @@
-"""Runs in their folder: listed with what is particular about them, found, and named without a hash."""
+"""Tests of existing runs: listed with their settings, found, and named without a hash."""
 
 import json
 import os
@@ -20,7 +20,7 @@ HEAVY = ("numba", "pandas", "pyarrow", "scipy", "pint")
 
 @pytest.fixture(scope="module")
 def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a scene and its runs: as its file has it, by each yardstick, and at another speed and step."""
+    """A folder with a scene and its runs: by ``verlet`` and ``reference``, and at another speed and step."""
     home = tmp_path_factory.mktemp("kept")
     scene = home / "small.toml"
     scene.write_text(BASE.format(count=3, chain="", striker=STRIKER, wall=WALL, duration="20 us", step="0.1 us"))
@@ -35,7 +35,7 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def home(three: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The same, to be changed, and the present folder."""
+    """A copy of this folder, as the present folder."""
     shutil.copytree(three, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -61,7 +61,7 @@ def test_a_line_for_each_run(home: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert total[4] == f"{sum(file.stat().st_size for file in files) / 1000:,.0f}"
 
 
-def test_what_is_listed_names_its_run(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_listed_names_are_names_of_runs(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
     kept = kept_runs(home / "runs")
     for scene in ((), ("small.toml",)):
         names = [row[0] for row in listed(capsys, home, *scene)[:-1]]
@@ -143,12 +143,12 @@ def test_runs_are_found_by_scene_engine_and_settings(home: Path) -> None:
     ("words", "said"),
     [
         ({"scenes": ("smal",)}, 'no run of "smal"; allowed: small'),
-        ({"engines": ("nobody",)}, f'no run of "nobody"; allowed: {REFERENCE}, {VERLET}'),
-        ({"settings": ("striker.speed=2 m/s",)}, "--set striker.speed=2 m/s: found no run"),
-        ({"settings": ("striker.speed",)}, "--set striker.speed: found no KEY=VALUE"),
+        ({"engines": ("absent",)}, f'no run of "absent"; allowed: {REFERENCE}, {VERLET}'),
+        ({"settings": ("striker.speed=2 m/s",)}, "--set striker.speed=2 m/s: matches no run"),
+        ({"settings": ("striker.speed",)}, "--set striker.speed: not of the form KEY=VALUE"),
     ],
 )
-def test_what_selects_nothing_is_told(home: Path, words: dict[str, tuple[str, ...]], said: str) -> None:
+def test_a_selection_without_runs_is_an_error(home: Path, words: dict[str, tuple[str, ...]], said: str) -> None:
     with pytest.raises(InputError, match=said.replace("(", r"\(")):
         found(home, *words.pop("settings", ()), **words)
 
@@ -166,7 +166,15 @@ def test_the_name_is_that_of_the_newest_run_as_the_file_has_it(home: Path, capsy
     for folder in (newer, first.folder):
         shutil.rmtree(folder)
     assert run_folder(name, home / "runs") == other.folder
-    assert capsys.readouterr().err.startswith(f"{name}: no run of the scene as its file has it; took runs/")
+    assert capsys.readouterr().err.startswith(f"{name}: no run of the scene file without changes; using runs/")
+
+
+def test_a_run_that_records_more_counts_as_the_scene_file(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plain = run_folder(f"{VERLET}:small", home / "runs")
+    more = run_case(case_of(home / "small.toml", "run.record=['forces', 'state']"), VERLET, home / "runs", rerun=True)
+    assert more.folder.resolve() == plain.resolve()
+    assert run_folder(f"{VERLET}:small", home / "runs").resolve() == plain.resolve()
+    assert not capsys.readouterr().err
 
 
 def test_a_path_is_taken_as_it_is(home: Path) -> None:
@@ -180,17 +188,17 @@ def test_a_path_is_taken_as_it_is(home: Path) -> None:
     ("name", "allowed"),
     [
         (f"{VERLET}:other", f"{VERLET}:small"),
-        ("nobody:small", f"{REFERENCE}:small, {VERLET}:small"),
+        ("absent:small", f"{REFERENCE}:small, {VERLET}:small"),
         (":", f"{REFERENCE}:far, {REFERENCE}:small, {VERLET}:small"),
     ],
 )
-def test_a_wrong_name_is_told(home: Path, name: str, allowed: str) -> None:
+def test_a_wrong_name_is_an_error(home: Path, name: str, allowed: str) -> None:
     exact = kept_runs(home / "runs")[1].folder
     record = json.loads((exact / FILE).read_text()) | {"scene_name": "far"}
     (shutil.copytree(exact, exact.with_name(f"far-{'0' * 12}")) / FILE).write_text(json.dumps(record))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as message:
         run_folder(name, home / "runs")
-    assert str(told.value) == f"{name}: found no such run in runs; allowed: {allowed}"
+    assert str(message.value) == f"{name}: no such run in runs; allowed: {allowed}"
 
 
 @pytest.mark.parametrize(
@@ -199,7 +207,7 @@ def test_a_wrong_name_is_told(home: Path, name: str, allowed: str) -> None:
 def test_commands_take_no_wrong_names(home: Path, words: tuple[str, ...]) -> None:
     ended = command_line(*words, "--runs", home / "runs")
     assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
-    assert ended.stderr.startswith("a:b: found no such run in runs; allowed: ")
+    assert ended.stderr.startswith("a:b: no such run in runs; allowed: ")
 
 
 def test_commands_take_names(home: Path) -> None:
@@ -214,7 +222,7 @@ def test_commands_take_names(home: Path) -> None:
 
 
 def test_nothing_is_loaded_that_a_list_does_not_need(home: Path) -> None:
-    command_line("drivers", "runs", "--runs", "runs")  # keeps what pint says of the units
+    command_line("drivers", "runs", "--runs", "runs")  # caches the conversion of units
     code = (
         "import sys; sys.argv = ['drivers', 'runs', '--runs', 'runs', '--set', 'striker.speed=1.5 m/s']\n"
         "from drivers.__main__ import main; main(); print([each for each in sys.modules])"

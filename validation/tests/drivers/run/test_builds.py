@@ -1,4 +1,4 @@
-"""Builds: which program ran is part of a run, and own builds and adapters are engines beside the shipped ones."""
+"""Tests of builds: a run belongs to a build, and own builds and adapters are engines like the shipped ones."""
 
 import json
 import re
@@ -30,10 +30,10 @@ ENGINE = replace(load_engine("verlet"), in_repository=False, version=lambda comm
 
 
 @pytest.mark.parametrize("engine", ["liggghts", pytest.param("yade", marks=pytest.mark.long)])
-def test_a_wrong_build_that_calls_itself_the_same_is_run_and_told_apart(
+def test_a_wrong_build_of_the_same_version_gets_its_own_run(
     engine: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
 ) -> None:
-    """A stand-in makes the beads softer, and hands all else over, its version too."""
+    """The other build makes the beads softer and passes everything else to the real one, including ``--version``."""
     need(engine)
     case, runs = case_of(scene_file(duration="0.1 ms")), tmp_path / "runs"
     right, verlet = finished(case, engine, runs), finished(case, "verlet", runs)
@@ -49,6 +49,28 @@ def test_a_wrong_build_that_calls_itself_the_same_is_run_and_told_apart(
     done = command_line("validation", "compare", tmp_path / "scene.toml", "--runs", runs)
     assert done.returncode == 1
     assert re.search(rf"{engine} .*fail", done.stdout), done.stdout
+
+
+def test_a_deck_and_its_record_carry_the_command_of_the_engines_entry(
+    engines_file: EnginesWriter, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    """Typed by hand, the first line starts the registered program and not another one of the same name."""
+    (tmp_path / "mine.py").write_text(OWN_ADAPTER)
+    entry = '[own-lammps]\nadapter = "lammps"\ncommand = "mpirun -np 1 /opt/own/lmp"\n'
+    engines_file(f'{entry}[mine]\nadapter = "mine.py"\ncommand = "{sys.executable}"\n')
+    own = load_engine("own-lammps")
+    deck = own.render(case_of("fig4"))
+    shown = own.deck_by_hand(deck)
+    first = shown.files["chain.in"].partition("\n")[0]
+    assert first == "# stdbuf -oL mpirun -np 1 /opt/own/lmp -in chain.in -log none"
+    assert [*shown.files] == [*deck.files]
+    for name in codes():
+        shipped = load_engine(name)
+        if name in installed_codes() and shipped.entry.adapter == name:
+            assert shipped.deck_by_hand(each := shipped.render(case_of("fig4"))) == each
+    run = run_case(case_of(scene_file(duration="20 us")), "mine", tmp_path / "runs")
+    assert run.record.command == f"{sys.executable} -m validation.reference chain.json"
+    assert run.record.command in (run.folder / "chain.json").read_text().partition("\n")[0]
 
 
 INSIDE = 'echo "LIGGGHTS (Version 1)" # '
@@ -70,10 +92,10 @@ LIBRARY = next(line.split()[-1] for line in Path("/proc/self/maps").read_text().
         "export LD_LIBRARY_PATH={folder}/bin; exec {python} -c 'import math; print(\"LIGGGHTS (Version 1)\")'",
     ],
 )
-def test_a_script_is_told_from_another_by_what_it_starts(
+def test_the_program_that_a_script_starts_is_part_of_the_build(
     wrapper: str, engines_file: EnginesWriter, stand_in: StandIn, tmp_path: Path
 ) -> None:
-    """However it starts it: named by path or by PATH, beside itself, by another script; or by a library it loads."""
+    """Named by path or by PATH, next to the script, by another script, or a library that is loaded."""
     stand_in("inside", f"{INSIDE}one")
     library = tmp_path / "bin" / Path(LIBRARY).name
     shutil.copy(LIBRARY, library)
@@ -93,8 +115,8 @@ def test_a_script_is_told_from_another_by_what_it_starts(
 
 
 @pytest.mark.long
-def test_builds_stand_side_by_side(engines_file: EnginesWriter, study_file: StudyWriter, tmp_path: Path) -> None:
-    """A run each, a row each in a batch, the same numbers; and another name is no installed engine."""
+def test_two_builds_have_separate_runs(engines_file: EnginesWriter, study_file: StudyWriter, tmp_path: Path) -> None:
+    """One run each, one row each in a batch, the same numbers; an unknown name is no engine."""
     need("liggghts")
     path = engines_file(
         '[liggghts-again]\nadapter = "liggghts"\ncommand = ["no-such-program", "env A=1 liggghts"]\n'
@@ -139,7 +161,7 @@ def test_variables_are_passed_on_by_name(engines_file: EnginesWriter, stand_in: 
 
 
 def test_a_programs_memory_is_its_own(tmp_path: Path) -> None:
-    """Not that of this process, as large as it may be."""
+    """The memory of this process is not counted."""
     large = np.ones(50_000_000)
     small = run_command(("true",), tmp_path, 10.0).memory_bytes
     more = run_command((sys.executable, "-c", "bytearray(100_000_000)"), tmp_path, 10.0).memory_bytes
@@ -150,7 +172,7 @@ def test_a_programs_memory_is_its_own(tmp_path: Path) -> None:
 def test_an_adapter_from_elsewhere_is_an_engine_everywhere(
     engines_file: EnginesWriter, study_file: StudyWriter, tmp_path: Path
 ) -> None:
-    """Beside a shipped one of the same file name; its changes make other runs, and its errors are those of a run."""
+    """Also with the file name of a shipped one; a changed adapter makes new runs, and its errors are run errors."""
     (tmp_path / "yade.py").write_text(OWN_ADAPTER)
     path = engines_file(f'[mine]\nadapter = "yade.py"\ncommand = "{sys.executable}"\n')
     assert "mine" in installed_codes()
@@ -176,7 +198,7 @@ def test_an_adapter_from_elsewhere_is_an_engine_everywhere(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('[liggghts]\ncomand = "lmp"', r"liggghts.comand: found an unknown key; allowed: did you mean command\?"),
+        ('[liggghts]\ncomand = "lmp"', r"liggghts.comand: unknown key; did you mean command\?"),
         ("[liggghts]\ncommand = 3", 'liggghts.command: found 3; allowed: a command such as "mpirun -np 1 lmp"'),
         ("[liggghts]\ncommand = []", "liggghts.command: .*a list of them"),
         ("[liggghts]\ncommand = 'lmp \"'", "liggghts.command: .*a command"),
@@ -187,12 +209,12 @@ def test_an_adapter_from_elsewhere_is_an_engine_everywhere(
         ('[liggghts]\nvariables = "LMP"', "liggghts.variables"),
         ('["../x"]\nadapter = "yade"', "letters, digits"),
         ("liggghts = 1", "liggghts: found 1; allowed: a table"),
-        ('[verlet]\nadapter = "yade"', "verlet: found a name that means something else"),
-        ('[auto]\nadapter = "yade"', "auto: found a name that means something else"),
+        ('[verlet]\nadapter = "yade"', "verlet: found a reserved name"),
+        ('[auto]\nadapter = "yade"', "auto: found a reserved name"),
         ("[", "TOML"),
     ],
 )
-def test_wrong_entries_are_told_in_one_line(text: str, words: str, engines_file: EnginesWriter) -> None:
+def test_wrong_entries_are_named_in_one_line(text: str, words: str, engines_file: EnginesWriter) -> None:
     path = engines_file(text)
     with pytest.raises(InputError, match=words) as raised:
         engine_names()
@@ -207,8 +229,8 @@ def test_a_wrong_adapter_or_file_ends_a_command_with_code_two(engines_file: Engi
     path = engines_file('[mine]\nadapter = "mine.py"\n')
     others = {
         tmp_path / "leaves.toml": "SystemExit: 0",
-        tmp_path / "gone.toml": "No such file",
-        tmp_path / "verlet.toml": "mine: found .*part of the repository",
+        tmp_path / "gone.toml": "file not found",
+        tmp_path / "verlet.toml": "mine: found .*in-repo engines take no entry",
     }
     for file, words in {path: "nothing_of_that_name", **others}.items():
         done = command_line("drivers", "run", "fig4", "--engines", file, "--engine", "mine")

@@ -1,4 +1,4 @@
-"""What is kept on disk is what would be computed, or is not believed."""
+"""Tests of results kept on disk: equal to computed ones, or ignored."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -16,7 +16,7 @@ Count = Callable[[], list[float]]
 
 @pytest.fixture(autouse=True)
 def _kept_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(paths, "KEPT", tmp_path / "kept")
+    monkeypatch.setattr(paths, "CACHE", tmp_path / "kept")
     module._program.cache_clear()
     yield
     module._program.cache_clear()
@@ -24,7 +24,7 @@ def _kept_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None
 
 @pytest.fixture
 def count() -> Count:
-    """Returns a list that is longer at each call."""
+    """Function that returns a longer list at each call."""
     calls: list[float] = []
 
     def compute() -> list[float]:
@@ -34,7 +34,7 @@ def count() -> Count:
     return compute
 
 
-def test_what_was_computed_from_the_same_is_read_to_the_last_digit(count: Count) -> None:
+def test_the_same_arguments_give_the_stored_result_to_the_last_digit(count: Count) -> None:
     assert kept(["this"], count) == kept(["this"], count) == [0.1 + 0.2]
     assert len(kept(["that"], count)) == 2
 
@@ -42,13 +42,13 @@ def test_what_was_computed_from_the_same_is_read_to_the_last_digit(count: Count)
 @pytest.mark.parametrize("damage", ["", "[", "{}", "[1, 2]", "null"])
 def test_a_damaged_file_is_not_believed(damage: str, count: Count) -> None:
     kept([], count)
-    (file,) = paths.KEPT.iterdir()
+    (file,) = paths.CACHE.iterdir()
     file.write_text(damage)
     assert len(kept([], count)) == 2
     assert len(kept([], count)) == 2
 
 
-def test_other_sources_and_inputs_compute_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: Count) -> None:
+def test_other_sources_and_inputs_compute_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: Count) -> None:
     monkeypatch.setattr(paths, "ROOT", tmp_path)
     monkeypatch.setattr(paths, "INPUTS", tmp_path / "inputs")
     for number, name in enumerate(("validation/reference/law.py", "inputs/scenes/a.toml", "inputs/scenes/b.toml"), 2):
@@ -59,34 +59,34 @@ def test_other_sources_and_inputs_compute_anew(tmp_path: Path, monkeypatch: pyte
         assert len(kept([], count)) == number
 
 
-def test_where_nothing_can_be_kept_it_is_computed(count: Count) -> None:
-    paths.KEPT.write_text("a file in the place of the folder")
+def test_without_a_writable_folder_results_are_computed(count: Count) -> None:
+    paths.CACHE.write_text("a file in the place of the folder")
     assert len(kept([], count)) == 1
     assert len(kept([], count)) == 2
 
 
-def test_only_so_many_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST", 3)
+def test_the_oldest_files_are_removed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MAX_FILES", 3)
     for number in range(5):
         kept([number], lambda: 0)
-    assert len([*paths.KEPT.iterdir()]) == 3
+    assert len([*paths.CACHE.iterdir()]) == 3
 
 
-def test_what_is_finished_needs_no_integrator(tmp_path: Path) -> None:
-    """Compiled kernels, scipy and pandas cost more to load than all else that these commands do."""
+def test_finished_work_loads_no_integrator(tmp_path: Path) -> None:
+    """Loading numba, scipy and pandas would take longer than the rest of these commands."""
     runs = tmp_path / "runs"
     for words in (
         ("validation", "compare", "two-spheres", "--engine", "verlet", "--runs", str(runs), "--allow-missing"),
         ("drivers", "plan", "two-spheres"),
     ):
-        told = []
+        printed = []
         for _ in range(2):
             outcome = run_command(
                 (sys.executable, "-X", "importtime", "-m", *words), tmp_path, 120.0, PYTHONPATH=str(paths.ROOT)
             )
-            told.append((tmp_path / "stdout.txt").read_text())
+            printed.append((tmp_path / "stdout.txt").read_text())
             assert outcome.code == 0
-        assert told[0] == told[1] != ""
+        assert printed[0] == printed[1] != ""
         loaded = {line.rpartition("|")[2].strip() for line in (tmp_path / "stderr.txt").read_text().splitlines()}
         assert "validation.accuracy.plan" in loaded
         assert not loaded & {"numba", "scipy", "pandas", "pyarrow", "pint"}

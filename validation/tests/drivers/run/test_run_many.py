@@ -1,4 +1,4 @@
-"""Many runs side by side."""
+"""Tests of parallel runs."""
 
 import os
 import signal
@@ -71,7 +71,7 @@ def test_an_interrupt_ends_all_and_leaves_no_folder(scene_file: SceneWriter, tmp
 
 
 def hear_interrupts() -> None:
-    """A shell that runs the tests in the background makes its children deaf to Ctrl-C."""
+    """Restore Ctrl-C, which a shell disables for tests in the background."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
@@ -85,7 +85,7 @@ def test_an_engine_that_is_missing_is_an_error_and_later_runs_are_unharmed(
     assert run_many([(case, "verlet")], tmp_path)[0].done
 
 
-def test_what_runs_is_killed_only_while_all_is_stopped(tmp_path: Path) -> None:
+def test_processes_are_killed_only_within_all_stopped(tmp_path: Path) -> None:
     with ThreadPoolExecutor() as pool:
         slow = pool.submit(run_command, ("sleep", "60"), tmp_path, 100.0)
         time.sleep(0.5)
@@ -99,7 +99,7 @@ def test_what_runs_is_killed_only_while_all_is_stopped(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_the_same_case_in_several_threads_and_processes(scene_file: SceneWriter, tmp_path: Path) -> None:
-    """Whoever is later finds what is done; nobody's reading is disturbed."""
+    """The later ones find the finished run, and all can read it meanwhile."""
     path = scene_file(duration="0.02 ms")
     script = (
         "import sys; from pathlib import Path; from validation.tests.drivers.run.test_run_many import run_and_read;"
@@ -114,7 +114,7 @@ def test_the_same_case_in_several_threads_and_processes(scene_file: SceneWriter,
 
 
 def run_and_read(path: Path, runs: Path) -> None:
-    """Runs three cases and reads each at once."""
+    """Run three cases and read each trace immediately."""
     for speed in (1, 2, 3):
         ended = run_case(case_of(path, f"striker.speed={speed} m/s"), "verlet", runs)
         assert ended.done, ended.record.reason

@@ -1,4 +1,4 @@
-"""Runs: done once, found by their hash, never half-written; and every way in which an engine can fail."""
+"""Tests of runs: run once, found by their hash, never incomplete; and all failures of engines."""
 
 import json
 import signal
@@ -74,7 +74,7 @@ def test_a_sensor_that_moves_reads_another_contact_of_the_same_run(scene_file: S
 
 
 def test_each_scene_keeps_its_gauges_in_any_order(scene_file: SceneWriter, tmp_path: Path) -> None:
-    """Scenes that differ in their electronics alone, run, found, run again and failing."""
+    """Scenes that differ in their electronics only: run, found, run again, failed."""
     path, runs = scene_file(chain="sensors = [{ from_wall = 2 }]"), tmp_path / "runs"
     cases = [
         case_of(path, *setting) for setting in ((), *((f"sensor.time_constant={tau}",) for tau in ("1 ms", "50 us")))
@@ -157,22 +157,24 @@ def test_a_weak_impact_under_gravity_is_no_instability(scene_file: SceneWriter, 
 
 
 def byte(place: int) -> str:
-    """A command that overwrites a byte of a file."""
+    """Command that overwrites a byte of a file."""
     return f"printf '\\007' | dd bs=1 seek={place} conv=notrunc status=none of="
 
 
 # a frame of six bodies without a wall: 104 bytes of header, then id, z, vz, fz of each
 DAMAGES = {
     "sample interval": (byte(0), "other time steps"),
-    "bodies": (byte(8), "torn in sample 1"),
-    "count": (byte(104 + 6 * 32 + 100), "torn in sample 2"),
+    "bodies": (byte(8), "damaged in sample 1"),
+    "count": (byte(104 + 6 * 32 + 100), "damaged in sample 2"),
     "order": (byte(104 + 6), "another order"),
     "end": ("truncate -s -6 ", "ends in sample 301 of 301"),
 }
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_torn_dumps_of_the_real_engine(damage: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_damaged_dumps_of_the_real_engine(
+    damage: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+) -> None:
     need("liggghts")
     command, words = DAMAGES[damage]
     real = subprocess.run(["which", "liggghts"], capture_output=True, text=True, check=True).stdout.strip()
@@ -182,7 +184,7 @@ def test_torn_dumps_of_the_real_engine(damage: str, stand_in: StandIn, scene_fil
     assert words in reason
 
 
-def test_a_torn_folder_is_run_again(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_a_damaged_folder_is_run_again(scene_file: SceneWriter, tmp_path: Path) -> None:
     case = case_of(scene_file())
     first = run_case(case, "verlet", tmp_path / "runs")
     (first.folder / "forces.parquet").unlink()
@@ -225,7 +227,7 @@ def test_a_hanging_engine_is_killed_and_its_children_with_it(
 
 
 def ends(process: int, within_s: float) -> bool:
-    """Whether a process that was sent SIGKILL is gone: the system may take a while to carry it out."""
+    """True if a killed process has ended; waits for it."""
     deadline = time.monotonic() + within_s
     while running(process):
         if time.monotonic() > deadline:
@@ -253,6 +255,22 @@ def test_one_failure_leaves_the_others_alone(stand_in: StandIn, scene_file: Scen
     assert done.stderr.strip() == "scene: liggghts failed: exit code 1: ERROR: out of order"
 
 
+MPIRUN = """mpirun has detected an attempt to run as root.
+
+Running as root is *strongly* discouraged.
+We reiterate our advice against doing so - please proceed at your own risk."""
+
+
+def test_a_failed_start_is_reported_from_its_first_line(
+    stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    stand_in("liggghts", f"echo '{MPIRUN}' >&2; exit 1")
+    done = command_line("drivers", "run", scene_file(), "--runs", tmp_path / "runs", "--engine", "liggghts")
+    start = "scene: liggghts failed: exit code 1: mpirun has detected an attempt to run as root. Running as root"
+    assert done.stderr.startswith(start)
+    assert done.stderr.endswith(f"(see {done.stdout.strip()}/stderr.txt)\n")
+
+
 def test_an_engine_that_cannot_start(scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "bin"
     folder.mkdir()
@@ -264,21 +282,21 @@ def test_an_engine_that_cannot_start(scene_file: SceneWriter, tmp_path: Path, mo
     assert "cannot start" in reason
 
 
-@pytest.mark.parametrize("torn", [b"", b"PK\x03\x04 torn", b"\x93NUMPY"])
-def test_torn_arrays(torn: bytes, tmp_path: Path) -> None:
-    (tmp_path / "chain.npz").write_bytes(torn)
-    with pytest.raises(RunError, match="torn"):
+@pytest.mark.parametrize("damaged", [b"", b"PK\x03\x04 torn", b"\x93NUMPY"])
+def test_damaged_arrays(damaged: bytes, tmp_path: Path) -> None:
+    (tmp_path / "chain.npz").write_bytes(damaged)
+    with pytest.raises(RunError, match="damaged"):
         load_engine("yade").read(case_of("fig4"), tmp_path)
 
 
 def test_complex_or_misshapen_arrays_are_no_output(tmp_path: Path) -> None:
     case = case_of("fig4")
     np.savez(tmp_path / "chain.npz", force=np.zeros((801, 22)) * 1j, height=np.zeros(1), velocity=np.zeros(1))
-    with pytest.raises(RunError, match="torn"):
+    with pytest.raises(RunError, match="damaged"):
         load_engine("yade").read(case, tmp_path)
     np.save(tmp_path / "chain.npy", np.zeros(3))
     (tmp_path / "chain.npy").rename(tmp_path / "chain.npz")
-    with pytest.raises(RunError, match="torn"):
+    with pytest.raises(RunError, match="damaged"):
         load_engine("yade").read(case, tmp_path)
 
 
@@ -286,9 +304,9 @@ def test_a_failed_run_is_tried_again(stand_in: StandIn, scene_file: SceneWriter,
     need("liggghts")
     case, runs = case_of(scene_file()), tmp_path / "runs"
     real = subprocess.run(["which", "liggghts"], capture_output=True, text=True, check=True).stdout.strip()
-    stand_in("liggghts", f'[ -e chain.in ] && [ ! -e {tmp_path}/mended ] && exit 1\nexec {real} "$@"')
+    stand_in("liggghts", f'[ -e chain.in ] && [ ! -e {tmp_path}/repaired ] && exit 1\nexec {real} "$@"')
     assert run_case(case, "liggghts", runs).record.status == "failed"
-    (tmp_path / "mended").touch()
+    (tmp_path / "repaired").touch()
     assert run_case(case, "liggghts", runs).done
     assert len([folder for folder in (runs / "liggghts").iterdir() if folder.is_dir()]) == 1
 
@@ -306,8 +324,8 @@ def test_a_missing_engine(scene_file: SceneWriter, tmp_path: Path, monkeypatch: 
     unasked = command_line("drivers", "run", scene_file(), "--runs", tmp_path / "runs", PATH=str(bare))
     assert unasked.returncode == 0
     monkeypatch.setenv("PATH", str(bare))
-    absent = missing_codes()  # all but one beside the interpreter
-    assert f"not run, since not installed ({len(absent)}): {', '.join(absent)}" in unasked.stderr
+    absent = missing_codes()  # all but one that is next to the interpreter
+    assert f"not run, not installed ({len(absent)}): {', '.join(absent)}" in unasked.stderr
     assert len(unasked.stdout.split()) == 2
 
 
@@ -335,7 +353,7 @@ def test_a_killed_driver_leaves_nothing_that_looks_done(
     assert not leftovers
 
 
-def test_two_at_once_do_not_harm_each_other(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_two_simultaneous_runs_do_not_harm_each_other(scene_file: SceneWriter, tmp_path: Path) -> None:
     words = [sys.executable, "-m", "drivers", "run", scene_file(), "--engine", "verlet", "--runs", tmp_path / "runs"]
     both = [subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE, text=True) for _ in range(2)]
     folders = {process.communicate(timeout=100)[0].strip() for process in both}

@@ -1,4 +1,4 @@
-"""Runs by processes that serve many are those of processes by themselves, and end in the engine's own words."""
+"""Tests of server processes: runs are the same as in their own process, also failures."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 
 @pytest.mark.parametrize("engine", [*codes(), VERLET])
-def test_a_served_run_is_as_one_by_itself(engine: str, scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_a_served_run_equals_one_in_its_own_process(engine: str, scene_file: SceneWriter, tmp_path: Path) -> None:
     need(engine)
     cases = [case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2, 3)]
     served = run_many([(case, engine) for case in cases], tmp_path / "served")
@@ -31,7 +31,7 @@ def test_a_served_run_is_as_one_by_itself(engine: str, scene_file: SceneWriter, 
         assert one.record.memory_bytes == pytest.approx(alone.record.memory_bytes, rel=0.5)
 
 
-def test_a_run_that_fails_when_served_ends_as_by_itself(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_a_served_run_that_fails_is_repeated_in_its_own_process(scene_file: SceneWriter, tmp_path: Path) -> None:
     case = case_of(scene_file(), "run.time_step=50 us", "run.sample_interval=50 us")
     (served,) = run_many([(case, VERLET)], tmp_path / "served")
     alone = run_case(case, VERLET, tmp_path / "alone")

@@ -1,4 +1,4 @@
-"""Scenes become SI values, chains become arrays in equilibrium."""
+"""Values of scenes in SI units, and arrays of chains in equilibrium."""
 
 from decimal import Decimal
 from math import inf, pi, sqrt
@@ -33,12 +33,12 @@ BRASS = Material.model_construct(youngs_modulus=115e9, poisson_ratio=0.307)
         ("-.5e0 m/s", "m/s", -0.5),
     ],
 )
-def test_quantities_are_the_nearest_double(text: str, unit: str, value: float) -> None:
+def test_quantities_are_the_closest_double(text: str, unit: str, value: float) -> None:
     assert to_si(text, unit) == value
 
 
 @given(st.decimals("1e-9", "1e9", allow_nan=False).filter(lambda number: number > 0))
-def test_a_length_in_mm_is_that_decimal_over_a_thousand(number: Decimal) -> None:
+def test_a_length_in_mm_is_its_decimal_over_a_thousand(number: Decimal) -> None:
     assert to_si(f"{number} mm", "m") == float(number.scaleb(-3))
 
 
@@ -53,12 +53,12 @@ def test_a_flat_rigid_wall_is_twice_root_two_as_stiff_as_a_bead() -> None:
     assert hertz_stiffness(PTFE, 1e-3, None, inf) == pytest.approx(2 * sqrt(2) * between_beads, rel=1e-15)
 
 
-def test_unlike_materials() -> None:
+def test_compliances_of_different_materials_add_up() -> None:
     compliance = (1 - 0.46**2) / 1.46e9 + (1 - 0.307**2) / 115e9
     assert hertz_stiffness(PTFE, 2e-3, BRASS, inf) == pytest.approx(4 / 3 / compliance * sqrt(2e-3), rel=1e-15)
 
 
-def test_equilibrium_carries_what_lies_above() -> None:
+def test_contacts_in_equilibrium_carry_the_weight_above() -> None:
     chain = case_of("fig4", "chain.precompression=2 N").chain
     weights = 9.81 * chain.mass_kg[:21]
     carried = 2 + np.cumsum(weights[::-1])[::-1]
@@ -68,12 +68,12 @@ def test_equilibrium_carries_what_lies_above() -> None:
     assert chain.acceleration_m_s2[21] == pytest.approx(-9.81)
 
 
-def test_heights_touch_where_nothing_presses() -> None:
+def test_beads_without_loads_just_touch() -> None:
     chain = case_of("fig4", "gravity=", "chain.origin=1 m").chain
     np.testing.assert_allclose(chain.height_m, 1 + 0.00476 * (np.arange(22) + 0.5), rtol=1e-15)
 
 
-def test_a_gap_leaves_what_is_above_without_support(scene_file: SceneWriter) -> None:
+def test_beads_above_a_gap_fall_freely(scene_file: SceneWriter) -> None:
     path = scene_file(top='gravity = "9.81 m/s^2"', chain='bead = [{ from_wall = 3, gap_below = "20 um" }]')
     chain = case_of(path).chain
     np.testing.assert_allclose(chain.force_N[:2], 9.81 * 1.226e-4 * np.array([2, 1]), rtol=1e-14)
@@ -99,7 +99,7 @@ def test_scattered_masses_follow_the_seed() -> None:
     assert np.std(one.mass_kg[:400]) == pytest.approx(0.8e-6, rel=0.1)
 
 
-def test_settings_lie_over_the_file() -> None:
+def test_settings_change_the_scene_of_the_file() -> None:
     scene = read_scene("fig4", ("chain.count=60", "chain.sensors.1.from_wall=33", "striker=", "title=plain words"))
     assert scene.chain.count == 60
     assert [sensor.from_wall for sensor in scene.chain.sensors] == [9, 33]
@@ -121,7 +121,7 @@ def test_samples_and_steps() -> None:
 
 def test_a_collinear_chain_needs_no_tube() -> None:
     case = case_of("fig4")
-    modelled = {element.name: element.modelled for element in choose_elements(case.scene, case.chain)}
-    assert {name for name, there in modelled.items() if there} == {"gravity", "wall", "striker", "sensor masses"}
+    modelled = {element.name for element in choose_elements(case.scene, case.chain) if element.modelled}
+    assert modelled == {"gravity", "wall", "striker", "sensor masses"}
     assert all(element.reason for element in case.elements)
     assert "no bead touches the bore" in next(e.reason for e in case.elements if e.name == "tube")

@@ -1,4 +1,4 @@
-"""Settings that turn one scene into another, and quantities as people write them."""
+"""Settings that change one scene to another, and texts of quantities."""
 
 from typing import Any
 
@@ -36,21 +36,21 @@ def dump(*settings: str, scene: str = "fig4") -> dict[str, Any]:
         ("chain.lateral_offset=30 um",),
     ],
 )
-def test_settings_are_told_as_they_were_given(settings: tuple[str, ...]) -> None:
-    told = [f"{key}={value}" for key, value in settings_between(dump(*settings), dump()).items()]
-    assert sorted(told) == sorted(settings)
+def test_settings_between_scenes_are_those_that_were_given(settings: tuple[str, ...]) -> None:
+    found = [f"{key}={value}" for key, value in settings_between(dump(*settings), dump()).items()]
+    assert sorted(found) == sorted(settings)
 
 
-def test_a_table_that_the_file_lacks_is_given_whole() -> None:
-    (told,) = settings_between(dump(), dump("tube=")).items()
-    assert told == ("tube", '{inner_diameter="5 mm", material="ptfe", friction=0.05}')
-    assert dump("tube=", f"tube={told[1]}") == dump()
+def test_a_table_missing_in_the_file_is_one_setting() -> None:
+    (setting,) = settings_between(dump(), dump("tube=")).items()
+    assert setting == ("tube", '{inner_diameter="5 mm", material="ptfe", friction=0.05}')
+    assert dump("tube=", f"tube={setting[1]}") == dump()
 
 
-def test_steps_that_do_not_come_out_even() -> None:
-    every, third = dump("run.sample_interval=10 us", "run.time_step=1 us"), dump("run.time_step=0.333333333333 us")
-    assert every["run"]["time_step"] != 1e-6  # the interval over ten
-    assert settings_between(every, dump())["run.time_step"] == "1 us"
+def test_rounded_steps_read_back_as_the_same_scene() -> None:
+    tenth, third = dump("run.sample_interval=10 us", "run.time_step=1 us"), dump("run.time_step=0.333333333333 us")
+    assert tenth["run"]["time_step"] != 1e-6  # stored as the interval divided by ten
+    assert settings_between(tenth, dump())["run.time_step"] == "1 us"
     text = settings_between(third, dump())["run.time_step"]
     assert dump(f"run.time_step={text}") == third
 
@@ -68,5 +68,5 @@ def test_a_quantity_reads_back_as_the_same_double(unit: str, value: float) -> No
         (9.81, "m/s^2", "9.81 m/s^2"), (2200.0, "kg/m^3", "2200 kg/m^3"), (1e-15, "m", "1e-15 m"), (0.0, "N", "0 N"),
     ],
 )  # fmt: skip
-def test_quantities_as_people_write_them(value: float, unit: str, text: str) -> None:
+def test_quantities_have_short_texts(value: float, unit: str, text: str) -> None:
     assert quantity(value, unit) == text

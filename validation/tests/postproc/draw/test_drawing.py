@@ -53,7 +53,7 @@ def test_any_scene_can_be_drawn(settings: tuple[str, ...], tmp_path: Path) -> No
     write_product(Product(figure, table), "scene", tmp_path)
 
 
-def test_a_long_chain_is_broken_but_keeps_its_ends_and_sensors() -> None:
+def test_a_long_chain_is_cut_but_keeps_its_ends_and_sensors() -> None:
     case = case_of("fig4", "chain.count=500")
     _, table = draw_scene(case.scene, case.chain)
     assert set(table["body"]) >= {1, 2, 500, 501, 9, 5}
@@ -62,7 +62,7 @@ def test_a_long_chain_is_broken_but_keeps_its_ends_and_sensors() -> None:
     assert (below > 0).all()
 
 
-def test_what_is_special_is_drawn_even_in_a_long_chain() -> None:
+def test_special_beads_are_drawn_in_a_long_chain() -> None:
     case = case_of("fig4", "chain.count=1000", "chain.bead=[{ from_wall = 400, diameter = '4 mm' }]")
     figure, table = draw_scene(case.scene, case.chain)
     assert 400 in set(table["body"])

@@ -1,4 +1,4 @@
-"""Contact sheets, animations, and contact forces against time and place."""
+"""Contact sheets, animations and spacetime diagrams."""
 
 import json
 import shutil
@@ -23,7 +23,7 @@ from validation.tests.helpers.scenes import SceneWriter, case_of
 
 pytestmark = pytest.mark.long
 
-KEPT = 'run.record=["forces", "state"]'
+WITH_STATE = 'run.record=["forces", "state"]'
 ODD = (
     "chain.precompression=2 N", "chain.mass_scatter=0.0008 g", "seed=5", "chain.origin=0.1 m", "chain.mass=",
     "chain.bead=[{ from_wall = 8, gap_below = '10 um', material = 'steel', diameter = '4 mm', velocity = '1 m/s' }]",
@@ -59,7 +59,7 @@ def test_a_record_gives_back_its_chain(settings: tuple[str, ...]) -> None:
 def test_a_sheet_has_every_body_at_every_time(
     settings: tuple[str, ...], frames: int, shared_runs: Path, tmp_path: Path
 ) -> None:
-    run = finished(case_of(*settings, KEPT), "verlet", shared_runs)
+    run = finished(case_of(*settings, WITH_STATE), "verlet", shared_runs)
     product = sheet(film_of(run, frames), "a chain")
     table, state = product.table.set_index(["time_s", "body"]), pd.read_parquet(run.folder / "state.parquet")
     assert len(table) == frames * run.record.bodies
@@ -79,7 +79,7 @@ def test_a_sheet_has_every_body_at_every_time(
 def test_beads_are_drawn_to_scale_and_in_the_colour_of_their_force(shared_runs: Path) -> None:
     from matplotlib.collections import EllipseCollection
 
-    run = finished(case_of("fig6b", KEPT), "verlet", shared_runs)
+    run = finished(case_of("fig6b", WITH_STATE), "verlet", shared_runs)
     shown = film_of(run, 4)
     axis = sheet(shown, "a chain").figure.axes[0]
     drawn: list[Any] = [each for each in axis.collections if isinstance(each, EllipseCollection)]
@@ -95,12 +95,12 @@ def test_beads_are_drawn_to_scale_and_in_the_colour_of_their_force(shared_runs: 
     assert dark[1] == shown.force_N[1, :-1].argmax()
 
 
-def test_sideways_displacements_are_exaggerated_only_if_said(shared_runs: Path, tmp_path: Path) -> None:
-    run = finished(case_of("fig4", KEPT), "verlet", shared_runs)
+def test_sideways_displacements_are_exaggerated_only_with_a_note(shared_runs: Path, tmp_path: Path) -> None:
+    run = finished(case_of("fig4", WITH_STATE), "verlet", shared_runs)
     folder = tmp_path / run.folder.name
     shutil.copytree(run.folder, folder)
     state = pd.read_parquet(folder / "state.parquet")
-    state.assign(body_3_x_m=1.2e-4).to_parquet(folder / "state.parquet")  # it leans on the tube
+    state.assign(body_3_x_m=1.2e-4).to_parquet(folder / "state.parquet")  # it touches the tube
     plain, large = film_of(open_run(folder), 3), film_of(open_run(folder), 3, 8.0)
     assert (plain.place_m[:, 2, 0] == 1.2e-4).all()
     assert (large.place_m[:, 2, 0] == 8 * 1.2e-4).all()
@@ -111,7 +111,7 @@ def test_sideways_displacements_are_exaggerated_only_if_said(shared_runs: Path, 
     assert "8 times" in texts[1]
 
 
-def test_without_positions_bodies_stand_where_they_stood(scene_file: SceneWriter, shared_runs: Path) -> None:
+def test_without_positions_bodies_stay_where_they_were(scene_file: SceneWriter, shared_runs: Path) -> None:
     case = case_of(scene_file("still", duration="0.15 ms"))
     shown = film_of(finished(case, "verlet", shared_runs), 4)
     assert (shown.place_m[:, :, 1] == case.chain.height_m).all()
@@ -124,7 +124,7 @@ def test_the_animation_is_whole_and_small(
 ) -> None:
     from PIL import Image
 
-    run = finished(case_of(scene_file(), KEPT), "verlet", shared_runs)
+    run = finished(case_of(scene_file(), WITH_STATE), "verlet", shared_runs)
     shown = film_of(run, 20)
     path = write_animation(shown, "a chain", tmp_path / "out" / "film.gif")
     with Image.open(path) as animation:
@@ -155,10 +155,10 @@ def test_cells_keep_the_largest_force() -> None:
     assert (fine.force_N == force.T).all()
 
 
-def test_open_contacts_are_grey_and_cells_lie_where_they_belong() -> None:
+def test_open_contacts_are_grey_and_cells_are_at_their_times_and_contacts() -> None:
     from matplotlib.colors import to_rgb
 
-    from postproc.draw.style import OPEN
+    from postproc.draw.style import OPEN_CONTACT
 
     force = np.zeros((50, 4))
     force[20:30, 2] = 5.0
@@ -170,11 +170,11 @@ def test_open_contacts_are_grey_and_cells_lie_where_they_belong() -> None:
     colours = image.to_rgba(image.get_array())[..., :3]
     assert np.allclose(colours[2, 20:30], colours[2, 20])
     assert colours[2, 20].sum() < 0.5
-    assert np.allclose(colours[1], to_rgb(OPEN))
+    assert np.allclose(colours[1], to_rgb(OPEN_CONTACT))
 
 
 def test_on_the_command_line(scene_file: SceneWriter, shared_runs: Path, tmp_path: Path) -> None:
-    folder = finished(case_of(scene_file(), KEPT), "verlet", shared_runs).folder
+    folder = finished(case_of(scene_file(), WITH_STATE), "verlet", shared_runs).folder
     name = f"verlet-{folder.name}"
     for command, kinds in (("film", {"csv", "png", "svg", "gif"}), ("spacetime", {"csv", "png", "svg"})):
         done = command_line("postproc", command, folder, "--out", tmp_path / command)

@@ -1,4 +1,4 @@
-"""Figures of studies: labels in words, legends whatever the engines, no panel without values."""
+"""Figures of studies: labels, legends for any set of engines, no panel without values."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,11 +25,11 @@ KEYS = {
     "ptfe_modulus": "materials.ptfe.youngs_modulus",
     "seed": "seed",
 }
-PEAK, SPEED, UNSEEN = "wall_peak_N", "speed_9_to_5_m_s", "bead_5_reflected_arrival_s"
+PEAK, SPEED, MISSING = "wall_peak_N", "speed_9_to_5_m_s", "bead_5_reflected_arrival_s"
 
 
 def _table(engines: tuple[str, ...], **axes: list[float]) -> pd.DataFrame:
-    """A finished study over a grid of axes, a power law for each observable."""
+    """Table of a finished study over a grid of axes, with a power law for each observable."""
     grid = pd.MultiIndex.from_product([*axes.values()], names=list(axes)).to_frame(index=False)
     tables = []
     for place, engine in enumerate(engines):
@@ -40,7 +40,7 @@ def _table(engines: tuple[str, ...], **axes: list[float]) -> pd.DataFrame:
             "force_error_share": 0.0,
             PEAK: size,
             SPEED: 100 * size,
-            UNSEEN: np.nan,
+            MISSING: np.nan,
         }
         tables.append(grid.assign(engine=engine, **numbers).rename_axis("case").reset_index())
     table: pd.DataFrame = pd.concat(tables).sort_values("case", kind="stable")
@@ -74,7 +74,7 @@ MODULI = {"ptfe_modulus_Pa": [6e8, 1.46e9]}
 @pytest.mark.parametrize(
     "engines", [("reference", "liggghts", "yade"), ("liggghts", "yade"), ("yade",), ("reference",)]
 )
-def test_a_study_has_a_legend_whatever_its_engines(engines: tuple[str, ...]) -> None:
+def test_a_study_has_a_legend_for_any_set_of_engines(engines: tuple[str, ...]) -> None:
     product = _draw(_table(engines, **SPEEDS, **MODULI), PEAK, SPEED)
     moduli = ["Young's modulus of ptfe 0.6 GPa", "Young's modulus of ptfe 1.46 GPa"]
     assert _legend(product) == [*moduli, *(engine for engine in engines if engine != "reference")]
@@ -82,7 +82,7 @@ def test_a_study_has_a_legend_whatever_its_engines(engines: tuple[str, ...]) -> 
     assert not_in_table(product.figure, product.table) == []
 
 
-def test_axes_are_in_words_with_units() -> None:
+def test_axes_have_labels_with_units() -> None:
     product = _draw(_table(("reference", "yade"), **SPEEDS, **MODULI), PEAK, SPEED)
     assert [axis.get_xlabel() for axis in product.figure.axes] == ["striker speed (m/s)"] * 2
     found = [axis.get_ylabel().replace("\n", " ") for axis in product.figure.axes]
@@ -92,14 +92,14 @@ def test_axes_are_in_words_with_units() -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_there_is_a_panel_for_each_observable_with_values_and_no_other(count: int) -> None:
-    product = _draw(_table(("reference",), **SPEEDS), *(PEAK, SPEED, UNSEEN)[:count])
+    product = _draw(_table(("reference",), **SPEEDS), *(PEAK, SPEED, MISSING)[:count])
     assert len(product.figure.axes) == min(count, 2)
     assert all(axis.get_visible() and axis.lines for axis in product.figure.axes)
-    with pytest.raises(InputError, match="no value"):
-        _draw(_table(("reference",), **SPEEDS), UNSEEN)
+    with pytest.raises(InputError, match="a finished case"):
+        _draw(_table(("reference",), **SPEEDS), MISSING)
 
 
-def test_draws_beside_an_axis_are_points_about_their_mean() -> None:
+def test_draws_with_an_axis_are_points_around_their_mean() -> None:
     product = _draw(_table(("liggghts", "yade"), **SPEEDS, seed=[1, 2, 3, 4]), PEAK)
     (axis,) = product.figure.axes
     line = next(line for line in axis.lines if line.get_label() == "mean of draws, liggghts")
@@ -120,7 +120,7 @@ def test_draws_alone_are_counted() -> None:
     assert _legend(product) == ["reference", "yade"]
 
 
-def test_a_tornado_names_its_inputs_in_words() -> None:
+def test_a_tornado_chart_labels_its_inputs() -> None:
     table = _table(("reference",), **{"striker.speed_m_s": [1.0, 1.01], "ptfe_modulus_Pa": [1e9, 1.01e9]}).iloc[:3]
     product = _draw(table, PEAK, draw=draw_tornado)
     (axis,) = product.figure.axes
@@ -129,7 +129,7 @@ def test_a_tornado_names_its_inputs_in_words() -> None:
     assert _legend(product) == ["input +1 %"]
 
 
-def test_every_observable_and_every_key_of_a_shipped_study_has_words() -> None:
+def test_every_observable_and_every_key_of_a_shipped_study_has_a_label() -> None:
     samples = {"gauge": "bead_9", "level": "0.2pct", "number": "2", "pair": "9_to_5"}
     assert set(samples) == set(PLACEHOLDERS)
     for observable in OBSERVABLES:
@@ -164,12 +164,12 @@ def test_a_value_is_short_and_has_its_unit() -> None:
     assert key_label("chain.material", "chain.material") == Label("bead material", "")
 
 
-def test_a_figure_of_what_is_not_there_is_an_input_error(tmp_path: Path) -> None:
+def test_a_figure_of_an_unknown_observable_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="wall_pea"):
         _draw(_table(("reference",), **SPEEDS), "wall_pea")
 
 
-def test_words_are_swept_as_well() -> None:
+def test_text_values_can_be_varied() -> None:
     table = _table(("reference", "yade"), **SPEEDS).rename(columns={"striker.speed_m_s": "wall.material"})
     table["wall.material"] = table["wall.material"].map({0.05: "ptfe", 0.5: "brass", 5.0: "rigid"})
     product = _draw(table, PEAK)

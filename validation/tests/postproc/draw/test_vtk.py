@@ -1,4 +1,4 @@
-"""The ParaView series, opened by VTK's own reader, and the tube's mesh."""
+"""The ParaView series, read by VTK's own reader, and the mesh of the tube."""
 
 import shutil
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ from validation.tests.helpers.scenes import STRIKER, WALL, SceneWriter, case_of
 
 pytestmark = pytest.mark.long
 
-KEPT = 'run.record=["forces", "state"]'
+WITH_STATE = 'run.record=["forces", "state"]'
 TUBE = '[tube]\ninner_diameter = "5 mm"\nmaterial = "ptfe"\n'
-FLAT = '[striker]\nshape = "flat"\nmaterial = "alumina"\nmass = "0.47 g"\nspeed = "0.44 m/s"\n'
+FLAT_STRIKER = '[striker]\nshape = "flat"\nmaterial = "alumina"\nmass = "0.47 g"\nspeed = "0.44 m/s"\n'
 
 
 @dataclass(frozen=True)
 class Grid:
-    """What VTK's reader finds in a file."""
+    """Content of a file by VTK's reader."""
 
     point_m: Array
     fields: dict[str, Array]
@@ -59,11 +59,11 @@ def read_index(path: Path) -> list[tuple[float, Path]]:
 
 
 def a_run(scene: Path, runs: Path, engine: str = "verlet") -> EndedRun:
-    return finished(case_of(scene, KEPT), engine, runs)
+    return finished(case_of(scene, WITH_STATE), engine, runs)
 
 
 @pytest.mark.parametrize("engine", ["verlet", "yade", "liggghts"])
-def test_another_reader_finds_what_the_run_holds_to_the_last_bit(
+def test_another_reader_finds_the_values_of_the_run_to_the_last_bit(
     engine: str, scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
 ) -> None:
     run = a_run(scene_file(wall=WALL + TUBE), shared_runs, engine)
@@ -90,7 +90,7 @@ def test_another_reader_finds_what_the_run_holds_to_the_last_bit(
     assert max(read_grid(path).fields["force_N"].max() for _, path in index) > 1
 
 
-def test_sideways_places_and_the_bore_s_force_are_taken_where_they_are(
+def test_sideways_positions_and_bore_forces_are_written(
     scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
 ) -> None:
     run = a_run(scene_file(wall=WALL + TUBE), shared_runs)
@@ -116,7 +116,7 @@ def test_sideways_places_and_the_bore_s_force_are_taken_where_they_are(
 def test_a_flat_striker_is_a_sphere_that_touches_where_its_face_is(
     scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
 ) -> None:
-    run = a_run(scene_file(striker=FLAT), shared_runs)
+    run = a_run(scene_file(striker=FLAT_STRIKER), shared_runs)
     written = write_series(run, tmp_path / "series", 3)
     assert [path.name for path in written] == ["chain.pvd"]  # no tube
     state = pd.read_parquet(run.folder / "state.parquet")
@@ -139,7 +139,7 @@ def test_the_tube_reaches_from_the_wall_over_the_beads(
     assert (np.hypot(tube.point_m[:, 0], tube.point_m[:, 1]) >= 0.0025).all()
 
 
-def test_a_series_replaces_a_longer_one_and_spares_other_files(
+def test_a_series_replaces_a_longer_one_and_keeps_other_files(
     scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
 ) -> None:
     run, folder = a_run(scene_file(), shared_runs), tmp_path / "series"
@@ -151,7 +151,7 @@ def test_a_series_replaces_a_longer_one_and_spares_other_files(
 
 
 @pytest.mark.parametrize("blow", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_what_is_interrupted_leaves_nothing(
+def test_an_interrupted_series_leaves_no_files(
     blow: BaseException, scene_file: SceneWriter, shared_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run, home = a_run(scene_file(), shared_runs), tmp_path / "out"
@@ -190,7 +190,7 @@ def test_bad_input_is_refused_in_one_line(scene_file: SceneWriter, shared_runs: 
     (damaged / "state.parquet").write_bytes((kept / "state.parquet").read_bytes()[:999])
     pd.read_parquet(kept / "state.parquet").drop(columns="body_3_height_m").to_parquet(alien / "state.parquet")
     (tmp_path / "file").write_text("")
-    for words, complaint in [
+    for words, message in [
         ((without,), 'python -m drivers run bare.toml --engine verlet --set run.record=\'["forces", "state"]\''),
         ((damaged,), "a damaged file"),
         ((alien,), "body_3_height_m"),
@@ -201,7 +201,7 @@ def test_bad_input_is_refused_in_one_line(scene_file: SceneWriter, shared_runs: 
     ]:
         refused = command_line("postproc", "vtk", *words)
         assert refused.returncode == 2, refused.stderr
-        assert complaint in refused.stderr
+        assert message in refused.stderr
         assert len(refused.stderr.strip().splitlines()) == 1
 
 
@@ -225,7 +225,7 @@ def test_the_bore_as_triangles(sides: int, rings: int) -> None:
                                  axis=0, return_counts=True)  # fmt: skip
     assert set(counts) == {1, 2}
     open_ends = points[sides_of[counts == 1], 2]
-    assert len(open_ends) == 2 * sides  # no hole but the two ends
+    assert len(open_ends) == 2 * sides  # the two ends are the only holes
     assert set(open_ends.ravel()) == {-0.01, 0.04}
 
 

@@ -1,4 +1,4 @@
-"""Figs. 4 to 6: panels with dissipation beside elastic ones, the paper's numbers over them, codes in strips."""
+"""Figs. 4 to 6: panels with and without dissipation, the paper's numbers in them, codes in strips."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +24,7 @@ FIGURES = ("fig4", "fig5", "fig6")
 
 @pytest.fixture(scope="module")
 def made(shared_runs: Path) -> dict[str, Product]:
-    """Every product, made once."""
+    """All products, made once."""
     for code in CODES:
         need(code)
     products = {name: make_figure(name, shared_runs) for name in FIGURES}
@@ -88,7 +88,7 @@ def test_the_speed_marked_in_fig_4_is_the_stated_one(made: dict[str, Product]) -
 
 
 @pytest.mark.long
-def test_fig_5_says_by_how_much_the_incident_pulse_differs(made: dict[str, Product]) -> None:
+def test_fig_5_has_the_differences_of_the_incident_pulse(made: dict[str, Product]) -> None:
     expected = {
         "top bead": (30.78, -0.01247, 403.6), "second bead": (53.0, -0.01738, 438.0),
         "top bead, damped": (40.36, -0.01033, 672.5), "second bead, damped": (72.43, -0.01329, 637.2),
@@ -122,7 +122,7 @@ def test_dissipation_delays_the_splitting_of_fig_6(made: dict[str, Product]) -> 
 
 
 def _absent(name: str, numbers: list[str]) -> list[str]:
-    """Numbers that a caption does not have."""
+    """Numbers that are missing in a caption."""
     return [number for number in numbers if number not in captions()[name].text]
 
 
@@ -162,7 +162,7 @@ def test_the_caption_of_fig_6_has_its_numbers(made: dict[str, Product]) -> None:
 @pytest.mark.parametrize(
     ("name", "found"), [("fig5", "fewer than 3 maxima at the wall"), ("fig6", "1 maxima at the wall")]
 )
-def test_dissipation_that_leaves_no_train_is_told(
+def test_dissipation_that_leaves_no_train_is_an_error(
     name: str, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))

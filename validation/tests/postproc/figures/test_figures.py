@@ -24,7 +24,7 @@ from validation.tests.helpers.runs import need
 
 CODES = codes()
 ENGINES = (*CODES, "reference")
-CHAINS = ("fig3", "fig4", "fig5", "fig6", "table1")  # that are drawn against time and place as well
+CHAINS = ("fig3", "fig4", "fig5", "fig6", "table1")  # figures with a spacetime diagram
 
 
 READERS = {"QUOTED": quoted, "CALIBRATED": calibrated}
@@ -32,7 +32,7 @@ READERS = {"QUOTED": quoted, "CALIBRATED": calibrated}
 
 @pytest.fixture(scope="module")
 def made(shared_runs: Path) -> dict[str, Product]:
-    """Every product, made once."""
+    """All products, made once."""
     for code in CODES:
         need(code)
     return {name: make_figure(name, shared_runs) for name in captions()}
@@ -63,8 +63,17 @@ def test_all_are_made_and_written_whole(made: dict[str, Product], tmp_path: Path
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", captions())
-def test_whatever_is_drawn_stands_in_the_numbers_of_its_panel(made: dict[str, Product], name: str) -> None:
+def test_all_drawn_numbers_are_in_the_table(made: dict[str, Product], name: str) -> None:
     assert not_in_table(made[name].figure, made[name].table) == []
+
+
+@pytest.mark.long
+def test_columns_of_the_tables_are_in_the_readme(made: dict[str, Product]) -> None:
+    readme = (paths.ROOT / "postproc" / "README.md").read_text()
+    for name, product in made.items():
+        (row,) = re.findall(rf"^\| `{name}\.csv` \| (.*) \|$", readme, re.MULTILINE)
+        columns = {re.sub(rf"^({'|'.join(ENGINES)})_", "{engine}_", column) for column in product.table.columns}
+        assert set(re.findall(r"`([^`]+)`", row)) == columns, name
 
 
 @pytest.mark.long
@@ -74,7 +83,7 @@ def test_a_figure_is_as_wide_as_print_and_nothing_is_cut(made: dict[str, Product
 
 
 @pytest.mark.long
-def test_captions_tell_each_panel_and_no_other(made: dict[str, Product]) -> None:
+def test_captions_describe_each_panel_and_no_other(made: dict[str, Product]) -> None:
     for name, product in made.items():
         letters = {letter for letter, _ in lettered_axes(product.figure) if letter}
         assert set(re.findall(r"(?:^|[ .;])\(([a-d])\)", captions()[name].text)) == letters, name
@@ -121,7 +130,7 @@ def test_beta_does_not_depend_on_the_modulus_and_runs_lie_on_the_curve(made: dic
     assert set(points["engine"]) == set(ENGINES)
     solitary = points[points["solitary"].astype(bool)]
     assert len(solitary) >= 3 * 3 * len(ENGINES)
-    assert len(solitary) < len(points)  # a weak strike's pulse is none
+    assert len(solitary) < len(points)  # the pulse of a weak strike is no solitary wave
     one = waves[waves["modulus_MPa"] == 600]
     on_curve = np.interp(np.log(solitary["force_over_static"]), np.log(one["force_over_static"]), one["beta"])
     assert np.abs(solitary["beta"] / on_curve - 1).max() < 2e-3  # linear between points of the curve
@@ -191,7 +200,7 @@ def test_a_figure_without_an_engine_says_so(tmp_path: Path, monkeypatch: pytest.
     done = command_line("postproc", "fig6", "--runs", tmp_path / "runs", "--out", tmp_path / "out", PATH=str(empty))
     assert done.returncode == 0, done.stderr
     monkeypatch.setenv("PATH", str(empty))
-    assert f"without what is not installed: {', '.join(missing_codes())}" in done.stderr
+    assert f"left out, since not installed: {', '.join(missing_codes())}" in done.stderr
     assert set(pd.read_csv(tmp_path / "out" / "fig6.csv")["engine"]) == {"reference", *installed_codes()}
 
 
@@ -199,20 +208,20 @@ def test_a_figure_without_an_engine_says_so(tmp_path: Path, monkeypatch: pytest.
 def test_a_figure_of_the_reference_alone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     product = make_figure(name, tmp_path / "runs")
-    assert len(write_product(product, name, tmp_path / "out")) == 6  # with the chain's space-time plot
+    assert len(write_product(product, name, tmp_path / "out")) == 6  # with the spacetime diagram
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "complaint"),
+    ("old", "new", "message"),
     [
         ("[fig5]", "[fig55]", "fig5"),
         ("force_N = [5, 2, 0.6, 0.1, 0.06]", "", "table1.force_N"),
         ("force_N = [5, 2, 0.6, 0.1, 0.06]", "force_N = [5, 2]", "5 numbers"),
-        ("force_N = [5, 2,", "force_N = [5, 5,", "a force twice"),
+        ("force_N = [5, 2,", "force_N = [5, 5,", "the same force twice"),
         ("force_N = [5, 2,", 'force_N = ["x", 2,', "table1.force_N"),
         ("force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
         ("force_N = [5, 2,", "force_N = [-5, 2,", "above 0"),
-        ("speed_m_s = 152 ", "sped_m_s = 152 ", "fig4.speed_m_s"),
+        ("speed_m_s = 152 ", "sped_m_s = 152 ", "missing key speed_m_s"),
         ("[table1]", "[[", "TOML"),
         ("value = 7.845e8", "value = -1.0", "above 0"),
         ('law = "viscoelastic"', "", "law"),
@@ -220,7 +229,7 @@ def test_a_figure_of_the_reference_alone(name: str, tmp_path: Path, monkeypatch:
     ],
 )
 def test_broken_numbers_of_the_paper_are_refused_in_one_line(
-    old: str, new: str, complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    old: str, new: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (name, reader) = next(each for each in READERS.items() if old in getattr(paths, each[0]).read_text())
     file: Path = getattr(paths, name)
@@ -233,16 +242,16 @@ def test_broken_numbers_of_the_paper_are_refused_in_one_line(
             reader()
     finally:
         reader.cache_clear()
-    assert complaint in str(caught.value)
+    assert message in str(caught.value)
     assert path.name in str(caught.value)
 
 
-def test_forces_that_no_strike_gives_are_an_error_in_words() -> None:
+def test_a_force_that_no_strike_gives_is_an_error() -> None:
     with pytest.raises(RunError, match=r"no striker speed gives a wave of 0\.001 N"):
         strike_for(1e-3, contact_peak)  # below the static force between the sensors
 
 
-def test_a_scene_without_the_sensors_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_scene_without_sensors_is_an_input_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     scenes = tmp_path / "scenes"
     scenes.mkdir()
     for scene in ("fig4", "table1"):
@@ -255,7 +264,7 @@ def test_a_scene_without_the_sensors_is_told(monkeypatch: pytest.MonkeyPatch, tm
             make_figure(name, tmp_path / "runs")
 
 
-def test_a_figure_whose_run_fails_leaves_nothing(tmp_path: Path) -> None:
+def test_a_figure_with_a_failed_run_leaves_no_files(tmp_path: Path) -> None:
     tools = tmp_path / "tools"
     tools.mkdir()
     for code in CODES:

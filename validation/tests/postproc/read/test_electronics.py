@@ -1,4 +1,4 @@
-"""Electronics behind the gauges: exact on signals with known answers, and the run stays the same."""
+"""Electronics of the gauges: exact for signals with known answers, without effect on the run."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,7 @@ from postproc.read.observables import observe
 from postproc.read.sensors import high_passed, sensor_signals
 from postproc.read.signals import Peak, envelope, peaks, train_envelope
 from validation.accuracy.budget import error_budget
-from validation.accuracy.schemes import truth_of, verlet_of
+from validation.accuracy.schemes import exact_motion_of, verlet_of
 from validation.tests.helpers.runs import assessed
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
 
@@ -32,9 +32,9 @@ def times(samples: int, interval_s: float = US) -> np.ndarray:
 
 
 def pulse_and_answer(time_s: np.ndarray, tau_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """The long-wave solitary wave cos^4 and what the gauge shows of it, in closed form.
+    """Long-wave solitary wave cos^4 and the filtered signal in closed form.
 
-    The pulse is a sum of exp(i w t); each is answered by ``i w tau / (1 + i w tau) (exp(i w t) - exp(-t / tau))``.
+    The pulse is a sum of exp(i w t); the answer to each is ``i w tau / (1 + i w tau) (exp(i w t) - exp(-t / tau))``.
     """
     since = np.clip(time_s - CENTRE_S + WIDTH_S / 2, 0, WIDTH_S)
     signal, answer = np.zeros_like(time_s), np.zeros_like(time_s)
@@ -48,7 +48,7 @@ def pulse_and_answer(time_s: np.ndarray, tau_s: float) -> tuple[np.ndarray, np.n
 
 
 def largest_error(interval_s: float, tau_s: float) -> float:
-    """Of the largest value shown."""
+    """Largest error over the largest filtered value."""
     time = times(round(1.2e-3 / interval_s) + 1, interval_s)
     signal, answer = pulse_and_answer(time, tau_s)
     return float(np.abs(high_passed(time, 5 + signal, tau_s) - answer).max() / np.abs(answer).max())
@@ -56,14 +56,14 @@ def largest_error(interval_s: float, tau_s: float) -> float:
 
 @pytest.mark.parametrize(("tau_us", "measured"), [(10, 7.9e-8), (200, 1.8e-9), (1000, 3.5e-10), (100_000, 3.5e-12)])
 def test_a_pulse_with_a_known_answer(tau_us: float, measured: float) -> None:
-    """Straight lines between samples leave ten thousand times as much: 5.8e-6 at 1 ms."""
+    """Linear interpolation would have errors ten thousand times as large: 5.8e-6 at 1 ms."""
     assert largest_error(US, tau_us * US) < 1.5 * measured
-    # the pulse's fourth derivative jumps at its ends: order 5, up to where in an interval the ends lie
+    # the fourth derivative of the pulse jumps at its ends: order 5, depending on the position of the ends
     assert largest_error(US / 2, tau_us * US) < largest_error(US, tau_us * US) / 2**4
 
 
 def test_fig5_against_finer_samples() -> None:
-    """Contacts open and close at powers of 3/2, which costs orders: measured 1.5e-7; straight lines leave 3e-6."""
+    """Contacts open and close with the power 3/2, which lowers the order: measured 1.5e-7; linear: 3e-6."""
     fine = case_of("fig5", ONE_MS, "run.sample_interval=0.2 us", "chain.sensors=[{ from_wall = 11 }]")
     trace = exact(fine).trace
     coarse = Trace(
@@ -77,7 +77,7 @@ def test_fig5_against_finer_samples() -> None:
 
 
 def test_fig5_looks_attenuated() -> None:
-    """The numbers of the elastic Fig. 5 behind 1 ms; tolerances are half of their last digit."""
+    """Numbers of the elastic Fig. 5 behind 1 ms; tolerances are half of the last digit."""
     case = case_of("fig5", ONE_MS)
     trace = exact(case).trace
     plain, shown = observe(replace(case.layout, time_constant_s=None), trace), observe(case.layout, trace)
@@ -88,7 +88,7 @@ def test_fig5_looks_attenuated() -> None:
 
 
 def test_peaks_of_the_wall_are_maxima_of_what_it_shows() -> None:
-    """A spline through a signal and a constant is the spline plus the constant: equal but for rounding."""
+    """A spline through a signal plus a constant is the spline plus the constant, except for rounding."""
     for constant in (None, 1e-3):
         case = case_of("fig5")
         layout, trace = replace(case.layout, time_constant_s=constant), exact(case).trace
@@ -98,7 +98,7 @@ def test_peaks_of_the_wall_are_maxima_of_what_it_shows() -> None:
         assert values["wall_envelope_per_s"] == pytest.approx(envelope(maxima[:3]).rate_per_s, rel=1e-10)
 
 
-def test_an_envelope_that_is_not_there() -> None:
+def test_a_missing_envelope_is_nan() -> None:
     two = [Peak(1e-4, 3.0, 100), Peak(2e-4, 1.0, 200)]
     assert train_envelope(two) is None
     assert train_envelope([*two, Peak(3e-4, -0.1, 300)]) is None
@@ -147,7 +147,7 @@ def test_observables_are_what_the_gauge_shows() -> None:
     assert {name: plain[name] for name in balances} == {name: shown[name] for name in balances}
 
 
-def test_far_too_fast_a_gauge_sees_nothing() -> None:
+def test_a_gauge_that_is_far_too_fast_shows_no_pulse() -> None:
     case = case_of("fig4", "sensor.time_constant=1e-20 s")
     assert np.isnan(observe(case.layout, exact(case).trace)["wall_peak_N"])
 
@@ -156,45 +156,47 @@ def small(scene_file: SceneWriter, *settings: str) -> Case:
     return case_of(scene_file(chain="sensors = [{ from_wall = 3 }]"), *settings)
 
 
-def test_decks_know_nothing_of_it(scene_file: SceneWriter) -> None:
+def test_decks_do_not_depend_on_the_electronics(scene_file: SceneWriter) -> None:
     for name in engine_names():
         decks = [load_engine(name).render(small(scene_file, *settings)).files for settings in ((), (ONE_MS,))]
         assert decks[0] == decks[1]
 
 
-def test_the_same_run_told_again_both_ways(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_one_run_serves_all_time_constants(scene_file: SceneWriter, tmp_path: Path) -> None:
     runs = tmp_path / "runs"
-    told: list[tuple[EndedRun, bytes, bytes]] = []
+    rereads: list[tuple[EndedRun, bytes, bytes]] = []
     for settings in ((), (ONE_MS,), ("sensor.time_constant=0.1 ms",), (), (ONE_MS,)):
         case = small(scene_file, *settings)
         ended = assessed(case, "verlet", runs)
         assert ended.done
         forces, sensors = ((ended.folder / name).read_bytes() for name in ("forces.parquet", "sensors.csv"))
-        told.append((ended, forces, sensors))
+        rereads.append((ended, forces, sensors))
         run, table = open_run(ended.folder), pd.read_csv(ended.folder / "sensors.csv")
         assert run.layout == case.layout
         for name, signal in sensor_signals(case.layout, run.trace).items():
             np.testing.assert_array_equal(table[f"{name}_N"], signal)
         values = observe(run.layout, run.trace)
         (wall,) = (part for part in run.record.error_budget or () if part["quantity"] == "wall_peak")
-        assert wall["whole"] == pytest.approx(values["wall_peak_N"] / truth_of(case).true["wall_peak"] - 1, abs=1e-9)
-    assert len({ended.folder for ended, _, _ in told}) == 3
-    assert len({ended.record.wall_s for ended, _, _ in told}) == 1, "found, not run again"
-    assert len({forces for _, forces, _ in told}) == 1
-    tables = [sensors for _, _, sensors in told]
+        assert wall["whole"] == pytest.approx(
+            values["wall_peak_N"] / exact_motion_of(case).true["wall_peak"] - 1, abs=1e-9
+        )
+    assert len({ended.folder for ended, _, _ in rereads}) == 3
+    assert len({ended.record.wall_s for ended, _, _ in rereads}) == 1, "found, not run again"
+    assert len({forces for _, forces, _ in rereads}) == 1
+    tables = [sensors for _, _, sensors in rereads]
     assert len(set(tables[:3])) == 3
     assert tables[3:] == tables[:2]
 
 
-def test_records_of_before_are_read(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_older_records_are_read(scene_file: SceneWriter, tmp_path: Path) -> None:
     ended = assessed(small(scene_file), "verlet", tmp_path / "runs")
     stored = dict(ended.record.layout)
     del stored["time_constant_s"]
     assert read_layout(stored) == read_layout(ended.record.layout)
 
 
-def test_truth_and_run_go_through_the_same_electronics(scene_file: SceneWriter) -> None:
-    """A time constant of a few pulses takes a third of the peak: one left out on either side could not be missed."""
+def test_exact_motion_and_run_are_filtered_alike(scene_file: SceneWriter) -> None:
+    """A time constant of a few pulses lowers the peak by a third: a filter missing on one side would show."""
     whole = {}
     for tau in ("", "0.1 ms"):
         case = small(scene_file, *([f"sensor.time_constant={tau}"] if tau else []))
@@ -205,7 +207,7 @@ def test_truth_and_run_go_through_the_same_electronics(scene_file: SceneWriter) 
     assert whole[""]["wall_peak"] != whole["0.1 ms"]["wall_peak"]
 
 
-def test_an_accuracy_of_what_the_gauge_shows(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_an_accuracy_of_filtered_quantities(scene_file: SceneWriter, tmp_path: Path) -> None:
     asked = ("run.time_step=", "run.accuracy={ wall_peak = 1e-5, bead_3_reflected_amplitude = 1e-4 }")
     ended = assessed(small(scene_file, ONE_MS, *asked), "verlet", tmp_path / "runs")
     assert ended.done

@@ -1,4 +1,4 @@
-"""Measured traces and quoted values: read with their units, refused in one line, no part of a run."""
+"""Measured traces and quoted values: read with their units, refused in one line, not part of a run."""
 
 import time
 from pathlib import Path
@@ -11,6 +11,7 @@ from drivers.base.errors import InputError
 from drivers.engines import load_engine
 from drivers.run.finished import RunRecord
 from drivers.run.run import run_case
+from drivers.scene.model import Measured
 from drivers.scene.read_scene import read_scene
 from postproc.read.measured import MeasuredTrace, read_measured, read_quoted
 from validation.accuracy.plan import planned_case
@@ -25,7 +26,7 @@ SENSORS = "sensors = [{ from_wall = 3 }]"
 
 
 def written(folder: Path, header: str = "time_us,wall_N", **columns: object) -> Path:
-    """A file with a pulse below a row of headings; columns by place are replaced."""
+    """Writes a file with a pulse below a row of headings; ``at_ROW_COLUMN`` replaces a cell."""
     rows = [list(map(str, row)) for row in zip(TIME_US, *[PULSE] * header.count(","), strict=True)]
     for change, text in columns.items():
         _, row, column = change.split("_")
@@ -70,7 +71,7 @@ def test_units_come_from_headings_or_keys(scene: Path, header: str, keys: str) -
     assert np.allclose(trace.reading["wall"] * trace.gain, PULSE, rtol=1e-12)
 
 
-def test_what_an_entry_states_comes_in_si_units(scene: Path) -> None:
+def test_stated_values_come_in_si_units(scene: Path) -> None:
     written(scene.parent, "time_us,CH1 [mV],CH2 [mV]")
     keys = """gauges = { wall = "CH2", bead_3 = "CH1" }
 gain = "-2.1 N/V"
@@ -81,7 +82,7 @@ noise = "5 uV"
 drift = true
 """
     scene.write_text(scene.read_text() + keys)
-    with pytest.raises(InputError, match="a gain below 0 turns the trace over"):
+    with pytest.raises(InputError, match="a negative gain inverts the trace"):
         read(scene)
     trace = read(scene, "measured.0.gain=2.1 N/V")
     assert (trace.gain, trace.gain_uncertainty, trace.trigger_s) == (2.1, 0.03, -12e-6)
@@ -99,29 +100,29 @@ def test_a_file_may_be_elsewhere(scene: Path, tmp_path_factory: pytest.TempPathF
     assert read(scene, f"measured.0.file={path}").file == path
 
 
-# what is changed of the file, the settings, then parts of: where and key, what was found, what is allowed
+# changes of the file, settings, then parts of the message: where and key, found, allowed
 BAD_FILES = [
-    ({}, ["file=none.csv"], "scene.toml", "measured.0.file", "no such file", "as seen from the scene file"),
-    ({}, ["file=."], "scene.toml", "measured.0.file", "no such file", "a CSV file"),
+    ({}, ["file=none.csv"], "scene.toml", "measured.0.file", "file not found", ""),
+    ({}, ["file=."], "scene.toml", "measured.0.file", "relative to the scene file", ""),
     ({}, ["time=t"], "scene.toml", "measured.0.time", 'no column "t"', "time_us, wall_N"),
     ({}, ["gauges={wall='CH1'}"], "scene.toml", "measured.0.gauges.wall", 'no column "CH1"', "time_us, wall_N"),
-    ({}, ["gauges={bead_9='wall'}"], "scene.toml", "measured.0.gauges.bead_9", "no gauge", "bead_3, wall"),
+    ({}, ["gauges={bead_9='wall'}"], "scene.toml", "measured.0.gauges.bead_9", "an unknown gauge", "bead_3, wall"),
     ({"header": "time_us,bead_9_N"}, [], "scene.toml", "measured.0.gauges", "bead_9_N", "bead_3, wall"),
     ({"header": "time_us,CH1_N"}, [], "scene.toml", "measured.0.gauges", "time_us, CH1_N", "bead_3, wall"),
     ({"header": "time_us,wall_N,wall"}, ["gauges={wall='wall_x'}"], "scene.toml", "wall", 'no column "wall_x"', "wall"),
     ({"header": "time_us,wall_N,wall_V"}, [], "scene.toml", "measured.0.gauges", "more than one", "wall_V"),
     ({"header": "time_N,wall_N"}, [], "trace.csv", "time_N", '"N"', "a unit of time"),
-    ({"header": "time,wall_N"}, [], "trace.csv", "time", "no unit", "time_unit"),
+    ({"header": "time,wall_N"}, [], "trace.csv", "time", "as time_unit", ""),
     ({"header": "time,wall_N"}, ["time_unit=N"], "scene.toml", "measured.0.time_unit", '"N"', "a unit of time"),
-    ({}, ["time_unit=ms"], "scene.toml", "measured.0.time_unit", '"ms" beside "time_us"', "one unit"),
+    ({}, ["time_unit=ms"], "scene.toml", "measured.0.time_unit", '"ms" for a column "time_us"', "one unit"),
     ({"header": "time_us,wall_us"}, [], "trace.csv", "wall_us", '"us"', "a unit of force or voltage"),
     ({"header": "time_us,wall [parrots]"}, [], "trace.csv", "wall", '"parrots"', "a unit of force"),
-    ({"header": "time_us,wall"}, [], "trace.csv", "wall", "no unit", 'or as unit'),
-    ({"header": "time_us,wall_V"}, [], "scene.toml", "measured.0.gain", "nothing, for readings in V", "2.1 N/V"),
+    ({"header": "time_us,wall"}, [], "trace.csv", "wall", "or as unit", ""),
+    ({"header": "time_us,wall_V"}, [], "scene.toml", "measured.0.gain", 'such as "2.1 N/V"', ""),
     ({"header": "time_us,wall_V"}, ["gain=2"], "scene.toml", "measured.0.gain", "2", "N/V"),
     ({"header": "time_us,wall_V"}, ["gain=2 N/A"], "scene.toml", "measured.0.gain", "2 N/A", "N/V"),
     ({}, ["gain=2 N/V"], "scene.toml", "measured.0.gain", "2 N/V", "a plain number"),
-    ({}, ["gain=0"], "scene.toml", "measured.0.gain", "0", "not 0"),
+    ({}, ["gain=0"], "scene.toml", "measured.0.gain", "0", "other than 0"),
     ({}, ["baseline=2 mV"], "scene.toml", "measured.0.baseline", "2 mV", "2 N"),
     ({}, ["baseline=2"], "scene.toml", "measured.0.baseline", "2", "2 N"),
     ({}, ["noise=0 N"], "scene.toml", "measured.0.noise", "0 N", "above 0"),
@@ -138,7 +139,9 @@ BAD_FILES = [
     ({"at_9_1": "1,2"}, [], "trace.csv", "line 11", "3 cells", "2, as many as"),
     ({"at_0_1": "1,2"}, [], "trace.csv", "line 2", "3 cells", "2, as many as"),
     ({"header": "Model,TBS1102\ntime_us,wall_N"}, [], "scene.toml", "measured.0.time", '"time"', "Model, TBS1102"),
-    ({"header": "time_us;wall_N"}, [], "scene.toml", "measured.0.time", '"time"', "time_us;wall_N"),
+    ({"header": "time_us;wall_N"}, [], "trace.csv", "line 1", "semicolons", "commas"),
+    ({"header": "time_us\twall_N"}, [], "trace.csv", "line 1", "tabs", "commas"),
+    ({"header": "time_us,wall_V"}, ["gain=3 V/N"], "scene.toml", "gain", "3 V/N", "in N/V, not in V/N"),
 ]  # fmt: skip
 
 
@@ -147,18 +150,37 @@ def test_a_bad_file_is_named(
     scene: Path, file: dict[str, str], settings: list[str], where: str, key: str, found: str, allowed: str
 ) -> None:
     written(scene.parent, **file)
-    must_tell(scene, settings, where, key, found, allowed)
+    must_refuse(scene, settings, where, key, found, allowed)
 
 
-def must_tell(scene: Path, settings: list[str], *told: str) -> None:
+@pytest.mark.parametrize(
+    ("header", "start"),
+    [
+        ("time [us],CH1 [mV]", 'measured.gauges: found headings "time [us], CH1 [mV]'),
+        ("time [us],bead_9 [N]", "measured.gauges: found bead_9 [N]"),
+        ("time [us],wall [mV]", "measured.gain: missing key"),
+        ("t [us],wall [N]", 'measured.time: found no column "time"'),
+    ],
+)
+def test_messages_on_a_file_alone_name_the_measured_table(tmp_path: Path, header: str, start: str) -> None:
+    entry = Measured(file=str(written(tmp_path, header)))
+    with pytest.raises(InputError) as caught:
+        read_measured(entry, Path(), ("bead_3", "wall"), "--measured trace.csv")
+    assert start in str(caught.value)
+    assert "".join(caught.value.args[2:4]).endswith(
+        "or write a [[measured]] table in the scene file, see inputs/README.md"
+    )
+
+
+def must_refuse(scene: Path, settings: list[str], *parts: str) -> None:
     with pytest.raises(InputError) as caught:
         read(scene, *(f"measured.0.{setting}" for setting in settings))
     where, key, found, allowed = caught.value.args
     assert "\n" not in str(caught.value)
-    assert told[0] in where
-    assert told[1] in f"{where}: {key}"
-    assert told[2] in found
-    assert told[3] in allowed
+    assert parts[0] in where
+    assert parts[1] in f"{where}: {key}"
+    assert parts[2] in found
+    assert parts[3] in allowed
 
 
 @pytest.mark.parametrize(
@@ -176,22 +198,22 @@ def must_tell(scene: Path, settings: list[str], *told: str) -> None:
         ("time_µs,wall_N\n".encode("latin-1") + b"1,1\n" * 20, "byte 0xb5"),
     ],
 )
-def test_what_is_no_table(scene: Path, content: bytes, found: str) -> None:
+def test_a_file_that_is_no_table_is_named(scene: Path, content: bytes, found: str) -> None:
     (scene.parent / "trace.csv").write_bytes(content)
-    must_tell(scene, [], "trace.csv", "", found, "")
+    must_refuse(scene, [], "trace.csv", "", found, "")
 
 
 @pytest.mark.parametrize("slope", [0.0, 1e-3])
 @pytest.mark.parametrize("samples", [16, 100, 10_000])
 def test_noise_alone_is_no_pulse(scene: Path, samples: int, slope: float) -> None:
-    """A drift is none either, while it stays below the noise."""
+    """A drift below the noise is no pulse either."""
     for seed in range(20):
         noise = np.random.default_rng(seed).normal(0.0, 1.0, samples) + slope * np.arange(samples) * min(
             1, 100 / samples
         )
         table = pd.DataFrame({"time_us": np.arange(samples), "wall_N": noise})
         table.to_csv(scene.parent / "trace.csv", index=False)
-        must_tell(scene, [], "trace.csv", "wall_N", "no pulse", "a pulse")
+        must_refuse(scene, [], "trace.csv", "wall_N", "no pulse", "a pulse")
         table["wall_N"] += 30 * np.exp(-((table["time_us"] - samples / 2) ** 2))
         table.to_csv(scene.parent / "trace.csv", index=False)
         read(scene)
@@ -209,7 +231,7 @@ def test_a_million_readings_take_about_a_second(scene: Path) -> None:
 
 BAD_ENTRIES = [
     ("file = 3", "measured.0.file", "3", "text"),
-    ("", "measured.0", "neither", "exactly one"),
+    ("", "measured.0", "no file and no values", "exactly one"),
     ('file = "a.csv"\nvalues = { a = 1 }', "measured.0", "both", "exactly one"),
     ('file = "a.csv"\nerrors = { a = 1 }', "measured.0.errors", "errors", "gain_uncertainty"),
     ('file = "a.csv"\ncolour = 1', "measured.0.colour", "unknown", "baseline"),
@@ -221,13 +243,13 @@ BAD_ENTRIES = [
     ('file = "a.csv"\ntrigger = 12', "measured.0.trigger", "12", '"12 us"'),
     ('file = "a.csv"\ntrigger = "1 N"', "measured.0.trigger", "1 N", '"12 us"'),
     ('file = "a.csv"\ndrift = 1', "measured.0.drift", "1", "true or false"),
-    ('file = "a.csv"\ngauges = {}', "measured.0.gauges", "nothing", "CH1"),
+    ('file = "a.csv"\ngauges = {}', "measured.0.gauges", "empty", "CH1"),
     ('file = "a.csv"\ngauges = "CH1"', "measured.0.gauges", "CH1", "a table"),
-    ("values = {}", "measured.0.values", "nothing", "one or more"),
-    ("values = { a = 1 }", "measured.0.errors.a", "nothing", "relative standard error"),
+    ("values = {}", "measured.0.values", "empty", "one or more"),
+    ("values = { a = 1 }", "measured.0.errors.a", "missing key", "relative standard error"),
     ("values = { a = 1 }\nerrors = { a = 0 }", "measured.0.errors.a", "0", "above 0"),
     ("values = { a = 1 }\nerrors = { a = 1, b = 1 }", "measured.0.errors.b", "without a value", "a"),
-    ('values = { a = 1 }\nerrors = { a = 1 }\ngain = 2', "measured.0.gain", "beside values", "errors, gain_uncert"),
+    ('values = { a = 1 }\nerrors = { a = 1 }\ngain = 2', "measured.0.gain", "with values", "errors, gain_uncert"),
 ]  # fmt: skip
 
 
@@ -239,7 +261,7 @@ def test_a_bad_entry_is_named(scene_file: SceneWriter, keys: str, key: str, foun
         read_scene(path)
     assert caught.value.args[1] == key
     assert found in caught.value.args[2]
-    assert allowed in caught.value.args[3]
+    assert allowed in "".join(caught.value.args[2:4])
     assert "\n" not in str(caught.value)
 
 
@@ -281,13 +303,13 @@ def test_quoted_values_come_in_si_units(
 @pytest.mark.parametrize(
     ("name", "value", "key", "found", "allowed"),
     [
-        ("bead_9_amplitud", '"2 N"', "bead_9_amplitud", "no observable", "bead_9_amplitude"),
-        ("bead_7_amplitude", '"2 N"', "bead_7_amplitude", "no observable", "bead_9_amplitude"),
+        ("bead_9_amplitud", '"2 N"', "bead_9_amplitud", "an unknown observable", "bead_9_amplitude"),
+        ("bead_7_amplitude", '"2 N"', "bead_7_amplitude", "an unknown observable", "bead_9_amplitude"),
         ("bead_9_amplitude", "2", "bead_9_amplitude", "2", '"2 N"'),
         ("bead_9_amplitude", '"2 V"', "bead_9_amplitude", "2 V", '"2 N"'),
         ("bead_5_width_4pct", '"4 mm"', "bead_5_width_4pct", "4 mm", "a plain number"),
         ("wall_envelope", '"2 N"', "wall_envelope", "2 N", '"2 s^-1"'),
-        ("bead_9_amplitude", '"0 N"', "bead_9_amplitude", "0 N", "another value than 0"),
+        ("bead_9_amplitude", '"0 N"', "bead_9_amplitude", "0 N", "a value other than 0"),
     ],
 )
 def test_a_bad_quoted_value_is_named(
@@ -311,8 +333,8 @@ def test_an_observable_is_quoted_once(scene_file: SceneWriter) -> None:
 
 
 @pytest.mark.parametrize("engine", ["verlet", "reference"])
-def test_measured_traces_are_no_part_of_a_run(scene_file: SceneWriter, tmp_path: Path, engine: str) -> None:
-    """The same deck, folder and record; a run that was made before is found, and the file is not even looked for."""
+def test_measured_traces_are_not_part_of_a_run(scene_file: SceneWriter, tmp_path: Path, engine: str) -> None:
+    """Deck, folder and record are the same; an earlier run is found, and the measured file is not read."""
     runs, path = tmp_path / "runs", scene_file(chain=SENSORS)
     plain = planned_case(path)
     before = run_case(plain, engine, runs)
@@ -333,8 +355,8 @@ def described(record: RunRecord) -> tuple[object, ...]:
     return record.scene, record.layout, record.elements, record.deck_sha256, record.forces_sha256
 
 
-def test_neither_batches_nor_found_runs_know_of_measured_traces(study_file: StudyWriter, tmp_path: Path) -> None:
-    """A batch that was run before has nothing to do, and its table is the same; a run is that of the scene's file."""
+def test_batches_and_runs_do_not_depend_on_measured_traces(study_file: StudyWriter, tmp_path: Path) -> None:
+    """An earlier batch is complete and its table unchanged; an earlier run is found by the scene file."""
     study, scene = study_file(SPEEDS.format(2), "verlet"), tmp_path / "scene.toml"
     batch = ("drivers", "batch", study, "--runs", tmp_path / "runs", "--results", tmp_path)
     assert "2 to do" in command_line(*batch, "--dry-run").stdout

@@ -1,4 +1,4 @@
-"""Every number of a run is declared, with its unit and kind, and is of the wave that it names."""
+"""Every number of a run is declared with its unit and kind, and belongs to the wave in its name."""
 
 from math import isnan
 
@@ -14,7 +14,7 @@ SCENES = (
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_whatever_a_run_shows_is_declared_once_and_ends_in_its_unit(scene: tuple[str, ...]) -> None:
+def test_every_observable_of_a_run_is_declared_once_and_ends_in_its_unit(scene: tuple[str, ...]) -> None:
     case = case_of(*scene)
     values = observe(case.layout, exact(case).trace, (0.002, 0.04, 0.5, 1e-6))
     for name in values:
@@ -40,7 +40,7 @@ def test_each_declared_observable_is_shown_by_a_run() -> None:
         ("wall_envelope_per_s", "1/s", "rate"), ("momentum_end_N_s", "N s", "momentum"), ("wall_peek_N", "", ""),
     ],
 )  # fmt: skip
-def test_a_name_tells_unit_and_kind(name: str, unit: str, kind: str) -> None:
+def test_a_name_gives_unit_and_kind(name: str, unit: str, kind: str) -> None:
     assert (describe(name).unit, describe(name).kind) == (unit, kind)
 
 
@@ -51,8 +51,8 @@ def test_names_are_chosen_by_kind_in_their_order() -> None:
 
 
 @pytest.mark.parametrize(("mass", "speed", "places"), [("0.5 g", "0.89 m/s", (14, 8)), ("1 g", "0.3 m/s", (15, 6))])
-def test_a_train_is_told_from_its_reflection(mass: str, speed: str, places: tuple[int, int]) -> None:
-    """Reflected waves go up, at a wave's speed; pulses are no more than pass a bead of a long chain."""
+def test_a_train_is_distinguished_from_its_reflection(mass: str, speed: str, places: tuple[int, int]) -> None:
+    """Reflected waves go up at the speed of a wave; there are no more pulses than in a long chain."""
     upper, lower = places
     sensors = "chain.sensors=[{from_wall=%d}, {from_wall=%d}]" % places  # noqa: UP031 - braces are TOML's
     strike = (f"striker.mass={mass}", f"striker.speed={speed}", "run.duration=2.4 ms")
@@ -70,7 +70,7 @@ def test_a_train_is_told_from_its_reflection(mass: str, speed: str, places: tupl
 
 @pytest.mark.parametrize("weak", [0.2, 0.05, 0.005])
 def test_a_weak_wave_before_a_strong_one_is_the_first(weak: float) -> None:
-    """Of two strikes the gauges see both, with the force and the speed of the first."""
+    """The gauges show two strikes; force and speed are those of the first."""
     beads = "[{from_wall=40, velocity='-2 m/s', gap_below='3 mm'}, {from_wall=39, velocity='-%g m/s'}]" % weak  # noqa: UP031
     settings = ("chain.count=40", "striker=", "chain.sensors=[{from_wall=30}, {from_wall=20}]", f"chain.bead={beads}")
     case = case_of("fig4", "gravity=", "run.duration=4 ms", *settings)
@@ -83,8 +83,8 @@ def test_a_weak_wave_before_a_strong_one_is_the_first(weak: float) -> None:
     assert first["bead_30_pulses"] == 1
 
 
-def test_what_is_not_seen_is_not_told() -> None:
-    """Two strikes from both ends have no speed between gauges; at bead 1 a wave and its reflection are one."""
+def test_observables_that_a_run_does_not_show_are_nan() -> None:
+    """Strikes from both ends give no speed between gauges; at bead 1 a wave and its reflection coincide."""
     ends = "chain.bead=[{from_wall=21, velocity='-1 m/s'}, {from_wall=1, velocity='1 m/s'}]"
     sensors = "chain.sensors=[{from_wall=18}, {from_wall=15}, {from_wall=5}, {from_wall=1}]"
     case = case_of("fig4", "gravity=", "striker=", "wall=", ends, sensors)

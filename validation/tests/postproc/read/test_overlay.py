@@ -1,4 +1,4 @@
-"""Measured traces laid over computed ones: triggers, baselines, pulses with their errors, what cannot be compared."""
+"""Measured traces compared with computed ones: triggers, baselines, pulses with errors, refused records."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,10 +21,13 @@ from validation.tests.helpers import made_up_trace
 from validation.tests.helpers.commands import command_line
 
 TRIGGER_S = 123.456e-6
-OWN = ("materials.ptfe.youngs_modulus=1.2 GPa", "contact.restitution=0.95")  # of the motion that is measured
+MEASURED_SETTINGS = (
+    "materials.ptfe.youngs_modulus=1.2 GPa",
+    "contact.restitution=0.95",
+)  # settings of the measured motion
 GAIN, BASELINE, DRIFT = 2.1, 0.3, 400.0  # N/V, V, V/s
 SEEDS = 50
-WITHIN = 2.0  # standard errors, which hold 95 of 100 normal deviates
+COVERAGE = 2.0  # standard errors, which contain 95 of 100 normal deviates
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +37,7 @@ def base() -> Simulation:
 
 @pytest.fixture(scope="module")
 def other() -> Simulation:
-    return exact(case_of("fig4", *OWN))
+    return exact(case_of("fig4", *MEASURED_SETTINGS))
 
 
 def measured(
@@ -44,7 +47,7 @@ def measured(
     interval_us: float = 1.0,
     times_s: np.ndarray[tuple[int], np.dtype[np.float64]] | None = None,
 ) -> MeasuredTrace:
-    """Readings in V of a motion, with white noise over each gauge's amplitude, an offset and a drift."""
+    """Readings in V of a motion, with white noise relative to each amplitude, an offset and a drift."""
     end_s = float(made.trace.time_s[-1])
     if times_s is None:
         times_s = np.arange(0, TRIGGER_S + end_s, interval_us * 1e-6)
@@ -62,8 +65,8 @@ def found_in(trace: MeasuredTrace, base: Simulation) -> tuple[list[AlignedGauge]
     return gauges, {row.name: row for row in rows}
 
 
-def truth_of(made: Simulation, gauges: list[AlignedGauge]) -> dict[str, float]:
-    """Observables of the motion that was measured, with the impulses over the readings that are compared."""
+def exact_motion_of(made: Simulation, gauges: list[AlignedGauge]) -> dict[str, float]:
+    """Observables of the measured motion, with the impulses over the compared readings."""
     values = observe(made.case.layout, made.trace)
     for gauge in gauges:
         signal = sensor_signals(made.case.layout, made.trace)[gauge.gauge]
@@ -75,16 +78,16 @@ def truth_of(made: Simulation, gauges: list[AlignedGauge]) -> dict[str, float]:
 
 @pytest.mark.long
 def test_measured_values_are_within_their_errors(base: Simulation, other: Simulation) -> None:
-    """Of 50 seeds each at 1, 3 and 5 %, 95 of 100 within two standard errors, and no quantity often beyond."""
+    """With 50 seeds each at 1, 3 and 5 % noise, 95 of 100 values are within two standard errors."""
     within: dict[str, list[bool]] = {}
     for made, noise, given in ((other, 0.01, True), (base, 0.03, False), (base, 0.05, True)):
         for seed in range(SEEDS):
             trace = measured(made, noise, seed)
             gauges, rows = found_in(replace(trace, trigger_s=TRIGGER_S) if given else trace, base)
-            truth = truth_of(made, gauges)
+            truth = exact_motion_of(made, gauges)
             for name, row in rows.items():
                 if name in truth and row.error > 0:
-                    within.setdefault(name, []).append(abs(row.measured - truth[name]) <= WITHIN * row.error)
+                    within.setdefault(name, []).append(abs(row.measured - truth[name]) <= COVERAGE * row.error)
     assert len(within) == 17
     assert {len(each) for each in within.values()} == {SEEDS, 3 * SEEDS}
     shares = {name: np.mean(each) for name, each in within.items()}
@@ -92,8 +95,8 @@ def test_measured_values_are_within_their_errors(base: Simulation, other: Simula
     assert min(shares.values()) >= 0.88, shares
 
 
-def test_errors_are_no_larger_than_they_need_to_be(base: Simulation) -> None:
-    """At noise of 1 % peaks to half a per cent, the speed to one, the trigger to 50 ns."""
+def test_errors_are_small_for_little_noise(base: Simulation) -> None:
+    """With 1 % noise, errors of peaks are below 0.5 %, of the speed below 1 %, of the trigger below 50 ns."""
     _, rows = found_in(measured(base, 0.01), base)
     for name, share in (("bead_9_amplitude_N", 5e-3), ("wall_amplitude_N", 5e-3), ("speed_9_to_5_m_s", 0.01)):
         assert rows[name].error < share * rows[name].measured, name
@@ -116,7 +119,7 @@ def test_readings_without_noise_give_the_observables_of_the_run(base: Simulation
         assert np.abs(gauge.force_N - gauge.computed_N).max() < 2e-3 * gauge.computed_N.max()
 
 
-def test_what_is_given_is_taken(base: Simulation) -> None:
+def test_given_values_are_used(base: Simulation) -> None:
     trace = replace(measured(base, 0.01), trigger_s=TRIGGER_S + 5e-6, noise=0.02, gain_uncertainty=0.1)
     gauges, rows = found_in(trace, base)
     assert (rows["trigger_s"].measured, rows["trigger_s"].error) == (TRIGGER_S + 5e-6, 0.0)
@@ -140,20 +143,20 @@ def test_readings_may_be_irregular_few_or_many(base: Simulation) -> None:
     ):
         gauges, rows = found_in(measured(base, 0.02, times_s=times_s), base)
         for name in ("bead_9_amplitude_N", "bead_5_arrival_s", "wall_amplitude_N", "speed_9_to_5_m_s", "trigger_s"):
-            truth = truth_of(base, gauges)[name]
+            truth = exact_motion_of(base, gauges)[name]
             assert abs(rows[name].measured - truth) < 4 * rows[name].error, (name, len(times_s))
         assert max(len(gauge.time_s) for gauge in gauges) <= 2.1 * len(base.trace.time_s)
 
 
 def test_gauges_of_one_file_have_one_trigger(base: Simulation) -> None:
-    """Each gauge in an entry of its own: as if they were in one."""
+    """Gauges in separate entries give the same result as in one entry."""
     whole = measured(base, 0.02)
     parts = [replace(whole, reading={name: reading}) for name, reading in whole.reading.items()]
     together, apart = (align(traces, base.case.layout, base.trace) for traces in ([whole], parts))
     assert [gauge.trigger_s for gauge in apart] == [gauge.trigger_s for gauge in together]
     for one, two in zip(together, apart, strict=True):
         assert np.array_equal(one.force_N, two.force_N)
-    with pytest.raises(InputError, match="one trigger a file"):
+    with pytest.raises(InputError, match="one trigger per file"):
         align([replace(part, trigger_s=i * 1e-6) for i, part in enumerate(parts)], base.case.layout, base.trace)
 
 
@@ -174,7 +177,7 @@ def cut(trace: MeasuredTrace, start_s: float, stop_s: float) -> MeasuredTrace:
         (400, 900, 1, 123.456, "0 quiet readings of bead_9"),
     ],
 )
-def test_what_cannot_be_compared_is_named(
+def test_records_that_cannot_be_compared_are_named(
     base: Simulation, start_us: float, stop_us: float, interval_us: float, trigger_us: float | None, found: str
 ) -> None:
     trace = cut(measured(base, 0.01, interval_us=interval_us), start_us * 1e-6, stop_us * 1e-6)
@@ -197,7 +200,7 @@ def test_the_example_is_what_it_says() -> None:
     made = made_up_trace.made_up_trace()
     lines = made_up_trace.FILE.read_text().splitlines(keepends=True)
     assert lines[0] == made_up_trace.HEAD
-    assert lines[0].startswith("# MADE UP, no experiment")
+    assert lines[0].startswith("# INVENTED, not an experiment")
     pd.testing.assert_frame_equal(pd.read_csv(made_up_trace.FILE, comment="#"), made, rtol=0, atol=0.1001)
 
 
@@ -212,7 +215,7 @@ def rows_of(path: Path) -> dict[tuple[str, str], dict[str, Any]]:
     return {(row["quantity"], row["source"]): row for row in rows}
 
 
-def test_the_command_lays_the_example_over_the_exact_motion(tmp_path: Path) -> None:
+def test_the_command_compares_the_example_with_the_exact_motion(tmp_path: Path) -> None:
     code, said, wrong = overlay("example-measured", "--out", tmp_path)
     assert (code, wrong) == (0, "")
     rows = rows_of(tmp_path / "overlay-example-measured.csv")
@@ -257,27 +260,27 @@ def test_the_command_takes_runs_and_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
-        (("fig4",), "fig4: measured: found nothing; allowed: a [[measured]] table"),
-        (("fig4", "--measured", "none.csv"), "no such file"),
+        (("fig4",), "fig4: measured: no measured data: add a [[measured]] table"),
+        (("fig4", "--measured", "none.csv"), "file not found"),
         (("fig4", "--measured", made_up_trace.FILE), "measured.gauges: found headings"),
         (("example-measured", "--set", "measured.0.gain=2 V/N"), "measured.0.gain: found"),
         (("example-measured", "--set", "measured.0.trigger=9 ms"), "triggers"),
         (("fig4-tube", "--set", "measured=[{file='x.csv'}]"), "allowed: an engine that models it"),
-        (("verlet:example-measured", "--set", "chain.count=9"), "settings for a run"),
-        (("nonsense",), "no such scene"),
+        (("verlet:example-measured", "--set", "chain.count=9"), "not allowed for a finished run"),
+        (("nonsense",), "scene not found"),
     ],
 )
-def test_the_command_names_what_is_wrong(tmp_path: Path, words: tuple[str | Path, ...], told: str) -> None:
+def test_the_command_names_wrong_input(tmp_path: Path, words: tuple[str | Path, ...], message: str) -> None:
     code, said, wrong = overlay(*words, "--out", tmp_path)
     assert (code, said) == (2, "")
-    assert told in wrong
+    assert message in wrong
     assert len(wrong.splitlines()) == 1
 
 
 def test_quoted_values_alone_need_no_file(tmp_path: Path) -> None:
-    """They make a table and no picture."""
+    """Quoted values alone give a printed table and no figure."""
     entry = "measured=[{values={bead_9_amplitude='2 N'}, errors={bead_9_amplitude=0.18}}]"
     code, said, wrong = overlay("fig4", "--set", entry, "--out", tmp_path)
     assert (code, wrong) == (0, "")

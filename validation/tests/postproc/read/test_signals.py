@@ -11,7 +11,7 @@ from postproc.read.signals import integral, peaks, rising_crossing
 
 
 def pulse(time: np.ndarray, centre: float, width: float) -> np.ndarray:
-    """The long-wave solitary wave cos^4, of the given full width (the paper's Eq. 2)."""
+    """Long-wave solitary wave cos^4 with this full width (the paper's Eq. 2)."""
     phase = np.clip((time - centre) / width, -0.5, 0.5) * np.pi
     return np.cos(phase) ** 4
 
@@ -49,15 +49,15 @@ def test_integral_of_a_quintic_is_exact() -> None:
     np.testing.assert_allclose(integral(time, time**5), time**6 / 6, atol=1e-14)
 
 
-def test_a_sensor_reads_the_mean_of_its_contacts() -> None:
+def test_a_sensor_shows_the_mean_of_its_contacts() -> None:
     force = np.array([[1.0, 3.0, 5.0]])
     assert sensor_average(force, 1) == [2]
     assert sensor_average(force, 2) == [4]
-    assert sensor_average(force, 3) == [2.5], "nothing lies on the top bead"
+    assert sensor_average(force, 3) == [2.5], "there is no contact above the top bead"
 
 
 def test_speed_width_and_reflection_of_a_made_up_wave() -> None:
-    """A cos^4 pulse runs down four beads of 1 mm at 100 m/s, is doubled at the wall and runs back."""
+    """A cos^4 pulse travels down four beads of 1 mm at 100 m/s, is doubled at the wall and returns."""
     time = np.arange(0, 300e-6, 1e-6)
     place = np.arange(4) * 1e-3
     down = [pulse(time, 150e-6 - z / 100, 60e-6) for z in place]
@@ -71,7 +71,7 @@ def test_speed_width_and_reflection_of_a_made_up_wave() -> None:
     assert values["wall_arrival_s"] == pytest.approx(150e-6, abs=1e-11)
 
 
-def test_a_trace_without_a_wave_says_so() -> None:
+def test_a_trace_without_a_wave_has_no_peak() -> None:
     time: np.ndarray = np.arange(5) * 1e-6
     nothing = np.zeros(5)
     layout = Layout((SensorBead(1, 1e-3, 1e-3),), wall=True, striker=False, load_N=0.0)

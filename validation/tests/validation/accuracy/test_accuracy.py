@@ -1,4 +1,4 @@
-"""The promise of ``run.accuracy``: no miss, and hardly more steps than needed, on scenes nobody chose."""
+"""The promise of ``run.accuracy`` on random scenes: never missed, with few more steps than needed."""
 
 from pathlib import Path
 
@@ -8,26 +8,26 @@ import pytest
 from drivers.chain.case import Case
 from drivers.engines import codes
 from postproc.read.residual import residual
-from validation.accuracy.schemes import truth_of, verlet_of
-from validation.stability.measured_limits import WITHIN, at_random, measure_limits, random_case, shipped
+from validation.accuracy.schemes import exact_motion_of, verlet_of
+from validation.stability.measured_limits import MAX_RATIO, at_random, measure_limits, random_case, shipped
 from validation.tests.helpers.runs import finished
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-DEARER = 1.5  # times the steps of the largest admissible step
+MAX_STEP_RATIO = 1.5  # planned steps over the fewest that meet the accuracy
 QUICK, ALL, BY_CODES = range(8), range(8, 200), range(30)
 
 
 def check_steps(number: int) -> None:
-    """At each accuracy the planned step keeps it, and no step that would have done is more than 1.5 times as large."""
+    """The planned step meets each accuracy, and no step more than 1.5 times as large does."""
     whole = random_case(number, accuracy=1e-2)
-    truth = truth_of(whole.full or whole, finer=False)
+    truth = exact_motion_of(whole.full or whole, finer=False)
     errors: dict[tuple[str, int], float] = {}
     for accuracy in ACCURACIES:
         case = random_case(number, accuracy=accuracy)
         steps = case.scene.steps_per_sample
 
         def error_at(steps: int, case: Case = case) -> float:
-            """Of the case without what its accuracy lets out, against the whole one's truth."""
+            """Error of the simplified case against the exact motion of the full one."""
             key = (str(case.elements), steps)
             if key not in errors:
                 with np.errstate(over="ignore", invalid="ignore"):
@@ -38,13 +38,15 @@ def check_steps(number: int) -> None:
         assert case.plan is not None
         assert case.plan.predicted["force"] == pytest.approx(error_at(steps), rel=2e-2)
         fewer = {
-            each for each in np.unique(np.geomspace(1, max(steps / DEARER, 1), 40).astype(int)) if each * DEARER < steps
+            each
+            for each in np.unique(np.geomspace(1, max(steps / MAX_STEP_RATIO, 1), 40).astype(int))
+            if each * MAX_STEP_RATIO < steps
         }
         assert all(not error_at(each) <= accuracy for each in fewer), f"{steps} steps a sample at {accuracy}"
 
 
 @pytest.mark.parametrize("number", QUICK)
-def test_no_miss_and_hardly_more_than_needed(number: int) -> None:
+def test_no_miss_and_few_more_steps_than_needed(number: int) -> None:
     check_steps(number)
 
 
@@ -55,10 +57,10 @@ def test_no_miss_on_many_scenes(number: int) -> None:
 
 
 def check_codes(number: int, runs: Path) -> None:
-    """The codes keep the accuracy, and the run says so."""
+    """The codes keep the accuracy, and their records show it."""
     accuracy = ACCURACIES[number % 3]
     case = random_case(number, accuracy=accuracy)
-    truth = truth_of(case.full or case, finer=False)
+    truth = exact_motion_of(case.full or case, finer=False)
     for engine in codes():
         run = finished(case, engine, runs)
         own = float(residual(run.trace, truth.trace).max())
@@ -81,5 +83,5 @@ def test_all_codes_keep_it(number: int, shared_runs: Path) -> None:
 def test_limits_are_predicted_on_the_papers_scenes_and_100_random_ones() -> None:
     limits = measure_limits([*shipped(), *at_random(100)])
     assert {limit.method for limit in limits} >= {"verlet"}
-    outside = [limit for limit in limits if not 1 <= limit.ratio <= WITHIN]
+    outside = [limit for limit in limits if not 1 <= limit.ratio <= MAX_RATIO]
     assert outside == []

@@ -1,4 +1,4 @@
-"""Costs of engines that nobody has put into the table: measured once for each build, and never infinite."""
+"""Costs of engines without an entry in the table: measured once for each build, and never infinite."""
 
 import json
 import sys
@@ -13,13 +13,14 @@ from drivers.engines import codes, engine_names, load_engine
 from validation.accuracy import costs
 from validation.accuracy.costs import Cost, cost_on
 from validation.accuracy.plan import cheapest
+from validation.kit import judge
 from validation.tests.helpers.scenes import EnginesWriter, case_of
 from validation.tests.validation.kit.test_kit import MINE
 
 
 @pytest.fixture
 def unlisted(engines_file: EnginesWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An engine ``mine`` without an entry, and one of a known adapter; the note of its cost."""
+    """Adds an engine ``mine`` without a known cost and one with a known adapter; returns the file of the cost."""
     monkeypatch.setattr(paths, "RUNS", tmp_path / "runs")
     (tmp_path / "mine.py").write_text(MINE)
     absent = '[absent]\nadapter = "mine.py"\ncommand = "no-such-program"\n'
@@ -35,7 +36,7 @@ def test_a_cost_is_measured_once_for_each_build(
 ) -> None:
     found = cost_on("mine")
     assert all(isfinite(each) and each > 0 for each in (found.start_s, found.step_ns, found.sample_ns))
-    assert "mine: no entry in inputs/costs.toml, measured and kept in" in capsys.readouterr().err
+    assert "mine: no entry in inputs/costs.toml; cost measured and cached in" in capsys.readouterr().err
     other = Cost(1.0, 2.0, 3.0)
     monkeypatch.setattr(costs, "measure", lambda engine, build: other)
     costs._measured.cache_clear()  # as in another process
@@ -44,6 +45,18 @@ def test_a_cost_is_measured_once_for_each_build(
     unlisted.write_text(json.dumps(note | {"build": "another"}))
     costs._measured.cache_clear()
     assert cost_on("mine") == other
+
+
+def test_the_kit_keeps_the_cost_that_it_measured(
+    unlisted: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(judge, "CHECKS", {"cost": judge.CHECKS["cost"]})
+    monkeypatch.setattr(judge.judge, "__defaults__", (("cost",),))
+    assert judge.judge_engine("mine", paths.RUNS, None) == 0
+    kept = json.loads(unlisted.read_text())
+    assert "no file has to be edited" in capsys.readouterr().out
+    assert cost_on("mine").start_s == kept["start_s"]
+    assert "cost measured" not in capsys.readouterr().err
 
 
 def test_no_cost_is_infinite(unlisted: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
-"""Accuracies in scenes: what is planned, refused, recorded and said."""
+"""Accuracies in scenes: planned, refused, recorded and reported."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from drivers.run.finished import RunRecord
 from validation.accuracy.baseline import baseline_of
 from validation.accuracy.budget import parts_of
 from validation.accuracy.plan import cheapest
-from validation.accuracy.schemes import errors_of, truth_of, verlet_of
+from validation.accuracy.schemes import errors_of, exact_motion_of, verlet_of
 from validation.tests.helpers import high_precision
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import assessed, finished
@@ -23,22 +24,22 @@ from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
 FREE = "run.time_step="
 
 
-def test_the_step_is_the_largest_that_keeps_it() -> None:
+def test_the_step_is_the_largest_that_meets_the_accuracy() -> None:
     case = case_of("fig4", FREE, "run.accuracy=1e-4")
     assert case.plan is not None
     assert case.plan.predicted["force"] <= 1e-4
     coarser = case.at(case.scene.steps_per_sample - 1)
-    assert errors_of(coarser, verlet_of(coarser), truth_of(coarser), ("force",))["force"] > 1e-4
+    assert errors_of(coarser, verlet_of(coarser), exact_motion_of(coarser), ("force",))["force"] > 1e-4
 
 
 def test_named_observables_are_kept_against_true_values() -> None:
     case = case_of("fig4", FREE, "run.accuracy={wall_peak = 1e-5, speed_9_to_5_m_s = 1e-6, energy = 1e-4}")
-    fine = truth_of(case_of("fig4", "run.sample_interval=0.1 us"))
-    found = errors_of(case, verlet_of(case), truth_of(case), ("wall_peak", "speed_9_to_5", "energy"))
+    fine = exact_motion_of(case_of("fig4", "run.sample_interval=0.1 us"))
+    found = errors_of(case, verlet_of(case), exact_motion_of(case), ("wall_peak", "speed_9_to_5", "energy"))
     assert found["wall_peak"] <= 1e-5
     assert found["speed_9_to_5"] <= 1e-6
     assert found["energy"] <= 1e-4
-    assert truth_of(case).true["wall_peak"] == pytest.approx(fine.true["wall_peak"], rel=1e-9)
+    assert exact_motion_of(case).true["wall_peak"] == pytest.approx(fine.true["wall_peak"], rel=1e-9)
 
 
 @pytest.mark.parametrize("interval", ["20 us", "100 us", "800 us"])
@@ -49,25 +50,25 @@ def test_samples_coarser_than_the_stability_limit(interval: str) -> None:
 
 def test_a_chaotic_motion_is_planned_as_far_as_it_is_known() -> None:
     case = case_of("fig4", FREE, "run.accuracy=1e-3", "run.duration=10 ms")
-    found = errors_of(case, verlet_of(case), truth_of(case), ("force",))["force"]
+    found = errors_of(case, verlet_of(case), exact_motion_of(case), ("force",))["force"]
     assert found <= 1e-3
-    with pytest.raises(InputError, match=r"at least 0.*what the exact motion itself is known to"):
+    with pytest.raises(InputError, match=r"at least 0.*limited by the error of the exact motion"):
         case_of("fig4", FREE, "run.accuracy=1e-6", "run.duration=20 ms")
 
 
 def test_the_exact_motion_measures_its_own_error() -> None:
-    """With light and loose beads; what the docstring of ``own_error_N`` says, on one more chain."""
+    """The range stated by the docstring of ``own_error_N`` holds for a further chain with light and loose beads."""
     gaps = "[{from_wall=3, gap_below='20 um'}, {from_wall=5, gap_below='5 um', mass='2 mg'}]"
     settings = ("gravity=", "chain.sensors=[]", "chain.count=5", f"chain.bead={gaps}", "run.sample_interval=10 us")
     case = case_of("fig4", *settings, "run.duration=0.25 ms")
     exact = np.array(list(high_precision.forces_at(case.chain, case.sample_times_s)))
     for tolerance in (1e-5, 1e-7, 1e-9):
-        truth = truth_of(case, tolerance, finer=False)
+        truth = exact_motion_of(case, tolerance, finer=False)
         errors = np.maximum.accumulate(np.abs(truth.trace.force_N - exact).max(axis=1))
         moving = errors > 1e-14 * exact.max()
         assert moving.sum() > 10
-        assert (truth.known_N[moving] > errors[moving] / 12).all()
-        assert (truth.known_N[moving] < 30 * errors[moving]).all()
+        assert (truth.error_N[moving] > errors[moving] / 12).all()
+        assert (truth.error_N[moving] < 30 * errors[moving]).all()
 
 
 def test_heights_far_away_are_refused_to_codes_with_a_limit_that_holds() -> None:
@@ -91,7 +92,7 @@ def test_heights_far_away_are_refused_to_codes_with_a_limit_that_holds() -> None
         ("{}", "an error above 0 and below 1"),
         ("{wall_peak = true}", "an error above 0 and below 1"),
         ("{bead_3_peak = 1e-3}", "bead_9_peak"),
-        ("{wall_peak = 1e-10}", "at least 1e-10|samples so far apart|at least"),
+        ("{wall_peak = 1e-10}", "at least 1e-10|limited by sampling|at least"),
     ],
 )
 def test_bad_accuracies(accuracy: str, message: str) -> None:
@@ -102,8 +103,8 @@ def test_bad_accuracies(accuracy: str, message: str) -> None:
     assert len(said.stderr.splitlines()) == (said.returncode == 2)
 
 
-def test_samples_limit_what_gauges_show() -> None:
-    with pytest.raises(InputError, match="what samples so far apart show"):
+def test_samples_limit_the_accuracy_of_gauges() -> None:
+    with pytest.raises(InputError, match="limited by sampling at any time step"):
         case_of("fig4", FREE, "run.accuracy={wall_peak = 1e-5}", "run.sample_interval=10 us")
 
 
@@ -139,7 +140,7 @@ def test_a_miss_is_a_failure_of_the_command(shared_runs: Path) -> None:
     ended = assessed(case, "verlet", shared_runs)
     record = json.loads((ended.folder / "run.json").read_text())
     record["accuracy"]["force"]["measured"] = 0.5
-    assert "force is off by 0.5" in str(type(ended)(ended.folder, RunRecord(**record)).missed)
+    assert "force has an error of 0.5" in str(type(ended)(ended.folder, RunRecord(**record)).missed)
     assert ended.missed is None
 
 
@@ -150,13 +151,22 @@ def test_the_stability_limit_of_two_bodies(scene_file: SceneWriter) -> None:
     assert linear_limit(chain, np.array([0.0, spring])) == pytest.approx(2 / omega, rel=1e-12)
 
 
-def test_the_plan_says_what_it_does() -> None:
+def test_the_plan_reports_step_errors_and_engine() -> None:
     said = command_line("drivers", "plan", "fig4", "--set", FREE, "--set", "run.accuracy=1e-4")
     assert said.returncode == 0
-    for word in ("time step", "predicted", "engine", "ten times less", "ten times more", "horizon", "stability"):
+    for word in (
+        "time step",
+        "predicted",
+        "engine",
+        "ten times the error",
+        "a tenth of the error",
+        "horizon",
+        "stability",
+    ):
         assert word in said.stdout
+    assert re.search(r"at the gauges: .*wall_peak \d", said.stdout)
     bounced = command_line("drivers", "plan", "fig4", "--set", "run.duration=20 ms")
-    assert "after that compare" in bounced.stdout
+    assert "beyond, compare energy" in bounced.stdout
 
 
 def test_the_cheapest_engine_runs(tmp_path: Path) -> None:
@@ -176,4 +186,4 @@ def test_a_study_over_accuracies(study_file: StudyWriter, tmp_path: Path) -> Non
     assert errors[1] <= 1e-5
     refused = command_line("drivers", "batch", study_file(axes.format("1e-11"), "liggghts"), *words, "--dry-run")
     assert refused.returncode == 2
-    assert "what absolute heights leave on liggghts" in refused.stderr
+    assert "absolute heights" in refused.stderr

@@ -1,4 +1,4 @@
-"""Limits of errors that a time step makes: tight, with a reason, and red where a run does more than its scheme."""
+"""Tolerances of truncation errors: tight, with a reason, and red for a run that errs more than its scheme."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +17,7 @@ from validation.accuracy import baseline as baselines
 from validation.accuracy import schemes
 from validation.accuracy.baseline import Baseline, baseline_of
 from validation.accuracy.prediction import IMPULSE, predict, run_errors
-from validation.accuracy.schemes import ENERGY, truth_of, verlet_of
+from validation.accuracy.schemes import ENERGY, exact_motion_of, verlet_of
 from validation.compare.comparison import compare_case
 from validation.compare.verdict import FAIL, PASS, Verdict
 from validation.reference.hertz_chain import HertzChain, Motion
@@ -25,21 +25,21 @@ from validation.reference.velocity_verlet import integrate_verlet
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
 
-A_CODE = "yade"  # whose trace is given here, so that it need not be installed
-SMALL = 1e-6
+A_CODE = "yade"  # its traces are made here: it need not be installed
+CHANGE = 1e-6
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 Scheme = Callable[[HertzChain, float, int, int], Motion]
 
 
 def over(baseline: Baseline, engine: str, trace: Trace) -> set[str]:
-    """Quantities of a run beyond what is predicted."""
+    """Quantities of a run whose errors exceed the prediction."""
     predicted = predict(baseline, engine)
     errors = run_errors(baseline, trace, baseline.exact)
     return {name for name, error in errors.items() if not error <= predicted.errors[name] + predicted.rest[name]}
 
 
 def altered(case: Case, **arrays: object) -> Trace:
-    """The case by velocity Verlet with other arrays of its chain."""
+    """Trace by velocity Verlet of a case with other arrays of its chain."""
     return verlet_of(replace(case, chain=replace(case.chain, **arrays)))  # type: ignore[arg-type]
 
 
@@ -60,7 +60,7 @@ def by(scheme: Scheme, case: Case, monkeypatch: pytest.MonkeyPatch) -> tuple[Bas
         ("fig4", "run.sample_interval=0.5 us"),
     ],
 )
-def test_a_run_without_faults_is_within_a_limit_that_is_hardly_more(settings: tuple[str, ...]) -> None:
+def test_a_faultless_run_is_within_a_tight_limit(settings: tuple[str, ...]) -> None:
     case = case_of(*settings)
     baseline = baseline_of(case)
     assert over(baseline, VERLET, baseline.plain) == set()
@@ -79,11 +79,11 @@ def test_a_millionth_more_stiffness_or_less_mass_and_a_step_twice_as_long_are_re
     case = case_of(scene)
     baseline, chain = baseline_of(case), case.chain
     one = chain.mass_kg.copy()
-    one[chain.bodies // 2] *= 1 - SMALL
+    one[chain.bodies // 2] *= 1 - CHANGE
     assert FORCE in over(baseline, A_CODE, altered(case, mass_kg=one))
-    assert FORCE in over(baseline, A_CODE, altered(case, mass_kg=chain.mass_kg * (1 - SMALL)))
-    assert FORCE in over(baseline, A_CODE, altered(case, stiffness=chain.stiffness * (1 + SMALL)))
-    assert ENERGY in over(baseline, A_CODE, verlet_of(case_of(scene, f"contact.restitution={1 - SMALL}")))
+    assert FORCE in over(baseline, A_CODE, altered(case, mass_kg=chain.mass_kg * (1 - CHANGE)))
+    assert FORCE in over(baseline, A_CODE, altered(case, stiffness=chain.stiffness * (1 + CHANGE)))
+    assert ENERGY in over(baseline, A_CODE, verlet_of(case_of(scene, f"contact.restitution={1 - CHANGE}")))
     twice = over(baseline, A_CODE, verlet_of(case.at(case.scene.steps_per_sample // 2)))
     assert {FORCE, ENERGY, *of_kind(twice, "speed", "peak")} <= twice
     assert of_kind(twice, "peak")
@@ -93,20 +93,20 @@ def test_a_stiffer_code_turns_red_in_the_table(shared_runs: Path) -> None:
     case = case_of("fig4")
     runs = {engine: finished(case, engine, shared_runs) for engine in (VERLET, REFERENCE)}
     stiff = replace(runs[VERLET])
-    object.__setattr__(stiff, "trace", altered(case, stiffness=case.chain.stiffness * (1 + SMALL)))
+    object.__setattr__(stiff, "trace", altered(case, stiffness=case.chain.stiffness * (1 + CHANGE)))
     verdicts = compare_case(case, runs | {A_CODE: stiff}, {})
     assert {each.engine for each in verdicts if each.verdict == FAIL} == {A_CODE}
     red = {each.quantity: each for each in verdicts if each.verdict == FAIL}
     assert {"force against reference", "peak of a gauge", "speed between gauges"} <= set(red)
-    assert "velocity Verlet at 0.1 µs is off by 3.0e-05 itself" in red["force against reference"].where
+    assert "velocity Verlet at 0.1 µs has an error of 3.0e-05" in red["force against reference"].where
 
 
 def test_a_faulty_reference_turns_verlet_red() -> None:
     """Codes are held to what Verlet differs by from the reference, Verlet to what its own steps predict."""
     case = case_of("fig4")
     baseline = Baseline(case, TOTAL)
-    soft = replace(case, chain=replace(case.chain, stiffness=case.chain.stiffness * (1 - SMALL)))
-    vars(baseline)["followed"] = truth_of(soft)
+    soft = replace(case, chain=replace(case.chain, stiffness=case.chain.stiffness * (1 - CHANGE)))
+    vars(baseline)["exact_to_end"] = exact_motion_of(soft)
     assert FORCE in over(baseline, VERLET, baseline.plain)
 
 
@@ -144,7 +144,7 @@ def verdict_on(quantity: str, case: Case, runs: Path) -> Verdict:
     return next(each for each in compare_case(case, both, {}) if (each.engine, each.quantity) == (VERLET, quantity))
 
 
-def test_the_general_tolerance_is_the_most_that_is_allowed_unless_an_accuracy_is_asked_for(shared_runs: Path) -> None:
+def test_the_general_tolerance_is_an_upper_limit_unless_the_scene_has_an_accuracy(shared_runs: Path) -> None:
     general = tolerance("truncation", "force")
     coarse = verdict_on("force against reference", case_of("fig6d", "run.time_step=1 us"), shared_runs)
     assert (coarse.verdict, coarse.limit, coarse.reason) == (FAIL, general.limit, general.reason)
@@ -156,7 +156,7 @@ def test_the_general_tolerance_is_the_most_that_is_allowed_unless_an_accuracy_is
     assert general.limit < found.limit < 1.1 * found.value
 
 
-def test_what_nothing_predicts_has_the_general_tolerance(shared_runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unpredicted_errors_have_the_general_tolerance(shared_runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     baselines._last.clear()
     monkeypatch.setattr(baselines, "MAX_BODIES", 3)
     case = case_of("fig4")

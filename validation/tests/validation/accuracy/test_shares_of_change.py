@@ -1,4 +1,4 @@
-"""Errors are shares of what changes: a static load hides none, on random scenes of weak waves in pressed chains."""
+"""Errors are relative to the largest change: a static load hides none, on random scenes of weak waves."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON, Baseline, baseline_of
-from validation.accuracy.budget import NOTHING_MOVES, error_budget, warnings_of
+from validation.accuracy.budget import AT_REST_NOTE, error_budget, warnings_of
 from validation.accuracy.plan import planned_case
 from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import compare_case
@@ -18,7 +18,7 @@ from validation.compare.verdict import FAIL
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
 
-PRESSED = """title = "a weak wave in a pressed chain"
+PRESSED_CHAIN = """title = "a weak wave in a pressed chain"
 [chain]
 count = {count}
 material = "steel"
@@ -64,14 +64,12 @@ def pressed(number: int, share: float, folder: Path, accuracy: float | None = No
     settings |= {"speed": 10 ** draw.uniform(-3.5, -2.5), "duration": int(18 * count / step_us) * step_us}
     last = f"accuracy = {accuracy:g}" if accuracy else f'time_step = "{step_us:.6g} us"'
     path = folder / f"pressed-{number}.toml"
-    path.write_text(PRESSED.format(**settings, last=last))
+    path.write_text(PRESSED_CHAIN.format(**settings, last=last))
     return planned_case(path)
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_a_wave_that_is_wrong_under_a_static_load_is_red_and_warned_of(
-    number: int, tmp_path: Path, shared_runs: Path
-) -> None:
+def test_a_wrong_wave_on_a_static_load_is_red_and_warned_of(number: int, tmp_path: Path, shared_runs: Path) -> None:
     case = pressed(number, 0.9, tmp_path)
     runs = {name: finished(case, name, shared_runs) for name in ("reference", "verlet")}
     wave_N = runs["reference"].trace.force_N - case.chain.force_N
@@ -105,7 +103,7 @@ def test_a_peak_errs_by_its_own_wave(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_an_energy_that_grows_beside_a_static_load_is_warned_of(number: int, tmp_path: Path) -> None:
+def test_a_growing_energy_under_a_static_load_is_warned_of(number: int, tmp_path: Path) -> None:
     draw = np.random.default_rng(number)
     settings = {"diameter": draw.uniform(4, 8), "light": draw.uniform(0.4, 0.8), "speed": 10 ** draw.uniform(-3, -2)}
     path = tmp_path / "light.toml"
@@ -116,23 +114,23 @@ def test_an_energy_that_grows_beside_a_static_load_is_warned_of(number: int, tmp
     step = f"{0.3 * contact_us:.4g} us"
     coarse = build_case(read_scene(path, (f"run.sample_interval={step}", f"run.time_step={step}")))
     trace = verlet_of(coarse)
-    kinetic = baseline_of(coarse).followed.trace.kinetic_energy_J.max()
+    kinetic = baseline_of(coarse).exact_to_end.trace.kinetic_energy_J.max()
     drift = np.abs(trace.total_energy_J - trace.total_energy_J[0]).max() / kinetic
-    said = [line for line in warnings_of(coarse, "verlet", trace) if line.startswith("the energy is off by up to")]
+    said = [line for line in warnings_of(coarse, "verlet", trace) if line.startswith("energy error of up to")]
     assert bool(said) == (drift > 0.1)
     assert not any("energy" in line for line in warnings_of(fine.at(50), "verlet", verlet_of(fine.at(50))))
 
 
-def test_where_nothing_moves_it_is_said(tmp_path: Path, shared_runs: Path) -> None:
+def test_a_scene_at_rest_has_a_note(tmp_path: Path, shared_runs: Path) -> None:
     case = pressed(0, 0.5, tmp_path)
     scene = case.scene.model_copy(update={"striker": None})
     still = build_case(scene)
     parts, note = error_budget(still, "verlet", verlet_of(still))
-    assert NOTHING_MOVES in note
+    assert AT_REST_NOTE in note
     assert abs(parts[0]["whole"]) < 1e-9
 
 
-def test_the_reference_says_until_when_it_is_exact(shared_runs: Path) -> None:
+def test_the_reference_reports_until_when_it_is_exact(shared_runs: Path) -> None:
     known = assess(finished(case_of("fig4"), "reference", shared_runs), case_of("fig4")).record
     assert known.exact_to is not None
     assert known.exact_to < 1e-11
@@ -144,8 +142,8 @@ def test_the_reference_says_until_when_it_is_exact(shared_runs: Path) -> None:
     assert record.exact_to is not None
     assert 5e-3 < record.exact_until_s < 20e-3
     assert record.exact_to <= HORIZON
-    assert any("nothing is measured beyond" in line for line in record.warnings or ())
+    assert any("later errors are not measured" in line for line in record.warnings or ())
     other = finished(chaotic, "verlet", shared_runs)
     verdicts = compare_case(chaotic, {"reference": run, "verlet": other}, {})
     against = next(each for each in verdicts if each.quantity == "force against reference")
-    assert "from when on the reference is off by 1e-06" in against.where
+    assert "where the error of the reference exceeds 1e-06" in against.where

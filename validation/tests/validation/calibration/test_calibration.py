@@ -1,4 +1,4 @@
-"""The calibration study: laws fitted to what the paper quotes, its tables, sentences, figures and section."""
+"""The calibration study: laws fitted to the quoted data, its tables, sentences, figures and section."""
 
 from math import inf, nan
 from pathlib import Path
@@ -10,12 +10,12 @@ from validation.calibration import calibration_study
 from validation.calibration.calibration_study import DATA, MAIN, PROFILES, REMARKS, STUDY, missed, sentences
 from validation.calibration.data_sets import paper_data
 from validation.calibration.laws import fit_one, plan
-from validation.calibration.problem import NOT_SEEN, jacobian, pose, residual
+from validation.calibration.problem import MISSING_RESIDUAL, jacobian, pose, residual
 from validation.calibration.rows import Parameter
 from validation.studies import frame_of, read_section, write_study
 
 
-def test_laws_on_fig_4_are_written_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fits_to_fig_4_give_tables_sentences_and_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = plan()
     monkeypatch.setattr(calibration_study, "plan", lambda: whole.model_copy(update={"selections": ("fig4",)}))
     laws = [law for law in whole.law if law.name in ("elastic theory", "viscoelastic")]
@@ -23,7 +23,7 @@ def test_laws_on_fig_4_are_written_told_and_drawn(tmp_path: Path, monkeypatch: p
     rows = {name: [row for each in part for row in each] for name, part in zip(STUDY.tables, parts, strict=True)}
     assert [*rows] == [MAIN, DATA, PROFILES, REMARKS]
     theory, fitted = sentences(write_study(STUDY, rows, tmp_path))
-    assert "missed, in standard errors: fig4: force by +9.2, fig4: speed by +2.7" in theory
+    assert "deviations in standard errors: fig4: force +9.2, fig4: speed +2.7" in theory
     assert "ptfe.youngs_modulus 1.01 ± 0.29 GPa (95 %: 0.54 .. 1.70 GPa); contact.restitution 0.729 ± 0.096" in fitted
     section = read_section("calibration", tmp_path)
     assert [fit["verdict"] for fit in section["summary"]] == ["no fit", "no test"]
@@ -33,14 +33,14 @@ def test_laws_on_fig_4_are_written_told_and_drawn(tmp_path: Path, monkeypatch: p
 
 
 def test_an_experiment_counts_once() -> None:
-    """The second row of Table 1 is the wave of Fig. 4."""
+    """Row 2 of Table 1 is the wave of Fig. 4."""
     assert len(paper_data(["table1"], ())) == 5
     names = [each.name for each in paper_data(["fig4", "table1"], ())]
     assert names == ["fig4", "table1 row 1", "table1 row 3", "table1 row 4", "table1 row 5"]
 
 
-def test_what_is_quoted_has_an_error_with_a_reason() -> None:
-    """Stated by the paper, or assumed because of something."""
+def test_every_quoted_number_has_an_error_with_a_reason() -> None:
+    """Errors are stated by the paper or assumed for a given reason."""
     for data in paper_data(["fig4", "table1", "fig5"], ()):
         for number in data.numbers:
             assert number.error > 0
@@ -48,22 +48,22 @@ def test_what_is_quoted_has_an_error_with_a_reason() -> None:
 
 
 @pytest.mark.long
-def test_dissipation_and_a_softer_bead_explain_all_that_is_quoted() -> None:
-    """The best fit rests where the wall's third maximum is about to vanish: a descent alone ends above it."""
+def test_dissipation_and_a_softer_bead_explain_all_quoted_data() -> None:
+    """The best fit lies where the third maximum at the wall is about to vanish; a descent alone ends above it."""
     (law,) = [law for law in plan().law if law.name == "viscoelastic"]
     parameters, data, _, remarks = fit_one(law, "fig4, table1, fig5", True)
     assert parameters[0].chi_square == pytest.approx(7.54, abs=0.1)
     assert parameters[0].value == pytest.approx(0.785e9, rel=0.02)
     assert all(abs(row.off) < 2 for row in data if row.counts)
-    assert any("rests at that edge" in remark.sentence for remark in remarks)
+    assert any("lies at this edge" in remark.sentence for remark in remarks)
     assert missed({MAIN: frame_of(Parameter, parameters)}) == []  # the figures are drawn with this fit
 
 
-def test_a_fit_that_departs_from_the_parameters_of_the_figures_is_a_failure() -> None:
-    """By more than a tenth of the error, in the value or in the error; and one that is not there."""
+def test_a_fit_that_differs_from_the_parameters_of_the_figures_is_a_failure() -> None:
+    """Differences above a tenth of the error in value or error fail, and so does a missing fit."""
     file = calibrated()
 
-    def told(**by_errors: float) -> list[str]:
+    def changed(**by_errors: float) -> list[str]:
         fits = (
             Parameter(
                 file.law, file.data, each.key, each.unit, each.value + by_errors.get("value", 0.0) * each.error,
@@ -73,16 +73,24 @@ def test_a_fit_that_departs_from_the_parameters_of_the_figures_is_a_failure() ->
         )  # fmt: skip
         return missed({MAIN: frame_of(Parameter, fits)})
 
-    assert told(value=0.09) == told(error=-0.09) == []
-    for lines in (told(value=0.11), told(value=-0.11), told(error=0.11), told(value=nan), told(error=inf)):
+    assert changed(value=0.09) == changed(error=-0.09) == []
+    for lines in (
+        changed(value=0.11),
+        changed(value=-0.11),
+        changed(error=0.11),
+        changed(value=nan),
+        changed(error=inf),
+    ):
         assert len(lines) == len(file.parameter)
-    assert told(value=0.11)[0].startswith("inputs/paper/calibrated.toml: materials.ptfe.youngs_modulus: 7.845e+08 ± ")
-    assert told(value=0.11)[0].endswith("Pa; the fit gives 7.9178e+08 ± 6.62e+07 Pa")
+    assert changed(value=0.11)[0].startswith(
+        "inputs/paper/calibrated.toml: materials.ptfe.youngs_modulus: 7.845e+08 ± "
+    )
+    assert changed(value=0.11)[0].endswith("Pa; the fit gives 7.9178e+08 ± 6.62e+07 Pa")
     assert "no fit of the law viscoelastic to fig4, table1, fig5" in missed({MAIN: frame_of(Parameter, ())})[0]
 
 
-def test_what_is_not_seen_counts_ten_standard_errors_and_has_no_slope() -> None:
-    """At 0.73 Fig. 5's wall shows no third maximum, so no envelope."""
+def test_a_missing_number_counts_ten_standard_errors_and_has_no_slope() -> None:
+    """At restitution 0.73 Fig. 5 has no third maximum at the wall, and so no envelope."""
     problem = pose(paper_data(["fig5"], ("contact.restitution=0.73",)), ("contact.restitution",))
-    assert residual(problem, problem.start) == [NOT_SEEN]
+    assert residual(problem, problem.start) == [MISSING_RESIDUAL]
     assert not jacobian(problem, problem.start).any()

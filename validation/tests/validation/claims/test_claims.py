@@ -16,7 +16,7 @@ from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS
 from validation.claims.claim import KINDS, MODULES, Claim, Reading, read_claims
 from validation.claims.claims_study import ReadingRow, Row, rows_of
-from validation.claims.judged import DIFFERS, REPRODUCED, Judged, Read, judge_all
+from validation.claims.judged import DIFFERS, REPRODUCED, ComputedReading, Judged, judge_all
 from validation.report.write_report import write_report
 from validation.studies import read_section, read_table, rows_in, write_table
 from validation.tests.helpers.runs import need
@@ -66,7 +66,8 @@ def read_both_ways(value: float, other: float, **values: object) -> Judged:
     ways = (Reading(words="one way", favoured="it says so"), Reading(words="another"))
     whole = claim(within=0.1, readings=ways, **values)
     read = [
-        Read(way, v, REPRODUCED if whole.holds_for(v) else DIFFERS) for way, v in zip(ways, (value, other), strict=True)
+        ComputedReading(way, v, REPRODUCED if whole.holds_for(v) else DIFFERS)
+        for way, v in zip(ways, (value, other), strict=True)
     ]
     return Judged(whole, {"reference": value}, "", tuple(read))
 
@@ -143,7 +144,7 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "problem"),
     [
         ("claim = []\n", "at least 1 item"),
         (ONE + READ.replace('favoured = "it says so"', 'favoured = ""'), "0 favoured"),
@@ -164,21 +165,21 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
         (ONE.replace("speed_constant", "_particles"), "equations._particles"),
         (ONE.replace("speed_constant", "quoted"), "equations.quoted"),
         (ONE.replace("equations.", "os."), "os.speed_constant"),
-        (ONE.replace('because = "c"', ""), "no because"),
+        (ONE.replace('because = "c"', ""), "missing key because"),
         (ONE.replace('compute = "equations.speed_constant"\n', ""), "compute"),
-        (ONE.replace("within = 1\n", ""), "no within"),
+        (ONE.replace("within = 1\n", ""), "missing key within"),
         (ONE.replace("quoted = 1", 'quoted = "one"'), "quoted"),
         (ONE.replace("within", "withn"), "withn"),
         ("", "claim"),
         ("[[claim]\n", "TOML"),
     ],
 )
-def test_a_broken_list_is_refused_in_one_line(text: str, complaint: str, tmp_path: Path) -> None:
+def test_a_broken_list_is_refused_in_one_line(text: str, problem: str, tmp_path: Path) -> None:
     path = tmp_path / "claims.toml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
         read_claims(path)
-    assert complaint in str(caught.value)
+    assert problem in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -186,7 +187,7 @@ def test_an_explanation_without_a_difference_is_a_fault() -> None:
     assert "explained" in Judged(claim(within=0.1, explained="misprint"), {"reference": 2.0}, "").fault
 
 
-def test_what_was_computed_is_told_in_full(judged: list[Judged]) -> None:
+def test_computed_quantities_are_described_in_full(judged: list[Judged]) -> None:
     for each in judged:
         assert not each.how.startswith(("The same", "Its ", "Their ", "For ", "They ")), each.claim.id
 
@@ -268,7 +269,7 @@ def test_the_page_shows_every_verdict(judged: list[Judged], tmp_path: Path) -> N
     for each in judged:
         assert f">{each.claim.id}<" in page
     assert "our criterion" in page
-    assert "hangs on the reading" in page
+    assert "depends on the reading" in page
     for untested in read_claims().untested:
         assert untested.reason in html.unescape(page)
 

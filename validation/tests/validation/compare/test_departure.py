@@ -1,4 +1,4 @@
-"""When a run first leaves the exact motion, and why."""
+"""First departures of runs from the exact motion, and their causes."""
 
 import math
 from collections.abc import Callable
@@ -33,12 +33,12 @@ from validation.tests.helpers.runs import blown_up, finished
 from validation.tests.helpers.scenes import case_of
 
 WEIGHTLESS = "gravity=0 m/s^2"
-LONG = ("run.duration=20 ms", "run.sample_interval=5 us")
+BOUNCING = ("run.duration=20 ms", "run.sample_interval=5 us")
 Change = Callable[[Array], Array]
 
 
 def as_code(case: Case, **changes: Change) -> Trace:
-    """What a code would find of a case with arrays of its chain changed."""
+    """Trace of a case as a code would compute it with some arrays of its chain changed."""
     arrays: dict[str, Any] = {name: change(getattr(case.chain, name).copy()) for name, change in changes.items()}
     changed = replace(case, chain=replace(case.chain, **arrays))
     return verlet_in_heights(changed)
@@ -68,27 +68,27 @@ def test_one_bouncing_body_is_not_chaotic() -> None:
 
 
 @pytest.mark.parametrize(("step", "first_us"), [("1 us", 1), ("0.1 us", 12)])
-def test_a_good_run_leaves_by_truncation(step: str, first_us: float) -> None:
+def test_a_good_run_departs_by_truncation(step: str, first_us: float) -> None:
     case = case_of("fig4", f"run.time_step={step}")
     found = departure(case, "yade", as_code(case))
     assert (found.kind, found.contact) == (TRUNCATION, 22)
     assert found.time_s == pytest.approx(first_us * 1e-6)
     assert LEVELS[0] < found.share
-    assert "velocity Verlet at this step does the same" in found.words
+    assert "as for velocity Verlet at this step" in found.words
     assert [each.kind for each in found.later] == [TRUNCATION] * (step == "1 us")
 
 
-def test_the_exact_motion_never_leaves() -> None:
+def test_the_exact_motion_never_departs() -> None:
     case = case_of("fig4")
     found = departure(case, "reference", baseline_of(case).exact)
     assert found.kind == NONE
     assert math.isnan(found.time_s)
-    assert ": it is the same, bit for bit; exact to " in found.words
+    assert found.words.startswith("is the exact motion; exact to ")
 
 
 def test_chaos_comes_after_reflections() -> None:
-    """A step so small that truncation stays below the first level until the chain multiplies it."""
-    case = case_of("fig4", *LONG, "run.time_step=10 ns")
+    """The step is so small that truncation stays below the first level until chaos amplifies it."""
+    case = case_of("fig4", *BOUNCING, "run.time_step=10 ns")
     found = departure(case, "verlet", verlet_of(case))
     assert found.kind == CHAOS
     assert {each.kind for each in found.later} == {CHAOS}
@@ -101,31 +101,31 @@ def test_chaos_comes_after_reflections() -> None:
 
 
 def test_truncation_stays_truncation_after_a_reflection() -> None:
-    """Until half a millisecond rounding has grown no more than walks do."""
+    """Until half a millisecond rounding errors have only added up."""
     case = case_of("fig6b")
     found = departure(case, "verlet", verlet_of(case))
     (later,) = found.later
     assert (found.kind, later.kind) == (TRUNCATION, TRUNCATION)
-    assert "by 0.0001 of" in later.words
+    assert "exceeds 0.0001 of" in later.words
     assert later.time_s == pytest.approx(507e-6)
 
 
-def test_rounding_parts_a_code_from_verlet_when_the_chain_is_chaotic(shared_runs: Path) -> None:
-    """Two roundings pass 1e-8 of the largest change at 8 ms and are 1 % apart at 20 ms: 1e-6 lies between."""
-    case = case_of("fig4", *LONG)
+def test_rounding_separates_a_code_from_verlet_when_the_chain_is_chaotic(shared_runs: Path) -> None:
+    """Rounding separates two runs by 1e-8 of the largest change at 8 ms and by 1 % at 20 ms, so by 1e-6 between."""
+    case = case_of("fig4", *BOUNCING)
     found = departure(case, "liggghts", finished(case, "liggghts", shared_runs).trace)
-    (parted,) = [each for each in _all(found) if "only rounds otherwise" in each.words]
+    (parted,) = [each for each in _all(found) if "with other rounding" in each.words]
     assert parted.kind == CHAOS
     assert 8e-3 < parted.time_s < 16e-3
 
 
 @pytest.mark.parametrize("scene", ["fig4", "fig5", "fig6b"])
 def test_a_wrong_wall_law(scene: str) -> None:
-    """Under gravity it bears another weight at time 0; without, nobody knows until the wave comes."""
+    """Under gravity the force at time 0 is wrong; without gravity the fault shows when the wave arrives."""
     heavy, weightless = case_of(scene), case_of(scene, WEIGHTLESS)
-    at_once = departure(heavy, "yade", as_code(heavy, stiffness=times(0.707, 1)))
-    assert (at_once.kind, at_once.time_s, at_once.contact) == (SET_UP, 0.0, 1)
-    assert "bears" in at_once.words
+    early = departure(heavy, "yade", as_code(heavy, stiffness=times(0.707, 1)))
+    assert (early.kind, early.time_s, early.contact) == (SET_UP, 0.0, 1)
+    assert "at time 0 contact 1 has" in early.words
     later = departure(weightless, "yade", as_code(weightless, stiffness=times(0.707, 1)))
     assert (later.kind, later.contact) == (MODEL, 1)
     wall = baseline_of(weightless).exact.force_N[:, 0]
@@ -139,14 +139,14 @@ def test_a_wrong_wall_law(scene: str) -> None:
         ({"mass_kg": times(1.05, -1)}, 0, "kinetic energy"),
         ({"velocity_m_s": times(0.0, -1)}, 0, "kinetic energy is 0 J"),
         ({"velocity_m_s": times(1 + 1e-7, -1)}, 0, "kinetic energy"),
-        ({"load_N": lambda load: 0 * load}, 1, "before any wave is there"),
-        ({"overlap_m": lambda overlap: 0 * overlap}, 1, "bears"),
+        ({"load_N": lambda load: 0 * load}, 1, "before any wave arrives"),
+        ({"overlap_m": lambda overlap: 0 * overlap}, 1, "at time 0 contact 1 has"),
     ],
 )
 def test_a_wrong_start(changes: dict[str, Change], contact: int, words: str) -> None:
     case = case_of("fig4")
     bent = as_code(case, **changes)
-    if "overlap_m" in changes:  # heights come from the scene, so of these the forces themselves
+    if "overlap_m" in changes:  # heights come from the scene
         bent = verlet_of(replace(case, chain=replace(case.chain, overlap_m=0 * case.chain.overlap_m)))
     found = departure(case, "yade", bent)
     assert found.kind == SET_UP
@@ -155,14 +155,14 @@ def test_a_wrong_start(changes: dict[str, Change], contact: int, words: str) -> 
     assert words in found.words
 
 
-def test_the_first_force_that_changes_tells_of_the_striker() -> None:
+def test_a_fault_at_the_first_change_of_a_force() -> None:
     case = case_of("fig4", WEIGHTLESS)
     found = departure(case, "yade", as_code(case, stiffness=times(1.1, -1)))
     assert (found.kind, found.contact, found.time_s) == (SET_UP, 22, case.sample_times_s[1])
-    assert "the first force that changes" in found.words
+    assert "at the first change of any force" in found.words
 
 
-def test_a_wrong_sensor_mass_shows_when_the_wave_is_there() -> None:
+def test_a_wrong_sensor_mass_shows_when_the_wave_arrives() -> None:
     case = case_of("fig4")
     found = departure(case, "yade", as_code(case, mass_kg=times(1.05, 5)))
     assert found.kind == MODEL
@@ -185,11 +185,11 @@ def test_velocities_of_another_time_change_no_force() -> None:
     energy[1:] = (energy[1:] + energy[:-1]) / 2
     found = departure(case, "yade", replace(good, kinetic_energy_J=energy))
     assert (found.kind, found.contact) == (MODEL, 0)
-    assert "its forces are right" in found.words
+    assert "with correct forces" in found.words
 
 
 @pytest.mark.parametrize("samples", [None, 300, 2])
-def test_runs_that_ended_badly_leave_as_long_as_they_lasted(samples: int | None) -> None:
+def test_failed_runs_have_departures_too(samples: int | None) -> None:
     case = case_of("fig4")
     whole = departure(case, "yade", as_code(case, stiffness=times(0.7, 0)))
     found = departure(case, "yade", until(as_code(case, stiffness=times(0.7, 0)), samples or 801))
@@ -207,7 +207,7 @@ def test_a_blow_up_is_found_where_it_begins() -> None:
     assert found.kind == MODEL
 
 
-def test_where_it_cannot_be_said() -> None:
+def test_unknown_departures() -> None:
     meshed = case_of("fig4-tube", "tube.sides=12")
     trace = verlet_of(case_of("fig4"))
     assert departure(meshed, "yade", trace).kind == UNKNOWN
@@ -220,7 +220,7 @@ def test_where_it_cannot_be_said() -> None:
     assert "blows up" in departure(coarse, "yade", trace).words
 
 
-def test_three_dimensions_are_held_against_the_own_law() -> None:
+def test_three_dimensional_runs_are_compared_with_their_own_law_of_friction() -> None:
     case = case_of("fig5-tube", "run.duration=0.2 ms")
     own, other = (verlet_of(case, law) for law in ("total", "incremental"))
     assert departure(case, "liggghts", own).kind == TRUNCATION

@@ -1,4 +1,4 @@
-"""What runs that are off match: motions with one thing wrong, made in memory, are named; good ones are not."""
+"""Diagnoses of motions with one fault, made in memory; good motions have none."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from drivers.run.finished import EndedRun
 from validation.accuracy.baseline import baseline_of, comparable
 from validation.accuracy.schemes import verlet_in_heights, verlet_of
 from validation.compare.comparison import compare_case
-from validation.compare.diagnosis import ITS_OWN, WINDOW, Diagnosis, Found, diagnose, diagnoses_of
+from validation.compare.diagnosis import FORCES_MATCH, WINDOW, Diagnosis, Found, diagnose, diagnoses_of
 from validation.compare.variants import model_of
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.reference.hertz_chain import Motion
@@ -38,9 +38,9 @@ CLOSELY = 1e-8  # of the largest change, where rounding does not take more: meas
 
 
 @pytest.mark.parametrize("number", [pytest.param(n, marks=() if n < QUICK else pytest.mark.long) for n in range(ALL)])
-def test_one_thing_wrong_in_a_random_scene_is_named(number: int) -> None:
+def test_one_fault_in_a_random_scene_is_named(number: int) -> None:
     case, draw = random_case(number, accuracy=1e-3), np.random.default_rng(number)
-    for place in draw.permutation(len(SABOTAGES)):  # the first that the scene can have
+    for place in draw.permutation(len(SABOTAGES)):  # the first that applies to the scene
         changed = SABOTAGES[place](case, draw)
         if changed is not None:
             break
@@ -49,7 +49,7 @@ def test_one_thing_wrong_in_a_random_scene_is_named(number: int) -> None:
     diagnosis = diagnose(case, "yade", trace_with(case, chain))
     assert diagnosis is not None
     assert (diagnosis.kind, diagnosis.matched) == (kind, True), diagnosis.sentence
-    assert diagnosis.left <= CLOSELY or "rounding parts" in diagnosis.sentence or diagnosis.left < 1e-5
+    assert diagnosis.left <= CLOSELY or "the horizon" in diagnosis.sentence or diagnosis.left < 1e-5
     assert diagnosis.deviation > 10 * diagnosis.left
 
 
@@ -73,7 +73,7 @@ def test_chaos_is_not_explained() -> None:
     assert diagnose(case, "verlet", rounded) is None
 
 
-def test_what_two_faults_do_is_not_pinned_on_one(scene_file: SceneWriter) -> None:
+def test_two_faults_match_no_variant(scene_file: SceneWriter) -> None:
     case = case_of(scene_file(top=GRAVITY))
     chain = arrays_of(case.chain)
     stiffness, mass = chain.stiffness.copy(), chain.mass_kg.copy()
@@ -82,11 +82,11 @@ def test_what_two_faults_do_is_not_pinned_on_one(scene_file: SceneWriter) -> Non
     said = diagnose(case, "yade", trace_with(case, replace(chain, stiffness=stiffness, mass_kg=mass)))
     assert said is not None
     assert not said.matched
-    assert said.sentence.startswith("no variant explains it: ")
+    assert said.sentence.startswith("no variant explains the deviation of ")
 
 
 def recorded(case: Case, motion: Motion, **changes: np.ndarray) -> Trace:
-    """A trace of a motion, with some of it recorded otherwise."""
+    """Trace of a motion with some columns replaced."""
     values = {"force": motion.force_N, "velocity": motion.velocity_m_s} | changes
     height = case.chain.height_m + motion.displacement_m
     return make_trace(case.chain, case.sample_times_s, values["force"], height, values["velocity"])
@@ -109,7 +109,7 @@ def half_step(case: Case, motion: Motion) -> Array:
         ("factor", "matches forces times 1000 "),
     ],
 )
-def test_what_is_recorded_wrongly_is_named(changed: str, sentence: str, scene_file: SceneWriter) -> None:
+def test_misread_forces_are_named(changed: str, sentence: str, scene_file: SceneWriter) -> None:
     case = case_of(scene_file(top=GRAVITY))
     model, samples = model_of(case), case.scene.samples
     right = model.motion(samples)
@@ -130,7 +130,7 @@ def test_what_is_recorded_wrongly_is_named(changed: str, sentence: str, scene_fi
 def test_velocities_half_a_step_off_are_red_and_named(
     sign: int, when: str, scene_file: SceneWriter, shared_runs: Path
 ) -> None:
-    """They change no force."""
+    """Wrong recorded velocities change no force."""
     case = case_of(scene_file())
     run = finished(case, "verlet", shared_runs)
     motion = model_of(case).motion(case.scene.samples)
@@ -140,11 +140,11 @@ def test_velocities_half_a_step_off_are_red_and_named(
     assert verdicts["force against verlet"].verdict == PASS
     assert verdicts["motion against verlet"].verdict == FAIL
     said = diagnoses_of(case, verdicts.values(), {"yade": odd.trace})
-    assert said["yade"].startswith(f"matches velocities half a step (0.05 us) {when} to ")
+    assert said["yade"] == f"matches velocities half a step (0.05 µs) {when} bit for bit"
 
 
 def with_trace(run: EndedRun, trace: Trace) -> EndedRun:
-    """A run with another trace than its folder's."""
+    """Copy of a run with another trace than that in its folder."""
     other = EndedRun(run.folder, run.record)
     other.__dict__["trace"] = trace
     return other
@@ -162,19 +162,25 @@ def test_only_red_rows_are_diagnosed(scene_file: SceneWriter) -> None:
     said = diagnoses_of(case, verdicts, {"yade": trace_with(case, chain), "liggghts": good, "verlet": good})
     assert set(said) == {"yade", "verlet"}
     assert said["yade"].startswith("matches a wall contact ")
-    assert said["verlet"] == ITS_OWN
+    assert said["verlet"] == FORCES_MATCH
 
 
-def test_what_is_not_tried_is_said(scene_file: SceneWriter) -> None:
+def test_reasons_for_no_diagnosis(scene_file: SceneWriter) -> None:
     sideways = case_of("oblique-impact")
     case = case_of(scene_file(top=GRAVITY))
     broken = verlet_of(case)
     force = broken.force_N.copy()
     force[100:] = np.nan
     for said, words in (
-        (diagnose(sideways, "yade", verlet_of(case)), "no diagnosis: the variants are those of straight chains"),
-        (diagnose(case, "yade", replace(broken, force_N=force)), "no diagnosis: it is its scene until 100 us, "),
-        (diagnose(case, "yade", replace(broken, force_N=force[:50])), "no diagnosis: it is its scene until 50 us, "),
+        (diagnose(sideways, "yade", verlet_of(case)), "no diagnosis: only straight chains have variants"),
+        (
+            diagnose(case, "yade", replace(broken, force_N=force)),
+            "no diagnosis: the run matches its scene until 100 µs, ",
+        ),
+        (
+            diagnose(case, "yade", replace(broken, force_N=force[:50])),
+            "no diagnosis: the run matches its scene until 50 µs, ",
+        ),
         (diagnose(case, "yade", replace(broken, force_N=np.nan * force)), "no diagnosis: there are no forces to "),
     ):
         assert isinstance(said, Diagnosis)
@@ -184,7 +190,7 @@ def test_what_is_not_tried_is_said(scene_file: SceneWriter) -> None:
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_one_sample_that_fits_is_no_match(factor: float, tmp_path: Path) -> None:
-    """Where beads that just touch are damped rounding is large at once: such a variant fits the sample at time 0."""
+    """For damped beads that just touch, rounding is large from the start: such a variant fits the sample at time 0."""
     (tmp_path / "flat.toml").write_text(FLAT_AND_LOSSY)
     case = case_of(tmp_path / "flat.toml")
     chain = arrays_of(case.chain)
@@ -200,12 +206,12 @@ def test_one_sample_that_fits_is_no_match(factor: float, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("forgotten", "words"),
     [
-        ("poisson_ratio=0.25", "the Poisson's ratio of 0.25 that"),
-        ("youngs_modulus=1 GPa", "the Young's modulus of 1 GPa that"),
-        ("poisson_ratio=0.25 youngs_modulus=1 GPa", "the Young's modulus of 1 GPa and Poisson's ratio of 0.25 that"),
+        ("poisson_ratio=0.25", "Poisson's ratio of 0.25"),
+        ("youngs_modulus=1 GPa", "Young's modulus of 1 GPa"),
+        ("poisson_ratio=0.25 youngs_modulus=1 GPa", "Young's modulus of 1 GPa and Poisson's ratio of 0.25"),
     ],
 )
-def test_elastic_constants_that_yade_completes_are_named(
+def test_default_elastic_constants_of_yade_are_named(
     who: str, forgotten: str, words: str, scene_file: SceneWriter
 ) -> None:
     scene = scene_file(top=GRAVITY)
@@ -217,34 +223,34 @@ def test_elastic_constants_that_yade_completes_are_named(
     chain = replace(arrays_of(case.chain), stiffness=other.chain.stiffness)
     said = diagnose(case, "yade", trace_with(case, chain))
     assert said is not None
-    assert said.sentence.startswith(f"matches {who} with {words} YADE has unless told to "), said.sentence
+    assert said.sentence == f"matches {who} with YADE's default {words} bit for bit"
     assert said.left <= CLOSELY
 
 
-def test_a_wall_that_does_not_yield_may_lose_its_modulus(scene_file: SceneWriter) -> None:
-    """Its ratio is 0, so that YADE then has it yield by 1/E."""
+def test_a_rigid_wall_may_have_the_default_modulus(scene_file: SceneWriter) -> None:
+    """Its Poisson's ratio is 0, so in YADE its compliance is 1/E."""
     case = case_of(scene_file(top=GRAVITY), "wall.material=rigid")
     soft = 'materials.soft={ youngs_modulus = "1 GPa", poisson_ratio = 0.0 }'
     other = case_of(scene_file(top=GRAVITY), soft, "wall.material=soft")
     chain = replace(arrays_of(case.chain), stiffness=other.chain.stiffness)
     said = diagnose(case, "yade", trace_with(case, chain))
     assert said is not None
-    assert said.sentence.startswith("matches rigid with the Young's modulus of 1 GPa that YADE has "), said.sentence
+    assert said.sentence.startswith("matches rigid with YADE's default Young's modulus of 1 GPa "), said.sentence
 
 
-def test_what_nothing_comes_near_names_nothing(scene_file: SceneWriter) -> None:
+def test_noise_is_close_to_no_variant(scene_file: SceneWriter) -> None:
     case = case_of(scene_file(top=GRAVITY))
     good = verlet_of(case)
     noise = np.random.default_rng(1).uniform(-0.1, 0.1, good.force_N.shape) * good.force_N.max()
     said = diagnose(case, "yade", replace(good, force_N=good.force_N + noise))
     assert said is not None
     assert (said.kind, said.matched) == ("", False)
-    assert said.sentence.startswith("no variant explains it: it is off by ")
-    assert said.sentence.endswith(" of the largest change, and none comes near")
+    assert said.sentence.startswith("no variant explains the deviation of ")
+    assert said.sentence.endswith(" of the largest change; none is close")
     assert said.left > 0.5 * said.deviation
 
 
-def test_what_leaves_the_scene_when_rounding_does_is_not_diagnosed() -> None:
+def test_a_deviation_close_to_the_horizon_has_no_diagnosis() -> None:
     case = case_of("fig4", "run.duration=20 ms", "run.time_step=0.5 us")
     rounded = verlet_in_heights(case)
     _, samples = comparable(baseline_of(case).rounding_N / rounded.force_N.max())
@@ -253,8 +259,9 @@ def test_what_leaves_the_scene_when_rounding_does_is_not_diagnosed() -> None:
     force[first:] += 0.01 * force.max()
     said = diagnose(case, "yade", replace(rounded, force_N=force))
     assert said is not None
-    assert said.sentence.startswith(f"no diagnosis: it leaves its scene at {case.sample_times_s[first] * 1e6:g} us, ")
-    assert "rounding alone may do that" in said.sentence
+    when = f"{case.sample_times_s[first] * 1e6:g} µs"
+    assert said.sentence.startswith(f"no diagnosis: the run deviates from its scene at {when}, ")
+    assert "too close to the horizon" in said.sentence
 
 
 @pytest.mark.parametrize(("left", "matches"), [(9e-10, True), (1.1e-9, False)])

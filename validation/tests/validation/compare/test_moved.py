@@ -1,4 +1,4 @@
-"""Runs of two folders, and of two builds of a code: what moved, by how much, since when; what has no counterpart."""
+"""Comparison of two folders of runs, and of two builds of a code: changed quantities, missing and failed runs."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from drivers.chain.trace import FORCES, read_forces, write_forces
 from drivers.engines import VERLET, codes, installed_codes
 from drivers.run.finished import BUILD_NOT_KNOWN, FILE
 from validation.__main__ import main
-from validation.compare.asked import Asked
+from validation.compare.selection import EngineSelection
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter, case_of
 
@@ -38,7 +38,7 @@ def folders(scene_file: SceneWriter, shared_runs: Path, tmp_path: Path) -> tuple
 
 @pytest.fixture
 def compare(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Compare:
-    """Exit code and lines of a comparison, in which no code has to run."""
+    """Runs a comparison that requires no code; returns its exit code and lines."""
 
     def run(*words: str | Path) -> tuple[int, list[str]]:
         capsys.readouterr()
@@ -71,15 +71,15 @@ def tamper(folder: Path, sample: int, contact: int, force_N: float) -> None:
 
 def test_the_same_runs(folders: tuple[Path, Path], compare: Compare) -> None:
     old, new = folders
-    file = run_of(old, "scene") / FILE  # as it was before builds were told apart
+    file = run_of(old, "scene") / FILE  # a record without a build
     record = json.loads(file.read_text())
     file.write_text(json.dumps({key: record[key] for key in record.keys() - BUILD_NOT_KNOWN}))
     code, lines = compare("--runs", old, "--against", new)
     assert code == 0
     rows = [line for line in lines if line.startswith(tuple(SCENES))][1:]  # below the heading
     assert [row.split()[:3] for row in rows] == [["other", VERLET, "all"], ["scene", VERLET, "all"]]
-    assert all(row.endswith("pass: the same, bit for bit") for row in rows)
-    assert lines[-1] == "2 runs: 2 compared, 0 failed, missing or moved beyond what is allowed"
+    assert all(row.endswith("pass: identical bit for bit") for row in rows)
+    assert lines[-1] == "2 runs: 2 compared, 0 failed, missing or changed by more than allowed"
 
 
 def test_what_moved_by_how_much_and_since_when(folders: tuple[Path, Path], compare: Compare) -> None:
@@ -90,15 +90,17 @@ def test_what_moved_by_how_much_and_since_when(folders: tuple[Path, Path], compa
     assert code == 1
     rows = [line for line in lines if line.startswith("scene")][1:]  # below the heading
     assert re.match(rf"scene +{VERLET} +force +1\.\d\de-03 +1\.00e-09  fail: contact 3 at 37 µs; "
-                    r"they part at 37 µs in contact 3$", rows[0])  # fmt: skip
+                    r"forces differ from 37 µs, contact 3$", rows[0])  # fmt: skip
     assert [row for row in lines if row.startswith("other")] == [row for row in lines if "bit for bit" in row]
-    closer = f"look closer: python -m validation compare {run_of(old, 'scene')} {run_of(new, 'scene')}"
+    closer = f"details: python -m validation compare {run_of(old, 'scene')} {run_of(new, 'scene')}"
     assert lines[-1] == closer
     tamper(run_of(new, "scene"), 37, 3, -1e-3 * change)
     tamper(run_of(new, "scene"), 37, 3, 1e-12 * change)
     code, lines = compare("--runs", old, "--against", new)
     assert code == 0
-    assert [line for line in lines if line.startswith("scene")][1].endswith("the same to rounding, most of all force")
+    assert [line for line in lines if line.startswith("scene")][1].endswith(
+        "equal to rounding, largest difference in force"
+    )
 
 
 def test_another_time_step_is_another_run(
@@ -110,7 +112,7 @@ def test_another_time_step_is_another_run(
     shutil.copytree(finer, new / VERLET / finer.name)
     words = ("--runs", old, "--against", new)
     code, lines = compare(*words)
-    assert code == 0  # told that runs may be missing
+    assert code == 0  # with --allow-missing
     rows = [line for line in lines if "no such run in" in line]
     assert len(rows) == 2
     assert rows[0].endswith("; the closest differs: run.time_step: 0.1 us against 50 ns")
@@ -118,17 +120,17 @@ def test_another_time_step_is_another_run(
     assert all(f"{VERLET}     run" in row and "not run: " in row for row in rows)
 
 
-def test_a_missing_run_is_a_failure_unless_told_otherwise(
+def test_a_missing_run_is_a_failure_unless_allowed(
     folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     old, new = folders
     shutil.rmtree(run_of(new, "scene"))
     monkeypatch.setattr("sys.argv", ["validation", "compare", "--runs", str(old), "--against", str(new)])
     assert main() == 1
-    told = capsys.readouterr()
-    assert f"fail: no such run in {new}" in told.out
-    assert told.err.startswith("no established code ran")  # the other scene's pair is no code's
-    assert len(told.err.splitlines()) == 1
+    printed = capsys.readouterr()
+    assert f"fail: no such run in {new}" in printed.out
+    assert printed.err.startswith("no established code ran")  # the pair of the other scene is of verlet
+    assert len(printed.err.splitlines()) == 1
 
 
 @pytest.mark.parametrize("place", [0, 1])
@@ -184,12 +186,12 @@ def test_a_list_of_scenes_and_engines(folders: tuple[Path, Path], compare: Compa
     assert f"no such run in {new}" in "".join(compare("other", *words)[1])
     assert compare(*words, "--require", "reference")[0] == 1
     for wrong, found in (
-        (("third", *words), 'no run of "third" in either folder; allowed: other, scene'),
-        (("--runs", old, "--against", old.parent / "none"), "--against .*none: found no run"),
-        (("--runs", old.parent / "none", "--against", new), "--runs .*none: found no run"),
-        ((*words, "--set", "seed=1"), "--set: found runs that are done"),
-        ((run_of(old, "scene"), run_of(new, "scene"), "--against", new), "--against: found two runs that are done"),
-        ((), "compare: found no scene"),
+        (("third", *words), '"third" has no run in either folder; allowed: other, scene'),
+        (("--runs", old, "--against", old.parent / "none"), "--against .*none: no runs here"),
+        (("--runs", old.parent / "none", "--against", new), "--runs .*none: no runs here"),
+        ((*words, "--set", "seed=1"), "--set: not allowed with --against"),
+        ((run_of(old, "scene"), run_of(new, "scene"), "--against", new), "--against: not allowed with two runs"),
+        ((), "compare: scene missing"),
     ):
         with pytest.raises(InputError, match=found):
             compare(*wrong)
@@ -199,7 +201,7 @@ ADAPTER = """from dataclasses import replace
 from drivers.engines.verlet import ENGINE as VERLET
 ENGINE = replace(VERLET, in_repository=False, version=lambda command: "twin 1.0")
 """
-SOFTER = """#!{python}
+SOFTER_BUILD = """#!{python}
 import json, os, sys
 from pathlib import Path
 deck = Path("chain.json")
@@ -215,7 +217,7 @@ os.execv({python!r}, [{python!r}, *sys.argv[1:]])
 def builds(engines_file: EnginesWriter, tmp_path: Path) -> tuple[str, str, str]:
     """Three builds of a code, of the same version and from the same adapter: two are the same, one is too soft."""
     (tmp_path / "twin.py").write_text(ADAPTER)
-    (tmp_path / "softer").write_text(SOFTER.format(python=sys.executable))
+    (tmp_path / "softer").write_text(SOFTER_BUILD.format(python=sys.executable))
     (tmp_path / "softer").chmod(0o755)
     commands = {"twin": sys.executable, "twin-again": f"env {sys.executable}", "twin-softer": "./softer"}
     engines_file("".join(f'[{name}]\nadapter = "twin.py"\ncommand = "{commands[name]}"\n' for name in commands))
@@ -229,13 +231,13 @@ def test_two_builds_of_a_code_side_by_side(
     words = (scene_file(), "--runs", tmp_path / "runs", "--engine", first, "--engine")
     code, lines = compare(*words, same)
     assert code == 0
-    assert re.match(rf"scene +{same} against {first} all .*pass: the same, bit for bit$", lines[-1])
+    assert re.match(rf"scene +{same} against {first} all .*pass: identical bit for bit$", lines[-1])
     code, lines = compare(*words, softer)
     assert code == 1
     between = [line for line in lines if f"{softer} against {first}" in line]
-    assert re.search(r" force +\d\.\d\de-0[5-8] .* fail: .*; they part at \d+ µs in contact \d$", between[0])
-    assert not any(f"{same} against" in line for line in lines)  # not asked for
-    judged = [line.split() for line in lines if "force against verlet" in line]
+    assert re.search(r" force +\d\.\d\de-0[5-8] .* fail: .*; forces differ from \d+ µs, contact \d$", between[0])
+    assert not any(f"{same} against" in line for line in lines)  # not selected
+    judged = [line.split() for line in lines if "force against verlet" in line and line.startswith("scene ")]
     assert {line[1]: line[line.index("verlet") + 3] for line in judged} == {first: "pass:", softer: "fail:"}
 
 
@@ -267,27 +269,28 @@ def test_a_build_without_a_run_is_a_row(
     assert re.search(rf"{builds[2]} against {builds[0]} run .* fail: {builds[2]}: failed: .*a bad day", lines[-1])
     (tmp_path / "softer").unlink()
     code, lines = compare(scene_file(), *words)
-    assert code == 0  # told that it may be missing
+    assert code == 0  # with --allow-missing
     assert re.search(rf"{builds[2]} against {builds[0]} run .* not run: {builds[2]}: not installed$", lines[-1])
 
 
 def test_builds_are_pairs_of_one_adapter(builds: tuple[str, str, str]) -> None:
     first, same, softer = builds
-    assert Asked((VERLET, first, "reference", same, softer)).builds == [(first, same), (first, softer)]
-    assert Asked((VERLET, first, first)).builds == []
+    assert EngineSelection((VERLET, first, "reference", same, softer)).builds == [(first, same), (first, softer)]
+    assert EngineSelection((VERLET, first, first)).builds == []
 
 
 @pytest.mark.long
 def test_codes_are_the_same_in_two_folders(
     scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Run twice, a code says the same: nothing has to be excused."""
+    """A code that runs twice gives the same results."""
     for code in installed_codes() or codes():
         for side in ("old", "new"):
             finished(case_of(scene_file()), code, tmp_path / side)
     words = ["--runs", str(tmp_path / "old"), "--against", str(tmp_path / "new")]
     monkeypatch.setattr("sys.argv", ["validation", "compare", *words])
     assert main() == 0
-    told = capsys.readouterr()
-    assert told.err == ""
-    assert all(re.search(rf"scene +{code} +all .* pass: the same", told.out) for code in installed_codes())
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    agrees = r"pass: (identical|equal)"
+    assert all(re.search(rf"scene +{code} +all .* {agrees}", printed.out) for code in installed_codes())

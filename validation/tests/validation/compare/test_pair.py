@@ -1,4 +1,4 @@
-"""Two runs against each other on the command line and in numbers."""
+"""Comparison of two runs, on the command line and in numbers."""
 
 import json
 import shutil
@@ -26,7 +26,7 @@ WEIGHTLESS = "gravity=0 m/s^2"
 
 @pytest.fixture
 def run_of(shared_runs: Path) -> FolderOf:
-    """The folder of a run, done once a session."""
+    """Returns the folder of a run, made once a session."""
 
     def folder(engine: str, scene: str | Path, *settings: str) -> Path:
         return finished(case_of(scene, *settings), engine, shared_runs).folder
@@ -48,7 +48,7 @@ def red(pair: Pair) -> set[str]:
 
 @pytest.fixture
 def copied(tmp_path: Path) -> Callable[[Path], Path]:
-    """A run folder of one's own, to spoil."""
+    """Copies a run folder, to be spoilt."""
 
     def copy(folder: Path) -> Path:
         return Path(shutil.copytree(folder, tmp_path / "spoilt"))
@@ -85,7 +85,7 @@ def test_another_step_is_allowed(run_of: FolderOf) -> None:
     pair = pair_of(run_of("verlet", "fig4"), run_of("verlet", "fig4", "run.time_step=1 us"))
     assert keys_of(pair) == ["run.time_step: 0.1 us against 1 us"]
     assert not pair.missed
-    assert pair.taken_for.kind in FAULTS  # by itself it would not be a run of the first's scene
+    assert pair.against_first_scene.kind in FAULTS  # by itself it would not be a run of the first's scene
     force = next(verdict for verdict in pair.verdicts if verdict.quantity == "force")
     assert force.value < force.limit < 1.001 * force.value
 
@@ -102,7 +102,7 @@ def test_another_wall_is_red_and_shows_when_the_wave_comes(run_of: FolderOf) -> 
     assert "wall.material: brass against alumina" in keys_of(pair)
     assert {"force", "wall_peak", "wall impulse", "kinetic energy"} <= red(pair)
     assert "bead_9_peak" not in red(pair)  # the wave has not been at the wall yet
-    assert (pair.taken_for.kind, pair.taken_for.contact) == (MODEL, 1)
+    assert (pair.against_first_scene.kind, pair.against_first_scene.contact) == (MODEL, 1)
     assert not {each.kind for each in pair.departures} & set(FAULTS)  # each does what its own scene says
 
 
@@ -111,7 +111,7 @@ def test_the_order_of_two_runs_does_not_change_the_verdict(run_of: FolderOf) -> 
     forth, back = pair_of(*folders), pair_of(*reversed(folders))
     assert forth.missed
     assert back.missed
-    assert forth.taken_for.kind == back.taken_for.kind == SET_UP
+    assert forth.against_first_scene.kind == back.against_first_scene.kind == SET_UP
 
 
 @pytest.mark.parametrize("swapped", [False, True])
@@ -146,7 +146,7 @@ def test_a_chaotic_pair_is_judged_up_to_its_horizon(run_of: FolderOf) -> None:
     need("liggghts")
     long = ("run.duration=20 ms", "run.sample_interval=5 us")
     pair = pair_of(run_of("verlet", "fig4", *long), run_of("liggghts", "fig4", *long))
-    assert "where rounding alone passes" in pair.until
+    assert "where rounding alone exceeds" in pair.until
     assert not pair.missed
     parted = pair.parted[1e-2]
     assert parted is not None
@@ -197,29 +197,30 @@ def test_keys_with_units_and_what_one_scene_lacks() -> None:
 
 def test_what_is_printed(run_of: FolderOf, capsys: pytest.CaptureFixture[str]) -> None:
     assert compare_runs(run_of("verlet", "fig4"), run_of("verlet", "fig4", "run.time_step=1 us")) == 0
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for words in (
+        "pass: all ",
         "time step 1e-06 s, 800 steps, 801 samples, commit ",
-        "differs run.time_step: 0.1 us against 1 us",
+        "the scenes differ in run.time_step: 0.1 us against 1 us",
         "contact 1 at 564 µs",
-        "(force, ..., wall impulse): what velocity Verlet makes of the first's scene at the steps of both",
-        "parted by 0.001 of the largest change at 465 µs in contact 5",
-        "first   leaves the exact motion by 1e-06 of the largest change at 12 µs in contact 22: truncation",
+        "(force, ..., wall impulse): difference of velocity Verlet at the two time steps",
+        "forces differ by more than 0.001 of the largest change: first at 465 µs in contact 5",
+        "first   the error exceeds 1e-06 of the largest change at 12 µs in contact 22: truncation",
         "error budget",
     ):
-        assert words in told
+        assert words in printed
 
 
 def test_on_the_command_line(run_of: FolderOf, monkeypatch: pytest.MonkeyPatch) -> None:
     verlet, other = str(run_of("verlet", "fig4")), str(run_of("verlet", "fig4", "wall.material=alumina"))
     bad = command_line("validation", "compare", verlet, other)
     assert (bad.returncode, bad.stderr) == (1, "")
-    assert bad.stdout.rstrip().splitlines()[-1].startswith("FAIL: force, wall_peak")
-    assert "second, taken for a run of the first's scene: leaves velocity Verlet" in bad.stdout
+    assert bad.stdout.startswith("FAIL: larger differences than allowed in force, wall_peak")
+    assert "second, against the exact motion of the first: deviates from velocity Verlet" in bad.stdout
     same = command_line("validation", "compare", verlet, verlet)
     assert same.returncode == 2
     assert len(same.stderr.splitlines()) == 1
-    for words, found in (([verlet], "exactly two run folders"), ([verlet, other, "--set", "seed=1"], "--set")):
+    for words, found in (([verlet], "exactly two runs"), ([verlet, other, "--set", "seed=1"], "--set")):
         monkeypatch.setattr("sys.argv", ["validation", "compare", *words])
         with pytest.raises(InputError, match=found):
             main()
@@ -227,7 +228,7 @@ def test_on_the_command_line(run_of: FolderOf, monkeypatch: pytest.MonkeyPatch) 
 
 def test_folders_that_are_no_runs(run_of: FolderOf, copied: Callable[[Path], Path], tmp_path: Path) -> None:
     good = run_of("verlet", "fig4")
-    with pytest.raises(InputError, match="the same run twice"):
+    with pytest.raises(InputError, match="both are the same run"):
         compare_runs(good, good.parent / "." / good.name)
     empty = tmp_path / "empty"
     empty.mkdir()
@@ -306,15 +307,15 @@ def test_a_copy_is_the_same_and_changed_forces_are_noticed(
     force[600, 6] += 1e-6
     write_forces(replace(trace, force_N=force), copy / FORCES)
     assert compare_runs(good, copy) == 1
-    told = capsys.readouterr().out
-    assert "contact 7 at 600 µs" in told
-    assert "its forces are not those that its record was written for" in told
+    printed = capsys.readouterr().out
+    assert "contact 7 at 600 µs" in printed
+    assert "the forces have changed since the record was written" in printed
 
 
 def test_a_sabotaged_code_against_verlet(
     run_of: FolderOf, scene_file: SceneWriter, stand_in: StandIn, tmp_path: Path
 ) -> None:
-    """A run of a real code whose deck somebody changed: red, and why."""
+    """A run of a real code with a changed deck fails, with the reason."""
     scene = scene_file(top='gravity = "9.81 m/s^2"')
     verlet = run_of("verlet", scene)
     sabotage("yade", "range(every if", "range(9 if", stand_in, tmp_path)

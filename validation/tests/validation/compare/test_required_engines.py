@@ -1,4 +1,4 @@
-"""Engines that a comparison or a report has to have run: named, counted as failures, and timed in the JUnit file."""
+"""Required engines that did not run: named, counted as failures, and timed in the JUnit file."""
 
 import json
 from collections.abc import Callable
@@ -10,8 +10,9 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, VERLET, codes, installed_codes
 from validation.__main__ import main
-from validation.compare.asked import Asked
+from validation.compare.compare_command import compare_scenes
 from validation.compare.comparison import run_and_compare
+from validation.compare.selection import EngineSelection
 from validation.compare.verdict import NOT_RUN
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter, case_of
@@ -35,7 +36,7 @@ def command(scene_file: SceneWriter, tmp_path: Path, shared_runs: Path, monkeypa
 
 @pytest.fixture
 def without_codes(engines_file: EnginesWriter) -> None:
-    """Commands of codes that are nowhere to be found."""
+    """Gives every code a command that does not exist."""
     engines_file("".join(f'[{code}]\ncommand = "{code}-is-nowhere"\n' for code in codes()))
     assert not installed_codes()
 
@@ -44,12 +45,12 @@ def without_codes(engines_file: EnginesWriter) -> None:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_without_a_code_nothing_passes(name: str, command: Command, capsys: pytest.CaptureFixture[str]) -> None:
     assert command(name) == 1
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if not line.endswith(": compared")]
+    *_, line = capsys.readouterr().err.splitlines()  # after lines of progress, on a slow machine
     assert line.startswith("no established code ran: install one of ")
     assert all(code in line for code in codes())
     assert command(name, "--allow-missing") == 0
     assert "no established code" not in capsys.readouterr().err
-    assert command(name, "--engine", VERLET) == 1  # a yardstick is no code
+    assert command(name, "--engine", VERLET) == 1  # the baseline is no code
 
 
 @pytest.mark.usefixtures("without_codes")
@@ -60,21 +61,37 @@ def test_an_engine_that_is_required_and_missing_is_a_failure(
 ) -> None:
     for options in (("--require", code), ("--require", code, "--allow-missing"), ("--engine", code)):
         assert command(name, *options) == 1
-        (line,) = [line for line in capsys.readouterr().err.splitlines() if not line.endswith(": compared")]
+        *_, line = capsys.readouterr().err.splitlines()  # after lines of progress, on a slow machine
         assert line.startswith(f"{code} is required and did not run: not installed; it comes with ")
     assert command(name, "--engine", code, "--allow-missing") == 0
 
 
+def test_a_required_engine_that_refuses_the_scene_is_named_with_its_refusal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``reference`` models straight chains only, as LAMMPS does, and needs no installation."""
+    words = ["compare", "fig4-tube", "--set", "run.duration=20 us", "--runs", str(tmp_path / "runs")]
+    words += ["--require", REFERENCE, "--allow-missing", "--engine", VERLET]
+    monkeypatch.setattr("sys.argv", ["validation", *words])
+    assert main() == 1
+    said = capsys.readouterr()
+    last = said.err.splitlines()[-1]
+    assert last.startswith(f"{REFERENCE} did not run: refused: "), last
+    assert "required" not in last
+    assert said.out.startswith(f"fig4-tube: not judged: {REFERENCE} did not run (refused: ")
+    assert "the rest: pass: " in said.out.partition("\n")[0]
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("option", ["--engine", "--require"])
-def test_an_engine_that_nobody_knows_is_wrong_input(option: str, name: str, command: Command) -> None:
+def test_an_unknown_engine_is_wrong_input(option: str, name: str, command: Command) -> None:
     with pytest.raises(InputError, match=f'{option}: found "abacus"; allowed: .*{VERLET}'):
         command(name, option, "abacus")
 
 
-def test_only_the_engines_named_run_beside_the_yardsticks(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_only_the_selected_engines_the_baseline_and_the_reference_run(scene_file: SceneWriter, tmp_path: Path) -> None:
     for code in codes():
-        compared = run_and_compare(scene_file(), runs=tmp_path / "runs", asked=Asked((code,)))
+        compared = run_and_compare(scene_file(), runs=tmp_path / "runs", asked=EngineSelection((code,)))
         assert {*compared.runs, *compared.absent} == {code, VERLET, REFERENCE}
         assert (code in compared.runs) is (code in installed_codes())
 
@@ -83,7 +100,7 @@ def test_a_code_that_ran_is_enough(command: Command, shared_runs: Path, capsys: 
     for code in installed_codes():
         assert command("compare", "--engine", code) == 0
         assert command("compare", "--require", code) == 0
-    assert capsys.readouterr().err == ""
+    assert "did not run" not in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("without_codes")
@@ -117,10 +134,23 @@ def test_the_files_for_programs_have_failures_and_times(
 
 
 def test_a_run_that_failed_has_its_time(scene_file: SceneWriter, tmp_path: Path) -> None:
-    """Steps above the limit of stability, which only a run in spite of the guard takes."""
+    """The step is above the stability limit: only an unsafe run takes it."""
     scene = scene_file(step="50 us").read_text().replace('"1 us"', '"50 us"')
     (tmp_path / "coarse.toml").write_text(scene)
-    compared = run_and_compare(tmp_path / "coarse.toml", runs=tmp_path / "runs", asked=Asked((VERLET,)), unsafe=True)
+    compared = run_and_compare(
+        tmp_path / "coarse.toml", runs=tmp_path / "runs", asked=EngineSelection((VERLET,)), unsafe=True
+    )
     assert compared.absent[VERLET].startswith("failed")
     assert compared.wall_s[VERLET] > 0
     assert not [verdict for verdict in compared.verdicts if verdict.verdict == NOT_RUN]
+
+
+def test_a_brief_comparison_has_a_line_for_each_engine(
+    scene_file: SceneWriter, shared_runs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = EngineSelection((VERLET,), allow_missing=True)
+    assert compare_scenes([str(scene_file())], (), shared_runs, own, unsafe=False, brief=True) == 0
+    said = capsys.readouterr().out.splitlines()
+    (line,) = (line for line in said if f" {VERLET} " in line and "pass: " in line)
+    assert "checks, closest to its limit: " in line
+    assert len(said) <= 5

@@ -1,4 +1,4 @@
-"""Decks of real engines with a line changed: what a careless edit, or a blow-up, must not get past the guard."""
+"""Decks of real engines with one line changed: the guard fails careless edits and blow-ups."""
 
 import re
 import sys
@@ -68,18 +68,18 @@ def test_a_bead_that_passes_through_the_wall(
     ("engine", "good", "bad"),
     [("lammps", "1e-07", "1.1e-07"), ("liggghts", "1e-07", "1.1e-07"), ("yade", "range(every if", "range(9 if")],
 )
-def test_a_run_at_another_step_is_told_apart(
+def test_a_run_at_another_step_has_a_warning(
     engine: str, good: str, bad: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
 ) -> None:
     sabotage(engine, good, bad, stand_in, tmp_path)
     warnings = finished(case_of(scene_file()), engine, tmp_path / "runs").record.warnings
     assert warnings is not None
     (warning,) = warnings
-    assert "what ran is not what the scene says" in warning
+    assert "the engine did not run the scene as written" in warning
 
 
 def sabotage(engine: str, good: str, bad: str, stand_in: StandIn, tmp_path: Path) -> None:
-    """From here on the real engine gets its decks with some words replaced."""
+    """Replaces some words in all later decks of the real engine."""
     need(engine)
     file = next(iter(load_engine(engine).render(case_of("fig4")).files))
     swap = f"""import sys

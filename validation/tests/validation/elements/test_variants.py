@@ -1,11 +1,11 @@
-"""How sure an effect is: what nobody knows of a tube stands beside the spread over seeds."""
+"""Uncertainty of an effect: variants of an element, in addition to the spread over seeds."""
 
 from validation.elements.elements_study import STUDY, sentences
 from validation.elements.switches import Effect, read_elements
 from validation.studies import frame_of
 
 
-def test_variants_are_of_an_element_that_is_there() -> None:
+def test_variants_are_of_an_existing_element() -> None:
     elements = {each.name: each for each in read_elements().element}
     variants = [each for each in elements.values() if each.of]
     assert len(variants) >= 3
@@ -15,7 +15,7 @@ def test_variants_are_of_an_element_that_is_there() -> None:
         assert each.without.tube == elements[each.of].without.tube
 
 
-def test_the_range_over_variants_stands_beside_the_spread_over_seeds() -> None:
+def test_effects_are_given_with_their_spread_and_their_variants() -> None:
     changes = {"tube": -0.08, "tube of 5.2 mm": -0.23, "tube of 4.9 mm": -0.03, "gravity": -0.01}
     rows = [
         Effect("fig4", name, engine, "wall peak", 16.0, 16.0 * (1 + change), change, 5e-4, 6, 100.0, 1.0)

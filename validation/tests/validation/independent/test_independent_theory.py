@@ -42,9 +42,9 @@ def test_scipy_finds_the_closed_form_of_an_impact() -> None:
 
 def test_what_scipy_says_does_not_depend_on_its_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:
     case = case_of("wave-train")
-    told = MEASURES["train"].theory(case)
+    expected = MEASURES["train"].theory(case)
     monkeypatch.setattr(passing_waves, "TOLERANCE", 1e-12)
-    assert MEASURES["train"].theory(case) == pytest.approx(told, rel=1e-8)
+    assert MEASURES["train"].theory(case) == pytest.approx(expected, rel=1e-8)
 
 
 def test_a_rigid_wall_is_a_mirror() -> None:
@@ -63,8 +63,8 @@ def test_a_rigid_wall_is_a_mirror() -> None:
     time, found = passing_waves.forces(np.ones(len(beads)), stiffness, overlap, speed, gap + 4.0)
     peak = first_peak(time, found[:, len(beads) // 2])
     assert peak is not None
-    told = MEASURES["wall"].theory(case_of("wall-reflection"))["wall_peak_over_incident"]
-    assert peak.value / wave.force.max() == pytest.approx(told, rel=1e-8)
+    expected = MEASURES["wall"].theory(case_of("wall-reflection"))["wall_peak_over_incident"]
+    assert peak.value / wave.force.max() == pytest.approx(expected, rel=1e-8)
 
 
 def test_the_soft_wall_is_as_stiff_as_a_contact() -> None:
@@ -81,10 +81,10 @@ def test_scipy_refuses_what_it_does_not_know() -> None:
 
 
 @pytest.mark.parametrize(
-    ("measure", "scene", "settings", "told"),
+    ("measure", "scene", "settings", "expected"),
     [
-        ("impact", "two-spheres", ("run.duration=20 us",), "do not meet and part"),
-        ("impact", "two-spheres", ("chain.bead.1.velocity=10 m/s",), "do not meet and part"),
+        ("impact", "two-spheres", ("run.duration=20 us",), "do not meet and separate"),
+        ("impact", "two-spheres", ("chain.bead.1.velocity=10 m/s",), "do not meet and separate"),
         ("train", "wave-train", ("run.duration=0.5 ms",), "waves at contact 21 within run.duration"),
         ("wall", "wall-reflection", ("run.duration=2 ms",), "within run.duration"),
         ("wall", "wall-reflection", ("striker.speed=1 nm/s",), "within run.duration"),
@@ -92,7 +92,7 @@ def test_scipy_refuses_what_it_does_not_know() -> None:
         ("solitary wave", "steel-chain", ("chain.sensors=[]",), "two sensors"),
     ],
 )
-def test_a_wave_that_does_not_come_is_told(measure: str, scene: str, settings: tuple[str, ...], told: str) -> None:
+def test_a_missing_wave_is_reported(measure: str, scene: str, settings: tuple[str, ...], expected: str) -> None:
     case = case_of(scene, *settings)
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=expected):
         MEASURES[measure].measure(case, exact(case).trace)

@@ -19,13 +19,13 @@ from drivers.engines import installed_codes
 from drivers.run.run import run_case
 from drivers.scene.read_scene import read_scene
 from validation.independent import linear, weak
-from validation.independent.independent_study import HERE, trace_of
+from validation.independent.independent_study import IN_REPO, trace_of
 from validation.independent.posed_cases import MEASURES, Independent, pose, read_independent
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 
-OWN = ("small signal", "collision", "weak strike")
-CASES = {entry.id: entry for entry in read_independent() if entry.measure in OWN}
+OTHER_MEASURES = ("small signal", "collision", "weak strike")
+CASES = {entry.id: entry for entry in read_independent() if entry.measure in OTHER_MEASURES}
 SMALL, QUICK = "linear-limit-1mN", "linear-limit-13mN"
 AT_CONTACT, AT_BEAD, WEAK = "head-on-at-contact", "head-on-at-bead", "weak-strike-under-gravity"
 
@@ -46,7 +46,7 @@ def with_settings(name: str, *settings: str) -> Case:
 @cache
 def exact_trace(name: str) -> Trace:
     """Its run by the reference."""
-    return HERE["reference"](posed(name))
+    return IN_REPO["reference"](posed(name))
 
 
 def red(entry: Independent, case: Case, trace: Trace) -> set[tuple[str, str]]:
@@ -65,7 +65,7 @@ def red(entry: Independent, case: Case, trace: Trace) -> set[tuple[str, str]]:
 @pytest.mark.parametrize("name", CASES)
 def test_the_in_repo_engines_pass(name: str) -> None:
     assert not red(CASES[name], posed(name), exact_trace(name))
-    assert not red(CASES[name], posed(name), HERE["verlet"](posed(name)))
+    assert not red(CASES[name], posed(name), IN_REPO["verlet"](posed(name)))
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_the_codes_pass(engine: str, name: str, shared_runs: Path) -> None:
     ],
 )  # fmt: skip
 def test_a_run_of_another_chain_is_red(name: str, settings: list[str], reds: set[str]) -> None:
-    strange = HERE["reference"](with_settings(name, *settings))
+    strange = IN_REPO["reference"](with_settings(name, *settings))
     assert reds <= {quantity for quantity, against in red(CASES[name], posed(name), strange) if against == "theory"}
 
 
@@ -119,8 +119,8 @@ def test_another_published_exponent_is_red(quantity: str, factor: float) -> None
     assert red(entry.model_copy(update={"check": checks}), posed(WEAK), exact_trace(WEAK)) == {(quantity, "quoted")}
 
 
-def test_an_engine_whose_springs_do_not_stiffen_is_red() -> None:
-    """As if a code took the contacts' stiffness from one force, whatever they carry."""
+def test_an_engine_with_springs_of_constant_stiffness_is_red() -> None:
+    """As if a code took the contacts' stiffness from one force, at any force."""
     case = posed(WEAK)
     flat = replace(
         case.chain,
@@ -136,10 +136,10 @@ def test_an_engine_whose_springs_do_not_stiffen_is_red() -> None:
     ("name", "settings", "words"),
     [
         (SMALL, ["run.duration=1 ms"], "too short"),
-        (SMALL, ["chain.count=20", "chain.bead=[{ from_wall = 20, velocity = '-1 um/s' }]"], "the signal is back"),
+        (SMALL, ["chain.count=20", "chain.bead=[{ from_wall = 20, velocity = '-1 um/s' }]"], "the reflection arrives"),
         (AT_CONTACT, ["run.duration=2.5 ms"], "1 waves within the run"),
         (AT_CONTACT, ["chain.count=60", "chain.bead=[{ from_wall = 1, velocity = '1 m/s' }]"], "none 40 "),
-        (WEAK, ["run.duration=2 ms"], "does not come so deep"),
+        (WEAK, ["run.duration=2 ms"], "no leading peak at this depth"),
         (WEAK, ["run.sample_interval=80 us", "run.time_step=2 us"], "run.sample_interval is too long"),
         (WEAK, ["chain.count=300", "chain.bead=[{ from_wall = 300, velocity = '-5 um/s' }]"], "too few for a depth"),
     ],
@@ -147,11 +147,11 @@ def test_an_engine_whose_springs_do_not_stiffen_is_red() -> None:
 def test_runs_that_show_nothing_say_so(name: str, settings: list[str], words: str) -> None:
     case = with_settings(name, *settings)
     with pytest.raises(ValueError, match=words):
-        MEASURES[CASES[name].measure].measure(case, HERE["reference"](case))
+        MEASURES[CASES[name].measure].measure(case, IN_REPO["reference"](case))
 
 
 def test_a_run_without_state_says_so() -> None:
-    with pytest.raises(ValueError, match="no state was kept"):
+    with pytest.raises(ValueError, match="no state recorded"):
         weak.measure(posed(WEAK), replace(exact_trace(WEAK), velocity_m_s=None))
 
 
@@ -225,7 +225,7 @@ def test_the_middle_takes_what_a_wall_would(beads: int, published: float) -> Non
 def test_the_secondary_wave_does_not_depend_on_the_length_of_the_chain() -> None:
     longer = "chain.bead=[{ from_wall = 1, velocity = '1 m/s' }, { from_wall = 201, velocity = '-1 m/s' }]"
     case = with_settings(AT_BEAD, "chain.count=201", longer, "run.duration=5.6 ms")
-    values = MEASURES["collision"].measure(case, HERE["reference"](case))
+    values = MEASURES["collision"].measure(case, IN_REPO["reference"](case))
     assert values["secondary_share"] == pytest.approx(MEASURES["collision"].theory(case)["secondary_share"], rel=1e-6)
 
 

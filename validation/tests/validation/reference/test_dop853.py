@@ -1,12 +1,12 @@
-"""The formulas of DOP853 as they are compiled."""
+"""Compiled formulas of DOP853."""
 
 import numpy as np
 
 from validation.reference.dop853 import FORMULAS, weigh
 
 
-def test_slopes_without_a_weight_take_no_part_finite_or_not() -> None:
-    """A step that overflowed and is repeated shorter leaves slopes that are not finite."""
+def test_slopes_without_weight_are_ignored_even_if_not_finite() -> None:
+    """A step that overflows leaves slopes that are not finite; the step is repeated with a smaller size."""
     slopes = np.random.default_rng(1).normal(size=(FORMULAS.shape[1], 7))
     for formula, weights in enumerate(FORMULAS):
         if weights.any():

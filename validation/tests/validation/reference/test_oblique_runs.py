@@ -1,4 +1,4 @@
-"""The shipped oblique impact on the engines: each by its own law, step for step; and two free beads that rub."""
+"""The shipped oblique impact on each engine against its own tangential law, and friction between two free beads."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -39,7 +39,7 @@ Runner = Callable[[str, Case], Trace]
 
 @pytest.fixture(scope="module")
 def traced(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runner]:
-    """Runs cases as batches do, in one process of each engine."""
+    """Runner of cases in one process per engine, as in batches."""
     with ExitStack() as stack:
         sessions: dict[str, Session] = {}
 
@@ -55,11 +55,11 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runner]:
 
 @dataclass(frozen=True)
 class Impact:
-    """What a run shows of its one ball: how it starts and leaves, and the greatest of what has to be none."""
+    """Motion of the ball at the start and after the impact, and the largest component that must be zero."""
 
     start: Motion
     rebound: Motion
-    beside: float
+    out_of_plane: float
 
 
 def sideways(trace: Trace) -> Sideways:
@@ -68,7 +68,7 @@ def sideways(trace: Trace) -> Sideways:
 
 
 def case_at(degrees: float, material: str, *settings: str) -> Case:
-    """The scene at another angle, with a step that both codes' laws need not resolve to be compared."""
+    """The scene at another angle; its coarse step suffices, since code and law are compared at the same step."""
     angle = np.radians(degrees)
     return case_of(
         "oblique-impact",
@@ -88,13 +88,18 @@ def impact_of(trace: Trace) -> Impact:
     motion = np.column_stack(
         [trace.velocity_m_s[:, 0], moved.velocity_m_s[:, 0, 0], RADIUS_M * moved.spin_rad_s[:, 0, 1]]
     )
-    beside = [moved.place_m[:, 0, 1], moved.velocity_m_s[:, 0, 1], moved.spin_rad_s[:, 0, 0], moved.spin_rad_s[:, 0, 2]]
+    out_of_plane = [
+        moved.place_m[:, 0, 1],
+        moved.velocity_m_s[:, 0, 1],
+        moved.spin_rad_s[:, 0, 0],
+        moved.spin_rad_s[:, 0, 2],
+    ]
     (a, b, c), (d, e, f) = motion[0].tolist(), motion[-1].tolist()
-    return Impact((a, b, c), (d, e, f), float(np.abs(beside).max()))
+    return Impact((a, b, c), (d, e, f), float(np.abs(out_of_plane).max()))
 
 
 def contact_of(case: Case) -> ObliqueContact:
-    """The ball and its plane by the chain's arrays."""
+    """The ball and its plane, from the arrays of the chain."""
     chain = case.chain
     assert chain.lateral is not None
     stiffness, shear = float(chain.stiffness[0]), float(chain.lateral.shear_stiffness[0])
@@ -103,7 +108,7 @@ def contact_of(case: Case) -> ObliqueContact:
 
 
 def rebound_by(law: TangentialLaw, case: Case) -> Motion:
-    """The rebound by a law at the scene's step."""
+    """Rebound with a given law at the scene's step."""
     chain = case.chain
     assert chain.lateral is not None
     normal, tangential = -chain.velocity_m_s[0], chain.lateral.velocity_m_s[0, 0]
@@ -121,19 +126,19 @@ def test_engines_rebound_by_their_laws(degrees: float, engine: str, material: st
     law = BY_LAW[engine]
     for got, expected in zip(impact.rebound, rebound_by(law, case), strict=True):
         assert abs(got - expected) < ROUNDED * SPEED_M_S
-    assert impact.beside == 0.0
+    assert impact.out_of_plane == 0.0
     normal, tangential = -impact.start[0], impact.start[1]
-    assert impact.rebound[0] / normal == pytest.approx(RESTITUTION, abs=1e-5)  # the step; 1e-6 at 1 ns
-    if degrees < 30:  # and not as the other law says
+    assert impact.rebound[0] / normal == pytest.approx(RESTITUTION, abs=1e-5)  # error of the step; 1e-6 at 1 ns
+    if degrees < 30:  # and differs from the other law
         other = LIGGGHTS if law.incremental else YADE_ONE_ARM
         assert abs(impact.rebound[1] - rebound_by(other, case)[1]) > 5e-4 * SPEED_M_S
     else:
         slid, _ = gross_sliding(contact_of(case), RESTITUTION, normal, tangential)
-        # some of the first and last steps stick, with next to no force: 2e-5, and 4e-6 at 1 ns
+        # a few of the first and last steps stick, with little force: 2e-5, and 4e-6 at 1 ns
         assert impact.rebound[1] == pytest.approx(float(slid), rel=5e-5)
     energy_J = trace.total_energy_J
     assert energy_J[-1] < energy_J[0]
-    assert (energy_J <= energy_J[0] * (1 + 1e-12)).all()  # what shear holds for a while is not seen, and returns
+    assert (energy_J <= energy_J[0] * (1 + 1e-12)).all()  # elastic shear energy is not counted and returns
 
 
 @ENGINES
@@ -146,13 +151,13 @@ def test_sticking_impacts_gain_what_their_law_gains(engine: str, traced: Runner)
         for normal, along, turning in (impact.start, impact.rebound, rebound_by(law, case))
     )
     assert after[0] == pytest.approx(after[1], rel=1e-12)
-    # the contact's point moves with 2/7 of the mass; a code's law has no potential (test_oblique)
+    # the effective mass of the contact point is 2/7 of the mass; the laws have no potential (test_oblique)
     exact = mass / 7 * impact.start[1] ** 2 * (sticking_restitution(contact_of(case)) ** 2 - 1)
     assert (after[0] < before) if law.incremental else (0.5 * exact < after[0] - before < exact)
 
 
 @ENGINES
-def test_spins_are_of_the_time_of_the_forces(engine: str, traced: Runner) -> None:
+def test_spins_belong_to_the_time_of_the_forces(engine: str, traced: Runner) -> None:
     step = 10e-9
     timing = ('run.duration="4 us"', 'run.sample_interval="10 ns"', 'run.time_step="10 ns"')
     case = case_at(45.0, "aluminium-oxide", *timing)
@@ -161,7 +166,7 @@ def test_spins_are_of_the_time_of_the_forces(engine: str, traced: Runner) -> Non
     force, mass = trace.force_N[:, 0], case.chain.mass_kg[0]
     arm = RADIUS_M - BY_LAW[engine].torque_arm * (RADIUS_M - trace.height_m[:, 0])
     spin, along = sideways(trace).spin_rad_s[:, 0, 1], sideways(trace).velocity_m_s[:, 0, 0]
-    # it slides, so friction is mu times the normal force, and between samples values change by the mean of their rates
+    # sliding: friction is mu times the normal force; values change between samples by the mean of their rates
     for values, rate in (
         (spin, FRICTION * force * arm / (0.4 * mass * RADIUS_M**2)),
         (-along, FRICTION * force / mass),
@@ -169,7 +174,7 @@ def test_spins_are_of_the_time_of_the_forces(engine: str, traced: Runner) -> Non
         mean, late = step * (rate[1:] + rate[:-1]) / 2, step * rate[:-1]
         sliding = slice(100, None)  # the first steps of a damped contact stick
         assert np.abs(np.diff(values) - mean)[sliding].max() < 1e-9 * mean.max()
-        assert np.abs(late - mean)[sliding].max() > 1e-3 * mean.max()  # half a step off would show
+        assert np.abs(late - mean)[sliding].max() > 1e-3 * mean.max()  # a shift by half a step would show
 
 
 @ENGINES
@@ -183,9 +188,9 @@ def test_two_free_beads_keep_their_momenta(across: float, engine: str, traced: R
     moved, mass, radius = sideways(trace), case.chain.mass_kg, case.chain.radius_m
     x, vx, spin = moved.place_m[:, :, 0], moved.velocity_m_s[:, :, 0], moved.spin_rad_s[:, :, 1]
     z, vz = trace.height_m, trace.velocity_m_s
-    assert (np.abs(spin).max(axis=0) > 10).all()  # friction is felt, and turns both
+    assert (np.abs(spin).max(axis=0) > 10).all()  # friction acts and turns both
     turning = (z * vx - x * vz) @ mass + spin @ (0.4 * mass * radius**2)
-    # rounding: 4e-15 of the linear ones; 2e-13 of the angular, as each step of free flight rounds heights alike
+    # rounding: 4e-15 for linear, 2e-13 for angular momentum, since free flight rounds heights in one direction
     for momentum in (vx @ mass, vz @ mass, turning):
         assert np.ptp(momentum) < 1e-12 * np.abs(momentum[0])
 

@@ -1,4 +1,4 @@
-"""The in-repo integrators against closed formulas, conservation and each other."""
+"""In-repo integrators against closed formulas, conservation laws and each other."""
 
 import time
 from typing import Any
@@ -9,7 +9,7 @@ import pytest
 from drivers.chain.chain import arrays_of
 from postproc.read.signals import peaks
 from validation.reference import travelling_wave
-from validation.reference.adaptive import LEAST_TOLERANCE, integrate_adaptive
+from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.travelling_wave import solve_travelling_wave
@@ -19,7 +19,7 @@ from validation.tests.helpers.scenes import case_of
 
 
 def chain_of(count: int, speed: float = 1.0, load: float = 0.0) -> HertzChain:
-    """Equal bodies, the uppermost one coming down with ``speed``."""
+    """Equal bodies; the top body moves down with ``speed``."""
     one = np.ones(count)
     velocity = np.zeros(count)
     velocity[-1] = -speed
@@ -99,19 +99,19 @@ def test_wrong_arrays_are_named(change: dict[str, Any], named: str) -> None:
         HertzChain(**{name: np.array([1.0, 1.0]) for name in names} | change)
 
 
-LONG = ("fig6b", "fig6d")  # in high precision
-EXACT = [pytest.param(name, marks=pytest.mark.long if name in LONG else ()) for name in high_precision.CASES]
+LONG_CASES = ("fig6b", "fig6d")  # slow in high precision
+EXACT = [pytest.param(name, marks=pytest.mark.long if name in LONG_CASES else ()) for name in high_precision.CASES]
 
 
 @pytest.fixture(scope="module", params=EXACT)
 def exact_case(request: pytest.FixtureRequest) -> tuple[HertzChain, np.ndarray, np.ndarray]:
-    """Chain, times and contact forces that are right in 20 digits and more."""
+    """Chain, times and contact forces, correct to at least 20 digits."""
     chain, times = high_precision.chain_of(request.param), high_precision.times_of(request.param)
     return arrays_of(chain), times, np.array(list(high_precision.forces_at(chain, times)))
 
 
-def test_the_true_error_is_the_tolerance_asked_for(exact_case: tuple[HertzChain, np.ndarray, np.ndarray]) -> None:
-    """At or below the tolerance, and not a thousand times below: nothing is wasted."""
+def test_the_true_error_matches_the_requested_tolerance(exact_case: tuple[HertzChain, np.ndarray, np.ndarray]) -> None:
+    """At most the tolerance, and at least a thousandth of it, so that no time is wasted."""
     chain, times, exact = exact_case
     for exponent in range(4, 13):
         tolerance = 10.0**-exponent
@@ -119,26 +119,26 @@ def test_the_true_error_is_the_tolerance_asked_for(exact_case: tuple[HertzChain,
         assert 1e-3 * tolerance < error <= tolerance
 
 
-KINDS = {"light": 6, "flat": 6, "gaps": 3}  # of random chains, and their bodies
+KINDS = {"light": 6, "flat": 6, "gaps": 3}  # kind of random chain: number of bodies
 
 
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [pytest.param(kind, seed, marks=[pytest.mark.long] * (seed > 1)) for kind in KINDS for seed in range(12)],
 )
-def test_random_chains_with_light_beads_flat_strikers_and_damped_gaps_come_out_as_asked(kind: str, seed: int) -> None:
+def test_random_chains_with_light_beads_flat_strikers_and_damped_gaps_meet_the_tolerance(kind: str, seed: int) -> None:
     chain, times = high_precision.random_chain(kind, seed, KINDS[kind])
     exact = np.array(list(high_precision.forces_at(chain, times)))
-    for tolerance in (1e-6, 1e-9, LEAST_TOLERANCE):
+    for tolerance in (1e-6, 1e-9, MIN_TOLERANCE):
         error = np.abs(integrate_adaptive(chain, times, tolerance).force_N - exact).max() / exact.max()
         assert error <= tolerance
 
 
-def test_steps_do_not_shrink_below_what_rounding_of_forces_leaves() -> None:
-    """A squeezed bead of a billionth of its neighbours' mass: steps would be a hundred times as many."""
+def test_steps_do_not_resolve_the_rounding_of_forces() -> None:
+    """A squeezed bead with a billionth of its neighbours' mass would otherwise need a hundred times more steps."""
     settings = ("gravity=", "striker.speed=2 mm/s", "chain.bead=[{from_wall=20, diameter='4.76 um'}]")
     chain, times, spent_s = arrays_of(case_of("fig4", *settings).chain), np.linspace(0, 3e-4, 151), []
-    for tolerance in (1e-10, 1e-10, LEAST_TOLERANCE):  # the first compiles
+    for tolerance in (1e-10, 1e-10, MIN_TOLERANCE):  # the first compiles
         began = time.process_time()
         integrate_adaptive(chain, times, tolerance)
         spent_s.append(time.process_time() - began)
@@ -146,7 +146,7 @@ def test_steps_do_not_shrink_below_what_rounding_of_forces_leaves() -> None:
 
 
 def test_energy_and_momentum_of_fig4_before_the_wall() -> None:
-    """Gravity's share accounted for; the paper: 1e-10 and 1e-14."""
+    """Energy and momentum balance including gravity; the paper: 1e-10 and 1e-14."""
     chain = high_precision.chain_of("fig4")
     arrays = arrays_of(chain)
     times = np.linspace(0, 3e-4, 31)
@@ -154,7 +154,7 @@ def test_energy_and_momentum_of_fig4_before_the_wall() -> None:
     total = energy(arrays, motion)
     assert np.abs(total / total[0] - 1).max() < 1e-13
     momentum = motion.velocity_m_s @ chain.mass_kg
-    impulse = (chain.force_N[0] + chain.load_N.sum()) * times  # the wall still bears the resting beads' weight
+    impulse = (chain.force_N[0] + chain.load_N.sum()) * times  # the wall still carries the weight of the resting beads
     assert np.abs(momentum - momentum[0] - impulse).max() < 1e-14 * abs(momentum[0])
 
 
@@ -179,8 +179,8 @@ def test_the_wave_does_not_depend_on_its_grid(monkeypatch: pytest.MonkeyPatch) -
     assert coarse.force_by_velocity == pytest.approx(fine.force_by_velocity, rel=1e-14)
 
 
-def test_a_chain_of_200_beads_carries_that_wave() -> None:
-    """Struck by a bead of its own: the leading wave settles to the exact one."""
+def test_a_chain_of_200_beads_carries_the_exact_wave() -> None:
+    """Struck by an equal bead, the leading wave converges to the exact solitary wave."""
     wave, count = solve_travelling_wave(), 200
     one = np.ones(count)
     velocity = np.append(np.zeros(count - 1), -1.0)
@@ -196,7 +196,7 @@ def test_a_chain_of_200_beads_carries_that_wave() -> None:
 
 
 def test_order_4_pays_while_contacts_stay_closed() -> None:
-    """On a precompressed chain the symplectic method is of order 4."""
+    """On a precompressed chain the symplectic method has order 4."""
     count, load = 8, 1.0
     one, overlap = np.ones(count), (load / 1e6) ** (2 / 3)
     velocity = np.append(np.zeros(count - 1), -0.02)
@@ -211,7 +211,7 @@ def test_order_4_pays_while_contacts_stay_closed() -> None:
 
 
 def test_order_4_pays_less_where_contacts_switch() -> None:
-    """Hertz's force is smooth once only where contacts open: more exact than Verlet, but not of its own order."""
+    """At opening contacts Hertz's force is not smooth: more accurate than Verlet, but below order 4."""
     chain = chain_of(6)
     exact = integrate_adaptive(chain, np.linspace(0, 4e-4, 101)).force_N
     steps = (16, 32, 64, 128)
@@ -223,7 +223,7 @@ def test_order_4_pays_less_where_contacts_switch() -> None:
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_long_chain_in_tiles_is_the_same_chain(threads: int) -> None:
-    """Bit for bit, whether cut in tiles, shared by two threads, or gone through bead by bead."""
+    """Results in tiles, on two threads and bead by bead are bit-identical."""
     count = 60_000
     one, place = np.ones(count), np.arange(count)
     overlap: np.ndarray = ((count - place) * 1e-9) ** (2 / 3)
@@ -231,10 +231,10 @@ def test_a_long_chain_in_tiles_is_the_same_chain(threads: int) -> None:
     chain = HertzChain(1e-4 * (1 + 0.1 * np.sin(place)), 1e6 * one, overlap, velocity, -1e-3 * one)
     contacts = np.array([1, 2, 2048, 2049, 29_999, 30_000, 30_001, 30_030, count])
     whole = integrate_verlet(chain, 1e-7, 7, 50).force_N[:, contacts - 1]
-    steps_seen: list[int] = []
-    some = record_contacts(chain, 1e-7, 7, 50, contacts, threads=threads, progress=steps_seen.append)
+    steps_done: list[int] = []
+    some = record_contacts(chain, 1e-7, 7, 50, contacts, threads=threads, progress=steps_done.append)
     np.testing.assert_array_equal(some, whole)
-    assert sum(steps_seen) == 7 * 49
+    assert sum(steps_done) == 7 * 49
 
 
 def test_wrong_contacts_are_named() -> None:
@@ -245,7 +245,7 @@ def test_wrong_contacts_are_named() -> None:
 
 
 @pytest.mark.parametrize("tolerance", [1e-13, 0.0, -1.0, 1.0, float("nan")])
-def test_tolerances_out_of_reach_are_refused(tolerance: float) -> None:
+def test_unattainable_tolerances_are_refused(tolerance: float) -> None:
     with pytest.raises(ValueError, match="1e-12"):
         integrate_adaptive(chain_of(2), np.array([0.0, 1e-6]), tolerance)
 

@@ -1,4 +1,4 @@
-"""The in-repo Verlet in three dimensions: what it conserves, and both codes against it, each with its own law."""
+"""In-repo Verlet in three dimensions: conservation laws, and both codes against it, each with its tangential law."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +30,7 @@ OFF_AXIS = 'chain.lateral_offset="30 um"'
 SLIPPERY, STICKY = ("tube.friction=0",), ("contact.friction=0.5", "tube.friction=0.3")
 DAMPED, FREE = (*STICKY, "contact.restitution=0.9"), (*STICKY, "wall=", "gravity=")
 LAWS = (TOTAL, INCREMENTAL)
-ROUNDED = 1e-9  # of the largest force: measured up to 1e-11
+ROUNDED = 1e-9  # share of the largest force; measured: up to 1e-11
 
 
 def sideways(*settings: str) -> Case:
@@ -45,7 +45,7 @@ def motion_of(case: Case, finer: int = 1, law: str = TOTAL) -> TubeMotion:
 
 
 @pytest.mark.parametrize("settings", [SLIPPERY, DAMPED, FREE], ids=["slippery", "damped", "free"])
-def test_codes_do_what_the_integrator_does(settings: tuple[str, ...], shared_runs: Path) -> None:
+def test_codes_agree_with_the_integrator(settings: tuple[str, ...], shared_runs: Path) -> None:
     case = sideways(*settings, 'run.record=["forces","state"]')
     motions = {law: motion_of(case, law=law) for law in LAWS}
     for engine in ("liggghts", "yade", *(["verlet"] if settings == DAMPED else [])):
@@ -55,7 +55,7 @@ def test_codes_do_what_the_integrator_does(settings: tuple[str, ...], shared_run
         largest = expected.force_N.max()
         assert np.abs(run.trace.force_N - expected.force_N).max() < ROUNDED * largest
         assert not run.record.warnings
-        if settings != SLIPPERY:  # and not what the other law says
+        if settings != SLIPPERY:  # and differs from the other law
             assert np.abs(run.trace.force_N - motions[LAWS[law == TOTAL]].force_N).max() > 1e-5 * largest
         state = pd.read_parquet(run.folder / "state.parquet")
         for name, values in (
@@ -67,7 +67,7 @@ def test_codes_do_what_the_integrator_does(settings: tuple[str, ...], shared_run
                 assert np.abs(state[columns].to_numpy() - values[:, :, axis]).max() <= 1e-7 * np.abs(values).max()
 
 
-def test_without_friction_energy_stays_with_the_square_of_the_step() -> None:
+def test_without_friction_the_energy_error_is_of_second_order() -> None:
     case = sideways(*SLIPPERY)
     put_in = energy_put_in(case.chain, float(case.sample_times_s[-1]))
     errors = [float(np.ptp(verlet_of(case, TOTAL, finer).total_energy_J)) / put_in for finer in (1, 2)]
@@ -75,19 +75,19 @@ def test_without_friction_energy_stays_with_the_square_of_the_step() -> None:
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
 
 
-def test_without_friction_nothing_turns_about_the_axis() -> None:
+def test_without_friction_angular_momentum_about_the_axis_is_conserved() -> None:
     case = sideways(*SLIPPERY)
     motion = motion_of(case)
     place, velocity = motion.place_m, motion.velocity_m_s
     about = case.chain.mass_kg * (place[:, :, 0] * velocity[:, :, 1] - place[:, :, 1] * velocity[:, :, 0])
     total = about.sum(axis=1)
-    # the wave stirs single beads; the bore and the contacts can only pass their angular momentum on
+    # single beads change their angular momentum, but contacts and bore only pass it on
     assert np.abs(about - about[0]).max() > 1e-13
     assert np.abs(total - total[0]).max() < 1e-9 * np.abs(about).max()
     assert not motion.spin_rad_s.any()
 
 
-def test_friction_in_the_bore_takes_energy() -> None:
+def test_friction_in_the_bore_dissipates_energy() -> None:
     slippery, rough = (verlet_of(sideways(setting), TOTAL) for setting in ("tube.friction=0", "tube.friction=0.3"))
     lost = rough.total_energy_J[0] - rough.total_energy_J
     assert lost[-1] > 1e-3 * rough.kinetic_energy_J[0]
@@ -95,7 +95,7 @@ def test_friction_in_the_bore_takes_energy() -> None:
     assert abs(slippery.total_energy_J[-1] - slippery.total_energy_J[0]) < 1e-3 * lost[-1]
 
 
-def test_a_chain_on_the_axis_moves_as_a_straight_one() -> None:
+def test_a_chain_on_the_axis_moves_as_a_straight_chain() -> None:
     case = sideways(*STICKY)
     assert case.chain.lateral is not None
     straight = case_of("fig4", 'run.duration="0.4 ms"')
@@ -109,7 +109,7 @@ def test_a_chain_on_the_axis_moves_as_a_straight_one() -> None:
     assert not motion.place_m[:, :, :2].any()
 
 
-def test_the_horizon_ends_where_rounding_parts_two_runs() -> None:
+def test_the_horizon_ends_where_rounding_separates_two_runs() -> None:
     case = case_of(
         "fig4",
         'chain.lateral_offset="100 um"',
@@ -128,7 +128,7 @@ def test_the_horizon_ends_where_rounding_parts_two_runs() -> None:
     assert share[: baseline.samples].max() < 1e-5 < share.max()
 
 
-def test_the_budget_adds_up_and_says_what_it_leaves_out() -> None:
+def test_the_budget_adds_up_and_names_what_it_omits() -> None:
     case = sideways(*STICKY)
     for engine in ("liggghts", "yade"):
         law = load_engine(engine).shear
@@ -137,21 +137,21 @@ def test_the_budget_adds_up_and_says_what_it_leaves_out() -> None:
         assert force["whole"] == pytest.approx(
             force["model"] + force["rounding"] + force["truncation"] + force["sampling"], abs=1e-15
         )
-        assert "with order" in note
+        assert "order of convergence" in note
         assert "sampling not measured" in note
         fine = verlet_of(case, law, 16)
         true = residual(verlet_of(case, law), fine).max()
         assert abs(force["truncation"]) == pytest.approx(true, rel=0.1)
 
 
-def test_a_run_by_the_other_law_is_warned_of() -> None:
+def test_a_run_with_the_other_law_gets_a_warning() -> None:
     case = sideways(*STICKY)
     found = warnings_of(case, "yade", verlet_of(case, TOTAL))
     assert len(found) == 1
-    assert "not what the scene says" in found[0]
+    assert "did not run the scene as written" in found[0]
 
 
-def test_the_stability_limit_is_below_what_blows_up() -> None:
+def test_the_stability_limit_is_below_the_blow_up() -> None:
     for settings in (SLIPPERY, ("contact.friction=5", "tube.friction=5")):
         case = sideways(*settings)
         duration = float(case.sample_times_s[-1])
@@ -168,8 +168,8 @@ def test_the_stability_limit_is_below_what_blows_up() -> None:
             refuse(case.sampled_at_every(2.5 * limit), "verlet")
 
 
-def test_high_spins_of_a_uniform_chain() -> None:
-    """Without the bore: ``4 K/m`` along the axis, ``10 k/m`` where neighbours turn alike (s_j = s_{j-1})."""
+def test_stability_limits_of_a_uniform_chain() -> None:
+    """Largest squared frequencies without the bore: ``4 K/m`` axial, ``10 k/m`` for equal spins of neighbours."""
     chain = case_of("fig4", OFF_AXIS, "chain.count=400", "wall=", "gravity=", "run.duration=1 us").chain
     mass, n = chain.mass_kg[50], chain.bodies
     alike, none = np.ones(n), np.zeros(n)
@@ -179,7 +179,7 @@ def test_high_spins_of_a_uniform_chain() -> None:
     assert linear_sideways_limit(chain, none, none, none, alike) == pytest.approx(2 / np.sqrt(3.5 / mass), rel=1e-9)
 
 
-def test_a_trace_is_cut_whole() -> None:
+def test_cutting_a_trace_cuts_all_its_arrays() -> None:
     trace = verlet_of(sideways(*SLIPPERY), TOTAL)
     cut = until(trace, 7)
     assert cut.sideways is not None
@@ -187,7 +187,7 @@ def test_a_trace_is_cut_whole() -> None:
 
 
 @pytest.mark.parametrize("engine", [name for name in codes() if load_engine(name).models >= SIDEWAYS])
-def test_beads_that_may_not_turn(engine: str, shared_runs: Path) -> None:
+def test_beads_without_rotation(engine: str, shared_runs: Path) -> None:
     case = case_of("fig4-tube", "contact.rotation=false", "contact.friction=0.3", "run.duration=0.3 ms")
     run = finished(case, engine, shared_runs)
     verlet = verlet_of(case, load_engine(engine).shear)

@@ -1,4 +1,4 @@
-"""The page is there first and grows by its studies; what was made is not made again."""
+"""The page is written first and grows by its studies; finished studies are not made again."""
 
 import json
 import re
@@ -11,7 +11,7 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import RunError
-from validation.compare.asked import Asked
+from validation.compare.selection import EngineSelection
 from validation.report import write_report
 from validation.report.write_report import report
 from validation.studies import Options, Study
@@ -22,13 +22,13 @@ Grow = Callable[..., int]
 
 @dataclass(frozen=True)
 class Row:
-    """A row of a study that measures next to nothing."""
+    """Row of a trivial study."""
 
     value: float
 
 
 class Studies:
-    """Two studies that count how often they are made; what each does instead may be set."""
+    """Two studies that count how often they are made; ``instead`` replaces the work of a study."""
 
     def __init__(self) -> None:
         self.made: list[str] = []
@@ -60,9 +60,9 @@ def studies(monkeypatch: pytest.MonkeyPatch) -> Studies:
 
 @pytest.fixture
 def grow(studies: Studies, scene_file: SceneWriter, tmp_path: Path, shared_runs: Path) -> Grow:
-    """Makes the report of the small scene."""
+    """Report of the small scene, as a function."""
     page = tmp_path / "results" / "report.html"
-    return lambda: report([str(scene_file())], page, shared_runs, Asked(allow_missing=True), studies=True)
+    return lambda: report([str(scene_file())], page, shared_runs, EngineSelection(allow_missing=True), studies=True)
 
 
 def to_come(tmp_path: Path) -> list[str]:
@@ -70,7 +70,7 @@ def to_come(tmp_path: Path) -> list[str]:
     return found
 
 
-def test_the_page_is_announced_before_any_study_and_says_what_comes(
+def test_the_page_is_announced_before_any_study_and_names_the_studies_to_come(
     studies: Studies, grow: Grow, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert grow() == 0
@@ -85,7 +85,28 @@ def test_the_page_is_announced_before_any_study_and_says_what_comes(
     assert "Still to come" not in (tmp_path / "results" / "report.html").read_text()
 
 
-def test_what_was_made_before_an_interrupt_is_not_made_again(studies: Studies, grow: Grow, tmp_path: Path) -> None:
+def test_a_report_on_named_scenes_is_on_these_scenes_alone(
+    scene_file: SceneWriter, tmp_path: Path, shared_runs: Path
+) -> None:
+    page = tmp_path / "results" / "report.html"
+    assert (
+        report(
+            [str(scene_file("steel", top="title = 'Steel beads'"))],
+            page,
+            shared_runs,
+            EngineSelection(allow_missing=True),
+        )
+        == 0
+    )
+    text = page.read_text()
+    assert "<h1>Steel beads: do the codes agree?</h1>" in text
+    assert re.findall(r'<section id="([^"]*)"', text) == ["scene-steel"]
+    assert re.findall(r'<li><a href="#([^"]*)"', text) == ["verdicts", "scene-steel"]
+    assert not [words for words in ("Statements of the paper", "Table 1", "Independent cases") if words in text]
+    assert json.loads(page.with_suffix(".json").read_text())["independent"] == []
+
+
+def test_studies_made_before_an_interrupt_are_not_made_again(studies: Studies, grow: Grow, tmp_path: Path) -> None:
     def interrupt() -> None:
         raise KeyboardInterrupt
 
@@ -100,7 +121,7 @@ def test_what_was_made_before_an_interrupt_is_not_made_again(studies: Studies, g
     assert studies.made == ["claims", "trade"]
 
 
-def test_claims_are_made_again_when_a_source_is_newer_and_other_tables_stay(
+def test_claims_are_made_again_if_a_source_is_newer_and_other_tables_stay(
     studies: Studies, grow: Grow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert grow() == 0
@@ -125,11 +146,11 @@ def test_a_study_that_fails_leaves_the_others_and_the_page(
     assert to_come(tmp_path) == []
 
 
-def test_a_requirement_that_is_missed_is_told_at_every_call(
+def test_every_call_reports_a_missed_requirement(
     studies: Studies, grow: Grow, capsys: pytest.CaptureFixture[str]
 ) -> None:
     studies.missed = ["the limit is wrong"]
     for _ in range(2):
         assert grow() == 1
-        assert capsys.readouterr().err.count("the limit is wrong") == 2  # of either study
+        assert capsys.readouterr().err.count("the limit is wrong") == 2  # once for each study
     assert studies.made == ["claims", "trade"]

@@ -1,4 +1,4 @@
-"""The page's section on measured traces: there for scenes that have some, and only for these."""
+"""Section of the page on measured traces, for scenes that have some."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import pytest
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.scenes import SceneWriter
 
-HEADING = "Measured over computed (reference)"
+HEADING = "Measured and computed forces (reference)"
 ENTRY = '[[measured]]\nfile = "shot.csv"\n'
 QUOTED = "[[measured]]\nvalues = { wall_peak = '9 N' }\nerrors = { wall_peak = 0.1 }\n"
 

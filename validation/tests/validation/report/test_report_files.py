@@ -1,4 +1,4 @@
-"""The verdicts for programs: the same in the page, in JSON and in JUnit XML, whatever words are in them."""
+"""Equal verdicts in the page, in JSON and in JUnit XML, also with hostile texts."""
 
 import json
 import math
@@ -16,7 +16,7 @@ import pytest
 from drivers.base import decks as deck
 from postproc.draw.style import pyplot, svg_of
 from validation.compare.comparison import ComparedScene, compare_case
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict, share_of
+from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict, share_of_tolerance
 from validation.independent.independent_study import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.charts import PLACES, chart_of
@@ -33,7 +33,7 @@ HOSTILE = """</script><script>throw 1</script><b>&'"{{ 7 * 7 }}]]>\x1b[31m\x00""
 
 
 class Table(HTMLParser):
-    """The cells of the page's verdict tables, and all tags."""
+    """Cells of the page's verdict tables, and all tags."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class Table(HTMLParser):
 
 @pytest.fixture
 def hostile(scene_file: SceneWriter, shared_runs: Path) -> ComparedScene:
-    """A scene in hostile words, of which one engine failed and one is not installed."""
+    """A scene with hostile texts, a failed engine and a missing engine."""
     printable = HOSTILE.replace("\x1b", "").replace("\x00", "")
     case = case_of(scene_file("scene", top=f"title = '''{printable}'''"))
     runs = {engine: finished(case, engine, shared_runs) for engine in ("verlet", "reference")}
@@ -79,7 +79,7 @@ def hostile(scene_file: SceneWriter, shared_runs: Path) -> ComparedScene:
 
 @pytest.fixture
 def written(hostile: ComparedScene, tmp_path: Path) -> tuple[str, dict[str, Any], ElementTree.Element]:
-    """Page, JSON and XML of it and of independent cases, one of which fails."""
+    """Page, JSON and XML of the hostile scene and of independent cases, one of which fails."""
     folder = tmp_path / "results"
     lines = [line_of(entry.id, entry.title, engine, PASS)
              for entry in read_independent() for engine in ("yade", "reference")]  # fmt: skip
@@ -104,9 +104,9 @@ def test_the_same_verdicts_in_all_three(written: tuple[str, dict[str, Any], Elem
     page, data, root = written
     shown = set(Table(page).found)
     rows = [row for kind in ("scenes", "independent") for row in data[kind]]
-    told = {(row["name"], engine, own["verdict"]) for row in rows for engine, own in row["engines"].items()}
-    assert shown == told
-    assert {verdict for _, _, verdict in told} == {PASS, FAIL, NOT_RUN}
+    in_json = {(row["name"], engine, own["verdict"]) for row in rows for engine, own in row["engines"].items()}
+    assert shown == in_json
+    assert {verdict for _, _, verdict in in_json} == {PASS, FAIL, NOT_RUN}
 
     single = Counter(v["verdict"] for row in rows for own in row["engines"].values() for v in own["verdicts"])
     tests = root.findall("testsuite/testcase")
@@ -123,9 +123,9 @@ def test_the_same_verdicts_in_all_three(written: tuple[str, dict[str, Any], Elem
             assert suite.attrib["time"] == "0.500"  # two engines
 
 
-def test_hostile_words_stay_words(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
+def test_hostile_texts_stay_texts(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
     page, data, root = written
-    assert Table(page).tags["script"] == 2  # the values of the one chart, and what shows them
+    assert Table(page).tags["script"] == 2  # the values of the chart, and the script that shows them
     assert "<script>throw" not in page
     assert "</script><b>" not in page
     assert "49" not in re.findall(r"<h2>(.*?)</h2>", page)[0]
@@ -137,7 +137,7 @@ def test_hostile_words_stay_words(written: tuple[str, dict[str, Any], ElementTre
     assert "python -m validation compare" in (failure.text or "")
 
 
-def test_hostile_words_stay_in_the_data_of_a_chart(hostile: ComparedScene) -> None:
+def test_hostile_texts_stay_in_the_data_of_a_chart(hostile: ComparedScene) -> None:
     traces = {engine: run.trace for engine, run in hostile.runs.items()}
     chart = chart_of(hostile.case.layout, traces)
     odd = replace(chart, panels=[replace(panel, title=HOSTILE) for panel in chart.panels])
@@ -149,7 +149,7 @@ def test_hostile_words_stay_in_the_data_of_a_chart(hostile: ComparedScene) -> No
     assert json.loads(found[1])["panels"][0]["title"] == HOSTILE
 
 
-def test_the_json_tells_what_it_was_made_with(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
+def test_the_json_has_its_provenance(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
     _, data, _ = written
     assert data["schema_version"] == 1
     assert {"date", "commit", "command", "engines", "machine", "libraries"} <= data["made_with"].keys()
@@ -159,11 +159,11 @@ def test_the_json_tells_what_it_was_made_with(written: tuple[str, dict[str, Any]
     assert own["run"]["status"] == "done"
     assert own["run"]["error_budget"]
     assert {"value", "limit", "reason", "where"} <= own["verdicts"][0].keys()
-    nothing = data["scenes"][0]["engines"]["liggghts"]["verdicts"][0]
-    assert nothing["value"] is None  # it was NaN
+    absent = data["scenes"][0]["engines"]["liggghts"]["verdicts"][0]
+    assert absent["value"] is None  # NaN
 
 
-def test_nothing_is_replaced_unless_all_is_written(hostile: ComparedScene, tmp_path: Path) -> None:
+def test_no_file_is_replaced_unless_all_are_written(hostile: ComparedScene, tmp_path: Path) -> None:
     (tmp_path / "report.html").write_text("old")
     (tmp_path / "report.xml").mkdir()
     with pytest.raises(OSError, match=r"report\.xml"):
@@ -172,19 +172,19 @@ def test_nothing_is_replaced_unless_all_is_written(hostile: ComparedScene, tmp_p
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".toml") == ["report.html", "report.xml"]
 
 
-def test_the_worst_is_the_largest_share_and_no_number_is_worse() -> None:
+def test_the_worst_verdict_has_the_largest_share_and_nan_is_worse() -> None:
     verdicts = [verdict(1e-3, 1e-2), verdict(5e-9, 1e-8), verdict(0.0, 0.0)]
     assert worst_of(verdicts) is verdicts[1]
     assert worst_of([*verdicts, verdict(math.nan, 1.0)]) != verdicts[1]
     assert worst_of([verdict(math.nan, math.nan)]) is None
-    assert share_of(verdict(1.0, 0.0)) == math.inf
-    expected = replace(verdict(9.0, 10.0), predicted=9.0)  # the rest of its tolerance is untouched
-    assert share_of(expected) == 0
+    assert share_of_tolerance(verdict(1.0, 0.0)) == math.inf
+    expected = replace(verdict(9.0, 10.0), predicted=9.0)  # the error is as predicted
+    assert share_of_tolerance(expected) == 0
     assert worst_of([expected, verdicts[0]]) is verdicts[0]
 
 
-def test_a_picture_is_its_file_without_digits_that_nobody_sees() -> None:
-    """Words keep their digits; pictures in the file, clipping, hatches and symbols stay."""
+def test_a_picture_is_its_file_with_rounded_coordinates() -> None:
+    """Texts keep their digits; images in the file, clipping, hatches and symbols stay."""
     figure, axis = pyplot().subplots(figsize=(2, 2))
     axis.plot(range(200), [x % 7 for x in range(200)], "o", label="once = 3.14159 < url(http://example.org)")
     axis.imshow([[0, 1], [1, 0]])
@@ -210,13 +210,13 @@ def test_a_hostile_figure_is_bytes_in_the_page(tmp_path: Path) -> None:
     (tmp_path / "fig4.svg").write_text(hostile)
     write_report([], tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
-    assert Table(text).tags["script"] == 1  # what shows the values of charts
+    assert Table(text).tags["script"] == 1  # the script that shows the values of charts
     assert Table(text).tags["img"] == 1
     assert "throw" not in text
 
 
 @pytest.mark.long
-def test_the_command_writes_all_three_and_says_how_it_was_called(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_the_command_writes_all_three_files_and_records_its_arguments(scene_file: SceneWriter, tmp_path: Path) -> None:
     scene, page = scene_file(), tmp_path / "out" / "page.html"
     words = ("--out", page, "--runs", tmp_path / "runs", "--allow-missing")
     done = command_line("validation", "report", scene, *words)
@@ -230,7 +230,7 @@ def test_the_command_writes_all_three_and_says_how_it_was_called(scene_file: Sce
         refused = command_line("validation", "report", scene, *wrong, "--runs", tmp_path / "fresh")
         assert refused.returncode == 2
         assert len(refused.stderr.splitlines()) == 1
-        assert not (tmp_path / "fresh").exists(), "nothing has run"
+        assert not (tmp_path / "fresh").exists(), "a deck was run"
 
 
 def test_a_processor_has_a_name(tmp_path: Path) -> None:
@@ -245,7 +245,7 @@ def verdict(value: float, limit: float) -> Verdict:
 
 
 def line_of(case: str, title: str, engine: str, word: str) -> Line:
-    """A line of the table of independent cases."""
+    """Line of the table of independent cases."""
     return Line(case, title, "", engine, "peak_force_N", "N", "theory", 1.0, 1.0, 0.0, "relative", 0.1, word, "",
                 "a reason of some length", "a source", 0.25)  # fmt: skip
 

@@ -29,10 +29,10 @@ from validation.stability import measured_limits
 from validation.stability.extremes import Extreme, extremes, run_all
 from validation.stability.measured_limits import (
     FINENESS,
+    MAX_RATIO,
     PAPER,
     RANDOM,
     SHIPPED,
-    WITHIN,
     Subject,
     at_random,
     bouncing,
@@ -41,7 +41,7 @@ from validation.stability.measured_limits import (
     random_case,
     sweeps,
 )
-from validation.stability.rounding_effects import BEYOND_CHANCE, by_build, energy_of, in_repo, pressed
+from validation.stability.rounding_effects import SIGNIFICANCE, by_build, energy_of, in_repo, pressed
 from validation.stability.stability_study import STUDY, missed
 from validation.studies import read_section, write_study
 from validation.tests.helpers.adversarial import KINDS, adversarial_case
@@ -51,14 +51,14 @@ from validation.tests.helpers.scenes import SceneWriter, case_of
 
 TOO_LARGE = ("--set", "run.time_step=20 us", "--set", "run.sample_interval=20 us")
 COARSE = ("run.time_step=8 us", "run.sample_interval=8 us")
-BELOW = (0.7, 0.85, 0.93, 0.97, 1.0)  # of the bound
+SHARES_OF_BOUND = (0.7, 0.85, 0.93, 0.97, 1.0)
 QUICK = {each.name: each for each in extremes(quick=True)}
 
 
 def test_predictions_are_right_on_the_papers_scenes_and_at_random() -> None:
     subjects = [*(Subject(RANDOM, name, case_of(name)) for name in PAPER), *at_random(20)]
     for limit in measure_limits(subjects, names=()):
-        assert 1 <= limit.ratio <= WITHIN, limit
+        assert 1 <= limit.ratio <= MAX_RATIO, limit
 
 
 def test_codes_blow_up_where_the_in_repo_scheme_does() -> None:
@@ -108,13 +108,13 @@ def test_many_impacts_lower_the_limit() -> None:
     settings = ("chain.count=0", "chain.sensors=[]", "gravity=981 m/s^2", "run.duration=25 ms", "run.time_step=1 us")
     speeds = [(*settings, f"striker.speed={speed} m/s") for speed in np.linspace(0.4, 0.6, 8)]
     ratios = [limit.ratio for limit in measure_limits([Subject(RANDOM, "", case_of("fig4", *s)) for s in speeds], ())]
-    assert 1 <= min(ratios) <= WITHIN
+    assert 1 <= min(ratios) <= MAX_RATIO
 
 
 def check_bound(case: Case) -> None:
     """Verlet gains less than all that is put in at steps up to the bound."""
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
-    for share in BELOW:
+    for share in SHARES_OF_BOUND:
         run = case.sampled_at_every(share * limit)
         assert gain(run, verlet_of(run)) <= 1, f"{case.scene.name} blows up at {share:.2f} of its bound"
 
@@ -160,7 +160,9 @@ def test_what_outlasts_a_trial_is_refused_beyond_the_bound(monkeypatch: pytest.M
     slightly = case.sampled_at_every(1.01 * limit)
     refuse(slightly, "verlet")
     monkeypatch.setattr(trial, "MAX_BODY_STEPS", 100)
-    with pytest.raises(InputError, match=r"at most 1.7.* s, which is stable; a trial at .* takes too long"):
+    with pytest.raises(
+        InputError, match=r"at most 1.7.* s, the predicted stability limit; a trial at .* takes too long"
+    ):
         refuse(slightly, "verlet")
     refuse(case.sampled_at_every(0.99 * limit), "verlet")
 
@@ -177,20 +179,21 @@ def test_a_bead_that_flies_runs_beyond_the_bound_and_is_warned_of_by_its_error(t
 
 def test_a_plan_says_what_is_a_bound_and_what_a_trial(tmp_path: Path) -> None:
     lines = [line for line in plan_report("fig4") if line.startswith("stability")]
-    bound, _, rest = lines[0].partition(" us, a lower bound; the first trial to blow up is at ")
-    assert float(bound.split()[-1]) == pytest.approx(17.3, rel=0.01)
-    assert float(rest.split()[0]) > 17.4
+    assert lines[0].startswith("stability  stable up to ")
+    assert float(lines[0].split()[4]) == pytest.approx(17.3, rel=0.01)
+    (first,) = (line for line in plan_report("fig4") if "first trial run to blow up: at " in line)
+    assert float(first.split()[-2]) > 17.4
     beyond = [*plan_report("fig4", ("run.time_step=18 us", "run.sample_interval=18 us"))]
-    assert any("and runs in a trial" in line for line in beyond)
+    assert any("the trial run at this step is stable" in line for line in beyond)
     refused = [*plan_report("fig4", ("run.time_step=20 us", "run.sample_interval=20 us"))]
-    assert any("a trial at this step is unstable" in line and "refused" in line for line in refused)
+    assert any("the trial run at this step is unstable" in line and "refused" in line for line in refused)
     assert len(refused) < len(beyond)
 
 
-FEW = [("chain.count=1", "chain.sensors=[]"), ("chain.count=0", "chain.sensors=[]"), ("striker.mass=1e-9 kg",)]
+FEW_BODIES = [("chain.count=1", "chain.sensors=[]"), ("chain.count=0", "chain.sensors=[]"), ("striker.mass=1e-9 kg",)]
 
 
-@pytest.mark.parametrize("settings", FEW)
+@pytest.mark.parametrize("settings", FEW_BODIES)
 def test_limits_of_few_and_of_light_bodies(settings: tuple[str, ...]) -> None:
     case = case_of("fig4", "gravity=", *settings)
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
@@ -222,27 +225,27 @@ def test_what_is_allowed_then_is_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("engine", ["verlet", *codes()])
-def test_a_useless_step_is_done_with_a_warning(engine: str, shared_runs: Path) -> None:
+def test_a_step_that_is_too_coarse_is_done_with_a_warning(engine: str, shared_runs: Path) -> None:
     need(engine)
     ended = finished(case_of("fig4", *COARSE), engine, shared_runs)
     (warning,) = json.loads((ended.folder / "run.json").read_text())["warnings"]
-    assert warning.startswith("forces are predicted to be off by up to 0.2")
-    assert warning.endswith("by the time step")
+    assert warning.startswith("predicted force error of up to 0.2")
+    assert warning.endswith("cause: the time step")
 
 
-def test_warnings_are_told_and_stand_in_the_report(shared_runs: Path, tmp_path: Path) -> None:
+def test_warnings_are_printed_and_in_the_report(shared_runs: Path, tmp_path: Path) -> None:
     words = [word for setting in COARSE for word in ("--set", setting)]
     said = command_line("drivers", "run", "fig4", *words, "--engine", "verlet", "--runs", shared_runs)
     assert said.returncode == 0
-    assert "fig4: verlet warning: forces are predicted to be off by up to 0.2" in said.stderr
+    assert "fig4: verlet warning: predicted force error of up to 0.2" in said.stderr
     write_report([run_and_compare("fig4", COARSE, shared_runs)], tmp_path / "report.html")
-    assert "forces are predicted to be off by up to 0.2" in (tmp_path / "report.html").read_text()
+    assert "predicted force error of up to 0.2" in (tmp_path / "report.html").read_text()
 
 
 def test_rounding_warns_by_its_own_name(tmp_path: Path) -> None:
     ended = finished(case_of("fig4", "chain.origin=1e6 km"), "liggghts", tmp_path)
     assert ended.record.warnings is not None
-    assert "by the rounding of heights" in ended.record.warnings[0]
+    assert "cause: rounding of heights" in ended.record.warnings[0]
 
 
 def test_a_motion_beyond_hertz_is_refused(scene_file: SceneWriter) -> None:
@@ -295,7 +298,7 @@ def test_a_run_that_leaves_the_reference_says_when(shared_runs: Path) -> None:
     assert set(refused.values()) == {"refused"}
 
 
-def test_a_drift_is_told_from_a_walk() -> None:
+def test_a_drift_is_distinguished_from_a_random_walk() -> None:
     case = case_of("fig4")
     samples = np.linspace(0, 1, 2000)
     draw = np.random.default_rng(1)
@@ -305,9 +308,9 @@ def test_a_drift_is_told_from_a_walk() -> None:
         return Trace(samples * case.sample_times_s[-1], nothing, energy, 1 + energy, energy)
 
     drifting = energy_of("", "", case, trace(1e-6 * samples + 1e-8 * draw.normal(size=2000)))
-    assert abs(drifting.drift) > BEYOND_CHANCE * drifting.drift_error
+    assert abs(drifting.drift) > SIGNIFICANCE * drifting.drift_error
     walking = energy_of("", "", case, trace(1e-7 * draw.normal(size=2000).cumsum()))
-    assert not abs(walking.drift) > BEYOND_CHANCE * walking.drift_error
+    assert not abs(walking.drift) > SIGNIFICANCE * walking.drift_error
 
 
 def test_heights_round_and_overlaps_do_not() -> None:
@@ -331,8 +334,8 @@ def test_a_build_of_higher_precision_is_run_and_rounds_otherwise() -> None:
 def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) -> None:
     chosen = [Subject(SHIPPED, "fig5", case_of("fig5")), *sweeps()][::4]
     edge = Extreme(name="beads <b>", scene="fig4", set=COARSE)
-    (tmp_path / "stability-energy.csv").write_text("of a former study\n")
-    (tmp_path / "stability-horizons.svg").write_text("of a former study\n")
+    (tmp_path / "stability-energy.csv").write_text("of an earlier study\n")
+    (tmp_path / "stability-horizons.svg").write_text("of an earlier study\n")
     rows: dict[str, list[Any]] = {
         "stability": measure_limits(chosen, names=()),
         "stability-extremes": [*run_all([edge], shared_runs)],
@@ -342,19 +345,19 @@ def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) ->
     written = ["stability-extremes.csv", "stability-limits.png", "stability-limits.svg", "stability.csv"]
     assert sorted(path.name for path in tmp_path.iterdir()) == written
     section = read_section("stability", tmp_path)
-    assert any("the prediction lies above the measured limit on 0 of" in sentence for sentence in section["sentences"])
+    assert any("the prediction never exceeded the measured limit" in sentence for sentence in section["sentences"])
     assert len(section["figures"]) == 1
     write_report([], tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     assert "beads &lt;b&gt;" in page
-    assert "Where it breaks" in page
-    assert "the short study; <code>make stability</code> makes the whole" in page
+    assert "Stability limits of the time step" in page
+    assert "the short study, <code>make stability</code> makes the full one" in page
     table = tables["stability"]
     table["ratio"] = 0.99
     assert len(missed(tables)) == len(table)
     table["ratio"] = 1.3
     assert len(missed(tables)) == (table["group"] == SHIPPED).sum()
     (tmp_path / "stability.csv").write_text("group,scene\nshipped scenes,fig4\n")
-    with pytest.raises(InputError, match="a damaged table"):
+    with pytest.raises(InputError, match="damaged table"):
         read_section("stability", tmp_path)
     assert read_section("stability", tmp_path / "nowhere") == {}

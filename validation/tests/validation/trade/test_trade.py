@@ -12,8 +12,9 @@ from validation.studies import frame_of, read_section, write_study
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
-from validation.trade import climb as measured
-from validation.trade.climb import Row, Rung, affordable, at_step, climb, extrapolation, rayleigh, sampling, softened
+from validation.trade import levers
+from validation.trade.ladder import Row, Rung, affordable, at_step, run_ladder
+from validation.trade.levers import extrapolation, rayleigh, sampling, softened
 from validation.trade.trade_study import STUDY, advice, cheapest, front, orders
 
 
@@ -27,7 +28,7 @@ def table(errors: list[float], shares: list[float]) -> pd.DataFrame:
 
 
 def test_an_order_has_its_range_and_a_bend_is_seen() -> None:
-    """Where errors are small and fall evenly."""
+    """The range has small errors that fall evenly."""
     shares = [2.0**-place for place in range(-6, 6)]
     large, even, bent = (
         [0.9, 0.8, 0.7, 0.6, 0.5, 0.4],
@@ -90,10 +91,10 @@ def test_a_build_that_is_there_and_fails_has_no_row(
     def broken(*_: object) -> None:
         raise RunError("it is broken")
 
-    monkeypatch.setattr(measured, "installed_codes", lambda: ["verlet"])
-    monkeypatch.setattr(measured, "builds_of", lambda _: ["", "precise"])
-    monkeypatch.setattr(measured, "serve", broken)
-    assert list(measured.precision()) == []
+    monkeypatch.setattr(levers, "installed_codes", lambda: ["verlet"])
+    monkeypatch.setattr(levers, "builds_of", lambda _: ["", "precise"])
+    monkeypatch.setattr(levers, "serve", broken)
+    assert list(levers.precision()) == []
     assert "precise, wall at 1 km is left out: it is broken" in capsys.readouterr().err
 
 
@@ -101,7 +102,7 @@ def test_a_build_that_is_there_and_fails_has_no_row(
 def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     need("liggghts")
     need("yade")
-    rows = climb(2.0, ("fig5",))
+    rows = run_ladder(2.0, ("fig5",))
     found = frame_of(Row, rows)
     slopes = {order.method: order.order for order in orders(found) if order.quantity == "force"}
     assert all(slopes[name] == pytest.approx(2, abs=0.05) for name in ("liggghts", "yade", "verlet"))
@@ -111,10 +112,10 @@ def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     assert len(same) == 3
     assert np.ptp(same["force"].to_numpy()) < 1e-9
 
-    levers = [*sampling(), *extrapolation(), *rayleigh(), *softened()]
+    measured = [*sampling(), *extrapolation(), *rayleigh(), *softened()]
     write_study(
         STUDY,
-        {"trade": rows, "trade-levers": levers, "trade-advice": [*advice(found)], "trade-orders": [*orders(found)]},
+        {"trade": rows, "trade-levers": measured, "trade-advice": [*advice(found)], "trade-orders": [*orders(found)]},
         tmp_path,
     )
     section = read_section("trade", tmp_path)
@@ -123,7 +124,7 @@ def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     )
     assert len(section["figures"]) == 1
     (tmp_path / "trade.csv").write_text("scene,method\nfig5,yade\n")
-    with pytest.raises(InputError, match="a damaged table"):
+    with pytest.raises(InputError, match="damaged table"):
         read_section("trade", tmp_path)
     assert read_section("trade", tmp_path / "nowhere") == {}
 

@@ -1,0 +1,85 @@
+"""Functions for notebooks and scripts: run a scene, open a finished run."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from drivers.base import paths
+from drivers.base.errors import InputError, RunError
+from drivers.chain.case import Case, build_case
+from drivers.inventory.run_folders import run_folder
+from drivers.limits.refusal import refuse
+from drivers.run import finished
+from drivers.run.run import run_case
+from drivers.scene.read_scene import read_scene
+from drivers.scene.settings import setting_texts
+
+
+def run_scene(
+    scene: str | Path | Case,
+    engine: str,
+    settings: Mapping[str, Any] | None = None,
+    *,
+    runs: str | Path | None = None,
+    rerun: bool = False,
+    time_limit_s: float | None = None,
+) -> finished.EndedRun:
+    """Run a scene on an engine; a run with the same deck and build that is done already is returned as it is.
+
+    The run folder holds the deck and the forces. ``validation.assess(run, case)`` adds ``sensors.csv`` and the error
+    budget, as the command ``python -m drivers run`` does.
+
+    Args:
+        scene: Name of a scene in ``inputs/scenes``, path of a scene file, or a case planned by ``validation.plan``.
+        engine: Name of an engine, such as ``"yade"``, ``"verlet"`` or ``"reference"``.
+        settings: Values that replace those of the scene file, by key: text with a unit (``"2 m/s"``) or a number in
+            SI units; None removes the key.
+        runs: Folder of the run folders; by default ``runs/`` of the checkout.
+        rerun: True runs the scene again even if it is done.
+        time_limit_s: Seconds after which the run is stopped; by default a limit for the engine and the size of the
+            scene.
+
+    Returns:
+        EndedRun: Its ``folder`` is a Path, its ``record`` holds the contents of ``run.json``, and its ``trace`` holds
+            ``time_s`` of shape (samples,) and ``force_N`` of shape (samples, contacts); column j - 1 is contact j,
+            under body j, counted from the wall.
+
+    Raises:
+        InputError: The scene or a setting is wrong, the time step is unstable, or the engine cannot model the scene.
+        RunError: The engine is not installed, or the run failed.
+
+    Examples:
+        >>> run = run_scene("fig4", "verlet", {"striker.speed": "1 m/s"}, runs=folder)
+        >>> run.record.status, run.trace.force_N.shape
+        ('done', (801, 22))
+    """
+    if not isinstance(scene, Case):
+        scene = build_case(read_scene(scene, setting_texts(settings or {})))
+    elif settings:
+        raise InputError("run_scene", "settings", "settings for a planned case", "settings given to validation.plan")
+    refuse(scene, engine)
+    run = run_case(scene, engine, Path(runs or paths.RUNS), rerun=rerun, limit_s=time_limit_s)
+    if not run.done:
+        raise RunError(f"{paths.shown(run.folder)}: {run.record.status}: {run.record.reason}", run.record.status)
+    return run
+
+
+def open_run(name: str | Path, runs: str | Path | None = None) -> finished.EndedRun:
+    """Open a finished run by its folder, or the newest done run of a scene by ``ENGINE:SCENE``.
+
+    Args:
+        name: Path of a run folder, or for example ``"yade:fig4"``: the newest done run of the scene as its file is
+            now. If there is none, the newest run with other settings is opened, and a line on stderr says so.
+        runs: Folder of the run folders; by default ``runs/`` of the checkout.
+
+    Returns:
+        EndedRun: The run, as ``run_scene`` returns it.
+
+    Raises:
+        InputError: There is no such run, the run is not done, or its record is damaged.
+
+    Examples:
+        >>> open_run("verlet:fig4", runs=folder).record.engine
+        'verlet'
+    """
+    return finished.open_run(run_folder(name, Path(runs or paths.RUNS)))

@@ -1,0 +1,103 @@
+"""Tables of a finished run for notebooks and scripts: observables, contact forces, gauge signals."""
+
+from typing import TYPE_CHECKING
+
+from drivers.chain.trace import FORCES
+from drivers.run.finished import EndedRun
+from postproc.read import observables
+from postproc.read.sensors import sensor_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def observe(run: EndedRun, levels: tuple[float, ...] = observables.LEVELS) -> "pd.Series[float]":
+    """Observables of a run: peaks, arrival times, speeds, widths, reflections, energies.
+
+    ``postproc/README.md`` defines each observable.
+
+    Args:
+        run: A run from ``drivers.run_scene`` or ``drivers.open_run``.
+        levels: Shares of the peak, between 0 and 1, at which durations and widths are cut.
+
+    Returns:
+        Series: Values in SI units by name; each name ends in its unit (``wall_peak_N``, ``speed_9_to_5_m_s``). Widths
+            are in bead diameters. NaN where the run does not show the observable.
+
+    Raises:
+        InputError: The forces of the run are missing or damaged.
+
+    Examples:
+        >>> print(observe(run)["wall_peak_N"].round(2))
+        16.37
+    """
+    import pandas as pd
+
+    return pd.Series(observables.observe(run.layout, run.trace, levels), name=run.record.scene_name)
+
+
+def errors(run: EndedRun) -> "pd.DataFrame":
+    """Errors of a run: of the force, and of every observable of the waves, relative to its true value.
+
+    A run is assessed by ``validation.assess``, and by the commands ``run``, ``compare`` and ``report``.
+
+    Args:
+        run: A run from ``drivers.run_scene`` or ``drivers.open_run``.
+
+    Returns:
+        DataFrame: One row per quantity, named as in ``observe`` without the unit. ``whole`` is the signed error, the
+            sum of ``model``, ``rounding``, ``truncation`` and ``sampling``; ``where`` is contact and time of the
+            largest force error. Without rows if the run has not been assessed.
+
+    Examples:
+        >>> list(errors(run).columns)
+        ['whole', 'model', 'rounding', 'truncation', 'sampling', 'where']
+    """
+    import pandas as pd
+
+    columns = ["quantity", "whole", "model", "rounding", "truncation", "sampling", "where"]
+    return pd.DataFrame(run.record.error_budget or [], columns=columns).set_index("quantity")
+
+
+def forces(run: EndedRun) -> "pd.DataFrame":
+    """Contact forces, energies and momentum of a run against time: the columns of ``forces.parquet``.
+
+    Args:
+        run: A run from ``drivers.run_scene`` or ``drivers.open_run``.
+
+    Returns:
+        DataFrame: One row per sample, with ``time_s`` as index. ``contact_j_N`` is the force in contact j, which lies
+            under body j, counted from the wall; compression is positive.
+
+    Raises:
+        InputError: The forces of the run are missing or damaged.
+
+    Examples:
+        >>> print(forces(run)["contact_1_N"].max().round(2))
+        16.37
+    """
+    import pandas as pd
+
+    run.trace  # noqa: B018 - checks the file
+    return pd.read_parquet(run.folder / FORCES).set_index("time_s")
+
+
+def gauges(run: EndedRun) -> "pd.DataFrame":
+    """Forces that the gauges of a run show against time: the columns of ``sensors.csv``.
+
+    Args:
+        run: A run from ``drivers.run_scene`` or ``drivers.open_run``.
+
+    Returns:
+        DataFrame: One row per sample, with ``time_s`` as index; a column for each gauge, ``bead_9_N``, ...,
+            ``wall_N``. A sensor bead shows the mean of its two contact forces, behind the electronics of the scene's
+            ``sensor.time_constant``.
+
+    Raises:
+        InputError: The forces of the run are missing or damaged.
+
+    Examples:
+        >>> list(gauges(run).columns)
+        ['bead_9_N', 'bead_5_N', 'wall_N']
+    """
+    return sensor_table(run.layout, run.trace)

@@ -1,0 +1,89 @@
+"""First sentences on compared scenes: whether the codes are right, how exact they are, and at what cost."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from drivers.engines import REFERENCE, VERLET, in_order, load_engine
+from validation.compare.comparison import ComparedScene
+from validation.compare.verdict import FAIL, NOT_RUN, Verdict, outcome, short
+
+Outcomes = Mapping[str, Mapping[str, str]]  # verdicts by scene or case, and by engine
+FORCE = "force against "  # first words of a force verdict; the engine it is compared with follows
+
+
+def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> list[str]:
+    """Sentences that say if the codes agree: failures first, then the agreement, then missing runs.
+
+    Args:
+        scenes: compared scenes.
+        cases: verdicts of independent cases, by case and engine.
+    """
+    rows = {scene.case.scene.name: _outcomes(scene) for scene in scenes}
+    verdicts = [each for scene in scenes for each in scene.verdicts if rows[each.scene][each.engine] != FAIL]
+    ran = {name for scene in scenes for name in scene.runs}
+    codes = [name for name in in_order({each.engine for each in verdicts} & ran) if not _in_repository(name)]
+    failures = _by_engine(rows | dict(cases or {}), FAIL, "fails")
+    missing = _by_engine(rows, NOT_RUN, "did not run")
+    warned = [scene.case.scene.name for scene in scenes if any(run.record.warnings for run in scene.runs.values())]
+    remarks = [f"{'; '.join(missing)}."] if missing else []
+    remarks += [f"Runs of {listed(warned)} have warnings."] if warned else []
+    agreement = _agreement(scenes, verdicts, codes or [name for name in (VERLET,) if name in ran])
+    if failures:
+        rest = [f"Otherwise, {agreement}"] if agreement else []
+        return [f"No: {'; '.join(failures)}.", *rest, *remarks]
+    if codes and agreement:
+        return [f"Yes: {agreement}", *remarks]
+    rest = [f"In this repository, {agreement}"] if agreement else []
+    return [f"Not known: {'there is no run to compare with' if codes else 'no code ran'}.", *rest, *remarks]
+
+
+def display_name(engine: str) -> str:
+    """Name of an engine in a sentence: a code's own name in capitals, as its authors write it."""
+    found = load_engine(engine)
+    return engine.upper() if not found.in_repository and engine == found.entry.adapter else engine
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words with commas, and "and" before the last."""
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
+def _agreement(scenes: Sequence[ComparedScene], verdicts: Iterable[Verdict], engines: list[str]) -> str:
+    """Clause on the largest deviations and the cost of these engines over all scenes; empty without engines."""
+    own = [each for each in verdicts if each.engine in engines and each.quantity.startswith(FORCE)]
+    against: dict[str, list[float]] = {}
+    for each in own:
+        against.setdefault(each.quantity.removeprefix(FORCE), []).append(each.value)
+    exact = against.pop(REFERENCE, [])
+    same = against.pop(VERLET, [])
+    others = [value for values in against.values() for value in values]
+    steps = "at this time step" if len(scenes) == 1 else "at their time steps"
+    parts = [f"with the same scheme to {short(max(same))}"] if same else []
+    parts += [f"with each other to {short(max(others))}"] if others else []
+    parts += [f"with the exact motion to {short(max(exact))} {steps}"] if exact else []
+    if not parts:
+        return ""
+    where = f"on {number} scenes " if (number := len({each.scene for each in own})) > 1 else ""
+    loops = [scene.runs[name].record.loop_s for scene in scenes for name in engines if name in scene.runs]
+    known = [loop_s for loop_s in loops if loop_s is not None]
+    cost = f", for {'at most ' if len(known) > 1 else ''}{max(known):.2g} s of computing per run" if known else ""
+    return f"{where}the forces of {listed([*map(display_name, engines)])} agree {listed(parts)}{cost}."
+
+
+def _outcomes(scene: ComparedScene) -> dict[str, str]:
+    """Verdict of each engine on a scene."""
+    engines = in_order([*scene.runs, *scene.absent])
+    return {name: outcome([each for each in scene.verdicts if each.engine == name]) for name in engines}
+
+
+def _by_engine(rows: Outcomes, verdict: str, verb: str) -> list[str]:
+    """Clauses such as "YADE fails on fig4 and fig5", one for each engine with that verdict."""
+    found: dict[str, list[str]] = {}
+    for row, cells in rows.items():
+        for engine, cell in cells.items():
+            if cell == verdict:
+                found.setdefault(engine, []).append(row)
+    return [f"{display_name(engine)} {verb} on {listed(names)}" for engine, names in found.items()]
+
+
+def _in_repository(engine: str) -> bool:
+    return load_engine(engine).in_repository

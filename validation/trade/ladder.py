@@ -1,0 +1,243 @@
+"""Ladder of time steps within a budget of engine time, from the stability limit down to 1e-4 of it."""
+
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+from math import ceil, nan
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from drivers.base.errors import RunError
+from drivers.base.processes import cores
+from drivers.base.progress import counted
+from drivers.chain.case import Case
+from drivers.chain.chain import arrays_of
+from drivers.chain.trace import Trace
+from drivers.engines import REFERENCE, VERLET, installed_codes, load_engine
+from drivers.limits.refusal import FORCE
+from drivers.limits.stable_step import predicted_limit
+from drivers.run.run import run_case, workers
+from drivers.run.session import Session
+from postproc.paper.simulate import case_of
+from postproc.read.observables import of_kind
+from validation.accuracy import schemes
+from validation.accuracy.costs import cost_on
+from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
+from validation.reference.symplectic import integrate_symplectic
+from validation.reference.velocity_verlet import integrate_verlet
+from validation.served_runs import Served, serve, serving
+from validation.studies import ADAPTIVE, DONE, NOT_RUN, ORDER_4
+
+SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")
+SHORT_SCENES = SCENES[:-1]  # without the thousand beads, which take half of the time
+SHARES = tuple(10 ** (-k / 3) for k in range(13))  # of the predicted stability limit
+TOLERANCES = (*(10.0**-k for k in range(2, 12)), MIN_TOLERANCE)
+FORCES_OF_ORDER_4 = 4  # evaluations per step
+BUDGET_S, SHORT_BUDGET_S = 300.0, 30.0  # of engine time for the whole ladder
+MAX_RUN_SHARE = 0.04  # of the budget, for a single run
+REPEATS, SHORT_RUN_S = 3, 0.03  # shorter runs are timed as the best of several
+CODE_STRIDE = 3  # codes take every third step of the short ladder
+PROCESS = {ADAPTIVE: REFERENCE, ORDER_4: VERLET, VERLET: VERLET}  # engine whose start-up time a method has
+FIXED_STEP = {VERLET: integrate_verlet, ORDER_4: integrate_symplectic}
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One run of the ladder.
+
+    Attributes:
+        method: an engine, or an integrator of this repository.
+        case: case with the time step and the samples of this run.
+        share: time step over the predicted stability limit; for ``ADAPTIVE`` the tolerance.
+        expected_s: expected time of the loop.
+    """
+
+    scene: str
+    method: str
+    case: Case
+    share: float
+    expected_s: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measurement; errors as in ``accuracy.schemes``, NaN if the scene does not show a quantity.
+
+    Attributes:
+        share_of_limit: time step over the predicted stability limit; for the adaptive integrator its tolerance.
+        loop_s: CPU time of the time loop, on one core.
+        wall_s: time of a process for this run alone, with start-up.
+        in_session_s: time of the case in a process that runs many.
+        status: ``done``, ``failed``, or ``not run`` with the reason.
+    """
+
+    scene: str
+    method: str
+    time_step_s: float
+    share_of_limit: float
+    steps: int
+    bodies: int
+    loop_s: float = nan
+    wall_s: float = nan
+    in_session_s: float = nan
+    force: float = nan
+    sensor_peak: float = nan
+    wall_peak: float = nan
+    arrival: float = nan
+    speed: float = nan
+    width: float = nan
+    energy: float = nan
+    momentum: float = nan
+    status: str = DONE
+    reason: str = ""
+
+
+def rungs_of(scene: str, code_shares: Sequence[float] = SHARES) -> Iterator[Rung]:
+    """Runs of a scene: in-repo methods at all steps, codes at some, the adaptive integrator at all tolerances."""
+    base = case_of(scene)
+    stable_s = predicted_limit(base.chain, float(base.sample_times_s[-1]))
+    for share in SHARES:
+        case = at_step(base, share, stable_s)
+        for method in (*(installed_codes() if share in code_shares else ()), VERLET, ORDER_4):
+            yield Rung(scene, method, case, share, expected_loop_s(method, case))
+    for tolerance in TOLERANCES:
+        yield Rung(scene, ADAPTIVE, base, tolerance, cost_on(REFERENCE).loop_s(base))
+
+
+def expected_loop_s(method: str, case: Case) -> float:
+    """Expected seconds of a fixed-step loop."""
+    return FORCES_OF_ORDER_4 * cost_on(VERLET).loop_s(case) if method == ORDER_4 else cost_on(method).loop_s(case)
+
+
+def at_step(case: Case, share: float, stable_s: float) -> Case:
+    """Case at about this share of the stability limit; with fewer samples if the step exceeds the interval."""
+    step, interval = share * stable_s, case.scene.run.sample_interval
+    return case.at(ceil(interval / step * (1 - 1e-12))) if step <= interval else case.sampled_at_every(step)
+
+
+def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Rung]]:
+    """Rungs within the budget, cheapest first, and the rest."""
+    kept, left, spent = list[Rung](), list[Rung](), 0.0
+    for rung in sorted(rungs, key=lambda rung: rung.expected_s):
+        fits = rung.expected_s <= MAX_RUN_SHARE * budget_s and spent + rung.expected_s <= budget_s
+        (kept if fits else left).append(rung)
+        spent += rung.expected_s if fits else 0.0
+    return kept, left
+
+
+def run_ladder(budget_s: float, scenes: Sequence[str] = SCENES, *, short: bool = False) -> list[Row]:
+    """Runs the ladder within a budget of engine time; in the short study the codes run at every third step.
+
+    Methods run in parallel: one engine runs while the errors of another run are measured.
+    """
+    shares = SHARES[::CODE_STRIDE] if short else SHARES
+    kept, left = affordable([rung for scene in scenes for rung in rungs_of(scene, shares)], budget_s)
+    groups: dict[tuple[str, str], list[Rung]] = defaultdict(list)
+    for rung in kept:
+        groups[rung.scene, rung.method].append(rung)
+    longest_first = sorted(groups.values(), key=lambda rungs: -sum(rung.expected_s for rung in rungs))
+    engines = dict.fromkeys(PROCESS.get(rung.method, rung.method) for rung in kept)
+    exact_motion = _exact_motions()
+    with counted("runs at all steps", len(kept)) as count, workers(cores()) as pool:
+        start_s = dict(zip(engines, pool.map(partial(start_up, case_of(scenes[0])), engines), strict=True))
+        rows = [
+            row
+            for part in pool.map(lambda own: [*_rows_of(own, start_s, exact_motion, count)], longest_first)
+            for row in part
+        ]
+    methods = [*installed_codes(), VERLET, ORDER_4, ADAPTIVE]
+    rows.sort(key=lambda row: (scenes.index(row.scene), methods.index(row.method)))
+    return rows + [_row(rung, status=NOT_RUN, reason=f"its loop would take {rung.expected_s:.0f} s") for rung in left]
+
+
+def _exact_motions() -> Callable[[Rung], schemes.ExactMotion]:
+    """Function that returns the exact motion at a rung's samples, computed once per scene and sampling."""
+    known: dict[tuple[str, float, int], schemes.ExactMotion] = {}
+    computing = Lock()
+
+    def exact_motion(rung: Rung) -> schemes.ExactMotion:
+        key = (rung.scene, rung.case.scene.run.sample_interval, rung.case.scene.samples)
+        with computing:
+            if key not in known:
+                known[key] = schemes.exact_motion_of(rung.case)
+            return known[key]
+
+    return exact_motion
+
+
+def _rows_of(
+    rungs: Sequence[Rung],
+    start_s: dict[str, float],
+    exact_motion: Callable[[Rung], schemes.ExactMotion],
+    count: Callable[[], None],
+) -> Iterator[Row]:
+    """Rows of one scene by one method, in one process."""
+    method = rungs[0].method
+    with ExitStack() as stack:
+        run = _in_repo if method in PROCESS else partial(_served, stack.enter_context(serving(method)))
+        for rung in rungs:
+            try:
+                runs = [run(rung) for _ in range(REPEATS if rung.expected_s < SHORT_RUN_S else 1)]
+                loop_s, case_s = min(each.loop_s for each in runs), min(each.case_s for each in runs)
+                wall_s = start_s[PROCESS.get(method, method)] + case_s
+                times = {"loop_s": loop_s, "wall_s": wall_s, "in_session_s": case_s}
+                yield _row(rung, **times, **errors_by_group(rung.case, runs[-1].trace, exact_motion(rung)))
+            except RunError as error:
+                yield _row(rung, status=error.status, reason=str(error))
+            count()
+
+
+def _served(session: Session, rung: Rung) -> Served:
+    """Run in a session; RunError if it failed."""
+    return serve(session, rung.case)
+
+
+def _in_repo(rung: Rung) -> Served:
+    """Run by an in-repo integrator; RunError if it blew up."""
+    case, chain, scene = rung.case, arrays_of(rung.case.chain), rung.case.scene
+    began = time.perf_counter()
+    if rung.method == ADAPTIVE:
+        motion = integrate_adaptive(chain, case.sample_times_s, rung.share)
+    else:
+        motion = FIXED_STEP[rung.method](chain, scene.time_step_s, scene.steps_per_sample, scene.samples)
+    loop_s = time.perf_counter() - began
+    if not np.isfinite(motion.force_N).all():
+        raise RunError("the motion is not finite: the time step is too large")
+    return Served(schemes.trace_of(case, case.sample_times_s, motion), loop_s, loop_s)
+
+
+def _row(rung: Rung, **measured: Any) -> Row:
+    fixed = rung.method != ADAPTIVE
+    step_s, steps = (rung.case.scene.time_step_s, rung.case.scene.steps) if fixed else (nan, 0)
+    return Row(rung.scene, rung.method, step_s, rung.share, steps, rung.case.chain.bodies, **measured)
+
+
+def errors_by_group(case: Case, trace: Trace, exact_motion: schemes.ExactMotion) -> dict[str, float]:
+    """Errors of a row; of several gauges the largest."""
+    groups = {
+        "sensor_peak": [name for name in of_kind(exact_motion.true, "peak") if name != "wall_peak"],
+        "wall_peak": [name for name in exact_motion.true if name == "wall_peak"],
+        "arrival": of_kind(exact_motion.true, "arrival"),
+        "speed": of_kind(exact_motion.true, "speed"),
+        "width": [name for name in of_kind(exact_motion.true, "width") if name.endswith("_4pct")],
+    }
+    found = schemes.errors_of(case, trace, exact_motion, (FORCE, schemes.ENERGY, *chain(*groups.values())))
+    errors = {name: found[name] for name in (FORCE, schemes.ENERGY)}
+    errors["momentum"] = schemes.momentum_error(case, trace, exact_motion)
+    return errors | {group: max((found[name] for name in names), default=nan) for group, names in groups.items()}
+
+
+def start_up(case: Case, name: str) -> float:
+    """Time of a process outside its loop, in s; in-repo the shorter of two, as the first may compile."""
+    times = 2 if load_engine(name).in_repository else 1
+    with tempfile.TemporaryDirectory() as folder:
+        records = [run_case(case, name, Path(folder), rerun=True).record for _ in range(times)]
+    return min(record.wall_s - (record.loop_s or 0.0) for record in records)
