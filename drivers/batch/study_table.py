@@ -113,8 +113,10 @@ def read_study_table(study: str | Path, results: str | Path | None = None) -> pd
         InputError: There is no table; ``python -m drivers batch STUDY`` writes it.
 
     Examples:
-        >>> read_study_table("striker-mass", results=folder)["status"].unique()  # doctest: +SKIP
-        array(['done'], dtype=object)
+        >>> table = read_study_table("wall-material", results=tables)
+        >>> steel = table[(table["wall.material"] == "steel") & (table["engine"] == "verlet")]
+        >>> print(steel["wall_peak_N"].round(2).tolist())
+        []
     """
     path = Path(results or paths.RESULTS) / f"{Path(study).name.removesuffix('.toml')}.parquet"
     if not path.is_file():

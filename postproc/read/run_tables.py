@@ -78,8 +78,8 @@ def forces(run: EndedRun) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    run.trace  # noqa: B018 - checks the file
-    return pd.read_parquet(run.folder / FORCES).set_index("time_s")
+    time_s = pd.Index(run.trace.time_s, name="time_s")  # a damaged file is an input error here
+    return pd.read_parquet(run.folder / FORCES).drop(columns="time_s").set_index(time_s)
 
 
 def gauges(run: EndedRun) -> "pd.DataFrame":

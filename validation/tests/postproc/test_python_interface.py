@@ -13,6 +13,7 @@ import postproc
 import validation
 from drivers.base.errors import InputError, RunError
 from drivers.run.finished import EndedRun
+from validation.tests.helpers.commands import command_line
 
 PACKAGES = (drivers, postproc, validation)
 SHORT_RUN = {"run.duration": "20 us", "run.time_step": 1e-7}
@@ -23,12 +24,22 @@ def run(shared_runs: Path) -> EndedRun:
     return drivers.run_scene("fig4", "verlet", runs=shared_runs)
 
 
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of a study for which docstrings have examples."""
+    folder = tmp_path_factory.mktemp("tables")
+    options = ("--engine", "verlet", "--only", "striker.speed=2 m/s", "--runs", folder / "runs", "--results", folder)
+    done = command_line("drivers", "batch", "wall-material", *options)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
 @pytest.mark.parametrize("name", [f"{package.__name__}.{name}" for package in PACKAGES for name in package.__all__])
-def test_examples_in_docstrings(name: str, run: EndedRun) -> None:
+def test_examples_in_docstrings(name: str, run: EndedRun, tables: Path) -> None:
     package, _, function = name.partition(".")
     exported = getattr(sys.modules[package], function)
     assert isinstance(exported, FunctionType)
-    names = exported.__globals__ | {"folder": run.folder.parents[1], "run": run, function: exported}
+    names = exported.__globals__ | {"folder": run.folder.parents[1], "run": run, "tables": tables, function: exported}
     (found,) = doctest.DocTestFinder(recurse=False).find(exported, function, globs=names)
     assert found.examples or function == "assess"
     said: list[str] = []

@@ -307,11 +307,13 @@ def test_the_wave_on_the_command_line() -> None:
 
 
 def test_observables_on_the_command_line(scene_file: SceneWriter, shared_runs: Path) -> None:
-    folder = finished(case_of(scene_file()), "verlet", shared_runs).folder
-    done = command_line("postproc", "observables", folder, "--level", "0.1")
+    run = finished(case_of(scene_file()), "verlet", shared_runs)
+    done = command_line("postproc", "observables", run.folder, "--level", "0.1")
     assert done.returncode == 0
     assert "wall_duration_10pct_s" in done.stdout
-    wrong = command_line("postproc", "observables", folder.parent)
+    (peak,) = (line for line in done.stdout.splitlines() if line.startswith("wall_peak_N"))
+    assert float(peak.split()[2]) == pytest.approx(abs(errors(run)["wall_peak"]), rel=0.05)
+    wrong = command_line("postproc", "observables", run.folder.parent)
     assert wrong.returncode == 2
     assert "run folder" in wrong.stderr
 
