@@ -20,6 +20,7 @@ from drivers.chain.trace import until
 from drivers.run.finished import provenance
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS, READINGS, SPREAD
+from postproc.read.run_tables import errors
 from postproc.read.sensors import sensor_signals
 from validation.compare.comparison import ComparedScene, compare_case
 from validation.compare.departure import NONE, departure
@@ -312,7 +313,7 @@ def test_observables_on_the_command_line(scene_file: SceneWriter, shared_runs: P
     assert done.returncode == 0
     assert "wall_duration_10pct_s" in done.stdout
     (peak,) = (line for line in done.stdout.splitlines() if line.startswith("wall_peak_N"))
-    assert float(peak.split()[2]) == pytest.approx(abs(errors(run)["wall_peak"]), rel=0.05)
+    assert float(peak.split()[2]) == pytest.approx(errors(run)["whole"].abs()["wall_peak"], rel=0.05)
     wrong = command_line("postproc", "observables", run.folder.parent)
     assert wrong.returncode == 2
     assert "run folder" in wrong.stderr
