@@ -11,6 +11,7 @@ from drivers.base.errors import InputProblem, refuse_any
 from drivers.chain.chain import Array, Chain, build_chain, moving_at_start
 from drivers.chain.elements import Element, choose_elements
 from drivers.scene.model import RIGID, Scene
+from validation.reference.adaptive import MIN_TOLERANCE
 
 MAX_OVERLAP = 0.5  # at rest, over the radius; far beyond Hertz's law, and codes lose contacts at larger overlaps
 
@@ -81,6 +82,7 @@ class Case:
     """Scene with its chain and modelling elements; input of decks and of the readers of raw output.
 
     Attributes:
+        reference_tolerance: largest force error of the reference, over the largest force.
         plan: planned time step if the scene asks for an accuracy (``validation.accuracy.plan``).
         full: case with all elements of the scene, if elements are left out for the accuracy; else None.
     """
@@ -88,6 +90,7 @@ class Case:
     scene: Scene
     chain: Chain
     elements: tuple[Element, ...]
+    reference_tolerance: float = MIN_TOLERANCE
     plan: Plan | None = None
     full: "Case | None" = None
 

@@ -7,7 +7,9 @@ from drivers.engines import EXACT, Style, _in_repo
 
 def render(case: Case) -> Deck:
     """Render ``chain.json``, without a time step: runs at all time steps share one reference run."""
-    return _in_repo.render(case, "adaptive", sample_interval_s=case.scene.run.sample_interval)
+    return _in_repo.render(
+        case, "adaptive", tolerance=case.reference_tolerance, sample_interval_s=case.scene.run.sample_interval
+    )
 
 
 ENGINE = _in_repo.in_repository_engine(

@@ -50,7 +50,8 @@ def _straight(values: dict[str, Any]) -> Integration:
         else:
             from validation.reference.adaptive import integrate_adaptive
 
-            motion = integrate_adaptive(chain, np.arange(samples, dtype=float) * values["sample_interval_s"])
+            times = np.arange(samples, dtype=float) * values["sample_interval_s"]
+            motion = integrate_adaptive(chain, times, values["tolerance"])
         return [motion.force_N, motion.displacement_m, motion.velocity_m_s]
 
     return integrate
