@@ -25,6 +25,7 @@ from drivers.engines import EXACT, IN_HEIGHTS, VERLET, load_engine
 from drivers.limits.refusal import FORCE
 from postproc.read.residual import largest_change_N, largest_kinetic_J, share_of_change
 from validation.accuracy.schemes import ExactMotion, exact_motion_of, turned_verlet_of, verlet_in_heights, verlet_of
+from validation.reference.adaptive import MIN_TOLERANCE
 
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding errors of the same size
 ROUNDING_REASON = (
@@ -148,6 +149,14 @@ class Baseline:
         """Trace of the exact motion, at the samples at which it is known."""
         return self.exact_motion.trace
 
+    @cached_property
+    def reference(self) -> Trace:
+        """The exact motion to the tolerance of the case's reference run, at the samples of ``exact``."""
+        if self.case.reference_tolerance == MIN_TOLERANCE:
+            return self.exact
+        motion = exact_motion_of(self.case, self.case.reference_tolerance, finer=False)
+        return until(motion.trace, len(self.exact.time_s))
+
     @property
     def order(self) -> float:
         """Order of convergence of the scheme."""
@@ -167,7 +176,7 @@ class Baseline:
     def scheme_of(self, engine: str) -> Trace:
         """Motion of a faultless run, except for rounding, at the samples at which the exact motion is known."""
         if load_engine(engine).scheme == EXACT:
-            return self.exact
+            return self.reference
         return until(self.stepped_by(engine), len(self.exact.time_s))
 
     @cached_property
@@ -264,9 +273,12 @@ def baseline_of(case: Case, engine: str = VERLET) -> Baseline:
     """Baseline of a case for an engine; the baselines of the last case are cached."""
     law = load_engine(engine if case.chain.lateral is not None else VERLET).shear
     with _lock:
-        keys = [key for key, kept in _last.items() if kept.case is case]
-        # the deck has no gauges: the layout is part of the key
-        same = keys[0][0] if keys else f"{load_engine(VERLET).render(case).sha256} {case.layout}"
+        same = next((key for (key, _), kept in _last.items() if kept.case is case), None) or _key(case)
         if not any(key == same for key, _ in _last):
             _last.clear()
         return _last.setdefault((same, law), Baseline(case, law))
+
+
+def _key(case: Case) -> str:
+    """Everything that determines the baselines of a case; the deck lacks gauges and the reference's tolerance."""
+    return f"{load_engine(VERLET).render(case).sha256} {case.layout} {case.reference_tolerance}"

@@ -58,7 +58,7 @@ def parts_of(baseline: Baseline, engine: str, trace: Trace) -> tuple[list[dict[s
     """Parts of the error of each quantity, the force first; and quantities missing in the run."""
     truth, exact, scheme = baseline.exact_motion, baseline.exact, baseline.scheme_of(engine)
     if isinstance(truth, ExactMotion):
-        stages = (trace, scheme, exact if scheme is exact else baseline.in_overlaps, exact)
+        stages = (trace, scheme, scheme if scheme is baseline.reference else baseline.in_overlaps, exact)
     else:
         stages = (trace, scheme, truth.half, truth.quarter)
     difference = np.nan_to_num(np.abs(trace.force_N - exact.force_N), nan=np.inf)

@@ -1,0 +1,51 @@
+"""The reference of a batch is as exact as the force errors of the rows need."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from drivers.batch.study_cases import needed_tolerance
+from postproc.read.residual import residual
+from validation.accuracy.schemes import exact_motion_of, verlet_of
+from validation.reference.adaptive import MIN_TOLERANCE
+from validation.tests.helpers.adversarial import KINDS, adversarial_case
+from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.scenes import StudyWriter, case_of
+
+CASES = {
+    **{scene: (scene,) for scene in ("fig4", "fig5", "low-amplitude", "small-signal", "two-spheres", "deep-chain")},
+    "fine": ("fig4", "run.time_step=10 ns"),
+    "finest": ("fig4", "run.time_step=0.5 ns"),
+    "coarse": ("fig4", "run.time_step=1 us"),
+    "damped": ("fig5", "contact.restitution=0.5"),
+    "power": ("fig4", "contact.dissipation=power", "contact.gamma=1.25"),
+}
+
+
+@pytest.mark.parametrize("name", [*CASES, *KINDS])
+def test_force_errors_are_right_to_one_percent(name: str) -> None:
+    case = case_of(*CASES[name]) if name in CASES else adversarial_case(name, 1)
+    motion, tolerances = verlet_of(case), (needed_tolerance(case), MIN_TOLERANCE)
+    shown, true = (float(residual(motion, exact_motion_of(case, each, finer=False).trace).max()) for each in tolerances)
+    assert shown == pytest.approx(true, rel=0.01)
+
+
+def test_a_coarser_step_needs_a_less_exact_reference() -> None:
+    found = [needed_tolerance(case_of(*CASES[name])) for name in ("coarse", "fig4", "fine", "finest")]
+    assert found == [1e-6, 1e-8, 1e-10, MIN_TOLERANCE]
+
+
+def test_the_run_shown_for_a_row_has_its_tolerance(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = (
+        study_file('[[axis]]\nkey = "run.time_step"\nvalues = ["0.5 us", "0.1 us"]', "reference"),
+        tmp_path / "runs",
+    )
+    assert command_line("drivers", "batch", path, "--runs", runs, "--results", tmp_path).returncode == 0
+    shown = command_line("drivers", "show", path, "1", "--runs", runs)
+    assert shown.returncode == 0, shown.stderr
+    (deck,) = (runs / "reference").glob("*/chain.json")
+    assert json.loads(deck.read_text())["tolerance"] == 1e-7
+    force = json.loads((deck.parent / "run.json").read_text())["error_budget"][0]
+    assert force["model"] == force["rounding"] == 0
+    assert 0 < abs(force["truncation"]) < 1e-7
