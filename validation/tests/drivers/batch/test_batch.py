@@ -70,6 +70,7 @@ def test_the_table(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: P
     assert (costs["engine_s"] > 0).all()
 
 
+@pytest.mark.long
 def test_an_unfinished_table_replaces_none_with_more_rows(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(3), "verlet", top='figure = ["wall_peak_N"]'), tmp_path / "runs"
     other = ("--only", "*=0.5*")

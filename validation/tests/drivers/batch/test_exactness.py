@@ -36,6 +36,7 @@ def test_a_coarser_step_needs_a_less_exact_reference() -> None:
     assert found == [1e-6, 1e-8, 1e-10, MIN_TOLERANCE]
 
 
+@pytest.mark.long
 def test_the_run_shown_for_a_row_has_its_tolerance(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = (
         study_file('[[axis]]\nkey = "run.time_step"\nvalues = ["0.5 us", "0.1 us"]', "reference"),

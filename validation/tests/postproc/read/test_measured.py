@@ -355,6 +355,7 @@ def described(record: RunRecord) -> tuple[object, ...]:
     return record.scene, record.layout, record.elements, record.deck_sha256, record.forces_sha256
 
 
+@pytest.mark.long
 def test_batches_and_runs_do_not_depend_on_measured_traces(study_file: StudyWriter, tmp_path: Path) -> None:
     """An earlier batch is complete and its table unchanged; an earlier run is found by the scene file."""
     study, scene = study_file(SPEEDS.format(2), "verlet"), tmp_path / "scene.toml"

@@ -238,6 +238,7 @@ def test_the_command_compares_the_example_with_the_exact_motion(tmp_path: Path) 
     assert np.isfinite(judged).sum() == 13
 
 
+@pytest.mark.long
 def test_the_command_takes_runs_and_files(tmp_path: Path) -> None:
     runs, out = tmp_path / "runs", tmp_path / "out"
     ran = command_line("drivers", "run", "example-measured", "--engine", "verlet", "--runs", runs)

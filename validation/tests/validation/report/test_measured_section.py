@@ -31,6 +31,7 @@ def scene(scene_file: SceneWriter) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_scene_with_measured_traces_shows_them(scene: Path, tmp_path: Path) -> None:
     text, runs = scene.read_text(), tmp_path / "runs"
     code, without, _ = report(scene, runs)
