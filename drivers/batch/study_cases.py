@@ -11,7 +11,6 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from math import floor, log10
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -24,17 +23,14 @@ from drivers.batch.store import Row, Store
 from drivers.batch.study import Study, column_name, value_at
 from drivers.chain.case import Case
 from drivers.engines import REFERENCE, installed, load_engine
-from drivers.limits.energy_bounds import change_at_most, share_at_most
+from drivers.limits.exactness import needed_tolerance
 from drivers.limits.refusal import inability, refuse
 from drivers.run.build import Build, build_of
 from drivers.run.run import run_identity
-from validation.reference.adaptive import MIN_TOLERANCE
 
 MAX_BODIES_OF_KEPT_DECKS = 1000  # decks of longer chains are rendered again, to save memory
 PLANS = ".plans"
 MAX_PLANS = 20  # kept in a runs folder
-EXACT_SHARE = 1e-3  # of the expected force error of a row: tolerance of the reference
-MAX_TOLERANCE = 1e-6  # of the reference, whose rows count as exact
 IMPORT = re.compile(r"^ *(?:from ([\w.]+) )?import (\([^)]*\)|.*)", re.MULTILINE)
 RUNNING = ("drivers.run.guard", "drivers.run.session")  # modules that turn raw output into a trace
 
@@ -183,18 +179,6 @@ class StudyPlan:
     def rows_of(self, store: Store, engine: str) -> list[Row | None]:
         """Rows of an engine in the order of the cases; None for missing rows."""
         return [store.rows.get(identity) for identity in self.identities.get(engine, [""] * len(self.work))]
-
-
-def needed_tolerance(case: Case) -> float:
-    """Tolerance of the reference that determines the force errors of a case's rows to 1 %: a power of ten.
-
-    At a step of x times the stability limit, the force error of velocity Verlet is 0.25 x^2 times the largest change
-    or more on all shipped scenes. Powers of ten let cases of similar steps share a run of the reference.
-    """
-    duration = float(case.sample_times_s[-1])
-    share, _ = share_at_most(case.chain, duration, case.scene.time_step_s)
-    error = share**2 * change_at_most(case.chain, duration)
-    return float(10.0 ** floor(log10(min(max(EXACT_SHARE * error, MIN_TOLERANCE), MAX_TOLERANCE))))
 
 
 def facts_of(setup: Setup, number: int) -> tuple[list[str], int, list[Any]]:

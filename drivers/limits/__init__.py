@@ -1,1 +1,1 @@
-"""Limits of the time step, and refusal of cases that would fail."""
+"""Limits of the time step, refusal of cases that would fail, and the exactness that an error needs."""

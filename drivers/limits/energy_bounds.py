@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from drivers.chain.chain import Array, Chain, energy_put_in
-from drivers.chain.contact_law import contact_stiffness, hertz_force, overlap_of_energy
+from drivers.chain.contact_law import contact_stiffness, overlap_of_energy
 from validation.reference.hertz_chain import Extremes
 
 SAFETY = 0.968  # factor on 2 / omega_max; below this limit none of 2,750 random scenes blows up
@@ -101,13 +101,6 @@ def share_at_most(chain: Chain, duration_s: float, time_step_s: float) -> tuple[
         late = _rows(chain, late_damping(chain, spring, bounds.speed_m_s, 1.0) - spring)
         highest = float((late + np.sqrt(late**2 + 16 * _rows(chain, spring))).max()) / 4
     return time_step_s * highest / 2 / SAFETY, impacts
-
-
-def change_at_most(chain: Chain, duration_s: float) -> float:
-    """Energy bound on the largest change of a contact force, over the bound on the largest force."""
-    force = hertz_force(chain.stiffness, at_most(chain, duration_s).overlap_m)
-    largest = float(force.max())
-    return float((force - chain.elastic_N).max()) / largest if largest else 1.0
 
 
 def _rows(chain: Chain, spring_N_m: Array) -> Array:

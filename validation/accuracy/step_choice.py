@@ -15,6 +15,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case, Plan
 from drivers.chain.chain import Array, arrays_of, build_chain
 from drivers.chain.elements import choose_elements
+from drivers.limits.exactness import EXACT_SHARE
 from drivers.limits.refusal import FORCE, ROUNDING_MARGIN, unattainable
 from drivers.limits.stable_step import predicted_limit
 from drivers.scene.model import Scene
@@ -28,7 +29,6 @@ from validation.reference.tube import TOTAL
 
 ELEMENTS_SHARE = 0.5  # of the accuracy, for the effect of all elements left out; the rest is for the time step
 MIN_ACCURACY = 10 * MIN_TOLERANCE
-EXACT_SHARE = 1e-3  # of the accuracy: allowed error of the exact motion
 MAX_TOLERANCE = 1e-4  # of the exact motion
 DOUBT_SHARE = 5e-3  # of the accuracy: closer errors are measured again with the tightest exact motion
 STEP_RATIO = 1.2  # the search ends when the steps accepted and refused are within this factor

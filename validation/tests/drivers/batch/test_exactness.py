@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.batch.study_cases import needed_tolerance
+from drivers.limits.exactness import needed_tolerance
 from postproc.read.residual import residual
 from validation.accuracy.schemes import exact_motion_of, verlet_of
 from validation.reference.adaptive import MIN_TOLERANCE
