@@ -99,6 +99,7 @@ def test_a_fit_to_a_trace_recovers_its_parameters(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(600)
 def test_the_true_values_lie_within_95_percent_errors_in_95_of_100_repeats(tmp_path: Path) -> None:
     """95 of 100 draws of noise lie within 1.96 standard errors, up to 2.5 standard deviations of the count."""
     inside = {MODULUS: 0, RESTITUTION: 0}
