@@ -11,24 +11,31 @@ The coefficients are scipy's.
 """
 
 from collections.abc import Callable
+from importlib.util import find_spec
 from math import sqrt
+from pathlib import Path
+from runpy import run_path
 from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit
-from scipy.integrate import DOP853
 
 from validation.reference.contact_kernels import damped_force, elastic_force, power_force
 from validation.reference.hertz_chain import Array
 
 STAGES = 12
 ROWS = 16  # the stages, the slope at the end, three more stages for dense output
-C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
+# read from their file: the import of scipy.integrate takes longer than most runs
+_scipy = find_spec("scipy")
+assert _scipy is not None
+assert _scipy.origin is not None
+DOP853 = run_path(str(Path(_scipy.origin).parent / "integrate" / "_ivp" / "dop853_coefficients.py"))
+C = DOP853["C"]
 # rows of FORMULAS: each stage, the end of the step, stages of dense output, two error estimates, dense output
 END, FIFTH, THIRD, DENSE = STAGES, ROWS, ROWS + 1, ROWS + 2
 FORMULAS = np.zeros((DENSE + 4, ROWS))
-FORMULAS[:STAGES, :STAGES], FORMULAS[END, :STAGES], FORMULAS[STAGES + 1 : ROWS] = DOP853.A, DOP853.B, DOP853.A_EXTRA
-FORMULAS[FIFTH, : STAGES + 1], FORMULAS[THIRD, : STAGES + 1], FORMULAS[DENSE:] = DOP853.E5, DOP853.E3, DOP853.D
+FORMULAS[:ROWS], FORMULAS[DENSE:] = DOP853["A"], DOP853["D"]
+FORMULAS[FIFTH, : STAGES + 1], FORMULAS[THIRD, : STAGES + 1] = DOP853["E5"], DOP853["E3"]
 # per formula: slopes with weights other than 0 (other slopes may not be finite), their weights, their number
 TERMS = np.argsort(FORMULAS == 0, axis=1, kind="stable")
 WEIGHTS = np.take_along_axis(FORMULAS, TERMS, axis=1)

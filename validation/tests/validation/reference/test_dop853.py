@@ -1,8 +1,18 @@
 """Compiled formulas of DOP853."""
 
 import numpy as np
+from scipy.integrate import DOP853
 
-from validation.reference.dop853 import FORMULAS, weigh
+from validation.reference.dop853 import DENSE, END, FIFTH, FORMULAS, ROWS, STAGES, THIRD, C, weigh
+
+
+def test_coefficients_are_those_of_scipy() -> None:
+    np.testing.assert_array_equal(C, [*DOP853.C, 1.0, *DOP853.C_EXTRA])
+    np.testing.assert_array_equal(FORMULAS[:STAGES, :STAGES], DOP853.A)
+    np.testing.assert_array_equal(FORMULAS[END, :STAGES], DOP853.B)
+    np.testing.assert_array_equal(FORMULAS[END + 1 : ROWS], DOP853.A_EXTRA)
+    np.testing.assert_array_equal(FORMULAS[[FIFTH, THIRD], : STAGES + 1], [DOP853.E5, DOP853.E3])
+    np.testing.assert_array_equal(FORMULAS[DENSE:], DOP853.D)
 
 
 def test_slopes_without_weight_are_ignored_even_if_not_finite() -> None:
