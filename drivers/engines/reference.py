@@ -6,7 +6,7 @@ from drivers.engines import EXACT, Style, _in_repo
 
 
 def render(case: Case) -> Deck:
-    """Render ``chain.json``, without a time step: runs at all time steps share one reference run."""
+    """Render ``chain.json``, with a tolerance in place of a time step: runs at several steps share a reference run."""
     return _in_repo.render(
         case, "adaptive", tolerance=case.reference_tolerance, sample_interval_s=case.scene.run.sample_interval
     )

@@ -6,7 +6,7 @@ The parts of the error add up to the whole Q - Q_t:
 
 * model = Q - Q_h: rounding in another order of addition, unless something is wrong;
 * rounding = Q_h - Q_v: rounding of absolute coordinates;
-* truncation = Q_v - Q_e: error of the time step;
+* truncation = Q_v - Q_e: error of the time step, of ``reference`` error of its tolerance;
 * sampling = Q_e - Q_t: error of a peak read from samples.
 
 In three dimensions Q_e is extrapolated, rounding is included in model, and sampling is not measured.
