@@ -89,7 +89,8 @@ def test_trade_takes_any_number_of_codes(count: int, install: Installer, levers:
         assert f">{name}<" in (tmp_path / "results" / "trade-fig5.svg").read_text()
 
 
-@pytest.mark.parametrize("count", [pytest.param(0, marks=pytest.mark.long), pytest.param(1, marks=pytest.mark.long), 3])
+@pytest.mark.parametrize("count", [0, 1, 3])
+@pytest.mark.long
 def test_stability_takes_any_number_of_codes(count: int, install: Installer, tmp_path: Path) -> None:
     names = install(count)
     subjects = [Subject(SHIPPED, "fig5", case_of("fig5")), *{each.group: each for each in sweeps()}.values()]

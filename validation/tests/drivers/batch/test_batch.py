@@ -284,6 +284,7 @@ def test_rows_without_a_reference_run_are_tried_again(study_file: StudyWriter, t
     assert table(runs)["force_error_share"].notna().all()
 
 
+@pytest.mark.long
 def test_patterns_without_observables(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet", top='observables = ["wall_peak_*", "wal_*"]'), tmp_path / "runs"
     done = batch(path, runs)
@@ -326,7 +327,8 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", "-l", place], check=True)
 
 
-@pytest.mark.parametrize("engine", ["verlet", pytest.param("liggghts", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("engine", ["verlet", "liggghts"])
 def test_a_full_disk_ends_the_batch(engine: str, study_file: StudyWriter, small_disk: Path) -> None:
     need(engine)
     path, runs = study_file(SPEEDS.format(20), engine), small_disk / "runs"

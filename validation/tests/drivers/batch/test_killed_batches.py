@@ -88,6 +88,7 @@ def test_helpers_do_not_outlive_a_killed_batch(
     assert re.fullmatch(r"(interrupted(: \d+ of 3000 rows done; .*)?\n)?", without_progress(process.stderr.read()))
 
 
+@pytest.mark.long
 def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(60), "verlet"), tmp_path / "runs"
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]

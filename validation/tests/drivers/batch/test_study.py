@@ -199,7 +199,7 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
         (["--slice", "3/2"], "I/N with I from 1 to N"),
         (["--slice", "0/2"], "I/N with I from 1 to N"),
         (["--workers", "0"], "a whole number from 1"),
-        (["--dask", "tcp://127.0.0.1:9"], "no scheduler answers"),
+        pytest.param(["--dask", "tcp://127.0.0.1:9"], "no scheduler answers", marks=pytest.mark.long),
         (["--dask", "carrier pigeon"], "no scheduler answers"),
         (["--slurm", "--dask"], "not allowed with"),
         (["--slice", "1/2", "--dry-run"], "not allowed with --slice"),
@@ -265,6 +265,7 @@ def test_a_million_cases_by_accident(write: StudyWriter, tmp_path: Path) -> None
     assert "1,000,000 cases; allowed: at most 20,000, or --yes" in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", sorted(paths.STUDIES.glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_studies_are_valid(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert batch(request_of(path, tmp_path / "runs"), tmp_path / "results", Where(1), dry_run=True) == 0

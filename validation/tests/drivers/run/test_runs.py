@@ -353,6 +353,7 @@ def test_a_killed_driver_leaves_nothing_that_looks_done(
     assert not leftovers
 
 
+@pytest.mark.long
 def test_two_simultaneous_runs_do_not_harm_each_other(scene_file: SceneWriter, tmp_path: Path) -> None:
     words = [sys.executable, "-m", "drivers", "run", scene_file(), "--engine", "verlet", "--runs", tmp_path / "runs"]
     both = [subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE, text=True) for _ in range(2)]

@@ -15,7 +15,9 @@ from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 
-@pytest.mark.parametrize("engine", [*codes(), VERLET])
+@pytest.mark.parametrize(
+    "engine", [pytest.param(name, marks=pytest.mark.long if name == "yade" else ()) for name in (*codes(), VERLET)]
+)
 def test_a_served_run_equals_one_in_its_own_process(engine: str, scene_file: SceneWriter, tmp_path: Path) -> None:
     need(engine)
     cases = [case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2, 3)]

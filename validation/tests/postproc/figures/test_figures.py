@@ -194,6 +194,7 @@ def test_quoted_numbers_are_whole() -> None:
     assert table.notna().all().all()
 
 
+@pytest.mark.long
 def test_a_figure_without_an_engine_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()

@@ -219,6 +219,7 @@ def test_noise_alone_is_no_pulse(scene: Path, samples: int, slope: float) -> Non
         read(scene)
 
 
+@pytest.mark.long
 def test_a_million_readings_take_about_a_second(scene: Path) -> None:
     times = np.arange(1_000_000) * 1e-9
     table = {"time_s": times, "wall_N": np.exp(-(((times - 5e-4) / 1e-5) ** 2)), "bead_3_N": times}

@@ -264,13 +264,17 @@ def test_the_command_takes_runs_and_files(tmp_path: Path) -> None:
     ("words", "message"),
     [
         (("fig4",), "fig4: measured: no measured data: add a [[measured]] table"),
-        (("fig4", "--measured", "none.csv"), "file not found"),
+        pytest.param(("fig4", "--measured", "none.csv"), "file not found", marks=pytest.mark.long),
         (("fig4", "--measured", made_up_trace.FILE), "measured.gauges: found headings"),
         (("example-measured", "--set", "measured.0.gain=2 V/N"), "measured.0.gain: found"),
-        (("example-measured", "--set", "measured.0.trigger=9 ms"), "triggers"),
-        (("fig4-tube", "--set", "measured=[{file='x.csv'}]"), "allowed: an engine that models it"),
+        pytest.param(("example-measured", "--set", "measured.0.trigger=9 ms"), "triggers", marks=pytest.mark.long),
+        pytest.param(
+            ("fig4-tube", "--set", "measured=[{file='x.csv'}]"),
+            "allowed: an engine that models it",
+            marks=pytest.mark.long,
+        ),
         (("verlet:example-measured", "--set", "chain.count=9"), "not allowed for a finished run"),
-        (("nonsense",), "scene not found"),
+        pytest.param(("nonsense",), "scene not found", marks=pytest.mark.long),
     ],
 )
 def test_the_command_names_wrong_input(tmp_path: Path, words: tuple[str | Path, ...], message: str) -> None:

@@ -99,7 +99,7 @@ def test_wrong_arrays_are_named(change: dict[str, Any], named: str) -> None:
         HertzChain(**{name: np.array([1.0, 1.0]) for name in names} | change)
 
 
-LONG_CASES = ("fig5", "fig6b", "fig6d")  # slow in high precision
+LONG_CASES = ("fig4", "fig5", "fig6b", "fig6d")  # slow in high precision
 EXACT = [pytest.param(name, marks=pytest.mark.long if name in LONG_CASES else ()) for name in high_precision.CASES]
 
 
