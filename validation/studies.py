@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar, get_origin
+from typing import TYPE_CHECKING, Any, TypeVar, get_origin
 
 import pandas as pd
 
@@ -23,7 +23,10 @@ from drivers.engines._entries import entry_files
 from postproc.draw.product import write_figure
 from validation.report.page_figures import read_image, stored_or_drawn
 
-Row = TypeVar("Row")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Row = TypeVar("Row", bound="DataclassInstance")
 STUDIES = ("independent", "claims", "trade", "stability", "elements", "calibration")
 ORDER_4, ADAPTIVE = "order 4", "adaptive"  # in-repo methods that are no engines
 DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # status of a run
@@ -35,7 +38,7 @@ def frame_of(kind: type[Row], rows: Iterable[Row]) -> pd.DataFrame:
     """Rows as a table with one column per field, also if there are no rows."""
     rows = list(rows)
     columns: dict[str, list[Any]] = {}
-    for field in fields(kind):  # type: ignore[arg-type]  # kind is a dataclass
+    for field in fields(kind):
         values = [getattr(row, field.name) for row in rows]
         if _is_mapping(field.type):
             columns |= {key: [each.get(key) for each in values] for key in dict.fromkeys(k for v in values for k in v)}
@@ -60,7 +63,7 @@ def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
     """Table written by ``make target``, with the types of its fields; InputError if it is missing or damaged."""
     with refused_if_damaged(path, target):
         types: dict[str, Any] = dict.fromkeys(pd.read_csv(path, nrows=0).columns, float)
-        types |= {field.name: field.type for field in fields(kind) if not _is_mapping(field.type)}  # type: ignore[arg-type]
+        types |= {field.name: field.type for field in fields(kind) if not _is_mapping(field.type)}
         empty = {name: [""] for name, type_ in types.items() if type_ is float}
         table = pd.read_csv(path, dtype=types, keep_default_na=False, na_values=empty)
         missing = [name for name in types if name not in table.columns]
@@ -71,8 +74,8 @@ def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
 
 def rows_in(table: pd.DataFrame, kind: type[Row]) -> list[Row]:
     """Rows of a table from ``read_table``, equal to the rows that were written."""
-    mapped = next((field.name for field in fields(kind) if _is_mapping(field.type)), None)  # type: ignore[arg-type]
-    names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
+    mapped = next((field.name for field in fields(kind) if _is_mapping(field.type)), None)
+    names = {field.name for field in fields(kind)}
     rows = []
     for record in table.to_dict("records"):
         values: dict[str, Any] = {str(key): value for key, value in record.items() if key in names}
