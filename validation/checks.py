@@ -87,7 +87,7 @@ def summary(checks: Sequence[Check]) -> str:
 def widths_of(rows: Iterable[tuple[str, ...]]) -> list[int]:
     """Widths of the columns scene, engine and quantity that hold all rows."""
     columns = zip(*rows, NAME_WIDTHS, strict=True)
-    return [max(*(len(name) for name in names), least) for *names, least in columns]
+    return [max([least, *map(len, names)]) for *names, least in columns]
 
 
 def table(checks: Sequence[Check], widths: Sequence[int] = ()) -> list[str]:

@@ -20,11 +20,12 @@ import numpy as np
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
+from drivers.chain.schemes import turned_verlet_of, verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, IN_HEIGHTS, VERLET, load_engine
 from drivers.limits.refusal import FORCE
 from postproc.read.residual import largest_change_N, largest_kinetic_J, share_of_change
-from validation.accuracy.schemes import ExactMotion, exact_motion_of, turned_verlet_of, verlet_in_heights, verlet_of
+from validation.accuracy.exact_motion import ExactMotion, exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE
 
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding errors of the same size

@@ -26,7 +26,7 @@ from drivers.limits.refusal import FORCE
 from postproc.read.observables import of_kind, scale_of
 from postproc.read.residual import is_at_rest, residual, share_of_change, static_load_remark
 from validation.accuracy.baseline import HORIZON, Baseline, Extrapolation, baseline_of
-from validation.accuracy.schemes import ExactMotion, energy_change_J, errors_of, exact_motion_of, quantities
+from validation.accuracy.exact_motion import ExactMotion, energy_change_J, errors_of, exact_motion_of, quantities
 
 AT_REST_NOTE = "nothing moves: errors are relative to the largest force"
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")

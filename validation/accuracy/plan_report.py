@@ -11,6 +11,7 @@ from drivers.base.errors import InputError
 from drivers.base.kept import kept
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
+from drivers.chain.schemes import verlet_of
 from drivers.engines import installed, load_engine
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import FORCE
@@ -21,8 +22,8 @@ from postproc.read.residual import is_at_rest
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of
 from validation.accuracy.budget import AT_REST_NOTE, predicted_error
 from validation.accuracy.costs import cost_on
+from validation.accuracy.exact_motion import errors_of
 from validation.accuracy.plan import capable_engines, cheapest, planned_case, requested_accuracy
-from validation.accuracy.schemes import errors_of, verlet_of
 from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 
 TENFOLD = 10.0

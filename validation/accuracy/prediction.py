@@ -26,7 +26,7 @@ from drivers.limits.refusal import FORCE
 from postproc.read.observables import observe, of_kind, scale_of
 from postproc.read.residual import largest_change_N, residual, share_of_change
 from validation.accuracy.baseline import Baseline, model_quantity
-from validation.accuracy.schemes import ENERGY, energy_change_J
+from validation.accuracy.exact_motion import ENERGY, energy_change_J
 
 IMPULSE = "impulse"
 KINDS = ("peak", "speed")  # of predicted observables

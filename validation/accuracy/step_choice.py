@@ -15,6 +15,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case, Plan
 from drivers.chain.chain import Array, arrays_of, build_chain
 from drivers.chain.elements import choose_elements
+from drivers.chain.schemes import verlet_of
 from drivers.limits.exactness import EXACT_SHARE
 from drivers.limits.refusal import FORCE, ROUNDING_MARGIN, unattainable
 from drivers.limits.stable_step import predicted_limit
@@ -23,7 +24,7 @@ from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.observables import scale_of
 from postproc.read.residual import share_of_change
 from validation.accuracy.baseline import Baseline
-from validation.accuracy.schemes import COARSE_ERROR, ENERGY, ExactMotion, errors_of, exact_motion_of, verlet_of
+from validation.accuracy.exact_motion import COARSE_ERROR, ENERGY, ExactMotion, errors_of, exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE, scales
 from validation.reference.tube import TOTAL
 
@@ -64,7 +65,7 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
 
     Args:
         case: case of a straight chain.
-        asked: accuracy by quantity; errors as in ``validation.accuracy.schemes``.
+        asked: accuracy by quantity; errors as in ``validation.accuracy.exact_motion``.
     """
     candidates = [each.name for each in case.elements if each.modelled and each.name in REMOVALS]
     if not candidates:

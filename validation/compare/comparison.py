@@ -22,9 +22,9 @@ from drivers.run.run import refuse_all, run_many
 from postproc.read.observables import observe, of_kind
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, ROUNDING_REASON, Baseline, baseline_of
+from validation.accuracy.exact_motion import ENERGY
 from validation.accuracy.plan import planned_case
 from validation.accuracy.prediction import IMPULSE, predict, run_errors
-from validation.accuracy.schemes import ENERGY
 from validation.compare.departure import Departure, departure, departure_of, deviation, motion_deviation
 from validation.compare.selection import ALL_ENGINES, EngineSelection
 from validation.compare.verdict import (

@@ -12,6 +12,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
+from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, engine_names, in_order, load_engine
 from drivers.limits.refusal import inability
@@ -19,7 +20,6 @@ from drivers.run.finished import EndedRun, open_run
 from drivers.run.run import refuse_all, run_many
 from postproc.paper.simulate import exact
 from postproc.read.motion import read_motion
-from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
 from validation.compare.verdict import FAIL, NOT_RUN, PASS, RUN, Verdict, pass_or_fail
 from validation.independent.posed_cases import MEASURES, Check, Posed, pose, read_independent, unit_of

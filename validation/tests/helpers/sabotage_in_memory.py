@@ -7,8 +7,8 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of
+from drivers.chain.schemes import heights_and_reach
 from drivers.chain.trace import Trace, make_trace
-from validation.accuracy.schemes import heights_and_reach
 from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 

@@ -9,6 +9,7 @@ import pytest
 
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
+from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, TOTAL, VERLET
 from drivers.limits.refusal import FORCE
@@ -16,8 +17,8 @@ from postproc.read.observables import of_kind
 from validation.accuracy import baseline as baselines
 from validation.accuracy import schemes
 from validation.accuracy.baseline import Baseline, baseline_of
+from validation.accuracy.exact_motion import ENERGY, exact_motion_of
 from validation.accuracy.prediction import IMPULSE, predict, run_errors
-from validation.accuracy.schemes import ENERGY, exact_motion_of, verlet_of
 from validation.compare.comparison import compare_case
 from validation.compare.verdict import FAIL, PASS, Verdict
 from validation.reference.hertz_chain import HertzChain, Motion

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from drivers.chain.case import Case, build_case
+from drivers.chain.schemes import verlet_of
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe
 from validation.accuracy.assess import assess
 from validation.accuracy.baseline import HORIZON, Baseline, baseline_of
 from validation.accuracy.budget import AT_REST_NOTE, error_budget, warnings_of
 from validation.accuracy.plan import planned_case
-from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import compare_case
 from validation.compare.verdict import FAIL
 from validation.tests.helpers.runs import finished

@@ -11,10 +11,10 @@ import pytest
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
+from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, until
 from validation.__main__ import main
 from validation.accuracy.baseline import baseline_of
-from validation.accuracy.schemes import verlet_in_heights, verlet_of
 from validation.compare.comparison import run_and_compare
 from validation.compare.departure import (
     CHAOS,
