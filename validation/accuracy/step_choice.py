@@ -23,8 +23,8 @@ from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.observables import scale_of
 from postproc.read.residual import share_of_change
-from validation.accuracy.baseline import Baseline
 from validation.accuracy.exact_motion import COARSE_ERROR, ENERGY, ExactMotion, errors_of, exact_motion_of
+from validation.accuracy.motions import Motions
 from validation.reference.adaptive import MIN_TOLERANCE, scales
 from validation.reference.tube import TOTAL
 
@@ -238,7 +238,7 @@ class Chooser:
         first = ceil(min(0.5 * self.case.scene.run.sample_interval / self.stable_s, 1e9))
         affordable = ROUNDING_WORK // (self.case.chain.bodies * self.case.scene.samples)
         measured = min(steps_per_sample, max(first, affordable, 1))
-        error_N = Baseline(self.case.at(measured), TOTAL).rounding_N
+        error_N = Motions(self.case.at(measured), TOTAL).rounding_N
         error = share_of_change(error_N, self.truth.trace)
         return np.asarray(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured))
 

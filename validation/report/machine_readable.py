@@ -19,9 +19,9 @@ from drivers.base import paths
 from drivers.chain.case import Case
 from drivers.engines import in_order
 from drivers.run.finished import provenance
+from validation.checks import FAIL, NOT_RUN, PASS, Check
 from validation.compare.comparison import ComparedScene
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
-from validation.report.scene_section import Cell, Row, counted, source_of
+from validation.report.scene_section import Cell, ReportRow, counted, source_of
 
 LIBRARIES = ("numpy", "scipy", "numba")
 CPUS = Path("/proc/cpuinfo")
@@ -84,8 +84,8 @@ UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 def as_json(
     made: dict[str, Any],
     scenes: list[ComparedScene],
-    rows: list[Row],
-    cases: list[Row],
+    rows: list[ReportRow],
+    cases: list[ReportRow],
     unmet: Mapping[str, str],
     to_come: Sequence[str],
 ) -> str:
@@ -98,7 +98,7 @@ def as_json(
         "counts": {
             SCENES: _counts(counted(rows)),
             CASES: _counts(counted(cases)),
-            "verdicts": _counts(Counter(v.verdict for row in (*rows, *cases) for v in _verdicts(row))),
+            "checks": _counts(Counter(v.verdict for row in (*rows, *cases) for v in _verdicts(row))),
         },
         SCENES: [_scene(scene, row) for scene, row in zip(scenes, rows, strict=True)],
         CASES: [_row(row) for row in cases],
@@ -106,7 +106,7 @@ def as_json(
     return json.dumps(_plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def as_junit(made: dict[str, Any], rows: list[Row], cases: list[Row], unmet: Mapping[str, str]) -> str:
+def as_junit(made: dict[str, Any], rows: list[ReportRow], cases: list[ReportRow], unmet: Mapping[str, str]) -> str:
     """Report as JUnit XML: a suite for each scene and independent case, a test for each engine and quantity.
 
     Unmet requirements are failures of a suite named required. The time of a test is the wall time of the judged run,
@@ -121,7 +121,7 @@ def as_junit(made: dict[str, Any], rows: list[Row], cases: list[Row], unmet: Map
         suite = ElementTree.SubElement(root, "testsuite", _numbers(found, wall_s), name=name)
         suite.set("hostname", made["machine"]["host"])
         for cell in row.cells.values():
-            for verdict in cell.verdicts:
+            for verdict in cell.checks:
                 _test(suite, name, row, cell, verdict)
         totals += found
         total_s += wall_s
@@ -137,7 +137,7 @@ def as_junit(made: dict[str, Any], rows: list[Row], cases: list[Row], unmet: Map
     return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
 
-def _test(suite: ElementTree.Element, name: str, row: Row, cell: Cell, verdict: Verdict) -> None:
+def _test(suite: ElementTree.Element, name: str, row: ReportRow, cell: Cell, verdict: Check) -> None:
     own = {"classname": f"{name}.{cell.engine}", "name": verdict.quantity, "time": f"{cell.wall_s:.3f}"}
     case = ElementTree.SubElement(suite, "testcase", own)
     measured = not math.isnan(verdict.limit)
@@ -162,11 +162,11 @@ def _counts(found: Counter[str]) -> dict[str, int]:
     return {kind: found[kind] for kind in (PASS, FAIL, NOT_RUN)}
 
 
-def _verdicts(row: Row) -> list[Verdict]:
-    return [verdict for cell in row.cells.values() for verdict in cell.verdicts]
+def _verdicts(row: ReportRow) -> list[Check]:
+    return [verdict for cell in row.cells.values() for verdict in cell.checks]
 
 
-def _scene(scene: ComparedScene, row: Row) -> dict[str, Any]:
+def _scene(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
     case: Case = scene.case
     found = _row(row) | {
         "summary": case.summary,
@@ -178,12 +178,11 @@ def _scene(scene: ComparedScene, row: Row) -> dict[str, Any]:
         if engine in scene.runs:
             run = scene.runs[engine]
             own["run"] = {"folder": paths.shown(run.folder)} | {name: getattr(run.record, name) for name in RECORDED}
-        departure = scene.departures.get(engine)
-        own["departure"] = asdict(departure) if departure else None
+        own["departure"] = scene.departures.get(engine)
     return found
 
 
-def _row(row: Row) -> dict[str, Any]:
+def _row(row: ReportRow) -> dict[str, Any]:
     return {
         "name": row.name,
         "title": row.title,
@@ -194,9 +193,9 @@ def _row(row: Row) -> dict[str, Any]:
                 "note": cell.note,
                 "worst": cell.worst.quantity if cell.worst else None,
                 "diagnosis": cell.diagnosis or None,
-                "verdicts": [
+                "checks": [
                     {key: value for key, value in asdict(each).items() if key not in ("scene", "engine")}
-                    for each in cell.verdicts
+                    for each in cell.checks
                 ],
             }
             for cell in row.cells.values()

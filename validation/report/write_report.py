@@ -18,10 +18,10 @@ from drivers.engines import in_order
 from drivers.scene.read_scene import read_scene
 from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
+from validation.checks import FAIL, NOT_RUN, PASS, short
 from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, short
 from validation.report.charts import PLACES
 from validation.report.machine_readable import as_json, as_junit, made_with, when_made
 from validation.report.notation import one_notation, unbroken
@@ -181,7 +181,7 @@ def write_report(
         reasons=list(dict.fromkeys(cell.worst.reason for row in rows for cell in row.cells.values() if cell.worst)),
         counts=counted(rows),
         case_counts=counted(cases),
-        case_checks=sum(len(cell.verdicts) for row in cases for cell in row.cells.values()),
+        case_checks=sum(len(cell.checks) for row in cases for cell in row.cells.values()),
         tolerances=tolerances(scenes),
         scenes=[section_of(scene, row) for scene, row in zip(scenes, rows, strict=True)],
         sections=[(name, *SECTIONS[name], section) for name, section in shown.items()],
