@@ -46,7 +46,6 @@ ELEMENTS = "elements"
 BUDGET_WORDS = "signed parts that add up to the whole: model, rounding, truncation (time step), sampling"
 MODEL, ERROR = "model", "error"  # judgements: the right computation, accurate enough
 CEILINGS = {"peak": "peaks", "speed": "speeds"}  # kinds of observables that have a general ceiling, with their plural
-START_SHARE = 1e-9  # of the scale: energy and momentum at time 0; up to 3e-16 measured
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,7 @@ def budget_of(case: Case, engine: str, trace: Trace) -> Budget:
     with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
         rows, missing = _rows(motions, engine, trace)
         departure = first_departure(motions, engine, trace)
-        checks = [*_model_checks(motions, engine, trace), *_error_checks(motions, engine, trace, rows)]
+        checks = [*_model_checks(case, engine, trace), *_error_checks(case, engine, trace, rows)]
         known = not motions.why_unknown and motions.straight
         samples = len(motions.exact.time_s) if known else 0
         return Budget(
@@ -138,7 +137,7 @@ def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, A
 
     rows = []
     for quantity in (FORCE, *FIELDS):
-        scale, fields = motions.scale(quantity), [field_of(stage, quantity) for stage in stages]
+        scale, fields = (full or motions).scale(quantity), [field_of(stage, quantity) for stage in stages]
         share = apart(fields[0], fields[-1], scale)
         place = largest(share)
         remark = static_load_remark(float(share[place]), exact.force_N) if quantity == FORCE else ""
@@ -169,8 +168,9 @@ def _row(quantity: str, shares: list[float], where: str = "") -> dict[str, Any]:
     }
 
 
-def _model_checks(motions: Motions, engine: str, trace: Trace) -> Iterator[Check]:
+def _model_checks(case: Case, engine: str, trace: Trace) -> Iterator[Check]:
     """Is it the right computation? Largest difference from the engine's scheme until the horizon."""
+    motions = motions_of(case, engine)
     scheme = until(motions.scheme_of(engine), motions.samples)
     for quantity in (FORCE, *FIELDS):
         right = field_of(scheme, quantity)
@@ -179,18 +179,17 @@ def _model_checks(motions: Motions, engine: str, trace: Trace) -> Iterator[Check
         remark = static_load_remark(float(share[place]), right) if quantity == FORCE else ""
         where = place_of(quantity, trace.time_s, place) + remark + motions.until_horizon
         name = f"{MODEL}: {quantity}"
-        yield judged(motions.case.scene.name, engine, name, float(share[place]), motions.explained(quantity), where)
+        yield judged(case.scene.name, engine, name, float(share[place]), motions.explained(quantity), where)
 
 
-def _error_checks(motions: Motions, engine: str, trace: Trace, rows: list[dict[str, Any]]) -> Iterator[Check]:
+def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, Any]]) -> Iterator[Check]:
     """Is it accurate enough? Whole errors against the accuracy of the scene, else against the general ceilings."""
-    case = motions.case
     if case.plan is not None:
         for name, error in measured_errors(case, trace, case.plan.asked).items():
             limit = Tolerance(case.plan.asked[name], "the accuracy that the scene asks for")
-            yield judged(case.scene.name, engine, f"{ERROR}: {name}", error, limit, f"asked in {case.scene.file}")
+            yield judged(case.scene.name, engine, f"{ERROR}: {name}", error, limit, "to the end of the run")
         return
-    known = "" if motions.why_unknown else motions_end(motions)
+    known = until_known(motions_of(case, engine)) if rows else ""
     whole = {row["quantity"]: row for row in rows}
     ceilings = {FORCE: ("truncation", FORCE), "energy": ("energy", "drift")}
     for quantity, ceiling in ceilings.items() if rows else ():
@@ -206,7 +205,7 @@ def _error_checks(motions: Motions, engine: str, trace: Trace, rows: list[dict[s
             yield worst
 
 
-def motions_end(motions: Motions) -> str:
+def until_known(motions: Motions) -> str:
     """End of a sentence: until when the exact motion is known; empty if to the end."""
     samples, case = len(motions.exact.time_s), motions.case
     if samples >= case.scene.samples:
@@ -234,10 +233,7 @@ def first_departure(motions: Motions, engine: str, trace: Trace) -> str:
     for quantity in (FORCE, *FIELDS):
         has, right, scale = field_of(trace, quantity)[:samples], field_of(scheme, quantity), motions.scale(quantity)
         share, allowed = apart(has, right, scale), motions.explained(quantity).limit
-        limits = np.full(samples, allowed)
-        if quantity != FORCE:
-            limits[0] = min(allowed, START_SHARE)
-        beyond = share.max(axis=1) > limits
+        beyond = share.max(axis=1) > allowed
         if not beyond.any():
             continue
         sample = int(np.argmax(beyond))

@@ -263,4 +263,5 @@ def motions_of(case: Case, engine: str = VERLET) -> Motions:
 
 def _key(case: Case) -> str:
     """Everything that determines the motions of a case; the deck lacks gauges and the reference's tolerance."""
-    return f"{load_engine(VERLET).render(case).sha256} {case.layout} {case.reference_tolerance}"
+    decks = [load_engine(VERLET).render(each).sha256 for each in (case, case.full) if each]
+    return f"{decks} {case.layout} {case.reference_tolerance}"
