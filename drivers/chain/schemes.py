@@ -96,8 +96,9 @@ def heights_and_reach(case: Case) -> tuple[Array, Array]:
 
 def trace_of(case: Case, time_s: Array, motion: Motion) -> Trace:
     """Trace of an in-repo motion."""
-    height = case.chain.height_m + motion.displacement_m
-    return make_trace(case.chain, time_s, motion.force_N, height, motion.velocity_m_s)
+    displacement, velocity = motion.displacement_m, motion.velocity_m_s
+    height = case.chain.height_m + displacement
+    return make_trace(case.chain, time_s, motion.force_N, height, velocity, displacement_m=displacement)
 
 
 def _tube_motion(case: Case, chain: TubeChain, law: str, finer: int = 1) -> TubeMotion:
