@@ -10,11 +10,12 @@ all elements of the scene). The parts of the error add up to the whole Q - Q_t:
 * sampling = Q_e - Q_t: error of a peak read from samples;
 * elements, if an accuracy left some out: their effect.
 
-The table has a row for the forces of all contacts, the total energy, the momentum, and each observable. Two judgements
-follow. *Is it the right computation?* The model part of forces, energy and momentum at all samples is within the limit
-that rounding explains; observables are functions of the forces, so theirs follows. *Is it accurate enough?* The whole
-error is within the accuracy that the scene asks for, else within the general ceiling of ``inputs/tolerances.toml``. By
-the triangle inequality nothing else needs a verdict: a run that is right errs as its scheme does, plus rounding.
+The table has a row for the forces of all contacts, the change of the total energy, the momentum, and each observable.
+Two judgements follow. *Is it the right computation?* The model part of forces, energy and momentum at all samples is
+within the limit that rounding explains; observables are functions of the forces, so theirs follows. *Is it accurate
+enough?* The whole error is within the accuracy that the scene asks for, else within the general ceiling of
+``inputs/tolerances.toml``. By the triangle inequality nothing else needs a verdict: a run that is right errs as its
+scheme does, plus rounding.
 
 In three dimensions Q_e is extrapolated, rounding is included in model, and sampling is not measured.
 """
@@ -103,8 +104,11 @@ def budget_of(case: Case, engine: str, trace: Trace) -> Budget:
 
 
 def field_of(trace: Trace, quantity: str) -> Array:
-    """Forces of all contacts, or a column of the trace. Shape (samples, contacts) or (samples, 1)."""
-    return trace.force_N if quantity == FORCE else np.asarray(getattr(trace, FIELDS[quantity])[:, np.newaxis])
+    """Forces of all contacts, change of the energy, or momentum. Shape (samples, contacts) or (samples, 1)."""
+    if quantity == FORCE:
+        return trace.force_N
+    column = getattr(trace, FIELDS[quantity])
+    return np.asarray(column - column[0] if quantity == "energy" else column)[:, np.newaxis]
 
 
 def apart(one: Array, other: Array, scale: float) -> Array:
@@ -309,7 +313,7 @@ def _warnings(motions: Motions, engine: str, trace: Trace, checks: Iterable[Chec
         "energy": (
             energy_error_J(energy_J, damped=case.chain.damped, slips=case.chain.slips) / motions.scale("energy")
             if exact is None
-            else apart(energy_J, exact.total_energy_J, motions.scale("energy"))
+            else apart(field_of(trace, "energy")[:, 0], field_of(exact, "energy")[:, 0], motions.scale("energy"))
         ),
     }
     scales = {FORCE: "largest change of force", "energy": "largest kinetic energy"}

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from postproc.read.error_bounds import bounds_on_observables
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -26,6 +25,7 @@ from drivers.engines import EXACT, load_engine
 from drivers.limits.refusal import FORCE
 from drivers.run.finished import FILE, EndedRun, open_run
 from drivers.scene.settings import differences, setting_text
+from postproc.read.error_bounds import bounds_on_observables
 from postproc.read.motion import chain_of
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
 from postproc.read.residual import static_load_remark
@@ -219,7 +219,7 @@ def _checks(
     force = _allowed(one, other, motions, FORCE, known=known)
     layouts = (one.run.layout, other.run.layout, one.run.layout, one.run.layout)
     seen = [observe(layout, trace) for layout, trace in zip(layouts, traces, strict=True)]
-    bounds = bounds_on_observables(one.run.layout, first, force.limit * motions[0].scale(FORCE))
+    bounds = bounds_on_observables(one.run.layout, first, seen[0], force.limit * motions[0].scale(FORCE))
     for name in of_kind(seen[0], *KINDS):
         if name not in seen[1] or not np.isfinite([seen[0][name], seen[1][name]]).any():
             continue

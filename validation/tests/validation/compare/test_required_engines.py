@@ -10,10 +10,10 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, VERLET, codes, installed_codes
 from validation.__main__ import main
+from validation.checks import NOT_RUN
 from validation.compare.compare_command import compare_scenes
 from validation.compare.comparison import run_and_compare
 from validation.compare.selection import EngineSelection
-from validation.compare.verdict import NOT_RUN
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter, case_of
 
@@ -142,7 +142,7 @@ def test_a_run_that_failed_has_its_time(scene_file: SceneWriter, tmp_path: Path)
     )
     assert compared.absent[VERLET].startswith("failed")
     assert compared.wall_s[VERLET] > 0
-    assert not [verdict for verdict in compared.verdicts if verdict.verdict == NOT_RUN]
+    assert not [verdict for verdict in compared.checks if verdict.verdict == NOT_RUN]
 
 
 def test_a_brief_comparison_has_a_line_for_each_engine(
