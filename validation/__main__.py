@@ -197,7 +197,7 @@ COMMANDS = {
     ),
     "report": Command(
         _report,
-        "write the report page and its verdicts as JSON and JUnit XML",
+        "write the report page and its checks as JSON",
         ("scenes", "--studies", "--out", *WHICH),
         ("", "fig4 --out fig4.html --allow-missing"),
     ),
