@@ -9,8 +9,8 @@ With the overlap d_j of each contact from the recorded heights, the closing spee
   between samples divided by the scene's, and s the time by which recorded velocities are late;
 * start: heights and velocities at time 0.
 
-No motion is integrated. Each value is a ratio to the scene's. Its uncertainty includes the rounding of heights, the time
-step, and the error of integrals over samples, so that coarse samples make a ratio less certain, not wrong.
+No motion is integrated. Each value is a ratio to the scene's. Its uncertainty includes the rounding of heights, the
+time step, and the error of integrals over samples, so that coarse samples make a ratio less certain, not wrong.
 """
 
 from collections.abc import Iterator
@@ -32,9 +32,8 @@ SIGNIFICANCE = 5.0  # uncertainties by which a value that is not the scene's dif
 LEAST = 1e-9  # smallest uncertainty of a ratio
 NEGLIGIBLE = 1e-9  # of the largest column of a fit: a column that cannot be measured
 STIFFNESS, DAMPING, MASS, LOAD, RESISTANCE = "stiffness", "damping", "mass", "load", "resistance"
-INTERVAL, LATE_VELOCITY, LATE_START, START_SPEED, START_OVERLAP = (
-    "interval", "late velocity", "late start", "start speed", "start overlap",
-)  # fmt: skip
+INTERVAL, LATE_VELOCITY, EARLY_START, LATE_SAMPLES = "interval", "late velocity", "early start", "late samples"
+START_SPEED, START_OVERLAP = "start speed", "start overlap"
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class LawRow:
         place: contact or body, counted from the wall; 0 for the whole chain.
         ratio: value divided by the scene's. Values that a scene has as 0 are added to 1: damping as damping ratio, a
             load divided by the largest force, resistance (force against the motion, Cundall's damping) divided by the
-            force, delays divided by the time step.
+            force, times divided by the time step.
         uncertainty: of the ratio.
     """
 
@@ -91,7 +90,12 @@ def measure_law(case: Case, trace: Trace, step_s: float) -> list[LawRow]:
     closing = np.column_stack([np.zeros(samples), earlier[:, :-1]]) - earlier
     contacts, offset_N = _contacts(chain, overlap, closing, force)
     bodies = _bodies(chain, time_s, velocity, force - offset_N, step_s)
-    return [*contacts, *bodies, *_clock(case, time_s, height, velocity), *_start(case, height[0], velocity[0])]
+    return [
+        *contacts,
+        *bodies,
+        *_clock(case, time_s, height, velocity),
+        *_start(case, time_s[1], height[:2], velocity[:2]),
+    ]
 
 
 def law_deviation(case: Case, trace: Trace, step_s: float) -> LawRow:
@@ -200,17 +204,24 @@ def _clock(case: Case, time_s: Array, height_m: Array, velocity_m_s: Array) -> I
         yield LawRow(LATE_VELOCITY, 0, 1 + values[1] / step_s, uncertainty)
 
 
-def _start(case: Case, height_m: Array, velocity_m_s: Array) -> Iterator[LawRow]:
-    """Start of the bodies: delay in time steps, speeds, overlaps."""
+def _start(case: Case, interval: float, height_m: Array, velocity_m_s: Array) -> Iterator[LawRow]:
+    """Start of the bodies, from the first two samples: speeds and overlaps, and delays of the samples in time steps."""
     chain, step_s = case.chain, case.scene.time_step_s
     rounding = ROUNDINGS * float(np.spacing(furthest_m(chain)))
-    speed, shifted = chain.velocity_m_s, height_m - chain.height_m
+    speed = chain.velocity_m_s
     if fastest := float(np.abs(speed).max()):
-        steps = float(shifted @ speed / (speed @ speed)) / step_s
-        yield LawRow(LATE_START, 0, 1 - steps, rounding / (fastest * step_s) + 1e-3)
-        for j in np.flatnonzero(speed):
-            yield LawRow(START_SPEED, int(j) + 1, float(velocity_m_s[j] / speed[j]), LEAST)
-    overlap = overlaps(chain, height_m[np.newaxis])[0]
-    for j in np.flatnonzero(chain.overlap_m * chain.stiffness):
-        scene_m = float(chain.overlap_m[j])
-        yield LawRow(START_OVERLAP, int(j) + 1, float(overlap[j] / scene_m), rounding / abs(scene_m) + LEAST)
+        steps = float((height_m[0] - chain.height_m) @ speed / (speed @ speed)) / step_s
+        yield LawRow(EARLY_START, 0, 1 + steps, rounding / (fastest * step_s) + 1e-3)
+        j = int(np.argmax(np.abs(velocity_m_s[0])))
+        mean, change = velocity_m_s[:, j].mean(), float(np.abs(np.diff(velocity_m_s, axis=0)).max())
+        if mean:
+            late_s = interval - float(np.diff(height_m[:, j])[0] / mean)
+            uncertainty = (interval * change + rounding) / abs(mean) / step_s
+            yield LawRow(LATE_SAMPLES, 0, 1 + late_s / step_s, uncertainty + LEAST)
+        for moving in np.flatnonzero(speed):
+            yield LawRow(START_SPEED, int(moving) + 1, float(velocity_m_s[0, moving] / speed[moving]), LEAST)
+    overlap = overlaps(chain, height_m[:1])[0]
+    for contact in np.flatnonzero(chain.overlap_m * chain.stiffness):
+        scene_m = float(chain.overlap_m[contact])
+        ratio = float(overlap[contact] / scene_m)
+        yield LawRow(START_OVERLAP, int(contact) + 1, ratio, rounding / abs(scene_m) + LEAST)
