@@ -207,9 +207,8 @@ def _of_bodies(case: Case, engine: str, rows: list[LawRow]) -> Iterator[str]:
     labels = ["bead"] * chain.beads + ["striker"] * (chain.bodies - chain.beads)
     for sensor in case.scene.chain.sensors:
         labels[sensor.from_wall - 1] = "sensor"
-    yield from _grouped(
-        rows, law.MASS, "body" if heavy.keys() - range(chain.beads + 1) else "bead", "has {} of its mass", labels
-    )
+    noun = "bead" if all(place <= chain.beads for place in heavy) else "body"
+    yield from _grouped(rows, law.MASS, noun, "has {} of its mass", labels)
     loads = [row for row in rows if row.quantity == law.LOAD]
     off = [abs(row.ratio - heavy.get(row.place, 1.0)) / row.uncertainty for row in loads]
     other = [row for row, share in zip(loads, off, strict=True) if row.differs and share > SIGNIFICANCE]
