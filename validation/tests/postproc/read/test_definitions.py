@@ -1,4 +1,4 @@
-"""Pulses, reflections, speeds and transmission, computed anew from the definitions in ``postproc/README.md``.
+"""Pulses, reflections, speeds and transmission, computed a second time from the definitions in ``postproc/README.md``.
 
 Nothing here is imported from ``postproc.read.signals`` or ``sensors``: plain loops, polynomials through six samples.
 """
@@ -95,7 +95,7 @@ def pulses_of(time: Array, s: Array, largest_N: float) -> list[Maximum]:
 
 
 def goes_up(force: Array, j: int, pulse: Maximum, previous: int) -> bool:
-    """Whether a pulse at bead j goes up; ``previous`` is the sample of the maximum before, or 0."""
+    """True if a pulse at bead j goes up; ``previous`` is the sample of the maximum before, or 0."""
     contacts = force.shape[1]
     if j == contacts:
         j = contacts - 1

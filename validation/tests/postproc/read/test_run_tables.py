@@ -16,7 +16,7 @@ from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.scenes import case_of
 
 RICH = ("chain.precompression=0.01 mN", "chain.mass_scatter=0.001 mg", "contact.restitution=0.9999", "seed=3")
-ASKED = [
+SCENES = [
     ("fig4", "run.accuracy={ wall_peak = 1e-2 }", RICH),
     ("low-amplitude", "run.accuracy={ wall_peak = 1e-2 }", ()),
     ("fig6b", "run.accuracy=1e-3", RICH),
@@ -30,7 +30,7 @@ def true_errors(case: Case, found: dict[str, float]) -> dict[str, float]:
     return {name: abs(found[name] - true[name]) / scale_of(name, true) for name in found.keys() & true.keys()}
 
 
-@pytest.mark.parametrize(("scene", "accuracy", "settings"), ASKED)
+@pytest.mark.parametrize(("scene", "accuracy", "settings"), SCENES)
 def test_printed_errors_are_from_the_scene_as_written(
     scene: str, accuracy: str, settings: tuple[str, ...], tmp_path: Path
 ) -> None:
