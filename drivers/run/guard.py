@@ -107,7 +107,7 @@ def reason_to_fail(case: Case, trace: Trace) -> str | None:
 
 
 def unstable(case: Case, trace: Trace) -> str | None:
-    """Message on values that are not finite and beads that pass through the wall or each other; None if there are none."""
+    """Message on values that are not finite, or beads that pass through the wall or each other; None without such."""
     faults = [(int(np.argmax(wrong)), words) for wrong, words in _faults(case, trace) if wrong.any()]
     if not faults:
         return None
@@ -127,7 +127,9 @@ def wrong_energy(case: Case, trace: Trace) -> str | None:
         return None
     since_s = trace.time_s[int(np.argmax(share > allowed))]
     does = "grows" if case.chain.damped or case.chain.slips else "is off"
-    words = f"the energy {does} by {share.max():.2g} times the energy put in; at this time step at most {allowed:.2g} times"
+    words = (
+        f"the energy {does} by {share.max():.2g} times the energy put in; at this time step at most {allowed:.2g} times"
+    )
     return f"{UNSTABLE if share.max() > 1 else WRONG_ENERGY}{since_s:g} s: {words} is expected"
 
 

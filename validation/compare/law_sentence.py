@@ -84,7 +84,8 @@ def law_sentence(case: Case, engine: str, trace: Trace) -> str:
         return "; ".join([*phrases, _of_resistance(engine, rows)])
     if _is_another_step(wrong):
         return phrases[0] if phrases else f"a time step {_times(wrong[law.EARLY_START], 1)} times the scene's"
-    for phrases_of in (_of_clock, _of_start, _of_contacts, _of_bodies):
+    phrases += _of_clock(case, rows)
+    for phrases_of in (_of_start, _of_contacts, _of_bodies) if not phrases else ():
         phrases += phrases_of(case, engine, rows)
     return "; ".join(phrases) or _of_step(case, engine, trace)
 
@@ -146,7 +147,7 @@ def _grouped(rows: Sequence[LawRow], quantity: str, noun: str, words: str, label
         yield f"and {sum(map(len, [*groups.values()][NAMED:]))} other {noun}s by other factors"
 
 
-def _of_clock(case: Case, engine: str, rows: list[LawRow]) -> Iterator[str]:
+def _of_clock(case: Case, rows: list[LawRow]) -> Iterator[str]:
     """Phrases on delays of samples and of velocities."""
     names = {
         law.EARLY_START: ("all samples are stamped", "early", "late"),
@@ -165,8 +166,6 @@ def _of_clock(case: Case, engine: str, rows: list[LawRow]) -> Iterator[str]:
 def _of_start(case: Case, engine: str, rows: list[LawRow]) -> Iterator[str]:
     """Phrases on speeds and overlaps at time 0, unless the samples have other times."""
     other = [row.quantity for row in rows if row.differs and row.quantity != law.START_SPEED]
-    if law.EARLY_START in other:
-        return
     chain = case.chain
     least = SMALL_SPEED if other else 0.0
     for row in (row for row in rows if row.quantity == law.START_SPEED and row.differs and abs(row.ratio - 1) > least):

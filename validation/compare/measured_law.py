@@ -30,6 +30,7 @@ MAX_BODIES = 2_000
 ROUNDINGS = 8.0  # rounding errors of a height, in an overlap
 SIGNIFICANCE = 5.0  # uncertainties by which a value that is not the scene's differs
 LEAST = 1e-9  # smallest uncertainty of a ratio
+PROPORTIONAL = 0.05  # largest relative deviation of heights at the start from speeds times a delay
 NEGLIGIBLE = 1e-9  # of the largest column of a fit: a column that cannot be measured
 STIFFNESS, DAMPING, MASS, LOAD, RESISTANCE = "stiffness", "damping", "mass", "load", "resistance"
 INTERVAL, LATE_VELOCITY, EARLY_START, LATE_SAMPLES = "interval", "late velocity", "early start", "late samples"
@@ -210,8 +211,10 @@ def _start(case: Case, interval: float, height_m: Array, velocity_m_s: Array) ->
     rounding = ROUNDINGS * float(np.spacing(furthest_m(chain)))
     speed = chain.velocity_m_s
     if fastest := float(np.abs(speed).max()):
-        steps = float((height_m[0] - chain.height_m) @ speed / (speed @ speed)) / step_s
-        yield LawRow(EARLY_START, 0, 1 + steps, rounding / (fastest * step_s) + 1e-3)
+        shift = height_m[0] - chain.height_m
+        early_s = float(shift @ speed / (speed @ speed))
+        if np.abs(shift - early_s * speed).max() <= PROPORTIONAL * np.abs(shift).max():  # else: other start heights
+            yield LawRow(EARLY_START, 0, 1 + early_s / step_s, rounding / (fastest * step_s) + 1e-3)
         j = int(np.argmax(np.abs(velocity_m_s[0])))
         mean, change = velocity_m_s[:, j].mean(), float(np.abs(np.diff(velocity_m_s, axis=0)).max())
         if mean:
