@@ -82,8 +82,6 @@ class Baseline:
         lateral = self.case.chain.lateral
         if lateral is None:
             return TOO_LARGE if self.case.chain.bodies > MAX_BODIES else ""
-        if lateral.bore is not None and lateral.bore.sides is not None:
-            return "not measured: the in-repo scheme has no bore of flat sides, only a cylinder"
         if 4 * self.case.chain.bodies * self.case.scene.steps > MAX_WORK:
             return f"not measured: a run at a quarter of the step takes more than {MAX_WORK:g} bodies times steps"
         return ""

@@ -65,7 +65,7 @@ def _model_verdicts(case: Case, engine: str, run: EndedRun, runs: dict[str, Ende
         verdicts.append(_force_verdict(case, (engine, VERLET), run.trace, verlet, limit, samples, why))
         verdicts.append(motion_verdict(baseline, engine, run.trace, verlet))
     others = [name for name in runs if name != engine]
-    if others and not {VERLET, REFERENCE} & set(runs):  # bores of flat sides: only the codes model them
+    if others and not {VERLET, REFERENCE} & set(runs):  # no in-repo engine models the scene
         other, limit = runs[others[0]].trace, tolerance("model", "sides")
         verdicts.append(_force_verdict(case, (engine, others[0]), run.trace, other, limit, case.scene.samples))
     return verdicts
