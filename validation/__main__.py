@@ -131,7 +131,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     if arguments.against:
         if arguments.settings:
             raise InputError("--set", "", "not allowed with --against")
-        from validation.compare.moved import compare_folders
+        from validation.compare.folders import compare_folders
 
         return compare_folders(runs, arguments.against, arguments.what, asked)
     if not arguments.what and not asked.builds:
@@ -197,7 +197,7 @@ COMMANDS = {
     ),
     "report": Command(
         _report,
-        "write the report page and its verdicts as JSON and JUnit XML",
+        "write the report page and its checks as JSON",
         ("scenes", "--studies", "--out", *WHICH),
         ("", "fig4 --out fig4.html --allow-missing"),
     ),

@@ -10,15 +10,10 @@ from drivers.base import paths
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Allowed deviation with its reason.
-
-    Attributes:
-        predicted: deviation expected of a run without faults, a part of ``limit``.
-    """
+    """Allowed deviation with its reason."""
 
     limit: float
     reason: str
-    predicted: float = 0.0
 
 
 @cache

@@ -58,7 +58,7 @@ def read_layout(stored: dict[str, Any]) -> Layout:
 
 @dataclass(frozen=True)
 class Plan:
-    """Time step planned for an accuracy; errors by quantity, as in ``validation.accuracy.schemes``.
+    """Time step planned for an accuracy; errors by quantity, as in ``validation.accuracy.exact_motion``.
 
     Attributes:
         asked: largest errors allowed.

@@ -123,10 +123,25 @@ def hertz_energy(stiffness: Any, overlap_m: Value) -> Value:
     return energy
 
 
-def hertz_energy_at(stiffness: Any, force_N: Value) -> Value:
-    """Elastic energy of a contact with the force F, ``(2/5) F (F / k)^(2/3)``, in J."""
-    energy: Value = ENERGY_SHARE * force_N * hertz_overlap(stiffness, force_N)
-    return energy
+def hertz_energy_beyond_tangent(stiffness: Array, overlap_m: Array, change_m: Array) -> Array:
+    """Change of the elastic energy less its linear part, ``E(d + x) - E(d) - F(d) x``, in J; zero for open contacts.
+
+    For d > 0 it is ``E(d) y^2 (15/2 + 10 y + 5 y^2 + y^3)`` with ``y = sqrt(1 + x/d) - 1``, without cancellation; for
+    x < -d, where the contact is open, y is -1 and ``-F(d) (x + d)`` is added.
+
+    Args:
+        stiffness: k of each contact. Shape (contacts,).
+        overlap_m: overlaps d; a gap is negative. Shape (contacts,).
+        change_m: changes x of the overlaps. Shape (..., contacts).
+    """
+    pressed = overlap_m > 0
+    start = np.where(pressed, overlap_m, 1.0)
+    ratio = np.maximum(change_m / start, -1.0)
+    y = ratio / (np.sqrt(1 + ratio) + 1)
+    curved = hertz_energy(stiffness, start) * y**2 * (7.5 + y * (10 + y * (5 + y)))
+    opened = -hertz_force(stiffness, start) * np.minimum(change_m + start, 0.0)
+    closed = hertz_energy(stiffness, np.maximum(overlap_m + change_m, 0.0))
+    return np.asarray(np.where(pressed, curved + opened, closed))
 
 
 def overlap_of_energy(stiffness: Value, energy_J: float) -> Value:

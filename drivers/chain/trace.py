@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.chain.chain import Array, Chain
-from drivers.chain.contact_law import hertz_energy, hertz_energy_at
+from drivers.chain.contact_law import hertz_energy, hertz_energy_beyond_tangent
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 
 if TYPE_CHECKING:
@@ -53,8 +53,8 @@ class Trace:
         force_N: contact forces of the engine along the axis, compression positive. Shape (samples, contacts); column
             j-1 is contact j, below body j.
         kinetic_energy_J: kinetic energy of all bodies. Shape (samples,).
-        total_energy_J: kinetic and Hertz energy and the potential of weight and precompression, which is 0 at time 0.
-            Shape (samples,).
+        total_energy_J: kinetic energy, and the change of Hertz energy and of the potential of weight and
+            precompression since time 0. Shape (samples,).
         momentum_N_s: momentum of all bodies, upwards positive. Shape (samples,).
         height_m: heights of the centres, or of a flat striker's face. Shape (samples, bodies); None if not kept.
         velocity_m_s: velocities, upwards positive. Shape (samples, bodies); None if not kept.
@@ -98,12 +98,13 @@ def make_trace(
     velocity_m_s: Array,
     spin_rad_s: Array | None = None,
     bore_N: Array | None = None,
+    displacement_m: Array | None = None,
 ) -> Trace:
     """Build a trace with its energies, and for a three-dimensional chain with sideways motion and spin.
 
-    The Hertz energy is ``(2/5) F overlap`` with the overlap ``(F/k)^(2/3)`` from the engine's force. If contacts are
-    damped or off the axis, it is ``(2/5) k overlap^(5/2)`` with the overlap from positions. Shear energy is not
-    included, so with friction the energy may decrease a little and increase again.
+    The Hertz energy ``(2/5) k overlap^(5/2)`` is computed from positions. The total energy leaves out its value at time
+    0: the energy of a strong precompression has fewer digits than a weak wave needs. Shear energy is not included, so
+    with friction the energy may decrease a little and increase again.
 
     Args:
         chain: the chain.
@@ -114,6 +115,8 @@ def make_trace(
         velocity_m_s: velocities, same shape as ``place_m``.
         spin_rad_s: spins, shape (samples, bodies, 3); None if no body turns.
         bore_N: force of the bore on each body, shape (samples, bodies, 3); None without a tube.
+        displacement_m: displacements of a straight chain since time 0, shape (samples, bodies), if they are known more
+            exactly than from heights.
     """
     if chain.lateral is None:
         height, upward, sideways, friction = place_m, velocity_m_s, None, None
@@ -125,21 +128,33 @@ def make_trace(
         friction = by_bore[:, :, 2].sum(axis=1) if chain.bore else None
     with np.errstate(over="ignore", invalid="ignore"):  # runs that blow up are reported by the guard
         if sideways is not None:
-            elastic = _elastic_energy(chain, sideways.place_m, height)
+            stored = _elastic_energy(chain, sideways.place_m, height)
+            potential = stored - stored[0] - (height - chain.height_m) @ chain.load_N
             speed = upward**2 + (sideways.velocity_m_s**2).sum(axis=2)
             inertia = 0.4 * chain.mass_kg * chain.sphere_radius_m**2
             kinetic = 0.5 * (speed @ chain.mass_kg + (sideways.spin_rad_s**2).sum(axis=2) @ inertia)
         else:
-            there = chain.stiffness > 0
+            moved = height - chain.height_m if displacement_m is None else displacement_m
+            potential = potential_energy_change(chain, moved)
             kinetic = 0.5 * (upward**2 @ chain.mass_kg)
-            if chain.damped:
-                pressed = np.maximum(overlaps(chain, height)[:, there], 0.0)
-                elastic = hertz_energy(chain.stiffness[there], pressed).sum(axis=1)
-            else:
-                elastic = hertz_energy_at(chain.stiffness[there], np.maximum(force_N[:, there], 0.0)).sum(axis=1)
-        total = kinetic + elastic - (height - chain.height_m) @ chain.load_N
         momentum = upward @ chain.mass_kg
-    return Trace(time_s, force_N, kinetic, total, momentum, height, upward, friction, sideways)
+    return Trace(time_s, force_N, kinetic, kinetic + potential, momentum, height, upward, friction, sideways)
+
+
+def potential_energy_change(chain: Chain, displacement_m: Array) -> Array:
+    """Change of Hertz energy and of the potential of the loads since time 0, for a straight chain. Shape (samples,).
+
+    With the overlap change ``x_j`` and the sum ``S_j`` of the loads on all bodies above contact j, the loads do the
+    work ``-sum S_j x_j``. Of the terms linear in x, ``sum (F_j(0) + S_j) x_j`` is left, which is zero in equilibrium.
+
+    Args:
+        chain: the chain.
+        displacement_m: displacements of all bodies since time 0. Shape (samples, bodies).
+    """
+    change = -np.diff(displacement_m, axis=1, prepend=0.0)
+    unbalanced_N = chain.elastic_N + np.cumsum(chain.load_N[::-1])[::-1]
+    beyond = hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, change)
+    return np.asarray(beyond.sum(axis=1) + change @ unbalanced_N)
 
 
 def _elastic_energy(chain: Chain, place_m: Array, height_m: Array) -> Array:
@@ -165,8 +180,7 @@ def _towards_axis(place_m: Array, bore_N: Array) -> Array:
 
 def overlaps(chain: Chain, height_m: Array) -> Array:
     """Overlaps from heights; a gap is negative. Shape (samples, bodies)."""
-    moved = height_m - chain.height_m
-    return np.asarray(chain.overlap_m + np.column_stack([np.zeros(len(moved)), moved[:, :-1]]) - moved)
+    return np.asarray(chain.overlap_m - np.diff(height_m - chain.height_m, axis=1, prepend=0.0))
 
 
 def energy_error_J(energy_J: Array, *, damped: bool, slips: bool) -> Array:

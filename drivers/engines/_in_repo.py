@@ -12,11 +12,12 @@ from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.chain.case import Case
 from drivers.chain.chain import tube_arrays_of
+from drivers.chain.schemes import trace_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
 from drivers.scene.model import POWER, VISCOELASTIC
-from validation.reference.hertz_chain import TUBE_KEYS
+from validation.reference.hertz_chain import TUBE_KEYS, Motion
 
 COMMAND = ("python", "-m", "validation.reference", "chain.json")
 COLUMNS = 13  # three-dimensional chain: axial force; bore force, position, velocity and spin with three each
@@ -67,8 +68,7 @@ def read(case: Case, folder: Path) -> Trace:
     shape = (COLUMNS if chain.lateral else 3, case.scene.samples, chain.bodies)
     columns = read_arrays(folder / "chain.npy", {"an array": shape})["an array"]
     if chain.lateral is None:
-        force, displacement, velocity = columns
-        return make_trace(chain, times, force, chain.height_m + displacement, velocity)
+        return trace_of(case, times, Motion(*columns))
     bore, place, velocity, spin = np.moveaxis(columns[1:].reshape(4, 3, *shape[1:]), 1, 3)
     return make_trace(chain, times, columns[0], place, velocity, spin, bore)
 

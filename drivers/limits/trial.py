@@ -7,12 +7,9 @@ bead that is struck once is stable at steps at which a lasting contact is unstab
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, arrays_of, tube_arrays_of
-from drivers.chain.trace import make_trace
+from drivers.chain.schemes import verlet_of
 from drivers.engines import TOTAL
 from drivers.run.guard import reason_to_fail
-from validation.reference.tube import integrate_tube
-from validation.reference.velocity_verlet import integrate_verlet
 
 MAX_BODY_STEPS, MAX_BODY_STEPS_3D = 20_000_000, 1_000_000  # bodies times steps, some tenths of a second
 MAX_VALUES = 4_000_000  # bodies times samples held in memory
@@ -29,15 +26,8 @@ def failure(case: Case, shear: str = TOTAL) -> str | None:
     most = MAX_BODY_STEPS if chain.lateral is None else MAX_BODY_STEPS_3D
     if scene.steps * chain.bodies > most or scene.samples * chain.bodies > MAX_VALUES:
         return "takes too long"
-    timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
     with np.errstate(all="ignore"):
-        if chain.lateral is None:
-            moved = integrate_verlet(arrays_of(chain), *timing)
-            motion: tuple[Array, ...] = (moved.force_N, chain.height_m + moved.displacement_m, moved.velocity_m_s)
-        else:
-            tube = integrate_tube(tube_arrays_of(chain), *timing, shear)
-            motion = (tube.force_N, tube.place_m, tube.velocity_m_s, tube.spin_rad_s, tube.bore_N)
-        reason = reason_to_fail(case, make_trace(chain, case.sample_times_s, *motion))
+        reason = reason_to_fail(case, verlet_of(case, shear))
     return reason and f"is {reason.partition(' s:')[0]} s"
 
 

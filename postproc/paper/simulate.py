@@ -9,14 +9,13 @@ from pathlib import Path
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.chain.case import Case, build_case
-from drivers.chain.chain import arrays_of
-from drivers.chain.trace import SENSORS, Trace, make_trace
+from drivers.chain.schemes import exact_of
+from drivers.chain.trace import SENSORS, Trace
 from drivers.engines import REFERENCE, installed_codes
 from drivers.run.run import run_all_done
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe
 from postproc.read.sensors import write_sensors
-from validation.reference.adaptive import integrate_adaptive
 
 UNTIL_REFLECTED = "run.duration=0.9 ms"  # until the reflected wave has passed, in Figs. 4 and 6
 TOLERANCE = 1e-11  # of the largest change: far below the truncation error of any code's run
@@ -57,10 +56,7 @@ def case_of(source: str | Path, *settings: str) -> Case:
 
 def exact(case: Case, tolerance: float = TOLERANCE) -> Simulation:
     """Exact motion with positions, computed in some milliseconds without a run folder."""
-    motion = integrate_adaptive(arrays_of(case.chain), case.sample_times_s, tolerance)
-    height = case.chain.height_m + motion.displacement_m
-    trace = make_trace(case.chain, case.sample_times_s, motion.force_N, height, motion.velocity_m_s)
-    return Simulation(case, REFERENCE, trace)
+    return Simulation(case, REFERENCE, exact_of(case, tolerance))
 
 
 def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path) -> dict[str, list[Simulation]]:

@@ -94,20 +94,18 @@ def of_kind(names: Iterable[str], *kinds: str) -> list[str]:
 
 
 def scale_of(name: str, values: Mapping[str, float]) -> float:
-    """Value that the error of an observable is relative to: its own, or for peaks the wave at the gauge.
-
-    The wave at a gauge is the first peak less the static load, or this peak less the static load if that is larger.
+    """Value that the error of an observable is relative to: its own, of a peak without the static load at the gauge.
 
     Args:
         name: Name of the observable, with or without its unit, as in ``values``.
         values: All observables of the run.
     """
-    gauge, _, rest = name.partition("_peak")
     if describe(name).kind not in ("peak", "later peak"):
         return abs(values[name])
+    gauge, _, rest = name.partition("_peak")
     unit = "_N" if rest.endswith("_N") else ""
-    wave_N = values[f"{gauge}_amplitude{unit}"]
-    return max(abs(wave_N), abs(values[name] - values[f"{gauge}_peak{unit}"] + wave_N))
+    static_N = values[f"{gauge}_peak{unit}"] - values[f"{gauge}_amplitude{unit}"]
+    return abs(values[name] - static_N)
 
 
 def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) -> dict[str, float]:

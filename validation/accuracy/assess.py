@@ -6,7 +6,7 @@ from typing import Any
 
 from drivers.base.files import whole_file
 from drivers.chain.case import Case
-from drivers.chain.trace import SENSORS, Trace
+from drivers.chain.trace import SENSORS
 from drivers.run.finished import EndedRun
 
 
@@ -22,37 +22,30 @@ def assess(ended: EndedRun, case: Case) -> EndedRun:
 
     with whole_file(sensors) as draft:
         write_sensors(case.layout, ended.trace, draft)
-    record = replace(record, **_errors(case, record.engine, ended.trace))
+    record = replace(record, **_errors(case, ended))
     record.write(ended.folder)
     return replace(ended, record=record)
 
 
-def _errors(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
+def _errors(case: Case, ended: EndedRun) -> dict[str, Any]:
     """Fields of the record: error budget, requested and measured accuracy, warnings."""
     from drivers.limits.stable_step import predicted_limit
-    from validation.accuracy.baseline import baseline_of
-    from validation.accuracy.budget import error_budget, measured_errors, warnings_of
+    from validation.accuracy.budget import kept_budget, measured_errors
 
-    parts, note = error_budget(case, engine, trace)
-    accuracy = None
+    budget, accuracy = kept_budget(case, ended), None
     if plan := case.plan:
-        measured = measured_errors(case, trace, plan.asked)
+        measured = measured_errors(case, ended.trace, plan.asked)
         accuracy = {
             name: {"asked": share, "predicted": plan.predicted[name], "measured": measured[name]}
             for name, share in plan.asked.items()
         }
-    baseline, exact_to, exact_until_s = baseline_of(case, engine), None, None
-    if baseline.straight and parts:
-        samples = len(baseline.exact.time_s)
-        exact_to = float(baseline.exact_error[samples - 1])
-        exact_until_s = float(case.sample_times_s[samples - 1])
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
     return {
-        "error_budget": parts,
-        "error_note": note,
-        "exact_to": exact_to,
-        "exact_until_s": exact_until_s,
-        "warnings": warnings_of(case, engine, trace),
+        "error_budget": budget.rows,
+        "error_note": budget.note,
+        "exact_to": budget.exact_to,
+        "exact_until_s": budget.exact_until_s,
+        "warnings": budget.warnings,
         "step_limit_s": limit if math.isfinite(limit) else None,
         "accuracy": accuracy,
     }

@@ -1,207 +1,346 @@
-"""Error budget of a run and its warnings.
+"""Error budget of a run: one table of the parts of its errors, and the two judgements on it.
 
 Values of a quantity: Q of the engine's run, Q_h of its own scheme at the same step (velocity Verlet in absolute
-heights), Q_v of velocity Verlet in overlaps, Q_e exact at the same samples, Q_t true (exact, from finer samples).
-The parts of the error add up to the whole Q - Q_t:
+heights), Q_v of velocity Verlet in overlaps, Q_e exact at the same samples, Q_t true (exact, from finer samples, with
+all elements of the scene). The parts of the error add up to the whole Q - Q_t:
 
 * model = Q - Q_h: rounding in another order of addition, unless something is wrong;
 * rounding = Q_h - Q_v: rounding of absolute coordinates;
 * truncation = Q_v - Q_e: error of the time step, of ``reference`` error of its tolerance;
-* sampling = Q_e - Q_t: error of a peak read from samples.
+* sampling = Q_e - Q_t: error of a peak read from samples;
+* elements, if an accuracy left some out: their effect.
+
+The table has a row for the forces of all contacts, the change of the total energy, the momentum, and each observable.
+Two judgements follow. *Is it the right computation?* The model part of forces, energy and momentum at all samples is
+within the limit that rounding explains; observables are functions of the forces, so theirs follows. *Is it accurate
+enough?* The whole error is within the accuracy that the scene asks for, else within the general ceiling of
+``inputs/tolerances.toml``. By the triangle inequality nothing else needs a verdict: a run that is right errs as its
+scheme does, plus rounding.
 
 In three dimensions Q_e is extrapolated, rounding is included in model, and sampling is not measured.
 """
 
 from collections.abc import Collection, Iterable, Iterator
+from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from drivers.base.tolerances import tolerance
+from drivers.base.kept import kept
+from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.chain.trace import Trace, until
-from drivers.engines import EXACT, VERLET, load_engine
+from drivers.chain.trace import Trace, energy_error_J, until
+from drivers.engines import EXACT, load_engine
 from drivers.limits.refusal import FORCE
+from drivers.run.finished import EndedRun
 from postproc.read.observables import of_kind, scale_of
-from postproc.read.residual import is_at_rest, residual, share_of_change, static_load_remark
-from validation.accuracy.baseline import HORIZON, Baseline, Extrapolation, baseline_of
-from validation.accuracy.schemes import ExactMotion, energy_change_J, errors_of, exact_motion_of, quantities
+from postproc.read.residual import is_at_rest, share_of_change, static_load_remark
+from validation.accuracy.exact_motion import errors_of, exact_motion_of, quantities
+from validation.accuracy.motions import FIELDS, HORIZON, Motions, motions_of, predicted_error
+from validation.checks import FAIL, Check, judged, worst_of
 
 AT_REST_NOTE = "nothing moves: errors are relative to the largest force"
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
+ELEMENTS = "elements"
 BUDGET_WORDS = "signed parts that add up to the whole: model, rounding, truncation (time step), sampling"
+MODEL, ERROR = "model", "error"  # judgements: the right computation, accurate enough
+CEILINGS = {"peak": "peaks", "speed": "speeds"}  # kinds of observables that have a general ceiling, with their plural
 
 
-def error_budget(case: Case, engine: str, trace: Trace) -> tuple[list[dict[str, Any]], str]:
-    """Parts of the error of the force and of each quantity of a run; and a note on parts that were not measured."""
-    baseline = baseline_of(case, engine)
-    if baseline.why_unknown:
-        return [], baseline.why_unknown
-    try:
-        exact = baseline.exact
-    except ArithmeticError as error:
-        return [], f"not measured: {error}"
-    parts, unseen = parts_of(baseline, engine, until(trace, len(exact.time_s)))
-    lacks = [f"missing in the run, present in the exact motion: {', '.join(unseen)}"] if unseen else []
-    return parts, "; ".join([*_notes(baseline, engine), *lacks])
+@dataclass(frozen=True)
+class Budget:
+    """Errors of a run and the judgements on them.
+
+    Attributes:
+        rows: quantity, its parts as in ``PARTS``, and ``where`` for forces, energy and momentum; empty if the exact
+            motion is not known.
+        checks: the two judgements.
+        note: parts that were not measured, with the reason.
+        departure: first time and contact at which the model part passes its limit; empty if it never does.
+        warnings: reasons why the run is of little use; most runs have none.
+        exact_to: error of the exact motion until ``exact_until_s``, over the largest change of force; None for
+            three-dimensional chains.
+    """
+
+    rows: list[dict[str, Any]]
+    checks: list[Check]
+    note: str
+    departure: str
+    warnings: list[str]
+    exact_to: float | None
+    exact_until_s: float | None
+
+
+def kept_budget(case: Case, run: EndedRun) -> Budget:
+    """Budget of a finished run, from the cache or computed and stored there; checks have the scene's name."""
+    record, engine = run.record, load_engine(run.record.engine)
+    scenes = [each.scene.model_dump(mode="json") for each in (case, case.full) if each]
+    depends_on = ["budget", scenes, engine.name, engine.scheme, engine.shear, record.build_sha256, record.forces_sha256]
+    stored = kept(depends_on, lambda: asdict(budget_of(case, engine.name, run.trace)))
+    checks = [Check(**check | {"scene": case.scene.name}) for check in stored["checks"]]
+    return Budget(**stored | {"checks": checks})
+
+
+def budget_of(case: Case, engine: str, trace: Trace) -> Budget:
+    """Budget of a run of a case on an engine, from its trace at all samples of the case."""
+    motions = motions_of(case, engine)
+    with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
+        rows, missing = _rows(motions, engine, trace)
+        departure = first_departure(motions, engine, trace)
+        checks = [*_model_checks(case, engine, trace), *_error_checks(case, engine, trace, rows)]
+        known = not motions.why_unknown and motions.straight
+        samples = len(motions.exact.time_s) if known else 0
+        return Budget(
+            rows=rows,
+            checks=checks,
+            note="; ".join([*_notes(motions, engine), *missing]),
+            departure=departure,
+            warnings=[*_warnings(motions, engine, trace, checks)],
+            exact_to=float(motions.exact_error[samples - 1]) if known else None,
+            exact_until_s=float(case.sample_times_s[samples - 1]) if known else None,
+        )
+
+
+def field_of(trace: Trace, quantity: str) -> Array:
+    """Forces of all contacts, change of the energy, or momentum. Shape (samples, contacts) or (samples, 1)."""
+    if quantity == FORCE:
+        return trace.force_N
+    column = getattr(trace, FIELDS[quantity])
+    return np.asarray(column - column[0] if quantity == "energy" else column)[:, np.newaxis]
+
+
+def apart(one: Array, other: Array, scale: float) -> Array:
+    """Magnitude of the difference of two fields over the common samples, over a scale; inf for NaN."""
+    samples = min(len(one), len(other))
+    return np.nan_to_num(np.abs(one[:samples] - other[:samples]) / scale, nan=np.inf)
+
+
+def largest(share: Array) -> tuple[int, int]:
+    """Sample and column of the largest value. Shape (samples, columns)."""
+    sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
+    return int(sample), int(column)
+
+
+def place_of(quantity: str, time_s: Array, place: tuple[int, int]) -> str:
+    """Contact and time of a sample and column, as text."""
+    contact = f"contact {place[1] + 1} " if quantity == FORCE else ""
+    return f"{contact}at {time_s[place[0]] * 1e6:.6g} µs"
+
+
+def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, Any]], list[str]]:
+    """Parts of the error of each quantity; and a note on observables missing in the run."""
+    if motions.why_unknown:
+        return [], []
+    exact, full, scheme = motions.exact, motions.full, motions.scheme_of(engine)
+    samples = min(len(each.time_s) for each in (exact, full.exact if full else exact))
+    same = not motions.straight or load_engine(engine).scheme == EXACT  # rounding is included in model, or nil
+    stages = [until(each, samples) for each in (trace, scheme, scheme if same else motions.plain, exact)]
+    stages += [stages[-1], *([until(full.exact, samples)] if full else [])]
+
+    rows = []
+    for quantity in (FORCE, *FIELDS):
+        scale, fields = (full or motions).scale(quantity), [field_of(stage, quantity) for stage in stages]
+        share = apart(fields[0], fields[-1], scale)
+        place = largest(share)
+        remark = static_load_remark(float(share[place]), exact.force_N) if quantity == FORCE else ""
+        where = place_of(quantity, trace.time_s, place) + remark
+        rows.append(_row(quantity, [float(field[place]) / scale for field in fields], where))
+
+    observed = [quantities(motions.case, stage) for stage in stages[:3]] + motions.values
+    observed += [full.values[1]] if full else []
+    missing = []
+    for name, true in observed[-1].items():
+        if all(name in values for values in observed):
+            if scale := scale_of(name, observed[-1]):
+                rows.append(_row(name, [values[name] / scale for values in observed]))
+        elif true and name not in observed[0]:
+            missing.append(name)
+    return rows, [f"missing in the run, present in the exact motion: {', '.join(missing)}"] if missing else []
+
+
+def _row(quantity: str, shares: list[float], where: str = "") -> dict[str, Any]:
+    """Signed parts of the error of a quantity, from Q, Q_h, Q_v, Q_e, Q_t and with elements left out the full Q_t."""
+    parts = [first - second for first, second in pairwise(shares)]
+    names = (*PARTS[1:], ELEMENTS)
+    return {
+        "quantity": quantity,
+        "whole": shares[0] - shares[-1],
+        **dict(zip(names, parts, strict=False)),
+        "where": where,
+    }
+
+
+def _model_checks(case: Case, engine: str, trace: Trace) -> Iterator[Check]:
+    """Is it the right computation? Largest difference from the engine's scheme until the horizon."""
+    motions = motions_of(case, engine)
+    scheme = until(motions.scheme_of(engine), motions.samples)
+    for quantity in (FORCE, *FIELDS):
+        right = field_of(scheme, quantity)
+        share = apart(field_of(trace, quantity), right, motions.scale(quantity))
+        place = largest(share)
+        remark = static_load_remark(float(share[place]), right) if quantity == FORCE else ""
+        where = place_of(quantity, trace.time_s, place) + remark + motions.until_horizon
+        name = f"{MODEL}: {quantity}"
+        yield judged(case.scene.name, engine, name, float(share[place]), motions.explained(quantity), where)
+
+
+def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, Any]]) -> Iterator[Check]:
+    """Is it accurate enough? Whole errors against the accuracy of the scene, else against the general ceilings."""
+    if case.plan is not None:
+        for name, error in measured_errors(case, trace, case.plan.asked).items():
+            limit = Tolerance(case.plan.asked[name], "the accuracy that the scene asks for")
+            yield judged(case.scene.name, engine, f"{ERROR}: {name}", error, limit, "to the end of the run")
+        return
+    known = until_known(motions_of(case, engine)) if rows else ""
+    whole = {row["quantity"]: row for row in rows}
+    ceilings = {FORCE: ("truncation", FORCE), "energy": ("energy", "drift")}
+    for quantity, ceiling in ceilings.items() if rows else ():
+        error, where = abs(whole[quantity]["whole"]), whole[quantity]["where"] + known
+        yield judged(case.scene.name, engine, f"{ERROR}: {quantity}", error, tolerance(*ceiling), where)
+    for kind, plural in CEILINGS.items():
+        limit = tolerance("truncation", kind)
+        found = [
+            judged(case.scene.name, engine, f"{ERROR}: {plural}", abs(whole[name]["whole"]), limit, name + known)
+            for name in of_kind(whole, kind)
+        ]
+        if worst := worst_of(found):
+            yield worst
+
+
+def until_known(motions: Motions) -> str:
+    """End of a sentence: until when the exact motion is known; empty if to the end."""
+    samples, case = len(motions.exact.time_s), motions.case
+    if samples >= case.scene.samples:
+        return ""
+    if not motions.straight:
+        return motions.until_horizon
+    until_us = case.sample_times_s[samples] * 1e6
+    return f"; judged until {until_us:g} µs, where the error of the exact motion exceeds {HORIZON:g}"
 
 
 def measured_errors(case: Case, trace: Trace, names: Collection[str]) -> dict[str, float]:
-    """Errors of the named quantities of a run against the exact motion, at least the error of the exact motion."""
-    truth = exact_motion_of(case.full) if case.full else baseline_of(case).exact_to_end
+    """Errors of the named quantities of a run to its end, at least the error of the exact motion."""
+    truth = exact_motion_of(case.full) if case.full else motions_of(case).exact_to_end
     known = float(share_of_change(truth.error_N, truth.trace)[-1])
     return {name: max(error, known) for name, error in errors_of(case, trace, truth, names).items()}
 
 
-def parts_of(baseline: Baseline, engine: str, trace: Trace) -> tuple[list[dict[str, Any]], list[str]]:
-    """Parts of the error of each quantity, the force first; and quantities missing in the run."""
-    truth, exact, scheme = baseline.exact_motion, baseline.exact, baseline.scheme_of(engine)
-    if isinstance(truth, ExactMotion):
-        stages = (trace, scheme, scheme if scheme is baseline.reference else baseline.in_overlaps, exact)
-    else:
-        stages = (trace, scheme, truth.half, truth.quarter)
-    difference = np.nan_to_num(np.abs(trace.force_N - exact.force_N), nan=np.inf)
-    sample, column = np.unravel_index(int(np.argmax(difference)), difference.shape)
-    values = [float(stage.force_N[sample, column]) / baseline.scale_N for stage in stages]
-    place = f"contact {column + 1} at {trace.time_s[sample] * 1e6:g} us"
-    share = float(difference[sample, column]) / baseline.scale_N
-    found = [_parts(FORCE, _rungs(values, truth), place + static_load_remark(share, exact.force_N))]
+def first_departure(motions: Motions, engine: str, trace: Trace) -> str:
+    """First time and contact at which a run, finished or failed, departs from its scheme; empty if it never does.
 
-    seen = [quantities(baseline.case, stage) for stage in stages]
-    if isinstance(truth, ExactMotion):
-        seen.append(truth.true)
-    unseen = []
-    for name in seen[-1]:
-        if all(name in stage for stage in seen):
-            static = abs(seen[-1][name]) - scale_of(name, seen[-1])
-            scale = abs(_rungs([stage[name] for stage in seen], truth)[-1]) - static
-            if scale > 0:
-                found.append(_parts(name, _rungs([stage[name] / scale for stage in seen], truth)))
-        elif seen[-1][name] and name not in seen[0]:
-            unseen.append(name)
-    return found, unseen
+    A fault in the set-up shows at time 0 or before a wave arrives, a fault in the law or in a mass in the wave.
+    """
+    samples, case = min(motions.samples, len(trace.time_s)), motions.case
+    scheme = until(motions.scheme_of(engine), samples)
+    for quantity in (FORCE, *FIELDS):
+        has, right, scale = field_of(trace, quantity)[:samples], field_of(scheme, quantity), motions.scale(quantity)
+        share, allowed = apart(has, right, scale), motions.explained(quantity).limit
+        beyond = share.max(axis=1) > allowed
+        if not beyond.any():
+            continue
+        sample = int(np.argmax(beyond))
+        column = int(np.argmax(share[sample]))
+        place = place_of(quantity, case.sample_times_s, (sample, column))
+        one, other = digits_apart(float(has[sample, column]), float(right[sample, column]))
+        unit = {FORCE: "N", "energy": "J", "momentum": "N s"}[quantity]
+        when = "from the start" if sample == 0 else f"from {place.rpartition('at ')[2]}"
+        if sample and quantity == FORCE:
+            change = np.abs(right[: sample + 1, column] - right[0, column]).max() / scale
+            when += ", before any wave arrives" if change <= allowed else ", in the wave"
+        name = f"the force in contact {column + 1}" if quantity == FORCE else f"the {quantity}"
+        return f"departs from its scheme {when}: {name} is {one} {unit}, by its scheme {other} {unit}"
+    return ""
 
 
-def _rungs(values: list[float], truth: ExactMotion | Extrapolation) -> list[float]:
-    """Values [Q, Q_h, Q_v, Q_e, Q_t] of a quantity, from its values in each stage."""
-    if isinstance(truth, Extrapolation):
-        run, scheme, half, quarter = values
-        true = truth.at_zero(half, quarter)
-        return [run, scheme, scheme, true, true]
-    return values if len(values) > 4 else [*values, values[-1]]
+def digits_apart(one: float, other: float) -> tuple[str, str]:
+    """Two numbers with as many digits as show that they differ, at least four."""
+    for digits in range(4, 18):
+        texts = f"{one:.{digits}g}", f"{other:.{digits}g}"
+        if texts[0] != texts[1]:
+            break
+    return texts
 
 
-def _parts(quantity: str, shares: list[float], where: str = "") -> dict[str, Any]:
-    """Signed parts of the error of a quantity, relative to the true value; for the force with contact and time."""
-    run, scheme, overlaps, exact, true = shares
-    parts = run - true, run - scheme, scheme - overlaps, overlaps - exact, exact - true
-    return {"quantity": quantity, **dict(zip(PARTS, parts, strict=True)), "where": where}
-
-
-def _notes(baseline: Baseline, engine: str) -> Iterator[str]:
+def _notes(motions: Motions, engine: str) -> Iterator[str]:
     """Notes on parts of the budget that were not measured."""
-    truth, case = baseline.exact_motion, baseline.case
-    if is_at_rest(baseline.exact.force_N):
-        yield AT_REST_NOTE
-    if isinstance(truth, ExactMotion):
-        if not truth.sampling_known:
-            yield "sampling not measured: too many samples"
-        if load_engine(engine).scheme == EXACT or len(truth.trace.time_s) < case.scene.samples:
-            yield exactness_note(baseline)
+    case = motions.case
+    if motions.why_unknown:
+        yield motions.why_unknown
         return
-    yield f"truncation extrapolated from half and a quarter of the step (order of convergence {truth.order:.2g})"
-    bound = baseline.rounding_bound[baseline.samples - 1]
-    yield f"rounding is included in model: at most {bound:.1g} of the force"
+    if is_at_rest(motions.exact.force_N):
+        yield AT_REST_NOTE
+    if motions.straight:
+        if not motions.exact_to_end.sampling_known:
+            yield "sampling not measured: too many samples"
+        if load_engine(engine).scheme == EXACT or len(motions.exact.time_s) < case.scene.samples:
+            yield exactness_note(motions)
+        return
+    yield f"truncation extrapolated from half and a quarter of the step (order of convergence {motions.order:.2g})"
+    yield f"rounding is included in model: at most {motions.rounding_bound[motions.samples - 1]:.1g} of the force"
     yield "sampling not measured"
-    if baseline.samples < case.scene.samples:
-        end = case.sample_times_s[baseline.samples - 1]
+    if motions.samples < case.scene.samples:
+        end = case.sample_times_s[motions.samples - 1]
         yield f"measured until t = {end:g} s; later rounding alone separates two runs"
 
 
-def exactness_note(baseline: Baseline) -> str:
+def exactness_note(motions: Motions) -> str:
     """Sentence on the error of the exact motion of a straight chain."""
-    samples, times = len(baseline.exact.time_s), baseline.case.sample_times_s
+    samples, times = len(motions.exact.time_s), motions.case.sample_times_s
     if samples == len(times):
-        return f"exact to {baseline.exact_error[-1]:.0e} of the largest change, measured by a run at another tolerance"
+        return f"exact to {motions.exact_error[-1]:.0e} of the largest change, measured by a run at another tolerance"
     return (
         f"the exact motion is known to {HORIZON:g} of the largest change until t = {times[samples - 1]:g} s, and to"
-        f" {baseline.exact_error[-1]:.1g} at the end, since the chain amplifies rounding errors; later errors are not"
+        f" {motions.exact_error[-1]:.1g} at the end, since the chain amplifies rounding errors; later errors are not"
         " measured"
     )
 
 
-def budget_lines(error_budget: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str]]:
-    """Lines of the error budget for a terminal, force and peaks only: quantity and numbers.
+def _warnings(motions: Motions, engine: str, trace: Trace, checks: Iterable[Check]) -> Iterator[str]:
+    """Warnings on errors above a tenth, on an exact motion that is lost, and on codes that deviate from the scheme."""
+    case, unknown = motions.case, bool(motions.why_unknown)
+    if unknown and not motions.straight:
+        return
+    exact = None if unknown else motions.exact
+    energy_J = trace.total_energy_J
+    errors = {
+        FORCE: (
+            predicted_error(case, engine)
+            if exact is None
+            else apart(trace.force_N, exact.force_N, motions.scale(FORCE)).max(axis=1)
+        ),
+        "energy": (
+            energy_error_J(energy_J, damped=case.chain.damped, slips=case.chain.slips) / motions.scale("energy")
+            if exact is None
+            else apart(field_of(trace, "energy")[:, 0], field_of(exact, "energy")[:, 0], motions.scale("energy"))
+        ),
+    }
+    scales = {FORCE: "largest change of force", "energy": "largest kinetic energy"}
+    for quantity, error in errors.items():
+        limit = tolerance("warning", quantity).limit
+        if not (error <= limit).all():
+            since = case.sample_times_s[int(np.argmax(~(error <= limit)))]
+            most = f"error of the {quantity} up to {error.max():.2g} of the {scales[quantity]}"
+            yield f"{most}, above {limit:g} from t = {since:g} s"
+    scheme = load_engine(engine).scheme
+    if scheme == EXACT and exact is not None and motions.exact_error[-1] > HORIZON:
+        yield exactness_note(motions)
+    force = next(check for check in checks if check.quantity == f"{MODEL}: {FORCE}")
+    if force.verdict == FAIL and scheme != EXACT:
+        yield (
+            f"forces differ from velocity Verlet at the same step by up to {force.value:.2g} of the largest change,"
+            f" {force.where}; rounding explains {force.limit:.1g}: the engine did not run the scene as written"
+        )
+
+
+def budget_lines(rows: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str]]:
+    """Lines of the error budget for a terminal, forces, energy, momentum and peaks only: quantity and numbers.
 
     Lines with missing parts, in records of other versions, are left out.
     """
-    for each in error_budget:
-        quantity = each["quantity"]
-        if (quantity == "force" or of_kind([quantity], "peak")) and set(PARTS) <= each.keys():
-            yield quantity, " ".join(f"{each[part]:10.1e}" for part in PARTS)
-
-
-def warnings_of(case: Case, engine: str, trace: Trace) -> list[str]:
-    """Warnings on a finished run whose results are inaccurate; most runs have none."""
-    if case.chain.lateral is not None and baseline_of(case, engine).why_unknown:
-        return []
-    try:
-        return [*_warnings(case, engine, trace)]
-    except ArithmeticError as failed:
-        return [f"the error of this run cannot be predicted: {failed}"]
-
-
-def _warnings(case: Case, engine: str, trace: Trace) -> Iterator[str]:
-    """Warnings on predicted errors and energy changes above a tenth, and on codes that deviate from velocity Verlet."""
-    error, limit = predicted_error(case, engine), tolerance("warning", "force").limit
-    beyond = error > limit
-    if beyond.any():
-        since = case.sample_times_s[int(np.argmax(beyond))]
-        by_step = case.chain.lateral is not None or predicted_error(case, VERLET).max() > limit
-        why = "the time step" if by_step else "rounding of heights far from 0"
-        yield (
-            f"predicted force error of up to {error.max():.2g} of the largest change, above {limit:g} from"
-            f" t = {since:g} s; cause: {why}"
-        )
-    baseline = baseline_of(case, engine)
-    exact = baseline.exact_to_end.trace if baseline.straight and not baseline.why_unknown else None
-    change_J = energy_change_J(case.chain, trace, exact)
-    share, limit = change_J / baseline.energy_scale_J(trace), tolerance("warning", "energy").limit
-    if not (share <= limit).all():
-        since = case.sample_times_s[int(np.argmax(~(share <= limit)))]
-        yield (
-            f"energy error of up to {share.max():.2g} of the largest kinetic energy, above {limit:g} from"
-            f" t = {since:g} s"
-        )
-    if load_engine(engine).scheme == EXACT and exact is not None and baseline.exact_error[-1] > HORIZON:
-        yield exactness_note(baseline)
-    if load_engine(engine).in_repository or baseline.why_unknown:
-        return
-    allowed = baseline.allowed.limit
-    apart = residual(trace, baseline.plain)[: baseline.samples]
-    if not (apart <= allowed).all():
-        since = case.sample_times_s[int(np.argmax(~(apart <= allowed)))]
-        yield (
-            f"forces differ from velocity Verlet at the same step by up to {apart.max():.2g} of the largest change,"
-            f" from t = {since:g} s; rounding explains {allowed:.1g}: the engine did not run the scene as written"
-        )
-
-
-def predicted_error(case: Case, engine: str) -> Array:
-    """Largest force error of the engine's scheme at each sample, over the largest change of force. Shape (samples,).
-
-    The error is measured against the exact motion; for chains too long for that, against half the step.
-
-    Raises:
-        ArithmeticError: the integrator of the exact motion fails.
-    """
-    baseline = baseline_of(case, engine)
-    with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
-        if not baseline.why_unknown:
-            error = residual(baseline.scheme_of(engine), baseline.exact)
-        elif load_engine(engine).scheme == EXACT:
-            error = np.zeros(case.scene.samples)
-        else:  # second order in the step; first order with damping
-            error = residual(baseline.plain, baseline.half) * (2 if case.chain.damped else 4 / 3)
-    return np.nan_to_num(error, nan=np.inf)
+    for row in rows:
+        quantity = row["quantity"]
+        if (quantity in (FORCE, *FIELDS) or of_kind([quantity], "peak")) and set(PARTS) <= row.keys():
+            parts = [*PARTS, *([ELEMENTS] if ELEMENTS in row else [])]
+            yield quantity, " ".join(f"{row[part]:10.1e}" for part in parts)

@@ -8,7 +8,7 @@ from drivers.chain.case import Case
 from drivers.engines import VERLET
 from drivers.limits.refusal import FORCE
 from drivers.scene.settings import setting_texts
-from validation.accuracy.budget import predicted_error
+from validation.accuracy.motions import predicted_error
 from validation.accuracy.plan import planned_case
 
 

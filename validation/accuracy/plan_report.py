@@ -11,6 +11,7 @@ from drivers.base.errors import InputError
 from drivers.base.kept import kept
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
+from drivers.chain.schemes import verlet_of
 from drivers.engines import installed, load_engine
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import FORCE
@@ -18,11 +19,11 @@ from drivers.limits.stable_step import predicted_limit
 from drivers.limits.trial import failure, first_failure_s
 from postproc.read.observables import of_kind
 from postproc.read.residual import is_at_rest
-from validation.accuracy.baseline import HORIZON, ROUNDING_MARGIN, baseline_of
-from validation.accuracy.budget import AT_REST_NOTE, predicted_error
+from validation.accuracy.budget import AT_REST_NOTE
 from validation.accuracy.costs import cost_on
+from validation.accuracy.exact_motion import errors_of
+from validation.accuracy.motions import HORIZON, ROUNDING_MARGIN, motions_of, predicted_error
 from validation.accuracy.plan import capable_engines, cheapest, planned_case, requested_accuracy
-from validation.accuracy.schemes import errors_of, verlet_of
 from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 
 TENFOLD = 10.0
@@ -111,17 +112,17 @@ def _three_dimensional(case: Case) -> Iterator[str]:
     if problem:
         return
     yield from _engines(case)
-    if baseline_of(case).why_unknown:
-        yield f"predicted  {baseline_of(case).why_unknown}"
+    if motions_of(case).why_unknown:
+        yield f"predicted  {motions_of(case).why_unknown}"
         return
     by_law: dict[str, list[str]] = {}
     for name in capable_engines(case):
         by_law.setdefault(load_engine(name).shear, []).append(name)
     for names in by_law.values():
-        error, baseline = float(predicted_error(case, names[0]).max()), baseline_of(case, names[0])
-        order = f"order of convergence {baseline.order:.2g}"
+        error, motions = float(predicted_error(case, names[0]).max()), motions_of(case, names[0])
+        order = f"order of convergence {motions.order:.2g}"
         yield f"predicted  relative error: force {error:.3g} on {', '.join(names)}; {order}"
-        end = case.sample_times_s[baseline.samples - 1]
+        end = case.sample_times_s[motions.samples - 1]
         yield f"horizon    engines with this law of friction can be compared point by point until {end * 1e3:.4g} ms"
 
 

@@ -15,6 +15,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case, Plan
 from drivers.chain.chain import Array, arrays_of, build_chain
 from drivers.chain.elements import choose_elements
+from drivers.chain.schemes import verlet_of
 from drivers.limits.exactness import EXACT_SHARE
 from drivers.limits.refusal import FORCE, ROUNDING_MARGIN, unattainable
 from drivers.limits.stable_step import predicted_limit
@@ -22,8 +23,8 @@ from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.observables import scale_of
 from postproc.read.residual import share_of_change
-from validation.accuracy.baseline import Baseline
-from validation.accuracy.schemes import COARSE_ERROR, ENERGY, ExactMotion, errors_of, exact_motion_of, verlet_of
+from validation.accuracy.exact_motion import COARSE_ERROR, ENERGY, ExactMotion, errors_of, exact_motion_of
+from validation.accuracy.motions import Motions
 from validation.reference.adaptive import MIN_TOLERANCE, scales
 from validation.reference.tube import TOTAL
 
@@ -64,7 +65,7 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
 
     Args:
         case: case of a straight chain.
-        asked: accuracy by quantity; errors as in ``validation.accuracy.schemes``.
+        asked: accuracy by quantity; errors as in ``validation.accuracy.exact_motion``.
     """
     candidates = [each.name for each in case.elements if each.modelled and each.name in REMOVALS]
     if not candidates:
@@ -237,7 +238,7 @@ class Chooser:
         first = ceil(min(0.5 * self.case.scene.run.sample_interval / self.stable_s, 1e9))
         affordable = ROUNDING_WORK // (self.case.chain.bodies * self.case.scene.samples)
         measured = min(steps_per_sample, max(first, affordable, 1))
-        error_N = Baseline(self.case.at(measured), TOTAL).rounding_N
+        error_N = Motions(self.case.at(measured), TOTAL).rounding_N
         error = share_of_change(error_N, self.truth.trace)
         return np.asarray(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured))
 

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from drivers.engines import REFERENCE, VERLET, in_order, load_engine
+from drivers.engines import VERLET, in_order, load_engine
+from drivers.limits.refusal import FORCE
+from validation.accuracy.budget import ERROR, MODEL
+from validation.checks import FAIL, NOT_RUN, Check, outcome, short
 from validation.compare.comparison import ComparedScene
-from validation.compare.verdict import FAIL, NOT_RUN, Verdict, outcome, short
 
 Outcomes = Mapping[str, Mapping[str, str]]  # verdicts by scene or case, and by engine
-FORCE = "force against "  # first words of a force verdict; the engine it is compared with follows
 
 
 def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> list[str]:
@@ -18,15 +19,15 @@ def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> li
         cases: verdicts of independent cases, by case and engine.
     """
     rows = {scene.case.scene.name: _outcomes(scene) for scene in scenes}
-    verdicts = [each for scene in scenes for each in scene.verdicts if rows[each.scene][each.engine] != FAIL]
+    checks = [check for scene in scenes for check in scene.checks if rows[check.scene][check.engine] != FAIL]
     ran = {name for scene in scenes for name in scene.runs}
-    codes = [name for name in in_order({each.engine for each in verdicts} & ran) if not _in_repository(name)]
+    codes = [name for name in in_order({check.engine for check in checks} & ran) if not _in_repository(name)]
     failures = _by_engine(rows | dict(cases or {}), FAIL, "fails")
     missing = _by_engine(rows, NOT_RUN, "did not run")
     warned = [scene.case.scene.name for scene in scenes if any(run.record.warnings for run in scene.runs.values())]
     remarks = [f"{'; '.join(missing)}."] if missing else []
     remarks += [f"Runs of {listed(warned)} have warnings."] if warned else []
-    agreement = _agreement(scenes, verdicts, codes or [name for name in (VERLET,) if name in ran])
+    agreement = _agreement(scenes, checks, codes or [name for name in (VERLET,) if name in ran])
     if failures:
         rest = [f"Otherwise, {agreement}"] if agreement else []
         return [f"No: {'; '.join(failures)}.", *rest, *remarks]
@@ -47,22 +48,17 @@ def listed(words: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
 
 
-def _agreement(scenes: Sequence[ComparedScene], verdicts: Iterable[Verdict], engines: list[str]) -> str:
+def _agreement(scenes: Sequence[ComparedScene], checks: Iterable[Check], engines: list[str]) -> str:
     """Clause on the largest deviations and the cost of these engines over all scenes; empty without engines."""
-    own = [each for each in verdicts if each.engine in engines and each.quantity.startswith(FORCE)]
-    against: dict[str, list[float]] = {}
-    for each in own:
-        against.setdefault(each.quantity.removeprefix(FORCE), []).append(each.value)
-    exact = against.pop(REFERENCE, [])
-    same = against.pop(VERLET, [])
-    others = [value for values in against.values() for value in values]
+    forces = [check for check in checks if check.engine in engines and check.quantity.endswith(f": {FORCE}")]
+    same = [c.value for c in forces if c.quantity == f"{MODEL}: {FORCE}" and not _in_repository(c.engine)]
+    exact = [c.value for c in forces if c.quantity == f"{ERROR}: {FORCE}"]
     steps = "at this time step" if len(scenes) == 1 else "at their time steps"
     parts = [f"with the same scheme to {short(max(same))}"] if same else []
-    parts += [f"with each other to {short(max(others))}"] if others else []
     parts += [f"with the exact motion to {short(max(exact))} {steps}"] if exact else []
     if not parts:
         return ""
-    where = f"on {number} scenes " if (number := len({each.scene for each in own})) > 1 else ""
+    where = f"on {number} scenes " if (number := len({check.scene for check in forces})) > 1 else ""
     loops = [scene.runs[name].record.loop_s for scene in scenes for name in engines if name in scene.runs]
     known = [loop_s for loop_s in loops if loop_s is not None]
     cost = f", for {'at most ' if len(known) > 1 else ''}{max(known):.2g} s of computing per run" if known else ""
@@ -71,8 +67,7 @@ def _agreement(scenes: Sequence[ComparedScene], verdicts: Iterable[Verdict], eng
 
 def _outcomes(scene: ComparedScene) -> dict[str, str]:
     """Verdict of each engine on a scene."""
-    engines = in_order([*scene.runs, *scene.absent])
-    return {name: outcome([each for each in scene.verdicts if each.engine == name]) for name in engines}
+    return {name: outcome(scene.of_engine(name)) for name in in_order([*scene.runs, *scene.absent])}
 
 
 def _by_engine(rows: Outcomes, verdict: str, verb: str) -> list[str]:

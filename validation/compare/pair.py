@@ -1,4 +1,9 @@
-"""``python -m validation compare RUN RUN``: differences of two runs at their common sample times."""
+"""``python -m validation compare RUN RUN``: differences of two runs at their common sample times.
+
+The table is the error budget with the other run in the place of the scheme: the difference of a quantity, less the
+difference of the schemes of the two engines at their time steps, has to be within what rounding explains. Runs of one
+scheme at one step have no difference of schemes.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,26 +22,33 @@ from drivers.chain.case import Case
 from drivers.chain.elements import choose_elements
 from drivers.chain.trace import FORCES, Trace, part_of, until
 from drivers.engines import EXACT, load_engine
+from drivers.limits.refusal import FORCE
 from drivers.run.finished import FILE, EndedRun, open_run
 from drivers.scene.settings import differences, setting_text
+from postproc.read.error_bounds import bounds_on_observables
 from postproc.read.motion import chain_of
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
-from postproc.read.residual import largest_change_N
-from postproc.read.signals import integral
-from validation.accuracy.baseline import HORIZON, baseline_of, model_quantity
-from validation.accuracy.budget import BUDGET_WORDS, PARTS, budget_lines
-from validation.accuracy.prediction import predicted_motion
-from validation.compare.departure import Departure, Deviation, departure, deviation, first_deviation, motion_scales
-from validation.compare.verdict import FAIL, Verdict, judged
+from postproc.read.residual import static_load_remark
+from validation.accuracy.budget import (
+    BUDGET_WORDS,
+    PARTS,
+    apart,
+    budget_lines,
+    field_of,
+    first_departure,
+    largest,
+    place_of,
+)
+from validation.accuracy.motions import FIELDS, Motions, force_tolerance, motions_of
+from validation.checks import FAIL, Check, judged, table
 
 KINDS = ("peak", "later peak", "speed")  # of judged observables
 # of the largest change: rounding, horizon, coarse steps, experiments
 LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)
 MIN_SAMPLES = 4  # for peaks
 TIME_TOLERANCE = 1e-9  # of a sample time
-PREDICTED = (
-    "difference of velocity Verlet at the two time steps, computed here for the scene of the first, plus rounding"
-)
+SAME = "the same scheme at the same step: only rounding may differ"
+OTHER = "beyond the difference of the schemes at the two time steps, computed here for the scene of the first: rounding"
 
 
 @dataclass(frozen=True)
@@ -63,25 +75,21 @@ class Pair:
     """Comparison of two runs.
 
     Attributes:
-        verdicts: verdicts on the second run against the first, by quantity.
-        until: reason why not all samples were judged; empty if they were.
-        parted: first sample at which the forces differ by more than a level, by level.
-        departures: departure of each run from the exact motion of its own scene.
-        against_first_scene: departure of the second run from the exact motion of the first run's scene.
+        checks: checks of the second run against the first, by quantity.
+        until: end of a sentence: until when samples were judged, and why; empty if to the end.
+        parted: place at which the forces first differ by more than a level, as text, by level.
     """
 
     first: PairedRun
     second: PairedRun
-    verdicts: list[Verdict]
+    checks: list[Check]
     until: str
-    parted: dict[float, Deviation | None]
-    departures: tuple[Departure, Departure]
-    against_first_scene: Departure
+    parted: dict[float, str]
 
     @property
     def missed(self) -> list[str]:
         """Quantities that differ by more than allowed."""
-        return [verdict.quantity for verdict in self.verdicts if verdict.verdict == FAIL]
+        return [check.quantity for check in self.checks if check.verdict == FAIL]
 
 
 def open_pair(first: Path, second: Path) -> tuple[PairedRun, PairedRun]:
@@ -144,48 +152,27 @@ def _at_every(run: EndedRun, every: int, samples: int) -> PairedRun:
 
 def compare_pair(one: PairedRun, other: PairedRun) -> Pair:
     """Compare two runs."""
-    (limits, samples), why_not_all = allowed_between(one, other), ""
-    predicted: dict[str, Tolerance] = {}
-    if not same_scheme(one, other):
-        samples, predicted = _predicted(one, other, limits)
-    if samples < len(one.trace.time_s):
-        why_not_all = f"judged until {one.trace.time_s[samples] * 1e6:g} µs, where rounding alone exceeds {HORIZON:g}"
+    motions = [motions_of(one.case, one.engine), motions_of(one.case, other.engine)]
+    if not same_scheme(one, other) and other.case.scene.steps_per_sample != one.case.scene.steps_per_sample:
+        motions[1] = Motions(one.case.at(other.case.scene.steps_per_sample), motions[1].law)
+    known = motions[0].straight or not any(each.why_unknown for each in motions)
+    samples = min(each.samples for each in motions) if known else len(one.trace.time_s)
     first, second = (until(each.trace, samples) for each in (one, other))
-    scene, engines = other.run.record.scene_name, f"{other.engine} against {one.engine}"
-    verdicts = [
-        judged(scene, engines, each.quantity, each.value, predicted.get(each.quantity, limits[each.kind]), each.where)
-        for each in _differences(one, other, first, second)
-    ]
-    # one case after the other, since the baselines of the last case are cached
-    of_first, against_first_scene = (departure(one.case, each.engine, each.trace) for each in (one, other))
+    schemes = [first, first]
+    if known and not same_scheme(one, other):
+        pairs = zip(motions, (one, other), strict=True)
+        schemes = [until(each.scheme_of(run.engine), samples) for each, run in pairs]
+        samples = min(samples, *(len(scheme.time_s) for scheme in schemes))
+        first, second, *schemes = (until(trace, samples) for trace in (first, second, *schemes))
+    scale_N = motions[0].scale(FORCE)
+    share = apart(other.trace.force_N, one.trace.force_N, scale_N)
     return Pair(
         first=one,
         second=other,
-        verdicts=verdicts,
-        until=why_not_all,
-        parted={level: first_deviation(other.trace, one.trace, level) for level in LEVELS},
-        departures=(of_first, departure(other.case, other.engine, other.trace)),
-        against_first_scene=against_first_scene,
+        checks=[*_checks(one, other, motions, (first, second, schemes[0], schemes[1]), known=known)],
+        until=max((each.until_horizon for each in motions), key=len) if known else "",
+        parted={level: _first_beyond(share, one.trace, level) for level in LEVELS},
     )
-
-
-def allowed_between(one: PairedRun, other: PairedRun) -> tuple[dict[str, Tolerance], int]:
-    """Tolerances of two runs by kind of quantity, and the number of samples until rounding separates them.
-
-    Runs of the same scheme at the same step differ by rounding only (and by their laws of friction). Other runs differ
-    by their truncation errors: they get the general tolerances, which ``_predicted`` narrows.
-    """
-    if same_scheme(one, other):
-        force, samples, of_gauges = *_by_rounding(one, other), {}
-    else:
-        force, samples = tolerance("truncation", "force"), len(one.trace.time_s)
-        of_gauges = {quantity: tolerance("truncation", quantity) for quantity in ("peak", "speed")}
-    factor = tolerance("between", "others")
-    others = Tolerance(
-        factor.limit * force.limit, f"{factor.limit:g} times the tolerance of the force; {factor.reason}"
-    )
-    limits = {"force": force, "peak": others, "speed": others, "others": others} | of_gauges
-    return limits | {"later peak": limits["peak"]}, samples
 
 
 def same_scheme(one: PairedRun, other: PairedRun) -> bool:
@@ -195,89 +182,62 @@ def same_scheme(one: PairedRun, other: PairedRun) -> bool:
     return all(exact) or (not any(exact) and same_step)
 
 
-def _by_rounding(one: PairedRun, other: PairedRun) -> tuple[Tolerance, int]:
-    """Tolerance of the forces of runs of one scheme at one step, and the number of comparable samples."""
-    everything = len(one.trace.time_s)
+def _allowed(one: PairedRun, other: PairedRun, motions: list[Motions], quantity: str, *, known: bool) -> Tolerance:
+    """Tolerance of the forces, the energy or the momentum: what rounding explains, twice for two schemes."""
     laws = {load_engine(each.engine).shear for each in (one, other)}
     if len(laws) > 1 and one.case.chain.lateral is not None and one.case.chain.slips:
-        return tolerance("model", "sides"), everything
-    baselines = [baseline_of(one.case)]
-    if one.case.scene != other.case.scene:
-        baselines.append(baseline_of(other.case))
-    if any(each.why_unknown for each in baselines):
-        return tolerance("model", model_quantity(one.case)), everything
-    widest = max((each.allowed for each in baselines), key=lambda each: each.limit)
-    return widest, min(each.samples for each in baselines)
+        return tolerance("model", "sides")
+    if not known:
+        return (
+            tolerance("model", force_tolerance(one.case)) if same_scheme(one, other) else tolerance("truncation", FORCE)
+        )
+    if same_scheme(one, other):
+        others = [motions_of(other.case, other.engine)] if one.case.scene != other.case.scene else []
+        explained = max((each.explained(quantity) for each in (motions[0], *others)), key=lambda each: each.limit)
+        return Tolerance(explained.limit, f"{SAME}; {explained.reason}")
+    return Tolerance(sum(each.explained(quantity).limit for each in motions), OTHER)
 
 
-def _predicted(one: PairedRun, other: PairedRun, general: dict[str, Tolerance]) -> tuple[int, dict[str, Tolerance]]:
-    """Number of samples at which the first scene is known, and predicted tolerances by quantity.
+def _checks(
+    one: PairedRun, other: PairedRun, motions: list[Motions], traces: tuple[Trace, ...], *, known: bool
+) -> Iterator[Check]:
+    """Checks of forces, energy, momentum and observables of the second run, less the difference of the schemes.
 
-    Predicted tolerances above the general ones are left out; there are none if nothing can be predicted.
+    The limit of an observable is the largest change that an allowed difference of forces can make.
     """
-    same = one.case.at(other.case.scene.steps_per_sample)
-    first = predicted_motion(baseline_of(one.case, one.engine), one.engine)
-    second = predicted_motion(baseline_of(same, other.engine), other.engine)
-    if first is None or second is None:
-        return len(one.trace.time_s), {}
-    (motion, rest), (its_motion, its_rest) = first, second
-    samples = min(len(motion.time_s), len(its_motion.time_s))
-    others = tolerance("between", "others").limit
-    limits = dict[str, Tolerance]()
-    for apart in _differences(one, other, until(motion, samples), until(its_motion, samples)):
-        factor = 1.0 if apart.kind == "force" else max(others, apart.change_share)
-        limit = apart.value + factor * (rest + its_rest)
-        if limit < general[apart.kind].limit:
-            limits[apart.quantity] = Tolerance(limit, PREDICTED)
-    return samples, limits
+    scene, engines, first = other.case.scene.name, f"{other.engine} against {one.engine}", traces[0]
+    for quantity in (FORCE, *FIELDS):
+        fields, scale = [field_of(trace, quantity) for trace in traces], motions[0].scale(quantity)
+        share = apart(fields[1] - fields[0], fields[3] - fields[2], scale)
+        place = largest(share)
+        where = place_of(quantity, first.time_s, place)
+        if quantity == FORCE:
+            where += static_load_remark(float(share[place]), fields[0])
+        limit = _allowed(one, other, motions, quantity, known=known)
+        yield judged(scene, engines, quantity, float(share[place]), limit, where)
 
-
-@dataclass(frozen=True)
-class _Difference:
-    """Difference of a quantity between two runs.
-
-    Attributes:
-        change_share: for peaks, the largest change of force over the scale of the peak.
-    """
-
-    quantity: str
-    kind: str
-    value: float
-    where: str
-    change_share: float = 0.0
-
-
-def _differences(one: PairedRun, other: PairedRun, first: Trace, second: Trace) -> Iterator[_Difference]:
-    """Differences of two traces, with the gauges of two runs."""
-    found = deviation(second, first)
-    yield _Difference("force", "force", found.share, found.place)
-
-    should, has = observe(one.run.layout, first), observe(other.run.layout, second)
-    for name in of_kind(should, *KINDS):
-        if name not in has or (np.isnan(should[name]) and np.isnan(has[name])):
+    force = _allowed(one, other, motions, FORCE, known=known)
+    layouts = (one.run.layout, other.run.layout, one.run.layout, one.run.layout)
+    seen = [observe(layout, trace) for layout, trace in zip(layouts, traces, strict=True)]
+    bounds = bounds_on_observables(one.run.layout, first, seen[0], force.limit * motions[0].scale(FORCE))
+    for name in of_kind(seen[0], *KINDS):
+        if name not in seen[1] or not np.isfinite([seen[0][name], seen[1][name]]).any():
             continue
-        observable = describe(name)
-        arrival_s = should[name.replace("_peak_N", "_arrival_s")] if observable.kind == "peak" else np.nan
-        when = f" at {arrival_s * 1e6:.6g} µs" if np.isfinite(arrival_s) else ""
-        scale = scale_of(name, should) or 1.0
-        values = f"{should[name]:.7g} against {has[name]:.7g} {observable.unit}"
-        share = 0.0 if observable.kind == "speed" else largest_change_N(first.force_N) / scale
-        error = float(abs(has[name] - should[name]) / scale)
-        yield _Difference(without_unit(name), observable.kind, error, f"{values}{when}", share)
+        scale = scale_of(name, seen[0]) or 1.0
+        expected = seen[3][name] - seen[2][name] if seen[2] is not seen[3] else 0.0
+        error = abs(seen[1][name] - seen[0][name] - expected) / scale
+        limit = Tolerance(bounds[name] / scale, f"the change that a difference of forces of {force.limit:.2g} can make")
+        values = f"{seen[0][name]:.7g} against {seen[1][name]:.7g} {describe(name).unit}"
+        yield judged(scene, engines, without_unit(name), float(error), limit, values)
 
-    energy_J, momentum_N_s = motion_scales(one.case.chain, first)
-    series = {
-        "kinetic energy": (first.kinetic_energy_J, second.kinetic_energy_J, energy_J),
-        "total energy": (first.total_energy_J, second.total_energy_J, energy_J),
-        "momentum": (first.momentum_N_s, second.momentum_N_s, momentum_N_s),
-    }
-    if one.run.layout.wall and other.run.layout.wall:
-        own, others = (integral(each.time_s, each.force_N[:, 0]) for each in (first, second))
-        series["wall impulse"] = (own, others, np.abs(own).max() or 1.0)
-    for quantity, (expected, measured, scale) in series.items():
-        share = np.abs(measured - expected) / scale
-        sample = int(np.argmax(np.nan_to_num(share, nan=np.inf)))
-        yield _Difference(quantity, "others", float(share[sample]), f"at {first.time_s[sample] * 1e6:g} µs")
+
+def _first_beyond(share: np.ndarray, trace: Trace, level: float) -> str:
+    """Place of the largest difference at the first sample at which one exceeds a level; empty if none does."""
+    beyond = (share > level).any(axis=1)
+    if not beyond.any():
+        return ""
+    sample = int(np.argmax(beyond))
+    return place_of(FORCE, trace.time_s, (sample, int(np.argmax(share[sample]))))
 
 
 def compare_runs(first: Path, second: Path) -> int:
@@ -291,8 +251,8 @@ def compare_runs(first: Path, second: Path) -> int:
     lines = different_keys(*(each.run.record.scene for _, each in both))
     keys = [f"the scenes differ in {line}" for line in lines] or ["the scenes are the same"]
     result = f"FAIL: larger differences than allowed in {', '.join(pair.missed)}"
-    result = result if pair.missed else f"pass: all {len(pair.verdicts)} quantities agree within their tolerances"
-    parts = (result, "", *_runs(*both), "", *keys, "", *_table(pair), "", *_times(pair), *_budgets(*both))
+    result = result if pair.missed else f"pass: all {len(pair.checks)} quantities agree within their limits"
+    parts = (result + pair.until, "", *_runs(*both), "", *keys, "", *_table(pair), "", *_times(pair), *_budgets(*both))
     print(*parts, sep="\n")
     return 1 if pair.missed else 0
 
@@ -312,33 +272,20 @@ def _runs(*both: tuple[str, PairedRun]) -> Iterator[str]:
 
 
 def _table(pair: Pair) -> Iterator[str]:
-    """Rows of the verdicts, and the reasons of the tolerances."""
-    yield f"{'quantity':<24} {'difference':>10} {'allowed':>9}  verdict"
-    for each in pair.verdicts:
-        yield f"{each.quantity:<24} {each.value:10.2e} {each.limit:9.2e}  {each.verdict}: {each.where}"
-    if pair.until:
-        yield pair.until
+    """Rows of the checks, and the reasons of the limits."""
+    yield from table(pair.checks)
     yield ""
-    used: dict[str, list[Verdict]] = {}
-    for each in pair.verdicts:
-        used.setdefault(each.reason, []).append(each)
-    for reason, judged_by in used.items():
-        least, most = (f"{choose(each.limit for each in judged_by):.2g}" for choose in (min, max))
-        names = [each.quantity for each in judged_by]
-        names = names if len(names) < 4 else [names[0], "...", names[-1]]
-        yield f"allowed {least if least == most else f'{least} to {most}'} ({', '.join(names)}): {reason}"
+    for reason in dict.fromkeys(check.reason for check in pair.checks):
+        yield f"allowed: {reason}"
 
 
 def _times(pair: Pair) -> Iterator[str]:
-    """Lines on the times at which the forces differ, and on the departures of the runs."""
-    for level, found in pair.parted.items():
-        place = f"first at {found.time_s * 1e6:.6g} µs in {found.quantity}" if found else "never"
-        yield f"forces differ by more than {level:g} of the largest change: {place}"
-    for name, first in zip(("first", "second"), pair.departures, strict=True):
-        for each in (first, *first.later):
-            yield f"{name:<7} {each.words}"
-    if pair.missed and pair.against_first_scene.words != pair.departures[1].words:
-        yield f"second, against the exact motion of the first: {pair.against_first_scene.words}"
+    """Lines on the times at which the forces differ, and on runs that depart from their schemes."""
+    for level, place in pair.parted.items():
+        yield f"forces differ by more than {level:g} of the largest change: {f'first in {place}' if place else 'never'}"
+    for name, paired in (("first", pair.first), ("second", pair.second)):
+        if departure := first_departure(motions_of(paired.case, paired.engine), paired.engine, paired.trace):
+            yield f"{name:<7} {departure}"
 
 
 def _budgets(*both: tuple[str, PairedRun]) -> Iterator[str]:

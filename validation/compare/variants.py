@@ -13,10 +13,10 @@ from drivers.base.messages import validate
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, arrays_of, build_chain, stiffness_by
 from drivers.chain.contact_law import hertz_stiffness, restitution_with_attraction
+from drivers.chain.schemes import heights_and_reach
 from drivers.engines import load_engine
 from drivers.scene.model import RIGID, Material
 from drivers.scene.read_scene import read_toml
-from validation.accuracy.schemes import heights_and_reach
 from validation.accuracy.step_choice import REMOVALS
 from validation.reference.hertz_chain import Motion
 from validation.reference.velocity_verlet import integrate_verlet_absolute

@@ -12,6 +12,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
+from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, engine_names, in_order, load_engine
 from drivers.limits.refusal import inability
@@ -19,10 +20,10 @@ from drivers.run.finished import EndedRun, open_run
 from drivers.run.run import refuse_all, run_many
 from postproc.paper.simulate import exact
 from postproc.read.motion import read_motion
-from validation.accuracy.schemes import verlet_of
+from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, pass_or_fail
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, RUN, Verdict, pass_or_fail
-from validation.independent.posed_cases import MEASURES, Check, Posed, pose, read_independent, unit_of
+from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
+from validation.independent.posed_cases import Check as Expectation
 from validation.studies import Options, Study, Tables, rows_in
 
 IN_REPO: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, "verlet": verlet_of}
@@ -118,7 +119,7 @@ def trace_of(case: Case, folder: Path) -> Trace:
     return replace(run.trace, height_m=motion.place_m[:, :, 2], velocity_m_s=motion.velocity_m_s[:, :, 2])
 
 
-def _line(one: Posed, engine: str, check: Check, found: float) -> Line:
+def _line(one: Posed, engine: str, check: Expectation, found: float) -> Line:
     expected = one.theory[check.quantity] if check.expected is None else check.expected
     error = check.error(found, expected)
     return Line(
@@ -147,7 +148,7 @@ def _without(one: Posed, engine: str, verdict: str, why: str) -> Line:
     return Line(*names, nan, nan, nan, "", nan, verdict, why, reason, entry.source)
 
 
-def verdict_of(line: Line) -> Verdict:
+def verdict_of(line: Line) -> Check:
     """The row as a verdict: the scene is the id of the case, ``where`` holds the found and the expected value."""
     if line.quantity == RUN:
         quantity, where = RUN, line.why
@@ -157,7 +158,7 @@ def verdict_of(line: Line) -> Verdict:
         where = f"found {line.found:.8g}{unit}, expected {line.expected:.8g}{unit}: {line.source}"
     if line.label:
         quantity += f" ({line.label})"
-    return Verdict(line.id, line.engine, quantity, line.error, line.within, line.reason, where, line.verdict)
+    return Check(line.id, line.engine, quantity, line.error, line.within, line.reason, where, line.verdict)
 
 
 def rows_of(lines: Iterable[Line]) -> list[dict[str, Line]]:
@@ -260,7 +261,7 @@ def section(tables: Tables) -> dict[str, Any]:
         "wall_s": wall_s,
         "engines": in_order({line.engine for line in lines} & set(engine_names())),
         "counts": Counter(line.verdict for line in lines),
-        "verdicts": [verdict_of(line) for line in lines],
+        "checks": [verdict_of(line) for line in lines],
     }
 
 

@@ -14,9 +14,9 @@ from drivers.limits.refusal import FORCE, inability
 from drivers.limits.stable_step import predicted_limit
 from drivers.limits.trial import first_failure_s
 from validation.accuracy.baseline import Baseline, baseline_of
+from validation.accuracy.exact_motion import exact_motion_of
 from validation.accuracy.plan import planned_case
 from validation.accuracy.prediction import predict
-from validation.accuracy.schemes import exact_motion_of
 from validation.compare.comparison import motion_verdict
 from validation.compare.departure import deviation
 from validation.kit.candidate import Candidate, Measured, NotRunError, Variant, case_with, within

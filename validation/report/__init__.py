@@ -1,1 +1,1 @@
-"""The report: one page that stands alone, and the same verdicts as JSON and as JUnit XML."""
+"""The report: one page that stands alone, and the same checks as JSON."""

@@ -1,11 +1,10 @@
-"""Verdicts for programs: ``report.json`` and JUnit XML for continuous integration, with their provenance."""
+"""Checks for programs: ``report.json``, with their provenance."""
 
 import datetime
 import json
 import math
 import os
 import platform
-import re
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -13,15 +12,14 @@ from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 from drivers.base import paths
 from drivers.chain.case import Case
 from drivers.engines import in_order
 from drivers.run.finished import provenance
+from validation.checks import FAIL, NOT_RUN, PASS, Check
 from validation.compare.comparison import ComparedScene
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict
-from validation.report.scene_section import Cell, Row, counted, source_of
+from validation.report.scene_section import ReportRow, counted, source_of
 
 LIBRARIES = ("numpy", "scipy", "numba")
 CPUS = Path("/proc/cpuinfo")
@@ -72,20 +70,19 @@ def cpu_name(file: Path = CPUS) -> str:
     return next(iter(names), "") or platform.processor() or platform.machine()
 
 
-SCHEMA = 1
+SCHEMA = 2
 RECORDED = ("status", "engine_version", "executable", "build_sha256", "deck_sha256",
          "commit", "dirty", "host", "time_step_s", "steps", "bodies",
          "wall_s", "cpu_s", "loop_s", "memory_bytes", "step_limit_s", "warnings", "error_budget",
          "error_note", "exact_to", "exact_until_s")  # fmt: skip
-SCENES, CASES = "scenes", "independent"  # first words of the suites' names
-UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # characters not allowed in XML 1.0
+SCENES, CASES = "scenes", "independent"  # keys
 
 
 def as_json(
     made: dict[str, Any],
     scenes: list[ComparedScene],
-    rows: list[Row],
-    cases: list[Row],
+    rows: list[ReportRow],
+    cases: list[ReportRow],
     unmet: Mapping[str, str],
     to_come: Sequence[str],
 ) -> str:
@@ -98,7 +95,7 @@ def as_json(
         "counts": {
             SCENES: _counts(counted(rows)),
             CASES: _counts(counted(cases)),
-            "verdicts": _counts(Counter(v.verdict for row in (*rows, *cases) for v in _verdicts(row))),
+            "checks": _counts(Counter(check.verdict for row in (*rows, *cases) for check in _checks(row))),
         },
         SCENES: [_scene(scene, row) for scene, row in zip(scenes, rows, strict=True)],
         CASES: [_row(row) for row in cases],
@@ -106,67 +103,15 @@ def as_json(
     return json.dumps(_plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def as_junit(made: dict[str, Any], rows: list[Row], cases: list[Row], unmet: Mapping[str, str]) -> str:
-    """Report as JUnit XML: a suite for each scene and independent case, a test for each engine and quantity.
-
-    Unmet requirements are failures of a suite named required. The time of a test is the wall time of the judged run,
-    the time of a suite the sum over its runs, in s.
-    """
-    root = ElementTree.Element("testsuites", name="cross-code validation")
-    totals, total_s = Counter({FAIL: len(unmet)}), 0.0
-    for kind, row in [*((SCENES, row) for row in rows), *((CASES, row) for row in cases)]:
-        name = f"{kind}.{row.name}"
-        found = Counter(verdict.verdict for verdict in _verdicts(row))
-        wall_s = sum(cell.wall_s for cell in row.cells.values())
-        suite = ElementTree.SubElement(root, "testsuite", _numbers(found, wall_s), name=name)
-        suite.set("hostname", made["machine"]["host"])
-        for cell in row.cells.values():
-            for verdict in cell.verdicts:
-                _test(suite, name, row, cell, verdict)
-        totals += found
-        total_s += wall_s
-    if unmet:
-        suite = ElementTree.SubElement(root, "testsuite", _numbers(Counter({FAIL: len(unmet)}), 0.0), name="required")
-    for engine, words in unmet.items():
-        case = ElementTree.SubElement(suite, "testcase", classname=f"required.{engine}", name="run", time="0.000")
-        ElementTree.SubElement(case, "failure", message=words, type="required")
-    for key, value in _numbers(totals, total_s).items():
-        root.set(key, value)
-    ElementTree.indent(root)
-    text = UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", ElementTree.tostring(root, encoding="unicode"))
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
-
-
-def _test(suite: ElementTree.Element, name: str, row: Row, cell: Cell, verdict: Verdict) -> None:
-    own = {"classname": f"{name}.{cell.engine}", "name": verdict.quantity, "time": f"{cell.wall_s:.3f}"}
-    case = ElementTree.SubElement(suite, "testcase", own)
-    measured = not math.isnan(verdict.limit)
-    words = f"{verdict.value:.3e} of {verdict.limit:.3e}: {verdict.where}" if measured else verdict.where
-    if verdict.verdict == FAIL:
-        kind = "tolerance" if measured else "run"
-        failure = ElementTree.SubElement(case, "failure", message=words, type=kind)
-        lines = [words, f"tolerance: {verdict.reason}", cell.diagnosis, f"details: {row.again}"]
-        failure.text = "\n".join(line for line in lines if line)
-    elif verdict.verdict == NOT_RUN:
-        ElementTree.SubElement(case, "skipped", message=words)
-    else:
-        ElementTree.SubElement(case, "system-out").text = words
-
-
-def _numbers(found: Counter[str], wall_s: float) -> dict[str, str]:
-    numbers = {"tests": found.total(), "failures": found[FAIL], "errors": 0, "skipped": found[NOT_RUN]}
-    return {key: str(number) for key, number in numbers.items()} | {"time": f"{wall_s:.3f}"}
-
-
 def _counts(found: Counter[str]) -> dict[str, int]:
     return {kind: found[kind] for kind in (PASS, FAIL, NOT_RUN)}
 
 
-def _verdicts(row: Row) -> list[Verdict]:
-    return [verdict for cell in row.cells.values() for verdict in cell.verdicts]
+def _checks(row: ReportRow) -> list[Check]:
+    return [check for cell in row.cells.values() for check in cell.checks]
 
 
-def _scene(scene: ComparedScene, row: Row) -> dict[str, Any]:
+def _scene(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
     case: Case = scene.case
     found = _row(row) | {
         "summary": case.summary,
@@ -178,12 +123,11 @@ def _scene(scene: ComparedScene, row: Row) -> dict[str, Any]:
         if engine in scene.runs:
             run = scene.runs[engine]
             own["run"] = {"folder": paths.shown(run.folder)} | {name: getattr(run.record, name) for name in RECORDED}
-        departure = scene.departures.get(engine)
-        own["departure"] = asdict(departure) if departure else None
+        own["departure"] = scene.departures.get(engine)
     return found
 
 
-def _row(row: Row) -> dict[str, Any]:
+def _row(row: ReportRow) -> dict[str, Any]:
     return {
         "name": row.name,
         "title": row.title,
@@ -194,9 +138,9 @@ def _row(row: Row) -> dict[str, Any]:
                 "note": cell.note,
                 "worst": cell.worst.quantity if cell.worst else None,
                 "diagnosis": cell.diagnosis or None,
-                "verdicts": [
+                "checks": [
                     {key: value for key, value in asdict(each).items() if key not in ("scene", "engine")}
-                    for each in cell.verdicts
+                    for each in cell.checks
                 ],
             }
             for cell in row.cells.values()

@@ -18,6 +18,7 @@ from drivers.chain.case import Case
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, in_order, load_engine
+from drivers.limits.refusal import FORCE
 from drivers.run.finished import EndedRun
 from drivers.scene.model import Scene
 from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
@@ -25,44 +26,41 @@ from postproc.draw.product import draw_spacetime
 from postproc.draw.style import svg_of
 from postproc.read.misfit import lay_over
 from postproc.read.observables import observe
-from validation.accuracy.budget import PARTS
+from validation.accuracy.budget import ERROR, PARTS
+from validation.checks import FAIL, Check, outcome, worst_of
 from validation.compare.comparison import ComparedScene
-from validation.compare.departure import departure_rows
-from validation.compare.verdict import FAIL, Verdict, outcome, share_of_tolerance
 from validation.report.charts import MAX_GAUGES, Chart, chart_of, failed_label
 from validation.report.page_figures import Image, image_of
 
-EXACT_FORCE = f"force against {REFERENCE}"  # quantity of a verdict
-# in the order of the page, with the names of the verdicts
-QUANTITIES = (
-    "force against verlet",
-    "motion against verlet",
-    "force against reference",
-    "peak of a gauge",
-    "speed between gauges",
-    "energy drift",
-    "impulse balance",
-)
+EXACT_FORCE = f"{ERROR}: {FORCE}"  # quantity of a check
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Verdicts of one engine on one scene or independent case."""
+    """Checks of one engine on one scene or independent case."""
 
     engine: str
-    verdict: str
-    worst: Verdict | None  # the check closest to its limit, or furthest beyond; None if nothing was measured
-    note: str  # reason for a missing run or missing numbers
-    verdicts: list[Verdict]
+    checks: list[Check]
+    note: str = ""  # reason for a missing run or missing numbers
     loop_s: float | None = None  # computing time of the code's own loop
     run_s: float | None = None  # wall time of the judged run
-    diagnosis: str = ""  # known fault that a wrong run matches
+    diagnosis: str = ""  # measured law of a wrong run
     wall_s: float = 0.0  # of all runs
+
+    @property
+    def verdict(self) -> str:
+        """Outcome of the checks."""
+        return outcome(self.checks)
+
+    @property
+    def worst(self) -> Check | None:
+        """Check closest to its limit, or furthest beyond; None if nothing was measured."""
+        return worst_of(self.checks)
 
     @property
     def error(self) -> float | None:
         """Largest force error against the exact motion; None if it was not judged."""
-        return next((each.value for each in self.verdicts if each.quantity == EXACT_FORCE), None)
+        return next((check.value for check in self.checks if check.quantity == EXACT_FORCE), None)
 
     @property
     def cost(self) -> str:
@@ -71,13 +69,13 @@ class Cell:
         return f"run {self.run_s:.2f} s{loop}" if self.run_s is not None else ""
 
     @property
-    def misses(self) -> list[Verdict]:
-        """Failed verdicts."""
-        return [verdict for verdict in self.verdicts if verdict.verdict == FAIL]
+    def misses(self) -> list[Check]:
+        """Failed checks."""
+        return [check for check in self.checks if check.verdict == FAIL]
 
 
 @dataclass(frozen=True)
-class Row:
+class ReportRow:
     """A scene or an independent case on all engines; the command ``again`` prints more details."""
 
     name: str
@@ -86,53 +84,50 @@ class Row:
     cells: dict[str, Cell]
 
 
-def scene_row(scene: ComparedScene, runs: Path | None = None) -> Row:
+def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
     """Row of a compared scene; ``runs`` is the folder of its run folders if not the default."""
     cells = {}
     for engine in in_order([*scene.runs, *scene.absent]):
-        verdicts = [verdict for verdict in scene.verdicts if verdict.engine == engine]
-        note, diagnosis = scene.absent.get(engine, ""), scene.diagnoses.get(engine, "")
-        cell = _cell(engine, verdicts, note, scene.wall_s.get(engine, 0.0), diagnosis)
-        if engine in scene.runs:
-            record = scene.runs[engine].record
-            cell = replace(cell, loop_s=record.loop_s, run_s=record.wall_s)
-        cells[engine] = cell
+        record = scene.runs[engine].record if engine in scene.runs else None
+        cells[engine] = Cell(
+            engine,
+            scene.of_engine(engine),
+            note=scene.absent.get(engine, ""),
+            loop_s=record.loop_s if record else None,
+            run_s=record.wall_s if record else None,
+            diagnosis=scene.diagnoses.get(engine, ""),
+            wall_s=scene.wall_s.get(engine, 0.0),
+        )
     own = scene.case.scene
     options = [*(["--runs", str(runs)] if runs else []), *engines_again()]
     again = " ".join(["python -m validation compare", source_of(own), *map(shlex.quote, options)])
-    return Row(own.name, own.title or own.name, again, cells)
+    return ReportRow(own.name, own.title or own.name, again, cells)
 
 
-def case_rows(independent: Mapping[str, Any]) -> list[Row]:
+def case_rows(independent: Mapping[str, Any]) -> list[ReportRow]:
     """Rows of the independent cases, from the section on them."""
     rows = []
     for entry in (case["entry"] for case in independent.get("cases", [])):
-        of_case = [verdict for verdict in independent["verdicts"] if verdict.scene == entry.id]
+        checks = [check for check in independent["checks"] if check.scene == entry.id]
         cells = {}
-        for engine in in_order({verdict.engine for verdict in of_case}):
-            own = [verdict for verdict in of_case if verdict.engine == engine]
-            note = next((verdict.where for verdict in own if math.isnan(verdict.limit)), "")
-            cells[engine] = _cell(engine, own, note, independent["wall_s"][entry.id, engine])
-        rows.append(Row(entry.id, entry.title, "python -m validation independent", cells))
+        for engine in in_order({check.engine for check in checks}):
+            of_engine = [check for check in checks if check.engine == engine]
+            note = next((check.where for check in of_engine if math.isnan(check.limit)), "")
+            cells[engine] = Cell(engine, of_engine, note, wall_s=independent["wall_s"][entry.id, engine])
+        rows.append(ReportRow(entry.id, entry.title, "python -m validation independent", cells))
     return rows
 
 
-def counted(rows: Iterable[Row]) -> Counter[str]:
+def counted(rows: Iterable[ReportRow]) -> Counter[str]:
     """Numbers of cells that passed, failed and were not run."""
     return Counter(cell.verdict for row in rows for cell in row.cells.values())
 
 
-def worst_of(verdicts: list[Verdict]) -> Verdict | None:
-    """Verdict closest to its limit, or furthest beyond; NaN counts as furthest. None without measured values."""
-    measured = [verdict for verdict in verdicts if not math.isnan(verdict.limit)]
-    return max(measured, key=lambda verdict: (verdict.verdict == FAIL, share_of_tolerance(verdict)), default=None)
-
-
 def tolerances(scenes: list[ComparedScene]) -> list[tuple[str, str, list[str], str]]:
     """Quantity, limits, scenes and reason of every applied tolerance; limits with the same reason share a row."""
-    used: dict[tuple[str, str], list[Verdict]] = {}
-    for verdict in (v for scene in scenes for v in scene.verdicts if not math.isnan(v.limit)):
-        used.setdefault((verdict.quantity, verdict.reason), []).append(verdict)
+    used: dict[tuple[str, str], list[Check]] = {}
+    for check in (check for scene in scenes for check in scene.checks if not math.isnan(check.limit)):
+        used.setdefault((check.quantity, check.reason), []).append(check)
     rows = []
     for (quantity, reason), found in sorted(used.items()):
         limits = dict.fromkeys(number(choose(each.limit for each in found)) for choose in (min, max))
@@ -150,10 +145,6 @@ def source_of(scene: Scene) -> str:
 def number(value: float, digits: int = 2) -> str:
     """Rounded number as text; a dash for NaN."""
     return "–" if math.isnan(value) else f"{value:.{digits}g}"
-
-
-def _cell(engine: str, verdicts: list[Verdict], note: str, wall_s: float, diagnosis: str = "") -> Cell:
-    return Cell(engine, outcome(verdicts), worst_of(verdicts), note, verdicts, diagnosis=diagnosis, wall_s=wall_s)
 
 
 @dataclass(frozen=True)
@@ -195,18 +186,18 @@ class SceneSection:
         row: of the verdict table.
         runs: finished runs by engine.
         timing: time step, samples and stability in a sentence.
-        judged: quantity, and the verdict of each finished run or None.
+        judged: quantity, and the check of each finished run or None.
         chart: gauge forces and differences; None without a trace, or without both a gauge and a second engine.
         brief: the same with the gauge closest to the wall alone, for the first screen.
         overlay: measured traces over the exact motion, or over the first engine without it; None without traces.
         chain: forces of all contacts in space and time; None if no run finished.
-        departures: engines, and when their runs first leave the exact motion.
+        departures: engines, and when their runs first depart from their schemes.
         budget: quantity, engine, and the whole error followed by its parts.
         observables: name, and the value of each run.
         decks: engine, file and text, of finished codes and of all failed engines.
     """
 
-    row: Row
+    row: ReportRow
     case: Case
     runs: Mapping[str, EndedRun]
     timing: str
@@ -221,7 +212,7 @@ class SceneSection:
     decks: list[tuple[str, str, str]]
 
 
-def section_of(scene: ComparedScene, row: Row) -> SceneSection:
+def section_of(scene: ComparedScene, row: ReportRow) -> SceneSection:
     """Section on a compared scene with its row of the verdict table."""
     case = scene.case
     engines = in_order(scene.runs)
@@ -232,9 +223,7 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
     drawn = bool(traces or refused)
     chart, brief = (chart_of(case.layout, traces, refused, gauges=n) if drawn else None for n in (MAX_GAUGES, 1))
     shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
-    own = {(v.quantity, v.engine): v for v in scene.verdicts if v.engine in engines}
-    found = dict.fromkeys(quantity for quantity, _ in own)
-    judged = [name for name in dict.fromkeys([*QUANTITIES, *found]) if name in found]
+    checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in engines}
     budget = [
         (part["quantity"], engine, [f"{part[key]:.1e}" for key in PARTS])
         for engine in engines
@@ -250,7 +239,7 @@ def section_of(scene: ComparedScene, row: Row) -> SceneSection:
         case=case,
         runs={engine: scene.runs[engine] for engine in engines},
         timing=timing,
-        judged=[(name, [own.get((name, e)) for e in engines]) for name in judged],
+        judged=[(name, [checks.get((name, e)) for e in engines]) for name in dict.fromkeys(name for name, _ in checks)],
         chart=chart if chart and chart.panels else None,
         brief=brief if brief and brief.panels else None,
         overlay=overlay_of(case, shown, traces[shown]) if traces and case.scene.measured else None,
@@ -290,9 +279,8 @@ def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> T
 
 
 def _departures(scene: ComparedScene) -> list[tuple[str, str]]:
-    """Engines that leave the exact motion in the same way, with a sentence."""
-    labels = {name: failed_label(name) if name in scene.refused else name for name in in_order(scene.departures)}
+    """Engines that depart from their schemes in the same way, with a sentence."""
     groups: dict[str, list[str]] = {}
-    for label, each in departure_rows({label: scene.departures[name] for name, label in labels.items()}):
-        groups.setdefault(each.words, []).append(label)
-    return [(", ".join(same), words) for words, same in groups.items()]
+    for engine, departure in scene.departures.items():
+        groups.setdefault(departure, []).append(failed_label(engine) if engine in scene.refused else engine)
+    return [(", ".join(same), departure) for departure, same in groups.items()]

@@ -1,4 +1,4 @@
-"""``python -m validation report``: run and compare scenes, and write the page with its JSON and XML files."""
+"""``python -m validation report``: run and compare scenes, and write the page with its JSON file."""
 
 import shlex
 from collections import Counter
@@ -18,12 +18,12 @@ from drivers.engines import in_order
 from drivers.scene.read_scene import read_scene
 from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
+from validation.checks import FAIL, NOT_RUN, PASS, short
 from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, short
 from validation.report.charts import PLACES
-from validation.report.machine_readable import as_json, as_junit, made_with, when_made
+from validation.report.machine_readable import as_json, made_with, when_made
 from validation.report.notation import one_notation, unbroken
 from validation.report.page_figures import read_figures, read_table1
 from validation.report.scene_section import (
@@ -64,11 +64,11 @@ def report(
     a requirement, or a required engine did not run.
 
     Raises:
-        InputError: a scene is wrong, two scenes have one name, or the page has the name of a JSON or XML file.
+        InputError: a scene is wrong, two scenes have one name, or the page has the name of a JSON file.
     """
     page, folder = out or paths.RESULTS / "report.html", runs or paths.RUNS
-    if page.suffix in (".json", ".xml"):
-        raise InputError(f"--out {page}", "", page.suffix, "another ending than those of its JSON and XML files")
+    if page.suffix == ".json":
+        raise InputError(f"--out {page}", "", page.suffix, "another ending than that of its JSON file")
     scenes = [read_scene(source) for source in sources or PAPER]
     names = Counter(scene.name for scene in scenes)
     for name in (name for name, count in names.items() if count > 1):
@@ -139,7 +139,7 @@ def write_report(
     to_come: Sequence[str] = (),
     sections: Sequence[str] = tuple(SECTIONS),
 ) -> Counter[str]:
-    """Write the page, and next to it JSON and JUnit XML with its name; no file is replaced before all are written.
+    """Write the page, and next to it JSON with its name; no file is replaced before both are written.
 
     Args:
         scenes: compared scenes; each has a section.
@@ -181,7 +181,7 @@ def write_report(
         reasons=list(dict.fromkeys(cell.worst.reason for row in rows for cell in row.cells.values() if cell.worst)),
         counts=counted(rows),
         case_counts=counted(cases),
-        case_checks=sum(len(cell.verdicts) for row in cases for cell in row.cells.values()),
+        case_checks=sum(len(cell.checks) for row in cases for cell in row.cells.values()),
         tolerances=tolerances(scenes),
         scenes=[section_of(scene, row) for scene, row in zip(scenes, rows, strict=True)],
         sections=[(name, *SECTIONS[name], section) for name, section in shown.items()],
@@ -194,7 +194,6 @@ def write_report(
     texts = {
         path: one_notation(page),
         path.with_suffix(".json"): as_json(made, scenes, rows, cases, unmet or {}, to_come),
-        path.with_suffix(".xml"): as_junit(made, rows, cases, unmet or {}),
     }
     results.mkdir(parents=True, exist_ok=True)
     with ExitStack() as drafts:

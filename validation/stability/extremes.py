@@ -22,7 +22,7 @@ from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.read.residual import largest_residual
 from validation.accuracy.assess import assess
-from validation.accuracy.baseline import HORIZON
+from validation.accuracy.motions import HORIZON
 from validation.accuracy.plan import planned_case
 from validation.studies import DONE, NOT_RUN
 

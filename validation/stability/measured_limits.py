@@ -19,6 +19,7 @@ from drivers.base.progress import counted, following
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import energy_put_in
 from drivers.chain.contact_law import hertz_force
+from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, installed_codes
 from drivers.limits.criteria import CRITERIA
@@ -29,7 +30,6 @@ from drivers.run.session import Session
 from drivers.scene.read_scene import make_scene, read_toml
 from postproc.paper.simulate import case_of
 from validation.accuracy.plan import plan_case
-from validation.accuracy.schemes import verlet_of
 from validation.served_runs import serving
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")

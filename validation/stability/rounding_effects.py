@@ -14,12 +14,13 @@ import numpy as np
 from drivers.base.progress import following
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of, energy_put_in
+from drivers.chain.schemes import trace_of, verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, installed_codes, load_engine
 from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
 from postproc.read.residual import largest_residual
-from validation.accuracy.schemes import exact_motion_of, trace_of, verlet_in_heights, verlet_of
+from validation.accuracy.exact_motion import exact_motion_of
 from validation.reference.symplectic import integrate_symplectic
 from validation.served_runs import builds_of, left_out_if_failed, serve, serving
 from validation.studies import ADAPTIVE, ORDER_4

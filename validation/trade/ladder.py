@@ -20,6 +20,7 @@ from drivers.base.processes import cores
 from drivers.base.progress import counted
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of
+from drivers.chain.schemes import trace_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, installed_codes, load_engine
 from drivers.limits.refusal import FORCE
@@ -28,8 +29,8 @@ from drivers.run.run import run_case, workers
 from drivers.run.session import Session
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
-from validation.accuracy import schemes
 from validation.accuracy.costs import cost_on
+from validation.accuracy.exact_motion import ENERGY, ExactMotion, errors_of, exact_motion_of, momentum_error
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
@@ -69,7 +70,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class Row:
-    """One measurement; errors as in ``accuracy.schemes``, NaN if the scene does not show a quantity.
+    """One measurement; errors as in ``accuracy.exact_motion``, NaN if the scene does not show a quantity.
 
     Attributes:
         share_of_limit: time step over the predicted stability limit; for the adaptive integrator its tolerance.
@@ -158,16 +159,16 @@ def run_ladder(budget_s: float, scenes: Sequence[str] = SCENES, *, short: bool =
     return rows + [_row(rung, status=NOT_RUN, reason=f"its loop would take {rung.expected_s:.0f} s") for rung in left]
 
 
-def _exact_motions() -> Callable[[Rung], schemes.ExactMotion]:
+def _exact_motions() -> Callable[[Rung], ExactMotion]:
     """Function that returns the exact motion at a rung's samples, computed once per scene and sampling."""
-    known: dict[tuple[str, float, int], schemes.ExactMotion] = {}
+    known: dict[tuple[str, float, int], ExactMotion] = {}
     computing = Lock()
 
-    def exact_motion(rung: Rung) -> schemes.ExactMotion:
+    def exact_motion(rung: Rung) -> ExactMotion:
         key = (rung.scene, rung.case.scene.run.sample_interval, rung.case.scene.samples)
         with computing:
             if key not in known:
-                known[key] = schemes.exact_motion_of(rung.case)
+                known[key] = exact_motion_of(rung.case)
             return known[key]
 
     return exact_motion
@@ -176,7 +177,7 @@ def _exact_motions() -> Callable[[Rung], schemes.ExactMotion]:
 def _rows_of(
     rungs: Sequence[Rung],
     start_s: dict[str, float],
-    exact_motion: Callable[[Rung], schemes.ExactMotion],
+    exact_motion: Callable[[Rung], ExactMotion],
     count: Callable[[], None],
 ) -> Iterator[Row]:
     """Rows of one scene by one method, in one process."""
@@ -211,7 +212,7 @@ def _in_repo(rung: Rung) -> Served:
     loop_s = time.perf_counter() - began
     if not np.isfinite(motion.force_N).all():
         raise RunError("the motion is not finite: the time step is too large")
-    return Served(schemes.trace_of(case, case.sample_times_s, motion), loop_s, loop_s)
+    return Served(trace_of(case, case.sample_times_s, motion), loop_s, loop_s)
 
 
 def _row(rung: Rung, **measured: Any) -> Row:
@@ -220,7 +221,7 @@ def _row(rung: Rung, **measured: Any) -> Row:
     return Row(rung.scene, rung.method, step_s, rung.share, steps, rung.case.chain.bodies, **measured)
 
 
-def errors_by_group(case: Case, trace: Trace, exact_motion: schemes.ExactMotion) -> dict[str, float]:
+def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict[str, float]:
     """Errors of a row; of several gauges the largest."""
     groups = {
         "sensor_peak": [name for name in of_kind(exact_motion.true, "peak") if name != "wall_peak"],
@@ -229,9 +230,9 @@ def errors_by_group(case: Case, trace: Trace, exact_motion: schemes.ExactMotion)
         "speed": of_kind(exact_motion.true, "speed"),
         "width": [name for name in of_kind(exact_motion.true, "width") if name.endswith("_4pct")],
     }
-    found = schemes.errors_of(case, trace, exact_motion, (FORCE, schemes.ENERGY, *chain(*groups.values())))
-    errors = {name: found[name] for name in (FORCE, schemes.ENERGY)}
-    errors["momentum"] = schemes.momentum_error(case, trace, exact_motion)
+    found = errors_of(case, trace, exact_motion, (FORCE, ENERGY, *chain(*groups.values())))
+    errors = {name: found[name] for name in (FORCE, ENERGY)}
+    errors["momentum"] = momentum_error(case, trace, exact_motion)
     return errors | {group: max((found[name] for name in names), default=nan) for group, names in groups.items()}
 
 

@@ -14,13 +14,14 @@ from drivers.base.errors import RunError
 from drivers.base.processes import run_command
 from drivers.base.progress import following
 from drivers.chain.case import Case
+from drivers.chain.schemes import verlet_of
 from drivers.engines import Engine, installed_codes, load_engine
 from drivers.limits.criteria import rayleigh_time
 from drivers.run.run import default_limit_s
 from postproc.paper.simulate import case_of, exact
 from postproc.read.observables import of_kind
 from postproc.read.residual import residual
-from validation.accuracy import schemes
+from validation.accuracy.exact_motion import errors_of, exact_motion_of, quantities
 from validation.served_runs import builds_of, left_out_if_failed, serve, serving
 from validation.trade.ladder import start_up
 
@@ -37,7 +38,7 @@ class Lever:
     """One measurement of a lever.
 
     Attributes:
-        error: error of the quantity, as in ``accuracy.schemes``; NaN if the lever changes only the cost.
+        error: error of the quantity, as in ``accuracy.exact_motion``; NaN if the lever changes only the cost.
         gain: cost without the lever over cost with it; NaN if the lever changes only the error.
     """
 
@@ -63,10 +64,10 @@ def measure_levers(*, short: bool = False) -> Iterator[Lever]:
 
 def sampling() -> Iterator[Lever]:
     """Errors of peaks and arrivals of the exact motion when read from samples at several intervals."""
-    fine = schemes.exact_motion_of(case_of("fig4"))
+    fine = exact_motion_of(case_of("fig4"))
     for interval in ("0.5 us", "1 us", "2 us", "5 us", "10 us"):
         case = case_of("fig4", f"run.sample_interval={interval}", "run.time_step=0.1 us")
-        seen = schemes.quantities(case, exact(case, 1e-12).trace)
+        seen = quantities(case, exact(case, 1e-12).trace)
         for name in ("bead_5_peak", "wall_peak", "wall_arrival", "speed_9_to_5"):
             error = abs(seen[name] / fine.true[name] - 1)
             yield Lever("sampling interval", "fig4", "any", interval, name, error)
@@ -76,13 +77,13 @@ def extrapolation() -> Iterator[Lever]:
     """Richardson's ``(4 F(dt/2) - F(dt)) / 3`` from two runs: its error and the steps saved."""
     for scene in ("fig4", "fig5", "steel-chain"):
         case = case_of(scene)
-        exact_motion = schemes.exact_motion_of(case)
+        exact_motion = exact_motion_of(case)
         for step_us in PAIR_STEPS_US:
             every = round(case.scene.run.sample_interval / step_us * 1e6)
-            coarse, fine = schemes.verlet_of(case.at(every)), schemes.verlet_of(case.at(2 * every))
+            coarse, fine = verlet_of(case.at(every)), verlet_of(case.at(2 * every))
             both = replace(fine, force_N=(4 * fine.force_N - coarse.force_N) / 3)
-            error = schemes.errors_of(case, both, exact_motion, ("force",))["force"]
-            alone = schemes.errors_of(case, fine, exact_motion, ("force",))["force"]
+            error = errors_of(case, both, exact_motion, ("force",))["force"]
+            alone = errors_of(case, fine, exact_motion, ("force",))["force"]
             steps_alone = 2 * every * sqrt(alone / error)  # with the same error, by order 2
             setting = f"{step_us:g} us and half of it"
             yield Lever("Richardson extrapolation", scene, "verlet", setting, "force", error, steps_alone / (3 * every))
@@ -95,10 +96,10 @@ def rayleigh() -> Iterator[Lever]:
         for fraction in FRACTIONS:
             step = fraction * rayleigh_time(base)
             case = base.sampled_at_every(step)
-            exact_motion = schemes.exact_motion_of(case)
+            exact_motion = exact_motion_of(case)
             true = exact_motion.true
             names = ["force", *(name for name in of_kind(true, "peak", "speed") if not name.startswith("bead"))]
-            for name, error in schemes.errors_of(case, schemes.verlet_of(case), exact_motion, names).items():
+            for name, error in errors_of(case, verlet_of(case), exact_motion, names).items():
                 yield Lever("Rayleigh fraction", scene, "any", f"{fraction:g} of it", name, error)
 
 
@@ -110,7 +111,7 @@ def softened() -> Iterator[Lever]:
     """
     for gravity in ("", "9.81 m/s^2"):
         base = ("wall.material=rigid", f"gravity={gravity}")
-        hard = schemes.quantities(case := case_of("fig4", *base), exact(case, 1e-11).trace)
+        hard = quantities(case := case_of("fig4", *base), exact(case, 1e-11).trace)
         for softer in SOFTENING_FACTORS:
             longer = softer**0.4
             case = case_of(
@@ -118,7 +119,7 @@ def softened() -> Iterator[Lever]:
                 f"run.duration={0.8 * longer} ms", f"run.sample_interval={longer} us",
                 f"run.time_step={longer / 10} us",
             )  # fmt: skip
-            soft = schemes.quantities(case, exact(case, 1e-11).trace)
+            soft = quantities(case, exact(case, 1e-11).trace)
             where = "with gravity" if gravity else "without gravity"
             for name in ("speed_9_to_5", "bead_5_amplitude", "wall_amplitude"):
                 error = abs(soft[name] * longer / hard[name] - 1)
@@ -161,7 +162,7 @@ def precision() -> Iterator[Lever]:
             with left_out_if_failed(f"{build or name}, {wall}"), serving(name, build) as session:
                 run = serve(session, case)
                 double_s = double_s if build else run.loop_s
-                error = float(residual(run.trace, schemes.verlet_of(case)).max())
+                error = float(residual(run.trace, verlet_of(case)).max())
                 yield Lever("extended precision", "fig4", build or name, wall, "rounding", error, double_s / run.loop_s)
 
 

@@ -14,6 +14,9 @@ from drivers.limits.refusal import refuse
 from drivers.run.finished import EndedRun, read_record
 from drivers.run.run import run_case
 from validation.accuracy.assess import assess
+from validation.accuracy.budget import budget_of
+from validation.checks import Check
+from validation.compare.comparison import missing
 from validation.tests.helpers.scenes import case_of
 
 
@@ -37,6 +40,12 @@ def assessed(case: Case, engine: str, runs: Path) -> EndedRun:
     """Assessed run of a case; InputError if the case is refused."""
     refuse(case, engine)
     return assess(run_case(case, engine, runs), case)
+
+
+def checks_of(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) -> list[Check]:
+    """Checks of finished runs by engine, from their traces in memory, and of absent engines with the reasons."""
+    budgets = [budget_of(case, engine, run.trace) for engine, run in runs.items()]
+    return [*missing(case, absent), *(check for budget in budgets for check in budget.checks)]
 
 
 def blown_up(trace: Trace, sample: int) -> Trace:

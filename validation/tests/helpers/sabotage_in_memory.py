@@ -7,8 +7,8 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of
-from drivers.chain.trace import Trace, make_trace
-from validation.accuracy.schemes import heights_and_reach
+from drivers.chain.schemes import heights_and_reach, trace_of
+from drivers.chain.trace import Trace
 from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 
@@ -21,13 +21,12 @@ def trace_with(case: Case, chain: HertzChain, *, in_heights: bool = True) -> Tra
     scene = case.scene
     timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
     motion = integrate_verlet(chain, *timing)
-    force = motion.force_N
     if in_heights:
         height, reach = heights_and_reach(case)
         lowered = np.cumsum(chain.overlap_m - case.chain.overlap_m)
         force = integrate_verlet_absolute(chain, height - lowered, reach, *timing).force_N
-    height = case.chain.height_m + motion.displacement_m
-    return make_trace(case.chain, case.sample_times_s, force, height, motion.velocity_m_s)
+        motion = replace(motion, force_N=force)
+    return trace_of(case, case.sample_times_s, motion)
 
 
 def _factor(draw: np.random.Generator) -> float:

@@ -8,10 +8,11 @@ import pytest
 
 from drivers.base import paths
 from drivers.chain.contact_law import damping_ratio, restitution, restitution_with_attraction
+from drivers.chain.schemes import verlet_of
 from drivers.limits.stable_step import predicted_limit
 from postproc.paper.calibrated import calibrated
+from validation.accuracy.exact_motion import errors_of, exact_motion_of
 from validation.accuracy.plan import planned_case
-from validation.accuracy.schemes import errors_of, exact_motion_of, verlet_of
 from validation.claims.claim import read_claims
 from validation.independent.posed_cases import read_independent
 from validation.kit.candidate import kit_file

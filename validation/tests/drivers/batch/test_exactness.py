@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from drivers.chain.schemes import verlet_of
 from drivers.limits.exactness import needed_tolerance
 from postproc.read.residual import residual
-from validation.accuracy.schemes import exact_motion_of, verlet_of
+from validation.accuracy.exact_motion import exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE
 from validation.tests.helpers.adversarial import KINDS, adversarial_case
 from validation.tests.helpers.commands import command_line

@@ -14,13 +14,14 @@ from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
 from drivers.chain.chain import Array, arrays_of
 from drivers.chain.contact_law import damping_ratio, restitution, restitution_with_attraction
+from drivers.chain.schemes import verlet_of
 from drivers.engines import codes, engine_names, load_engine
 from drivers.limits.energy_bounds import certainly_stable, late_damping
 from drivers.limits.refusal import inability
 from drivers.limits.stable_step import linear_limit, predicted_limit
 from drivers.run.guard import energy_error, reason_to_fail
 from postproc.read.observables import observe, of_kind
-from validation.accuracy.schemes import exact_motion_of, verlet_of
+from validation.accuracy.exact_motion import exact_motion_of
 from validation.compare.comparison import compare_case
 from validation.compare.verdict import PASS
 from validation.kit.physics_checks import bounced

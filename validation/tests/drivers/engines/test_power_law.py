@@ -10,11 +10,12 @@ from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of
+from drivers.chain.schemes import heights_and_reach, trace_of, verlet_of
 from drivers.chain.trace import energy_error_J
 from drivers.engines import codes
 from drivers.limits.refusal import inability
 from postproc.read.observables import observe
-from validation.accuracy.schemes import exact_motion_of, heights_and_reach, trace_of, verlet_of
+from validation.accuracy.exact_motion import exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute

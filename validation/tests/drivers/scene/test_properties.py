@@ -18,12 +18,13 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import Array, arrays_of
 from drivers.chain.contact_law import hertz_stiffness
+from drivers.chain.schemes import trace_of
 from drivers.chain.trace import Trace
 from drivers.engines import engine_names, load_engine
 from drivers.run.guard import energy_error
 from drivers.scene.model import Material
 from drivers.scene.read_scene import make_scene, read_toml
-from validation.accuracy.schemes import exact_motion_of, trace_of
+from validation.accuracy.exact_motion import exact_motion_of
 from validation.reference.velocity_verlet import integrate_verlet
 
 Tables = dict[str, Any]

@@ -10,6 +10,7 @@ import pytest
 from drivers.__main__ import request_of
 from drivers.batch.study_commands import Where, batch
 from drivers.chain.case import Case, read_layout
+from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import engine_names, load_engine
 from drivers.run.finished import EndedRun, open_run
@@ -18,7 +19,7 @@ from postproc.read.observables import observe
 from postproc.read.sensors import high_passed, sensor_signals
 from postproc.read.signals import Peak, envelope, peaks, train_envelope
 from validation.accuracy.budget import error_budget
-from validation.accuracy.schemes import exact_motion_of, verlet_of
+from validation.accuracy.exact_motion import exact_motion_of
 from validation.tests.helpers.runs import assessed
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
 

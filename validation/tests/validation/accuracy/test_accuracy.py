@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from drivers.chain.case import Case
+from drivers.chain.schemes import verlet_of
 from drivers.engines import codes
 from postproc.read.residual import residual
-from validation.accuracy.schemes import exact_motion_of, verlet_of
+from validation.accuracy.exact_motion import exact_motion_of
 from validation.stability.measured_limits import MAX_RATIO, at_random, measure_limits, random_case, shipped
 from validation.tests.helpers.runs import finished
 

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from drivers.base.errors import InputError
+from drivers.chain.schemes import verlet_of
 from drivers.engines import engine_names
 from drivers.limits.refusal import beyond_rounding, refuse_beyond_rounding
 from drivers.limits.stable_step import linear_limit
 from drivers.run.finished import RunRecord
 from validation.accuracy.baseline import baseline_of
 from validation.accuracy.budget import parts_of
+from validation.accuracy.exact_motion import errors_of, exact_motion_of
 from validation.accuracy.plan import cheapest
-from validation.accuracy.schemes import errors_of, exact_motion_of, verlet_of
 from validation.tests.helpers import high_precision
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import assessed, finished

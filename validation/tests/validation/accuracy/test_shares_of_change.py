@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from drivers.chain.case import Case, build_case
+from drivers.chain.schemes import verlet_of
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe
 from validation.accuracy.assess import assess
-from validation.accuracy.baseline import HORIZON, Baseline, baseline_of
-from validation.accuracy.budget import AT_REST_NOTE, error_budget, warnings_of
+from validation.accuracy.budget import AT_REST_NOTE, budget_of, kept_budget
+from validation.accuracy.motions import HORIZON, Motions, motions_of
 from validation.accuracy.plan import planned_case
-from validation.accuracy.schemes import verlet_of
-from validation.compare.comparison import compare_case
-from validation.compare.verdict import FAIL
+from validation.checks import FAIL
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
 
@@ -76,17 +75,18 @@ def test_a_wrong_wave_on_a_static_load_is_red_and_warned_of(number: int, tmp_pat
     off_N = np.abs(runs["verlet"].trace.force_N - runs["reference"].trace.force_N).max()
     assert off_N > 0.02 * np.abs(wave_N).max()  # wrong by much of the wave
     assert off_N < 0.01 * runs["reference"].trace.force_N.max()  # and by little of the force
-    red = {each.quantity: each for each in compare_case(case, runs, {}) if each.verdict == FAIL}
-    assert red["force against reference"].value == pytest.approx(off_N / np.abs(wave_N).max(), rel=1e-9)
-    assert "of the largest force" in red["force against reference"].where
+    budget = kept_budget(case, runs["verlet"])
+    red = {check.quantity: check for check in budget.checks if check.verdict == FAIL}
+    assert red["error: force"].value == pytest.approx(off_N / np.abs(wave_N).max(), rel=1e-9)
+    assert "of the largest force" in red["error: force"].where
     if off_N > 0.1 * np.abs(wave_N).max():
-        assert any("of the largest change" in line for line in warnings_of(case, "verlet", runs["verlet"].trace))
+        assert any("of the largest change" in line for line in budget.warnings)
 
 
 @pytest.mark.parametrize("number", range(3))
 def test_a_plan_keeps_its_accuracy_of_the_wave(number: int, tmp_path: Path) -> None:
     case = pressed(number, 0.9, tmp_path, accuracy=1e-3)
-    exact = Baseline(case, "total").exact.force_N
+    exact = Motions(case, "total").exact.force_N
     off_N = np.abs(verlet_of(case).force_N - exact).max()
     assert 2e-4 < off_N / np.abs(exact - exact[0]).max() <= 1e-3
     assert case.scene.steps_per_sample > 1
@@ -94,8 +94,8 @@ def test_a_plan_keeps_its_accuracy_of_the_wave(number: int, tmp_path: Path) -> N
 
 def test_a_peak_errs_by_its_own_wave(tmp_path: Path) -> None:
     case = pressed(1, 0.9, tmp_path)
-    parts, _ = error_budget(case, "verlet", verlet_of(case))
-    found, exact = (observe(case.layout, each) for each in (verlet_of(case), baseline_of(case).exact))
+    parts = budget_of(case, "verlet", verlet_of(case)).rows
+    found, exact = (observe(case.layout, each) for each in (verlet_of(case), motions_of(case).exact))
     budget = {part["quantity"]: part for part in parts}
     for gauge in ("bead_3", "wall"):
         off = (found[f"{gauge}_amplitude_N"] - exact[f"{gauge}_amplitude_N"]) / exact[f"{gauge}_amplitude_N"]
@@ -114,20 +114,20 @@ def test_a_growing_energy_under_a_static_load_is_warned_of(number: int, tmp_path
     step = f"{0.3 * contact_us:.4g} us"
     coarse = build_case(read_scene(path, (f"run.sample_interval={step}", f"run.time_step={step}")))
     trace = verlet_of(coarse)
-    kinetic = baseline_of(coarse).exact_to_end.trace.kinetic_energy_J.max()
+    kinetic = motions_of(coarse).exact_to_end.trace.kinetic_energy_J.max()
     drift = np.abs(trace.total_energy_J - trace.total_energy_J[0]).max() / kinetic
-    said = [line for line in warnings_of(coarse, "verlet", trace) if line.startswith("energy error of up to")]
+    said = [line for line in budget_of(coarse, "verlet", trace).warnings if line.startswith("error of the energy")]
     assert bool(said) == (drift > 0.1)
-    assert not any("energy" in line for line in warnings_of(fine.at(50), "verlet", verlet_of(fine.at(50))))
+    assert not any("energy" in line for line in budget_of(fine.at(50), "verlet", verlet_of(fine.at(50))).warnings)
 
 
 def test_a_scene_at_rest_has_a_note(tmp_path: Path, shared_runs: Path) -> None:
     case = pressed(0, 0.5, tmp_path)
     scene = case.scene.model_copy(update={"striker": None})
     still = build_case(scene)
-    parts, note = error_budget(still, "verlet", verlet_of(still))
-    assert AT_REST_NOTE in note
-    assert abs(parts[0]["whole"]) < 1e-9
+    budget = budget_of(still, "verlet", verlet_of(still))
+    assert AT_REST_NOTE in budget.note
+    assert abs(budget.rows[0]["whole"]) < 1e-9
 
 
 def test_the_reference_reports_until_when_it_is_exact(shared_runs: Path) -> None:
@@ -144,6 +144,5 @@ def test_the_reference_reports_until_when_it_is_exact(shared_runs: Path) -> None
     assert record.exact_to <= HORIZON
     assert any("later errors are not measured" in line for line in record.warnings or ())
     other = finished(chaotic, "verlet", shared_runs)
-    verdicts = compare_case(chaotic, {"reference": run, "verlet": other}, {})
-    against = next(each for each in verdicts if each.quantity == "force against reference")
-    assert "where the error of the reference exceeds 1e-06" in against.where
+    (error,) = [check for check in kept_budget(chaotic, other).checks if check.quantity == "error: force"]
+    assert "where the error of the exact motion exceeds 1e-06" in error.where

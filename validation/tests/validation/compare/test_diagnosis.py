@@ -8,11 +8,11 @@ import pytest
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of
+from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import codes
 from drivers.run.finished import EndedRun
 from validation.accuracy.baseline import baseline_of, comparable
-from validation.accuracy.schemes import verlet_in_heights, verlet_of
 from validation.compare.comparison import compare_case
 from validation.compare.diagnosis import FORCES_MATCH, WINDOW, Diagnosis, Found, diagnose, diagnoses_of
 from validation.compare.variants import model_of

@@ -13,9 +13,9 @@ import pytest
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.chain.case import Case
+from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, Engine, engine_names, load_engine
-from validation.accuracy.schemes import verlet_of
 from validation.compare.verdict import FAIL, NOT_RUN, PASS
 from validation.kit.judge import CHECKS, SERVER, Row, judge
 from validation.studies import read_table

@@ -11,6 +11,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of, energy_put_in, tube_arrays_of
 from drivers.chain.elements import SIDEWAYS
+from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import until
 from drivers.engines import INCREMENTAL, TOTAL, codes, load_engine
 from drivers.limits.energy_bounds import certainly_stable
@@ -19,7 +20,6 @@ from drivers.limits.stable_step import linear_limit, linear_sideways_limit, pred
 from postproc.read.residual import residual
 from validation.accuracy.baseline import Baseline
 from validation.accuracy.budget import error_budget, warnings_of
-from validation.accuracy.schemes import verlet_of
 from validation.reference.hertz_chain import TubeMotion
 from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import integrate_verlet

@@ -15,9 +15,10 @@ from drivers.base import paths
 from drivers.chain.trace import until
 from drivers.engines import engine_names
 from drivers.run.finished import EndedRun
-from validation.compare.comparison import ComparedScene, compare_case, run_and_compare
-from validation.compare.departure import departure
-from validation.compare.verdict import FAIL, PASS
+from validation.accuracy.budget import first_departure
+from validation.accuracy.motions import motions_of
+from validation.checks import FAIL, PASS
+from validation.compare.comparison import ComparedScene, run_and_compare
 from validation.independent.independent_study import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.write_report import write_report
@@ -38,7 +39,7 @@ from validation.tests.helpers.browser import (
     view,
 )
 from validation.tests.helpers.commands import command_line
-from validation.tests.helpers.runs import blown_up, finished
+from validation.tests.helpers.runs import blown_up, checks_of, finished
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
 
 pytestmark = pytest.mark.page
@@ -86,8 +87,8 @@ def scenes(tmp_path_factory: pytest.TempPathFactory, shared_runs: Path) -> list[
     runs = {engine: finished(case, engine, shared_runs) for engine in ("verlet", "reference")}
     absent = {"liggghts": "not installed", "yade": f"failed: exit code 1: {HOSTILE}"}
     half = until(blown_up(runs["verlet"].trace, 200), 290)
-    departures = {"yade": departure(case, "yade", half)}
-    small = ComparedScene(case, runs, absent, compare_case(case, runs, absent), departures, {}, {"yade": half})
+    departures = {"yade": first_departure(motions_of(case), "yade", half)}
+    small = ComparedScene(case, runs, absent, checks_of(case, runs, absent), departures, {}, {"yade": half})
     return [run_and_compare("fig4", runs=shared_runs), small]
 
 

@@ -22,16 +22,17 @@ from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS, READINGS, SPREAD
 from postproc.read.run_tables import errors
 from postproc.read.sensors import sensor_signals
-from validation.compare.comparison import ComparedScene, compare_case
-from validation.compare.departure import NONE, departure
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, share_of_tolerance, short
+from validation.accuracy.budget import budget_of, first_departure
+from validation.accuracy.motions import motions_of
+from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
+from validation.compare.comparison import ComparedScene
 from validation.report.charts import MAX_SAMPLES, Panel, chart_of
 from validation.report.notation import one_notation, plain_number
 from validation.report.page_figures import read_scores
 from validation.report.scene_section import scene_row, section_of
 from validation.report.write_report import claim_counts, write_report
 from validation.tests.helpers.commands import command_line
-from validation.tests.helpers.runs import blown_up, finished
+from validation.tests.helpers.runs import blown_up, checks_of, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 
@@ -85,10 +86,8 @@ def test_the_first_screen_names_the_check_closest_to_its_limit_and_the_reason_of
     (row,) = [scene_row(compared)]
     worst = row.cells["verlet"].worst
     assert worst is not None
-    own = [v for v in compared.verdicts if v.engine == "verlet"]
-    assert max(map(share_of_tolerance, own)) == share_of_tolerance(worst)
-    excess, allowed = max(worst.value - worst.predicted, 0.0), worst.limit - worst.predicted
-    for words in (worst.quantity, plain_number(short(excess)), plain_number(short(allowed)), worst.reason,
+    assert max(map(share_of_limit, compared.of_engine("verlet"))) == share_of_limit(worst)
+    for words in (worst.quantity, plain_number(short(worst.value)), plain_number(short(worst.limit)), worst.reason,
                   "make it again", platform.node(), "numpy", provenance()["commit"][:12]):  # fmt: skip
         assert words in html.unescape(first), words
 
@@ -103,7 +102,7 @@ def test_a_failed_row_has_a_diagnosis_and_a_command_for_details(compared: Compar
     assert "yade fails." in first
     assert "matches forces a sample &lt;late&gt;" in first
     assert f"python -m validation compare {compared.case.scene.file}" in first
-    assert '<tr class="miss">' not in page_of(replace(sick, verdicts=[], diagnoses={}), tmp_path)
+    assert '<tr class="miss">' not in page_of(replace(sick, checks=[], diagnoses={}), tmp_path)
 
 
 def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp_path: Path) -> None:
@@ -111,9 +110,10 @@ def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp
     good = compared.runs["verlet"].trace
     refused = {"yade": blown_up(good, 100), "liggghts": until(good, 60)}
     absent = dict.fromkeys(refused, "failed: unstable <b>")
-    departures = {engine: departure(compared.case, engine, trace) for engine, trace in refused.items()}
-    verdicts = compare_case(compared.case, compared.runs, absent)
-    sick = replace(compared, absent=absent, verdicts=verdicts, departures=departures, refused=refused)
+    motions = motions_of(compared.case)
+    departures = {"yade": first_departure(motions, "yade", refused["yade"])}
+    checks = checks_of(compared.case, compared.runs, absent)
+    sick = replace(compared, absent=absent, checks=checks, departures=departures, refused=refused)
     section = section_of(sick, scene_row(sick))
     assert section.chart
     labels = {each.label for each in section.chart.engines}
@@ -132,14 +132,14 @@ def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp
             assert np.isfinite(differences[:last]).all()
             assert np.isnan(differences[last:]).all()
     words = dict(section.departures)
-    assert words == {f"{name} (failed)": departures[name].words for name in ("yade", "liggghts")}
+    assert words == {"yade (failed)": departures["yade"]}
     assert {engine for engine, _, _ in section.decks} == {"yade", "liggghts"}
     assert list(section.runs) == ["reference", "verlet"]  # observables are of finished runs alone
     counts = write_report([sick], tmp_path / "report.html")
     assert counts == {PASS: 2, FAIL: 2}
     own = json.loads((tmp_path / "report.json").read_text())["scenes"][0]["engines"]["yade"]
-    assert own["departure"]["time_s"] == pytest.approx(100e-6)
-    assert own["verdicts"][0]["where"] == "failed: unstable <b>"
+    assert "from 100 µs" in own["departure"]
+    assert own["checks"][0]["where"] == "failed: unstable <b>"
 
 
 def test_a_failed_run_without_a_trace_has_its_deck(compared: ComparedScene) -> None:
@@ -155,7 +155,7 @@ def test_a_scene_without_a_finished_run_shows_partial_traces(
     good = compared.runs["verlet"].trace
     refused = {"yade": blown_up(good, 100) if numbers else replace(good, force_N=np.nan * good.force_N)}
     absent = {"yade": "failed: unstable"}
-    alone = ComparedScene(compared.case, {}, absent, compare_case(compared.case, {}, absent), {}, {}, refused)
+    alone = ComparedScene(compared.case, {}, absent, checks_of(compared.case, {}, absent), {}, {}, refused)
     text = page_of(alone, tmp_path)
     assert "No engine finished this scene" in text
     assert text.count('data-label="yade (failed)"') == 3  # a panel for each gauge
@@ -261,7 +261,7 @@ def test_a_chain_without_gauges_and_without_forces_has_a_page(
 ) -> None:
     case = case_of(scene_file("free", wall="", striker="", duration="2 us"))
     runs = {"verlet": finished(case, "verlet", shared_runs)}
-    text = page_of(ComparedScene(case, runs, {}, compare_case(case, runs, {})), tmp_path)
+    text = page_of(ComparedScene(case, runs, {}, checks_of(case, runs, {})), tmp_path)
     assert Page(text).tags["figure"] == 1  # only the chain can be drawn
     assert "nan" not in text[text.index("<section") :].lower().split()
 
@@ -279,8 +279,8 @@ def late(compared: ComparedScene) -> ComparedScene:
     object.__setattr__(odd, "trace", replace(run.trace, force_N=np.roll(run.trace.force_N, 1, axis=0)))
     runs = compared.runs | {"yade": odd}
     absent = {"liggghts": "not installed"}
-    verdicts = compare_case(compared.case, runs, absent)
-    return ComparedScene(compared.case, runs, absent, verdicts, {}, {"yade": "matches forces a sample <late>"})
+    checks = checks_of(compared.case, runs, absent)
+    return ComparedScene(compared.case, runs, absent, checks, {}, {"yade": "matches forces a sample <late>"})
 
 
 def test_a_chain_at_rest_has_no_momentum_error(scene_file: SceneWriter, shared_runs: Path) -> None:
@@ -289,8 +289,8 @@ def test_a_chain_at_rest_has_no_momentum_error(scene_file: SceneWriter, shared_r
     odd = replace(run)
     object.__setattr__(odd, "trace", replace(run.trace, momentum_N_s=run.trace.momentum_N_s - 1e-41))
     runs = {"verlet": run, "yade": odd}
-    assert {verdict.verdict for verdict in compare_case(case, runs, {})} == {PASS}
-    assert departure(case, "yade", odd.trace).kind == NONE
+    assert {check.verdict for check in checks_of(case, runs, {})} == {PASS}
+    assert budget_of(case, "yade", odd.trace).departure == ""
 
 
 def test_a_device_is_refused_as_the_page(tmp_path: Path) -> None:

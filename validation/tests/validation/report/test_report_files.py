@@ -1,4 +1,4 @@
-"""Equal verdicts in the page, in JSON and in JUnit XML, also with hostile texts."""
+"""Equal verdicts in the page and in JSON, also with hostile texts."""
 
 import json
 import math
@@ -15,18 +15,17 @@ import pytest
 
 from drivers.base import decks as deck
 from postproc.draw.style import pyplot, svg_of
-from validation.compare.comparison import ComparedScene, compare_case
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, Verdict, share_of_tolerance
+from validation.checks import FAIL, NOT_RUN, PASS
+from validation.compare.comparison import ComparedScene
 from validation.independent.independent_study import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.charts import PLACES, chart_of
 from validation.report.machine_readable import cpu_name
 from validation.report.page_figures import image_of
-from validation.report.scene_section import worst_of
 from validation.report.write_report import write_report
 from validation.studies import write_table
 from validation.tests.helpers.commands import command_line
-from validation.tests.helpers.runs import finished
+from validation.tests.helpers.runs import checks_of, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 HOSTILE = """</script><script>throw 1</script><b>&'"{{ 7 * 7 }}]]>\x1b[31m\x00"""
@@ -74,12 +73,12 @@ def hostile(scene_file: SceneWriter, shared_runs: Path) -> ComparedScene:
     runs = {engine: finished(case, engine, shared_runs) for engine in ("verlet", "reference")}
     absent = {"liggghts": "not installed", "yade": f"failed: exit code 1: {HOSTILE}"}
     diagnoses = {"yade": f"matches {HOSTILE}"}
-    return ComparedScene(case, runs, absent, compare_case(case, runs, absent), {}, diagnoses)
+    return ComparedScene(case, runs, absent, checks_of(case, runs, absent), {}, diagnoses)
 
 
 @pytest.fixture
-def written(hostile: ComparedScene, tmp_path: Path) -> tuple[str, dict[str, Any], ElementTree.Element]:
-    """Page, JSON and XML of the hostile scene and of independent cases, one of which fails."""
+def written(hostile: ComparedScene, tmp_path: Path) -> tuple[str, dict[str, Any]]:
+    """Page and JSON of the hostile scene and of independent cases, one of which fails."""
     folder = tmp_path / "results"
     lines = [line_of(entry.id, entry.title, engine, PASS)
              for entry in read_independent() for engine in ("yade", "reference")]  # fmt: skip
@@ -91,50 +90,28 @@ def written(hostile: ComparedScene, tmp_path: Path) -> tuple[str, dict[str, Any]
         (folder / "report.html").read_text(),
         json.loads((folder / "report.json").read_text(), parse_constant=no),
     )
-    assert sorted(path.name for path in folder.iterdir()) == [
-        "independent.csv",
-        "report.html",
-        "report.json",
-        "report.xml",
-    ]
-    return page, data, ElementTree.parse(folder / "report.xml").getroot()
+    assert sorted(path.name for path in folder.iterdir()) == ["independent.csv", "report.html", "report.json"]
+    return page, data
 
 
-def test_the_same_verdicts_in_all_three(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
-    page, data, root = written
+def test_the_same_verdicts_in_both(written: tuple[str, dict[str, Any]]) -> None:
+    page, data = written
     shown = set(Table(page).found)
     rows = [row for kind in ("scenes", "independent") for row in data[kind]]
-    in_json = {(row["name"], engine, own["verdict"]) for row in rows for engine, own in row["engines"].items()}
+    in_json = {(row["name"], engine, cell["verdict"]) for row in rows for engine, cell in row["engines"].items()}
     assert shown == in_json
     assert {verdict for _, _, verdict in in_json} == {PASS, FAIL, NOT_RUN}
-
-    single = Counter(v["verdict"] for row in rows for own in row["engines"].values() for v in own["verdicts"])
-    tests = root.findall("testsuite/testcase")
-    assert Counter({PASS: 0} | data["counts"]["verdicts"]) == single
-    assert len(tests) == single.total() == int(root.attrib["tests"])
-    assert len(root.findall(".//failure")) == single[FAIL] == int(root.attrib["failures"])
-    assert len(root.findall(".//skipped")) == single[NOT_RUN] == int(root.attrib["skipped"])
-    names = [(test.attrib["classname"], test.attrib["name"]) for test in tests]
-    assert len(set(names)) == len(names)
-    for suite in root.findall("testsuite"):
-        assert int(suite.attrib["tests"]) == len(suite.findall("testcase"))
-        if suite.attrib["name"].startswith("independent."):
-            assert {test.attrib["time"] for test in suite} == {"0.250"}
-            assert suite.attrib["time"] == "0.500"  # two engines
+    single = Counter(check["verdict"] for row in rows for cell in row["engines"].values() for check in cell["checks"])
+    assert Counter({PASS: 0} | data["counts"]["checks"]) == single
 
 
-def test_hostile_texts_stay_texts(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
-    page, data, root = written
+def test_hostile_texts_stay_texts(written: tuple[str, dict[str, Any]]) -> None:
+    page, data = written
     assert Table(page).tags["script"] == 2  # the values of the chart, and the script that shows them
     assert "<script>throw" not in page
     assert "</script><b>" not in page
     assert "49" not in re.findall(r"<h2>(.*?)</h2>", page)[0]
     assert data["scenes"][0]["engines"]["yade"]["diagnosis"] == f"matches {HOSTILE}"
-    failure = root.find("testsuite/testcase[@classname='scenes.scene.yade']/failure")
-    assert failure is not None
-    assert "<b>&" in (failure.text or "")
-    assert "matches </script>" in (failure.text or "")
-    assert "python -m validation compare" in (failure.text or "")
 
 
 def test_hostile_texts_stay_in_the_data_of_a_chart(hostile: ComparedScene) -> None:
@@ -149,38 +126,27 @@ def test_hostile_texts_stay_in_the_data_of_a_chart(hostile: ComparedScene) -> No
     assert json.loads(found[1])["panels"][0]["title"] == HOSTILE
 
 
-def test_the_json_has_its_provenance(written: tuple[str, dict[str, Any], ElementTree.Element]) -> None:
-    _, data, _ = written
-    assert data["schema_version"] == 1
+def test_the_json_has_its_provenance(written: tuple[str, dict[str, Any]]) -> None:
+    _, data = written
+    assert data["schema_version"] == 2
     assert {"date", "commit", "command", "engines", "machine", "libraries"} <= data["made_with"].keys()
     assert data["made_with"]["machine"]["cores"] >= 1
     assert all({"version", "command", "sha256"} == own.keys() for own in data["made_with"]["engines"].values())
     own = data["scenes"][0]["engines"]["verlet"]
     assert own["run"]["status"] == "done"
     assert own["run"]["error_budget"]
-    assert {"value", "limit", "reason", "where"} <= own["verdicts"][0].keys()
-    absent = data["scenes"][0]["engines"]["liggghts"]["verdicts"][0]
+    assert {"value", "limit", "reason", "where"} <= own["checks"][0].keys()
+    absent = data["scenes"][0]["engines"]["liggghts"]["checks"][0]
     assert absent["value"] is None  # NaN
 
 
-def test_no_file_is_replaced_unless_all_are_written(hostile: ComparedScene, tmp_path: Path) -> None:
+def test_no_file_is_replaced_unless_both_are_written(hostile: ComparedScene, tmp_path: Path) -> None:
     (tmp_path / "report.html").write_text("old")
-    (tmp_path / "report.xml").mkdir()
-    with pytest.raises(OSError, match=r"report\.xml"):
+    (tmp_path / "report.json").mkdir()
+    with pytest.raises(OSError, match=r"report\.json"):
         write_report([hostile], tmp_path / "report.html")
     assert (tmp_path / "report.html").read_text() == "old"
-    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".toml") == ["report.html", "report.xml"]
-
-
-def test_the_worst_verdict_has_the_largest_share_and_nan_is_worse() -> None:
-    verdicts = [verdict(1e-3, 1e-2), verdict(5e-9, 1e-8), verdict(0.0, 0.0)]
-    assert worst_of(verdicts) is verdicts[1]
-    assert worst_of([*verdicts, verdict(math.nan, 1.0)]) != verdicts[1]
-    assert worst_of([verdict(math.nan, math.nan)]) is None
-    assert share_of_tolerance(verdict(1.0, 0.0)) == math.inf
-    expected = replace(verdict(9.0, 10.0), predicted=9.0)  # the error is as predicted
-    assert share_of_tolerance(expected) == 0
-    assert worst_of([expected, verdicts[0]]) is verdicts[0]
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".toml") == ["report.html", "report.json"]
 
 
 def test_a_picture_is_its_file_with_rounded_coordinates() -> None:
@@ -216,7 +182,7 @@ def test_a_hostile_figure_is_bytes_in_the_page(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_the_command_writes_all_three_files_and_records_its_arguments(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_the_command_writes_both_files_and_records_its_arguments(scene_file: SceneWriter, tmp_path: Path) -> None:
     scene, page = scene_file(), tmp_path / "out" / "page.html"
     words = ("--out", page, "--runs", tmp_path / "runs", "--allow-missing")
     done = command_line("validation", "report", scene, *words)
@@ -225,7 +191,7 @@ def test_the_command_writes_all_three_files_and_records_its_arguments(scene_file
     assert data["made_with"]["command"].startswith("python -m validation report ")
     assert str(scene) in data["made_with"]["command"]
     assert data["scenes"][0]["command"].endswith(f" --runs {tmp_path / 'runs'}")
-    assert ElementTree.parse(page.with_suffix(".xml")).getroot().attrib["failures"] == "0"
+    assert FAIL not in data["counts"]["checks"] or data["counts"]["checks"][FAIL] == 0
     for wrong in (("--out", tmp_path / "page.json"), (scene,), ("missing",), ("--out", "/proc/page.html")):
         refused = command_line("validation", "report", scene, *wrong, "--runs", tmp_path / "fresh")
         assert refused.returncode == 2
@@ -238,10 +204,6 @@ def test_a_processor_has_a_name(tmp_path: Path) -> None:
     file.write_text("processor : 0\nmodel name : Some Chip: fast\n")
     assert cpu_name(file) == "Some Chip: fast"
     assert cpu_name(tmp_path / "none")
-
-
-def verdict(value: float, limit: float) -> Verdict:
-    return Verdict("scene", "verlet", "force", value, limit, "because", "there", PASS if value <= limit else FAIL)
 
 
 def line_of(case: str, title: str, engine: str, word: str) -> Line:

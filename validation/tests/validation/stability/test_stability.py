@@ -12,6 +12,7 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
+from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import codes, engine_names, installed
 from drivers.limits import stable_step, trial
@@ -21,7 +22,6 @@ from drivers.limits.stable_step import predicted_limit
 from drivers.run.guard import reason_to_fail
 from drivers.run.run import run_case
 from validation.accuracy.plan_report import plan_report
-from validation.accuracy.schemes import verlet_of
 from validation.compare.comparison import run_and_compare
 from validation.report.write_report import write_report
 from validation.served_runs import builds_of

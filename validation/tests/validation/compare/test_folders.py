@@ -82,7 +82,7 @@ def test_the_same_runs(folders: tuple[Path, Path], compare: Compare) -> None:
     assert lines[-1] == "2 runs: 2 compared, 0 failed, missing or changed by more than allowed"
 
 
-def test_what_moved_by_how_much_and_since_when(folders: tuple[Path, Path], compare: Compare) -> None:
+def test_a_changed_force_is_named_with_its_size_and_place(folders: tuple[Path, Path], compare: Compare) -> None:
     old, new = folders
     change = read_forces(run_of(new, "scene") / FORCES).force_N.max()
     tamper(run_of(new, "scene"), 37, 3, 1e-3 * change)
@@ -90,7 +90,7 @@ def test_what_moved_by_how_much_and_since_when(folders: tuple[Path, Path], compa
     assert code == 1
     rows = [line for line in lines if line.startswith("scene")][1:]  # below the heading
     assert re.match(rf"scene +{VERLET} +force +1\.\d\de-03 +1\.00e-09  fail: contact 3 at 37 µs; "
-                    r"forces differ from 37 µs, contact 3$", rows[0])  # fmt: skip
+                    r"forces differ first in contact 3 at 37 µs$", rows[0])  # fmt: skip
     assert [row for row in lines if row.startswith("other")] == [row for row in lines if "bit for bit" in row]
     closer = f"details: python -m validation compare {run_of(old, 'scene')} {run_of(new, 'scene')}"
     assert lines[-1] == closer
@@ -235,10 +235,10 @@ def test_two_builds_of_a_code_side_by_side(
     code, lines = compare(*words, softer)
     assert code == 1
     between = [line for line in lines if f"{softer} against {first}" in line]
-    assert re.search(r" force +\d\.\d\de-0[5-8] .* fail: .*; forces differ from \d+ µs, contact \d$", between[0])
+    assert re.search(r" force +\d\.\d\de-0[5-8] .* fail: .*; forces differ first in contact \d at \d+ µs$", between[0])
     assert not any(f"{same} against" in line for line in lines)  # not selected
-    judged = [line.split() for line in lines if "force against verlet" in line and line.startswith("scene ")]
-    assert {line[1]: line[line.index("verlet") + 3] for line in judged} == {first: "pass:", softer: "fail:"}
+    judged = [line.split() for line in lines if "model: force" in line and line.startswith("scene ")]
+    assert {line[1]: line[line.index("force") + 3] for line in judged} == {first: "pass:", softer: "fail:"}
 
 
 @pytest.mark.long

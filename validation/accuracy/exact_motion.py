@@ -1,10 +1,10 @@
-"""Traces of a case by the in-repo schemes (velocity Verlet with two kinds of rounding, exact motion); errors of a run.
+"""Exact motion of a straight chain, with its own error; errors of a run against it.
 
 Quantities are named like observables, without the unit: ``wall_peak``, ``bead_9_arrival``, ``speed_9_to_5``. Errors:
 
 * ``force``: largest difference over all contacts and sample times, over the largest change of force;
 * ``energy``: largest change over the largest kinetic energy; with damping the largest difference from the exact motion;
-* peaks: relative to the true value minus the static load;
+* peaks, later ones too: relative to the true value minus the static load;
 * all others: relative to the true value.
 """
 
@@ -15,100 +15,23 @@ from functools import cached_property
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, arrays_of, moving_at_start, sphere_for_face, tube_arrays_of
-from drivers.chain.trace import Trace, energy_error_J, make_trace, until
+from drivers.chain.chain import Array, Chain, moving_at_start
+from drivers.chain.schemes import exact_of
+from drivers.chain.trace import Trace, energy_error_J, part_of, until
 from drivers.limits.refusal import FORCE
 from postproc.read.observables import describe, observe, scale_of, without_unit
 from postproc.read.residual import largest_kinetic_J, residual, share_of_change
-from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
-from validation.reference.hertz_chain import Motion, TubeChain, TubeMotion
-from validation.reference.tube import TOTAL, integrate_tube
-from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
+from validation.reference.adaptive import MIN_TOLERANCE
 
-TURN_RAD = 1.0  # rotation about the axis, which changes rounding errors only
 ENERGY = "energy"
-SAMPLE_FACTOR = 4  # factor of samples for true peaks: quintic interpolation leaves 4^-6 of the sampling error
+SAMPLE_FACTOR = 4  # factor of samples for true values: of smooth forces quintic interpolation leaves 4^-6 of the error
+TRUE_SHARE = 0.05  # of the sampling error, for the error of the true value itself
+LEAST_SAMPLING = 1e-9  # relative sampling error that is taken as it is
 # tolerance of the second motions, over the tolerance of the first, whose error they measure
 ROUGH_FACTOR, NEAR_FACTOR = 100.0, 3.0
 LINEAR_SHARE = 1e-3  # of the largest change: larger differences do not shrink with the tolerance
 COARSE_ERROR = 0.1  # larger tolerances are meaningless
 MAX_FINE_VALUES = 4_000_000  # values of the finer record; beyond, the sampling error is not measured
-
-
-def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
-    """Integrate a case by velocity Verlet, the scheme of the codes: in overlaps, or in three dimensions.
-
-    Args:
-        case: the case.
-        law: law of friction in three dimensions, as in ``shear`` of an engine.
-        finer: divisor of the time step.
-    """
-    if case.chain.lateral is not None:
-        return _trace_of_tube(case, _tube_motion(case, tube_arrays_of(case.chain), law, finer))
-    scene = case.scene
-    timing = scene.time_step_s / finer, finer * scene.steps_per_sample, scene.samples
-    motion = integrate_verlet(arrays_of(case.chain), *timing)
-    return trace_of(case, case.sample_times_s, motion)
-
-
-def verlet_in_heights(case: Case) -> Trace:
-    """Integrate a case by velocity Verlet with absolute heights as its state, as the codes do.
-
-    The only difference from ``verlet_of`` is the rounding of positions, a few 1e-18 m a step, which accumulates for
-    slow beads and grows exponentially in a chaotic chain.
-    """
-    scene = case.scene
-    height, reach = heights_and_reach(case)
-    timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
-    motion = integrate_verlet_absolute(arrays_of(case.chain), height, reach, *timing)
-    return trace_of(case, case.sample_times_s, motion)
-
-
-def turned_verlet_of(case: Case, law: str) -> Trace:
-    """Integrate a three-dimensional case turned about the axis and lifted, which changes rounding errors only."""
-    chain = tube_arrays_of(case.chain)
-    lift = np.array([0, 0, float(np.abs(chain.place_m[:, 2]).max())])
-    turn = np.array([[np.cos(TURN_RAD), np.sin(TURN_RAD), 0], [-np.sin(TURN_RAD), np.cos(TURN_RAD), 0], [0, 0, 1]])
-    moved = replace(
-        chain,
-        place_m=chain.place_m @ turn + lift,
-        velocity_m_s=chain.velocity_m_s @ turn,
-        wall_m=chain.wall_m + lift[2],
-    )
-    motion = _tube_motion(case, moved, law)
-    turned = {name: getattr(motion, name) @ turn.T for name in ("bore_N", "velocity_m_s", "spin_rad_s")}
-    return _trace_of_tube(case, replace(motion, place_m=(motion.place_m - lift) @ turn.T, **turned))
-
-
-def heights_and_reach(case: Case) -> tuple[Array, Array]:
-    """Heights at time 0 and distances at which neighbours (body 1 and height 0) just touch, in m. Shape (bodies,).
-
-    A damped flat face is replaced by a large sphere, as in LIGGGHTS.
-    """
-    chain = case.chain
-    flat = np.isinf(chain.radius_m)
-    face = sphere_for_face(case.scene, chain)[0] if flat.any() and chain.damping_ratio else 0.0
-    radius = np.where(flat, face, chain.radius_m)
-    reach = radius + np.concatenate([[chain.wall_height_m], radius[:-1]])
-    return np.asarray(chain.height_m + np.where(flat, face, 0.0)), np.asarray(reach)
-
-
-def trace_of(case: Case, time_s: Array, motion: Motion) -> Trace:
-    """Trace of an in-repo motion."""
-    height = case.chain.height_m + motion.displacement_m
-    return make_trace(case.chain, time_s, motion.force_N, height, motion.velocity_m_s)
-
-
-def _tube_motion(case: Case, chain: TubeChain, law: str, finer: int = 1) -> TubeMotion:
-    scene = case.scene
-    with np.errstate(all="ignore"):  # too large a step blows up
-        return integrate_tube(chain, scene.time_step_s / finer, finer * scene.steps_per_sample, scene.samples, law)
-
-
-def _trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
-    force, place, velocity = motion.force_N, motion.place_m, motion.velocity_m_s
-    times, spin, bore = case.sample_times_s, motion.spin_rad_s, motion.bore_N
-    return make_trace(case.chain, times, force, place, velocity, spin, bore)
 
 
 @dataclass(frozen=True)
@@ -117,7 +40,7 @@ class ExactMotion:
 
     Attributes:
         trace: at the sample times of the case.
-        fine: with four times as many samples; the same object as ``trace`` if that is too many.
+        fine: with ``SAMPLE_FACTOR`` times as many samples; the same object as ``trace`` if that is too many.
         tolerance: tolerance of the integration.
     """
 
@@ -128,8 +51,31 @@ class ExactMotion:
 
     @cached_property
     def true(self) -> dict[str, float]:
-        """Values of the observed quantities, from the finer record."""
-        return quantities(self.case, self.fine)
+        """Values of the observed quantities, from a record so fine that their own sampling error is negligible.
+
+        Forces that are not smooth at a maximum or a crossing (dissipation, opening and closing contacts) converge
+        slowly, so samples are added until half of them change no value by more than ``TRUE_SHARE`` of its sampling
+        error, as far as ``MAX_FINE_VALUES`` allows.
+        """
+        samples, fine = len(self.trace.time_s), self.fine
+        factor = (len(fine.time_s) - 1) // max(samples - 1, 1)
+        values = quantities(self.case, fine)
+        while self.sampling_known and not self._converged(fine, values):
+            factor *= SAMPLE_FACTOR
+            if factor * samples * self.case.chain.bodies > MAX_FINE_VALUES:
+                break
+            fine = until(exact_of(self.case, self.tolerance, factor), factor * (samples - 1) + 1)
+            values = quantities(self.case, fine)
+        return values
+
+    def _converged(self, fine: Trace, values: dict[str, float]) -> bool:
+        """True if every second sample of a finer record gives its values to ``TRUE_SHARE`` of their sampling error."""
+        half = quantities(self.case, part_of(fine, slice(None, None, 2)))
+        for name in values.keys() & half.keys() & self.sampled.keys():
+            least = max(TRUE_SHARE * abs(self.sampled[name] - values[name]), LEAST_SAMPLING * scale_of(name, values))
+            if abs(half[name] - values[name]) > least:
+                return False
+        return True
 
     @cached_property
     def sampled(self) -> dict[str, float]:
@@ -160,14 +106,11 @@ def exact_motion_of(case: Case, tolerance: float = MIN_TOLERANCE, *, finer: bool
         ArithmeticError: the integrator fails.
     """
     factor = SAMPLE_FACTOR if finer and SAMPLE_FACTOR * case.scene.samples * case.chain.bodies <= MAX_FINE_VALUES else 1
-    spacing = case.scene.steps_per_sample * case.scene.time_step_s / factor
-    time = np.arange(factor * (case.scene.samples - 1) + 1, dtype=float) * spacing
-    motion = integrate_adaptive(arrays_of(case.chain), time, tolerance)
-    fine = trace_of(case, time, motion)
+    fine = exact_of(case, tolerance, factor)
     if factor == 1:
         return ExactMotion(case, fine, fine, tolerance)
-    kept = Motion(*(values[::factor] for values in (motion.force_N, motion.displacement_m, motion.velocity_m_s)))
-    return ExactMotion(case, trace_of(case, case.sample_times_s, kept), fine, tolerance)
+    samples = replace(part_of(fine, slice(None, None, factor)), time_s=case.sample_times_s)
+    return ExactMotion(case, samples, fine, tolerance)
 
 
 def own_error_N(case: Case, exact: Trace, tolerance: float = MIN_TOLERANCE) -> Array:

@@ -10,32 +10,31 @@ from drivers.base import paths
 from drivers.base.command_line import engines_again
 from drivers.base.errors import InputError
 from drivers.inventory.run_folders import KeptRun, kept_runs
+from validation.checks import FAIL, NOT_RUN, RUN, Check, table, widths_of, without_run
 from validation.compare.pair import LEVELS, compare_pair, different_keys, open_pair
 from validation.compare.selection import EngineSelection, print_unmet
-from validation.compare.verdict import FAIL, NOT_RUN, RUN, Columns, Verdict, without_run
 
 ROUNDING = min(LEVELS)  # of the largest change: smaller differences are not reported
 ALL_QUANTITIES = "all"  # quantity of the row of a pair that agrees in all quantities
 Key = tuple[str, str]
 
 
-def moved(first: Path, second: Path) -> list[Verdict]:
-    """Verdicts on the quantities that differ by more than rounding between two finished runs.
+def moved(first: Path, second: Path) -> list[Check]:
+    """Checks of the quantities that differ by more than rounding between two finished runs.
 
-    If none does, one verdict on the largest difference; if the runs cannot be compared, one failure.
+    If none does, one check of the largest difference; if the runs cannot be compared, one failure.
     """
     try:
         pair = compare_pair(*open_pair(first, second))
     except InputError as error:
         return [without_run("", "", str(error), FAIL)]
-    until = f"; {pair.until}" if pair.until else ""
-    if found := [verdict for verdict in pair.verdicts if not verdict.value <= ROUNDING]:
-        parted = pair.parted[ROUNDING]
-        since = f"forces differ from {parted.time_s * 1e6:.6g} µs, {parted.quantity}" if parted else "all forces agree"
-        return [replace(verdict, where=f"{verdict.where}; {since}{until}") for verdict in found]
-    most = max(pair.verdicts, key=lambda verdict: verdict.value)
+    if different := [check for check in pair.checks if not check.value <= ROUNDING]:
+        place = pair.parted[ROUNDING]
+        since = f"forces differ first in {place}" if place else "all forces agree"
+        return [replace(check, where=f"{check.where}; {since}{pair.until}") for check in different]
+    most = max(pair.checks, key=lambda check: check.value)
     words = f"equal to rounding, largest difference in {most.quantity}" if most.value else "identical bit for bit"
-    return [replace(most, quantity=ALL_QUANTITIES, where=words + until)]
+    return [replace(most, quantity=ALL_QUANTITIES, where=words + pair.until)]
 
 
 def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSelection) -> int:
@@ -68,17 +67,17 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSe
     labels = {  # with other settings, a scene and engine have several runs
         key: run.scene if alike[run.scene, run.engine] == 1 else run.folder.name for key, run in either.items()
     }
-    columns = Columns.fitting((labels[key], run.engine, "") for key, run in either.items())
-    print(f"\n{columns.heading()}")
+    widths = widths_of((labels[key], run.engine, "") for key, run in either.items())
+    print("", *table([], widths), sep="\n")
     for key, run in sorted(either.items(), key=lambda item: (item[1].scene, item[0])):
         if key in first and key in second and not (first[key].trouble or second[key].trouble):
             rows = moved(first[key].folder, second[key].folder)
         else:
             rows = [_unpaired(key, {old: first, new: second}, asked)]
-        for verdict in rows:
-            print(columns.line_of(replace(verdict, scene=labels[key], engine=run.engine)), flush=True)
+        named = [replace(check, scene=labels[key], engine=run.engine) for check in rows]
+        print(*table(named, widths)[1:], sep="\n", flush=True)
         compared += rows[0].quantity != RUN
-        if any(verdict.verdict == FAIL for verdict in rows):
+        if any(check.verdict == FAIL for check in rows):
             failed += 1
             again += [(first[key].folder, second[key].folder)] if rows[0].quantity != RUN else []
     print(f"\n{len(either)} runs: {compared} compared, {failed} failed, missing or changed by more than allowed")
@@ -103,8 +102,8 @@ def _runs(option: str, folder: Path) -> dict[Key, KeptRun]:
     return {run.key: run for run in sorted(found, key=lambda run: not run.folder.name.endswith("-failed"))}
 
 
-def _unpaired(key: Key, sides: dict[Path, dict[Key, KeptRun]], asked: EngineSelection) -> Verdict:
-    """Verdict on a run that failed or is missing in one of the folders."""
+def _unpaired(key: Key, sides: dict[Path, dict[Key, KeptRun]], asked: EngineSelection) -> Check:
+    """Check of a run that failed or is missing in one of the folders."""
     troubles, missing = [], []
     for folder, side in sides.items():
         if key in side and side[key].trouble:

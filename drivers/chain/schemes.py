@@ -1,0 +1,113 @@
+"""Traces of a case by the integrators of this repository: velocity Verlet with two kinds of rounding, exact motion.
+
+Every part of the project that needs such a motion in memory takes it from here.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.chain.case import Case
+from drivers.chain.chain import Array, arrays_of, sphere_for_face, tube_arrays_of
+from drivers.chain.trace import Trace, make_trace
+from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
+from validation.reference.hertz_chain import Motion, TubeChain, TubeMotion
+from validation.reference.tube import TOTAL, integrate_tube
+from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
+
+TURN_RAD = 1.0  # rotation about the axis, which changes rounding errors only
+
+
+def exact_of(case: Case, tolerance: float = MIN_TOLERANCE, finer: int = 1) -> Trace:
+    """Exact motion of a straight chain, at the samples of the case.
+
+    Args:
+        case: the case.
+        tolerance: largest force error, relative to the largest force.
+        finer: factor of the number of samples.
+
+    Raises:
+        ArithmeticError: the integrator fails.
+    """
+    times = case.sample_times_s
+    if finer > 1:
+        spacing = case.scene.steps_per_sample * case.scene.time_step_s / finer
+        times = np.arange(finer * (case.scene.samples - 1) + 1, dtype=float) * spacing
+    return trace_of(case, times, integrate_adaptive(arrays_of(case.chain), times, tolerance))
+
+
+def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
+    """Integrate a case by velocity Verlet, the scheme of the codes: in overlaps, or in three dimensions.
+
+    Args:
+        case: the case.
+        law: law of friction in three dimensions, as in ``shear`` of an engine.
+        finer: divisor of the time step.
+    """
+    if case.chain.lateral is not None:
+        return _trace_of_tube(case, _tube_motion(case, tube_arrays_of(case.chain), law, finer))
+    scene = case.scene
+    timing = scene.time_step_s / finer, finer * scene.steps_per_sample, scene.samples
+    motion = integrate_verlet(arrays_of(case.chain), *timing)
+    return trace_of(case, case.sample_times_s, motion)
+
+
+def verlet_in_heights(case: Case) -> Trace:
+    """Integrate a case by velocity Verlet with absolute heights as its state, as the codes do.
+
+    The only difference from ``verlet_of`` is the rounding of positions, a few 1e-18 m a step, which accumulates for
+    slow beads and grows exponentially in a chaotic chain.
+    """
+    scene = case.scene
+    height, reach = heights_and_reach(case)
+    timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
+    motion = integrate_verlet_absolute(arrays_of(case.chain), height, reach, *timing)
+    return trace_of(case, case.sample_times_s, motion)
+
+
+def turned_verlet_of(case: Case, law: str) -> Trace:
+    """Integrate a three-dimensional case turned about the axis and lifted, which changes rounding errors only."""
+    chain = tube_arrays_of(case.chain)
+    lift = np.array([0, 0, float(np.abs(chain.place_m[:, 2]).max())])
+    turn = np.array([[np.cos(TURN_RAD), np.sin(TURN_RAD), 0], [-np.sin(TURN_RAD), np.cos(TURN_RAD), 0], [0, 0, 1]])
+    moved = replace(
+        chain,
+        place_m=chain.place_m @ turn + lift,
+        velocity_m_s=chain.velocity_m_s @ turn,
+        wall_m=chain.wall_m + lift[2],
+    )
+    motion = _tube_motion(case, moved, law)
+    turned = {name: getattr(motion, name) @ turn.T for name in ("bore_N", "velocity_m_s", "spin_rad_s")}
+    return _trace_of_tube(case, replace(motion, place_m=(motion.place_m - lift) @ turn.T, **turned))
+
+
+def heights_and_reach(case: Case) -> tuple[Array, Array]:
+    """Heights at time 0 and distances at which neighbours (body 1 and height 0) just touch, in m. Shape (bodies,).
+
+    A damped flat face is replaced by a large sphere, as in LIGGGHTS.
+    """
+    chain = case.chain
+    flat = np.isinf(chain.radius_m)
+    face = sphere_for_face(case.scene, chain)[0] if flat.any() and chain.damping_ratio else 0.0
+    radius = np.where(flat, face, chain.radius_m)
+    reach = radius + np.concatenate([[chain.wall_height_m], radius[:-1]])
+    return np.asarray(chain.height_m + np.where(flat, face, 0.0)), np.asarray(reach)
+
+
+def trace_of(case: Case, time_s: Array, motion: Motion) -> Trace:
+    """Trace of an in-repo motion."""
+    displacement, velocity = motion.displacement_m, motion.velocity_m_s
+    height = case.chain.height_m + displacement
+    return make_trace(case.chain, time_s, motion.force_N, height, velocity, displacement_m=displacement)
+
+
+def _tube_motion(case: Case, chain: TubeChain, law: str, finer: int = 1) -> TubeMotion:
+    scene = case.scene
+    with np.errstate(all="ignore"):  # too large a step blows up
+        return integrate_tube(chain, scene.time_step_s / finer, finer * scene.steps_per_sample, scene.samples, law)
+
+
+def _trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
+    force, place, velocity = motion.force_N, motion.place_m, motion.velocity_m_s
+    times, spin, bore = case.sample_times_s, motion.spin_rad_s, motion.bore_N
+    return make_trace(case.chain, times, force, place, velocity, spin, bore)

@@ -1,0 +1,221 @@
+"""The error budget: parts that add up, and two judgements that are red for every fault and for nothing else."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.base.tolerances import tolerance
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.schemes import verlet_in_heights, verlet_of
+from drivers.chain.trace import Trace, until
+from drivers.engines import REFERENCE, VERLET
+from postproc.read.residual import residual
+from validation.accuracy import motions as module
+from validation.accuracy.budget import PARTS, Budget, budget_of, digits_apart, first_departure
+from validation.accuracy.motions import Motions, motions_of
+from validation.checks import FAIL, PASS
+from validation.stability.measured_limits import random_case
+from validation.tests.helpers.runs import blown_up, finished
+from validation.tests.helpers.scenes import SceneWriter, case_of
+
+A_CODE = "yade"  # its traces are made here: it need not be installed
+CHANGE = 1e-6
+PAPER = ("fig4", "fig5", "fig6b", "fig6d")
+WEIGHTLESS = "gravity=0 m/s^2"
+Change = Callable[[Array], Array]
+
+
+def as_code(case: Case, **changes: Change) -> Trace:
+    """Trace of a case as a code would compute it with some arrays of its chain changed."""
+    arrays: dict[str, Any] = {name: change(getattr(case.chain, name).copy()) for name, change in changes.items()}
+    return verlet_in_heights(replace(case, chain=replace(case.chain, **arrays)))
+
+
+def times(factor: float, body: int | slice = slice(None)) -> Change:
+    """Multiplies one body's value, counted from 1, or all; -1 is the last."""
+
+    def change(values: Array) -> Array:
+        place = body if isinstance(body, slice) or body < 0 else body - 1
+        values[place] = values[place] * factor
+        return values
+
+    return change
+
+
+def red(budget: Budget) -> set[str]:
+    return {check.quantity for check in budget.checks if check.verdict == FAIL}
+
+
+def values_of(budget: Budget) -> dict[str, float]:
+    return {check.quantity: check.value for check in budget.checks}
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        *((scene,) for scene in (*PAPER, "low-amplitude", "steel-chain", "two-spheres", "sphere-on-plane")),
+        ("fig4", "run.time_step=0.5 us"),
+        ("fig5", "gravity=98.1 m/s^2"),
+        ("fig4", "contact.restitution=0.9"),
+        ("fig4", "contact.dissipation=power", "contact.gamma=1.25"),
+        ("fig4", "run.sample_interval=0.5 us"),
+        ("fig4", "striker="),
+        ("fig5-tube", "run.duration=0.1 ms"),
+    ],
+)
+def test_faultless_runs_pass_and_their_parts_add_up(settings: tuple[str, ...]) -> None:
+    case = case_of(*settings)
+    motions = motions_of(case)
+    for engine, trace in (
+        (VERLET, motions.plain),
+        (A_CODE, motions_of(case, A_CODE).plain if case.chain.lateral else motions.rounded),
+    ):
+        budget = budget_of(case, engine, trace)
+        assert red(budget) == set()
+        assert budget.departure == ""
+        for row in budget.rows:
+            assert row["whole"] == pytest.approx(sum(row[part] for part in PARTS[1:]), rel=1e-9, abs=1e-15)
+        exact = motions_of(case, engine).exact
+        error = float(residual(until(trace, len(exact.time_s)), exact).max())
+        assert values_of(budget)["error: force"] == pytest.approx(error, rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.parametrize("number", range(12))
+@pytest.mark.parametrize("law", [(), ("contact.dissipation=power", "contact.gamma=0.05", "contact.alpha=2.5")])
+def test_right_runs_of_random_scenes_are_right_at_any_sampling(number: int, law: tuple[str, ...]) -> None:
+    """Neither forces that jump, nor flat maxima, nor coarse samples make a difference by rounding a fault."""
+    case = random_case(number, accuracy=1e-4)
+    if law:
+        case = replace(case, chain=replace(case.chain, damping_ratio=0.0, gamma=0.05, alpha=2.5))
+    coarse = case.sampled_at_every(case.scene.time_step_s)
+    for each in (case, coarse):
+        each = replace(each, plan=None, full=None)
+        budget = budget_of(each, A_CODE, motions_of(each, A_CODE).rounded)
+        assert {name for name in red(budget) if name.startswith("model")} == set()
+
+
+@pytest.mark.parametrize("scene", [*PAPER, "steel-chain"])
+def test_a_millionth_more_stiffness_or_less_mass_and_a_step_twice_as_long_are_wrong(scene: str) -> None:
+    case = case_of(scene)
+    middle = case.chain.bodies // 2
+    for changes in (
+        {"mass_kg": times(1 - CHANGE, middle)},
+        {"mass_kg": times(1 - CHANGE)},
+        {"stiffness": times(1 + CHANGE)},
+    ):
+        assert "model: force" in red(budget_of(case, A_CODE, as_code(case, **changes)))
+    lossy = verlet_of(case_of(scene, f"contact.restitution={1 - CHANGE}"))
+    assert "model: energy" in red(budget_of(case, A_CODE, lossy))
+    coarse = verlet_of(case.at(case.scene.steps_per_sample // 2))
+    assert {"model: force", "model: energy", "model: momentum"} <= red(budget_of(case, A_CODE, coarse))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"stiffness": times(0.707, 1)}, "from the start: the force in contact 1 is "),
+        ({"mass_kg": times(1.05, -1)}, "from 1 µs, in the wave: the force in contact 22"),
+        ({"velocity_m_s": times(0.0, -1)}, "from 1 µs"),
+        ({"load_N": times(0.0)}, "before any wave arrives: the force in contact "),
+        ({"mass_kg": times(1.05, 5)}, ", in the wave: the force in contact "),
+    ],
+)
+def test_the_first_departure_names_time_and_contact(changes: dict[str, Change], words: str) -> None:
+    case = case_of("fig4")
+    assert words in budget_of(case, A_CODE, as_code(case, **changes)).departure
+
+
+def test_a_wrong_wall_shows_at_the_wall_when_the_wave_arrives() -> None:
+    case = case_of("fig4", WEIGHTLESS)
+    departure = budget_of(case, A_CODE, as_code(case, stiffness=times(0.707, 1))).departure
+    assert departure.endswith(" N")
+    assert ", in the wave: the force in contact 1 is " in departure
+
+
+def test_velocities_of_another_time_change_energy_and_no_force() -> None:
+    case = case_of("fig4")
+    right = as_code(case)
+    assert right.velocity_m_s is not None
+    energy = right.total_energy_J + np.gradient(right.kinetic_energy_J, right.time_s) * case.scene.time_step_s / 2
+    budget = budget_of(case, A_CODE, replace(right, total_energy_J=energy))
+    assert red(budget) == {"model: energy"}
+    assert "the energy is " in budget.departure
+
+
+@pytest.mark.parametrize("samples", [None, 300, 2])
+def test_failed_runs_depart_where_they_begin_to(samples: int | None) -> None:
+    case = case_of("fig4")
+    motions = motions_of(case)
+    bent, right = as_code(case, stiffness=times(0.7, -1)), as_code(case)
+    whole = first_departure(motions, A_CODE, bent)
+    assert first_departure(motions, A_CODE, until(bent, samples or 801)) == whole != ""
+    assert first_departure(motions, A_CODE, until(right, samples or 801)) == ""
+    assert " from 200 µs" in first_departure(motions, A_CODE, blown_up(right, 200))
+
+
+def test_numbers_are_printed_with_as_many_digits_as_differ() -> None:
+    assert digits_apart(0.025134, 0.025131) == ("0.025134", "0.025131")
+    assert digits_apart(1.0, 2.0) == ("1", "2")
+    one, other = digits_apart(1.0, 1.0 + 2e-16)
+    assert one != other
+
+
+def test_the_ceiling_judges_unless_the_scene_asks_for_an_accuracy() -> None:
+    general = tolerance("truncation", "force")
+    coarse = case_of("fig6d", "run.time_step=1 us")
+    budget = budget_of(coarse, VERLET, verlet_of(coarse))
+    (check,) = [check for check in budget.checks if check.quantity == "error: force"]
+    assert (check.verdict, check.limit, check.reason) == (FAIL, general.limit, general.reason)
+    asked = case_of("fig6d", "run.time_step=", "run.accuracy=0.05")
+    (check,) = [check for check in budget_of(asked, VERLET, verlet_of(asked)).checks if check.quantity[:5] == "error"]
+    assert (check.verdict, check.limit) == (PASS, 0.05)
+    assert check.value > general.limit
+    bent = as_code(asked, stiffness=times(1.1))
+    assert "error: force" in red(budget_of(asked, VERLET, bent))
+
+
+def test_the_effect_of_elements_left_out_is_part_of_the_error() -> None:
+    case = case_of("fig4", "contact.restitution=0.9999", "run.time_step=", "run.accuracy=1e-2")
+    assert case.full is not None
+    assert case.plan is not None
+    trace = verlet_of(case)
+    budget = budget_of(case, VERLET, trace)
+    row = budget.rows[0]
+    assert row["whole"] == pytest.approx(sum(row[part] for part in (*PARTS[1:], "elements")), rel=1e-9)
+    off = float(residual(trace, Motions(case.full, "total").exact).max())
+    assert abs(row["whole"]) == pytest.approx(off, rel=1e-6)
+    assert values_of(budget)["error: force"] == pytest.approx(off, rel=1e-3)
+
+
+def test_where_the_exact_motion_is_not_known_only_the_model_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    module._last.clear()
+    monkeypatch.setattr(module, "MAX_BODIES", 3)
+    case = case_of("fig4")
+    budget = budget_of(case, A_CODE, verlet_in_heights(case))
+    assert set(values_of(budget)) == {"model: force", "model: energy", "model: momentum"}
+    assert budget.rows == []
+    assert "too expensive" in budget.note
+    assert red(budget_of(case, A_CODE, as_code(case, stiffness=times(1 + CHANGE)))) != set()
+    module._last.clear()
+
+
+def test_three_dimensional_runs_are_judged_by_their_own_law_of_friction() -> None:
+    case = case_of("fig5-tube", "run.duration=0.2 ms")
+    total, incremental = (verlet_of(case, law) for law in ("total", "incremental"))
+    assert red(budget_of(case, "liggghts", total)) == set()
+    assert red(budget_of(case, A_CODE, incremental)) == set()
+    assert "model: force" in red(budget_of(case, A_CODE, total))
+
+
+def test_runs_of_the_codes_are_right_in_every_sampling(shared_runs: Path, scene_file: SceneWriter) -> None:
+    """Eight steel beads, sampled 1, 5 and 50 µs apart: the judgement of the code is the same."""
+    for interval in ("1 us", "5 us", "50 us"):
+        case = case_of("steel-chain", "chain.count=8", "chain.sensors=[]", f"run.sample_interval={interval}")
+        for engine in (REFERENCE, VERLET):
+            budget = budget_of(case, engine, finished(case, engine, shared_runs).trace)
+            assert {name for name in red(budget) if name.startswith("model")} == set(), interval
