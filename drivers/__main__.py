@@ -128,13 +128,11 @@ def request_of(
     """Request for a study, with the functions of higher packages that a batch calls."""
     from drivers.batch.study_cases import Request, Steps
     from drivers.engines._entries import entry_files
+    from postproc.read.observables import observe
+    from postproc.read.residual import residual
+    from validation.accuracy.plan import plan_case
 
-    steps = Steps(
-        plan="validation.accuracy.plan:plan_case",
-        observe="postproc.read.observables:observe",
-        residual="postproc.read.residual:residual",
-        assess="validation.accuracy.assess:assess",
-    )
+    steps = Steps(plan_case, observe, residual)
     return Request(study, runs, steps, tuple(engines), tuple(patterns), time.time() if retry else 0.0, entry_files())
 
 
@@ -172,8 +170,9 @@ def _status(arguments: argparse.Namespace) -> int:
 
 def _show(arguments: argparse.Namespace) -> int:
     from drivers.batch.study_commands import show
+    from validation.accuracy.assess import assess
 
-    return show(request_of(arguments.study, arguments.runs, arguments.engine), arguments.case)
+    return show(request_of(arguments.study, arguments.runs, arguments.engine), arguments.case, assess)
 
 
 def _runs(arguments: argparse.Namespace) -> int:

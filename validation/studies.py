@@ -191,7 +191,7 @@ def run_study(study: Study, options: Options) -> int:
 
 
 def named(what: str, options: Options) -> str:
-    """Name of a step for progress lines; a short study takes other times."""
+    """Name of a step for progress lines."""
     return f"{what}, short study" if options.quick else what
 
 

@@ -3,10 +3,11 @@
 import hashlib
 import json
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
@@ -43,10 +44,22 @@ def kept(depends_on: Any, compute: Callable[[], Any]) -> Any:
 @cache
 def _program() -> str:
     """Digest of all sources and inputs, versions of Python and libraries, and the machine's name."""
-    packages = (paths.ROOT / name for name in ("drivers", "postproc", "validation"))
-    sources = (file for package in packages for file in package.rglob("*.py") if "tests" not in file.parts)
-    digest = hashlib.sha256()
-    for file in sorted((*sources, *paths.INPUTS.rglob("*.toml"))):
-        digest.update(f"{file.relative_to(paths.ROOT)}\0".encode() + file.read_bytes())
     versions = (f"{name} {version(name)}" for name in LIBRARIES)
-    return " ".join((digest.hexdigest(), platform.python_version(), platform.node(), *versions))
+    inputs = content_of(paths.INPUTS.rglob("*.toml"))
+    return " ".join((digest_of_sources(), inputs, platform.python_version(), platform.node(), *versions))
+
+
+@cache
+def digest_of_sources() -> str:
+    """Digest of all sources of this project, without the tests."""
+    packages = (paths.ROOT / name for name in paths.PACKAGES)
+    return content_of(file for package in packages for file in package.rglob("*.py") if "tests" not in file.parts)
+
+
+def content_of(files: Iterable[Path]) -> str:
+    """Digest of the names and contents of files; the place of the checkout does not matter."""
+    digest = hashlib.sha256()
+    for file in sorted(files):
+        name = file.relative_to(paths.ROOT) if file.is_relative_to(paths.ROOT) else file.name
+        digest.update(f"{name}\0".encode() + file.read_bytes())
+    return digest.hexdigest()

@@ -1,25 +1,18 @@
-"""Progress on the standard error: step number, title, estimated time.
+"""Progress on the standard error: step number, title, units done, time left.
 
-On a terminal a bar; elsewhere a line for each step and a further line every few seconds. The estimate is the duration
-of the step's last run on this machine, or the one in ``inputs/durations.toml``.
+On a terminal a bar; elsewhere a line for each step and a further line every few seconds.
 """
 
-import json
 import os
 import sys
 import threading
 import time
-import tomllib
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from drivers.base import paths
-from drivers.base.files import whole_file
-
 Item = TypeVar("Item")
-DURATIONS_FILE = ".durations.json"  # in the runs folder
 MAX_SILENCE_S = 4.0
 REFRESH_S = 0.5
 
@@ -66,17 +59,14 @@ def say(line: str) -> None:
 def step(what: str, number: int = 1, of: int = 1, *, total: int | None = None, unit: str = "run") -> Iterator[Any]:
     """Show one step of a command, with a line at its start if ``of`` is above 1; yields a function to count units."""
     global _depth
-    expected, began = _expected(what), time.perf_counter()
     if of > 1:
-        say(f"{'  ' * _depth}step {number} of {of}: {what}{expected}")
-        expected = ""
+        say(f"{'  ' * _depth}step {number} of {of}: {what}")
     _depth += of > 1
     try:
-        with counted(f"{what}{expected}", total, unit) as count:
+        with counted(what, total, unit) as count:
             yield count
     finally:
         _depth -= of > 1
-    _note(what, time.perf_counter() - began)
 
 
 @contextmanager
@@ -146,26 +136,3 @@ def in_words(seconds: float) -> str:
     if seconds < 100:
         return f"{seconds:.2g} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
-
-
-def _noted() -> dict[str, float]:
-    with suppress(OSError, ValueError):
-        return {
-            str(what): float(seconds) for what, seconds in json.loads((paths.RUNS / DURATIONS_FILE).read_text()).items()
-        }
-    return {}
-
-
-def _expected(what: str) -> str:
-    here = _noted().get(what)
-    if here is not None:
-        return f" (about {in_words(here)}, estimated from the last run)"
-    elsewhere = tomllib.loads(paths.DURATIONS.read_text()).get(what)
-    return f" (about {in_words(elsewhere)}, estimated from another machine)" if elsewhere else ""
-
-
-def _note(what: str, seconds: float) -> None:
-    with suppress(OSError):  # not writable: no estimate the next time
-        paths.RUNS.mkdir(parents=True, exist_ok=True)
-        with whole_file(paths.RUNS / DURATIONS_FILE) as draft:
-            draft.write_text(json.dumps(_noted() | {what: round(seconds, 1)}, indent=1))

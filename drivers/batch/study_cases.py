@@ -6,22 +6,22 @@ All identities of a study are computed once and kept until something that they d
 import hashlib
 import itertools
 import json
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Any
 
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.files import whole_file
+from drivers.base.kept import content_of, digest_of_sources
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import Row, Store
 from drivers.batch.study import Study, column_name, value_at
-from drivers.chain.case import Case
+from drivers.chain.case import Case, Layout
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, installed, load_engine
 from drivers.limits.exactness import needed_tolerance
 from drivers.limits.refusal import inability, refuse
@@ -31,31 +31,22 @@ from drivers.run.run import run_identity
 MAX_BODIES_OF_KEPT_DECKS = 1000  # decks of longer chains are rendered again, to save memory
 PLANS = ".plans"
 MAX_PLANS = 20  # kept in a runs folder
-IMPORT = re.compile(r"^ *(?:from ([\w.]+) )?import (\([^)]*\)|.*)", re.MULTILINE)
-RUNNING = ("drivers.run.guard", "drivers.run.session")  # modules that turn raw output into a trace
 
 
 @dataclass(frozen=True)
 class Steps:
-    """Functions of other packages used by a batch, as ``module:name``, which can be sent to other processes.
+    """Functions of higher packages that a batch calls; workers in other processes get them by their names.
 
     Attributes:
-        plan: function of a case that returns it with the time step planned for its accuracy.
-        observe: function of a layout and a trace that returns observables by name.
-        residual: function of two traces that returns the largest force difference at each sample, over the largest
-            change of force of the second.
-        assess: function of a finished run and its case that returns the run with its errors measured.
+        plan: returns a case with the time step planned for its accuracy.
+        observe: observables by name, from a layout and a trace.
+        residual: largest force difference of two traces at each sample, divided by the largest change of force of the
+            second.
     """
 
-    plan: str
-    observe: str
-    residual: str
-    assess: str
-
-    @property
-    def observing(self) -> tuple[str, ...]:
-        """Names of the modules that turn raw output into a row."""
-        return (*RUNNING, *(step.partition(":")[0] for step in (self.observe, self.residual)))
+    plan: Callable[[Case], Case]
+    observe: Callable[[Layout, Trace], Mapping[str, float]]
+    residual: Callable[[Trace, Trace], Array]
 
 
 @dataclass(frozen=True)
@@ -89,7 +80,7 @@ class Setup:
         study: the study.
         steps: functions of other packages.
         builds: builds of the installed engines and of the reference, by engine.
-        readers: digests of the sources and tolerances that turn raw output into a row, by engine.
+        readers: digests of everything that turns raw output into a row, by engine: sources, adapter, tolerances.
     """
 
     study: Study
@@ -104,7 +95,7 @@ class Setup:
             InputError: the scene is wrong, or an engine refuses the case (``drivers.limits.refusal``).
         """
         study, builds = self.study, self.builds
-        case: Case = resolve_name(self.steps.plan)(study.case(number))
+        case = self.steps.plan(study.case(number))
         case = replace(case, reference_tolerance=needed_tolerance(case))
         # the exact motion, for errors, is known for straight chains only
         names = [name for name in builds if name in study.engines or inability(case, name) is None]
@@ -126,8 +117,8 @@ def set_up(study: Study, engines: Iterable[str], runs: Path, steps: Steps) -> Se
     for name in dict.fromkeys((*installed(engines), REFERENCE)):
         engine = load_engine(name)
         builds[name] = build_of(engine, runs / name)
-        sources = _content_of(sources_of((*steps.observing, _source_of(name))))
-        readers[name] = _digest(f"{sources}\0{engine.server.sha256}\0{guards}")
+        adapter = content_of(_adapter_file(name))
+        readers[name] = _digest(f"{digest_of_sources()}\0{adapter}\0{engine.server.sha256}\0{guards}")
     return Setup(study, steps, builds, readers)
 
 
@@ -221,47 +212,18 @@ def keep_plan(plan: StudyPlan, setup: Setup, store: Store) -> None:
 
 def _plan_file(setup: Setup, store: Store) -> Path:
     """File of a plan, named by a digest of study, scene, builds, sources, templates and tolerances."""
-    sources = sources_of((__name__, setup.steps.plan.partition(":")[0], *map(_source_of, setup.builds)))
-    elsewhere = (Path(source).parent for source in map(_source_of, setup.builds) if "/" in source)
-    templates = sorted({file for place in (paths.TEMPLATES, *elsewhere) for file in place.rglob("*.j2")})
-    content = _content_of((*sources, *templates, paths.TOLERANCES))
+    adapters = {file for name in setup.builds for file in _adapter_file(name)}
+    places = (paths.TEMPLATES, *(file.parent for file in adapters))
+    templates = {file for place in places for file in place.rglob("*.j2")}
+    content = digest_of_sources() + content_of((*adapters, *templates, paths.TOLERANCES))
     key = f"{setup.study!r}\0{sorted(setup.builds.items())}\0{sorted(setup.readers.items())}\0{content}"
     return store.folder / PLANS / f"{setup.study.name}-{_digest(key)[:16]}.json"
 
 
-def _source_of(engine: str) -> str:
-    """Module of an engine's adapter, or the file of an external adapter."""
+def _adapter_file(engine: str) -> list[Path]:
+    """File of an adapter outside this project, as a list of one; empty for the adapters of this project."""
     adapter = load_engine(engine).entry.adapter
-    return adapter if adapter.endswith(".py") else f"{load_engine.__module__}.{adapter}"
-
-
-def sources_of(modules: Iterable[str]) -> tuple[Path, ...]:
-    """Source files of modules of this project, given by name or file, and of all their imports."""
-    found: set[Path] = set()
-    waiting = [*modules]
-    while waiting:
-        name = waiting.pop()
-        path = paths.ROOT / (name.removesuffix(".py") if "/" in name else name.replace(".", "/"))
-        file = next((file for file in (path / "__init__.py", path.with_suffix(".py")) if file.is_file()), None)
-        if file is not None and file not in found:
-            found.add(file)
-            waiting += _imports_of(file)
-    return tuple(sorted(found))
-
-
-@cache
-def _imports_of(file: Path) -> tuple[str, ...]:
-    """Names that a file imports from this project, at any place; some may be functions instead of modules."""
-    found: list[str] = []
-    for module, names in IMPORT.findall(file.read_text()):
-        words = re.findall(r"[\w.]+", names)
-        found += [module, *(f"{module}.{word}" for word in words)] if module else words
-    return tuple(name for name in found if name.partition(".")[0] in paths.PACKAGES)
-
-
-def _content_of(files: Iterable[Path]) -> str:
-    """Digest of the contents of files, independent of their paths."""
-    return _digest("".join(_digest(file.read_text()) for file in files))
+    return [Path(adapter)] if adapter.endswith(".py") else []
 
 
 def _digest(text: str) -> str:

@@ -5,10 +5,9 @@ import shlex
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 from drivers.base import paths
@@ -24,6 +23,8 @@ from drivers.run.workplaces import leased
 
 if TYPE_CHECKING:
     from drivers.batch.on_clusters import JobScript
+    from drivers.chain.case import Case
+    from drivers.run.finished import EndedRun
 
 MAX_CASES = 20_000  # more need --yes
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
@@ -170,10 +171,12 @@ def status(request: Request, *, every: bool = False) -> int:
     return 0
 
 
-def show(request: Request, number: int) -> int:
-    """Run a case in run folders with their decks, and compare the results with the rows of the batch."""
+def show(request: Request, number: int, assess: Callable[["EndedRun", "Case"], "EndedRun"]) -> int:
+    """Run a case in run folders with their decks, and compare the results with the rows of the batch.
+
+    ``assess`` measures the errors of a finished run.
+    """
     from drivers.chain.trace import digest_of
-    from drivers.run.finished import EndedRun
     from drivers.run.run import run_case
 
     study, runs = read_study(request.source, request.engines), request.runs
@@ -189,9 +192,7 @@ def show(request: Request, number: int) -> int:
             print(f"{name}: not installed", file=sys.stderr)
             code = 1
             continue
-        ended: EndedRun = resolve_name(request.steps.assess)(
-            run_case(case.case, name, runs, limit_s=study.file.limit), case.case
-        )
+        ended = assess(run_case(case.case, name, runs, limit_s=study.file.limit), case.case)
         row = store.rows.get(case.identities[name])
         for warning in ended.record.warnings or ():
             print(f"{name} warning: {warning}", file=sys.stderr)

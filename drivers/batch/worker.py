@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
@@ -17,7 +17,6 @@ from dataclasses import dataclass, field
 from functools import cache
 from multiprocessing import connection, forkserver
 from pathlib import Path
-from pkgutil import resolve_name
 from tempfile import TemporaryFile
 from typing import Any
 
@@ -155,7 +154,8 @@ class _Runner:
         """
         result, steps = self._exact_result(case) if name == REFERENCE else self._run(case, name), self._setup.steps
         began = time.perf_counter()
-        force_error, values, digest = None, {}, ""
+        force_error, digest = None, ""
+        values: Mapping[str, float] = {}
         if name != REFERENCE and result.trace is not None and REFERENCE in case.runs:
             exact = self._exact_result(case)
             result.cost["reference_s"] = time.perf_counter() - began
@@ -166,9 +166,9 @@ class _Runner:
                     f"the reference failed, so the error is unknown: {exact.reason}",
                 )
             else:
-                force_error = float(resolve_name(steps.residual)(result.trace, exact.trace).max())
+                force_error = float(steps.residual(result.trace, exact.trace).max())
         if result.trace is not None:
-            values, digest = resolve_name(steps.observe)(case.case.layout, result.trace), digest_of(result.trace)
+            values, digest = steps.observe(case.case.layout, result.trace), digest_of(result.trace)
         workflow_s = (result.cost["workflow_s"] or 0.0) + time.perf_counter() - began
         return Row(
             identity=case.identities[name],
@@ -243,8 +243,8 @@ def _sessions(folder: Path) -> Iterator[Callable[[str], Session]]:
 def get_ready(steps: Steps) -> multiprocessing.context.ForkServerContext:
     """Start the fork server of the workers, with their modules loaded, without waiting for it."""
     context = multiprocessing.get_context("forkserver")
-    modules = (run_cases.__module__, steps.plan.partition(":")[0], *steps.observing, *LIBRARIES)
-    context.set_forkserver_preload(["drivers.base.ends_with_parent", *modules])
+    modules = [function.__module__ for function in (run_cases, steps.plan, steps.observe, steps.residual)]
+    context.set_forkserver_preload([*modules, *LIBRARIES])
     if WARNING_FILTER not in sys.warnoptions:
         sys.warnoptions.append(WARNING_FILTER)
     forkserver.ensure_running()

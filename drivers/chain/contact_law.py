@@ -19,7 +19,7 @@ Functions of overlap, force and energy accept one contact or arrays of contacts.
 
 from collections.abc import Callable
 from functools import cache
-from math import acos, acosh, cos, cosh, exp, log, pi, sqrt
+from math import acos, acosh, cosh, exp, log, pi, sqrt
 from typing import Any, TypeVar
 
 import numpy as np
@@ -93,14 +93,6 @@ def conformity(radius_m: float, bore_radius_m: float) -> float:
     f2 = 2 / pi * squared**0.25 * f1_cubed ** (-1 / 3) * second
     mean_radius = 1 / (2 * sqrt(across * along))
     return float(sqrt(mean_radius / radius_m) * f2**-1.5)
-
-
-def side_share(sides: int) -> float:
-    """Ratio of the contact stiffness of a flat side of a mesh to that of the cylinder which the mesh replaces.
-
-    Beads rest in an edge, on two sides: ``2 k_side cos(pi/n)^(5/2) = k``.
-    """
-    return float(1 / (2 * cos(pi / sides) ** 2.5))
 
 
 def hertz_force(stiffness: Any, overlap_m: Value) -> Value:

@@ -69,8 +69,7 @@ def _sideways(scene: Scene, lateral: Lateral) -> list[Row]:
     if scene.chain.lateral_offset is not None:
         freedom = f"beads off the axis by {scene.chain.lateral_offset:g} m, standard deviation, seed {scene.seed}"
     if bore is not None:
-        kind = f"a mesh of {bore.sides} sides" if bore.sides else "a true cylinder"
-        tube = f"bore of {2 * bore.radius_m:g} m, {kind}"
+        tube = f"bore of {2 * bore.radius_m:g} m, a true cylinder"
     slipping = f"coefficient {lateral.friction:g} between beads and with the wall"
     slipping += f", {bore.friction if bore else 0.0:g} in the bore"
     still = "rotation = false in the scene" if lateral.slips else "without friction no bead turns"

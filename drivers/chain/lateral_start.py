@@ -15,12 +15,11 @@ from scipy.linalg import LinAlgError, solveh_banded
 from drivers.base.errors import InputError
 from drivers.base.kept import kept
 from drivers.chain.chain import AT_REST, Array, Chain, stiffness_by
-from drivers.chain.contact_law import conformity, contact_stiffness_at, hertz_stiffness, mindlin_stiffness, side_share
-from drivers.chain.lateral import Bore, Lateral, block_bands, side_normals
+from drivers.chain.contact_law import conformity, contact_stiffness_at, hertz_stiffness, mindlin_stiffness
+from drivers.chain.lateral import Bore, Lateral, block_bands
 from drivers.scene.model import Scene
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 
-TUBE_ABOVE = 8.0  # length of the tube above the highest body in bore radii, without a tube.top
 OFFSET_STREAM = 1  # stream of random numbers; masses have another stream
 POLISHING_STEPS = 5  # Newton steps after convergence, to reach the rounding error
 MAX_STEPS = 20_000
@@ -78,11 +77,10 @@ def _bore(scene: Scene, chain: Chain) -> Bore | None:
     for j in range(chain.bodies):
         own, material = chain.radius_m[j], scene.materials[chain.materials[j]]
         if own < radius and (tube.top is None or chain.height_m[j] <= tube.top):
-            stiffer = conformity(own, radius) * (side_share(tube.sides) if tube.sides else 1.0)
+            stiffer = conformity(own, radius)
             stiffness[j] = stiffer * hertz_stiffness(scene.materials[tube.material], np.inf, material, own)
             shear[j] = stiffer * mindlin_stiffness(scene.materials[tube.material], np.inf, material, own)
-    top = float(chain.height_m[-1]) + TUBE_ABOVE * radius if tube.top is None else tube.top
-    return Bore(radius, stiffness, shear, tube.friction, chain.wall_height_m, top, tube.sides)
+    return Bore(radius, stiffness, shear, tube.friction, np.inf if tube.top is None else tube.top)
 
 
 def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
@@ -110,7 +108,7 @@ def _rest(chain: Chain, start: Array) -> tuple[Array, Array]:
     beads, bore = len(start), chain.bore
     assert bore is not None
     arrays = (start, chain.load_N[:beads], chain.stiffness[:beads], chain.radius_m[:beads], bore.stiffness[:beads])
-    depends_on = [*(array.tolist() for array in arrays), bore.radius_m, bore.sides]
+    depends_on = [*(array.tolist() for array in arrays), bore.radius_m]
     place, left = kept(["rest", depends_on], lambda: [array.tolist() for array in find_rest(chain, start)])
     return np.array(place), np.array(left)
 
@@ -196,16 +194,12 @@ def _potential(chain: Chain, bore: Bore, place: Array) -> tuple[float, Array, Ar
 
 def _bore_potential(bore: Bore, radius: Array, place: Array) -> tuple[float, Array, Array]:
     """Potential energy in the bore contacts, its gradient (beads, 2) and its Hessian (beads, 2, 2)."""
-    overlap, stiffness = bore.overlaps(radius, place), bore.stiffness[: len(place), None]
-    energy, force, slope = _hertz(stiffness, overlap)
-    if bore.sides is not None:
-        normal = side_normals(bore.sides)
-        return float(energy.sum()), force @ normal, np.einsum("bs,si,sj->bij", slope, normal, normal)
+    energy, force, slope = _hertz(bore.stiffness[: len(place)], bore.overlaps(radius, place))
     off = np.maximum(np.hypot(place[:, 0], place[:, 1]), 1e-300)
     radial = place / off[:, None]
     outer = radial[:, :, None] * radial[:, None, :]
-    turned = (force[:, 0] / off)[:, None, None] * (np.eye(2) - outer)
-    return float(energy.sum()), force * radial, slope[:, :, None] * outer + turned
+    turned = (force / off)[:, None, None] * (np.eye(2) - outer)
+    return float(energy.sum()), force[:, None] * radial, slope[:, None, None] * outer + turned
 
 
 def _hertz(stiffness: Array, overlap: Array) -> tuple[Array, Array, Array]:

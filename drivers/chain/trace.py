@@ -167,7 +167,7 @@ def _elastic_energy(chain: Chain, place_m: Array, height_m: Array) -> Array:
     elastic = hertz_energy(1.0, np.maximum(overlap, 0.0)) @ chain.stiffness
     if chain.bore is not None:
         pressed = np.maximum(chain.bore.overlaps(radius, place_m), 0.0)
-        elastic = elastic + ENERGY_SHARE * (pressed ** (1 + EXPONENT)).sum(axis=2) @ chain.bore.stiffness
+        elastic = elastic + ENERGY_SHARE * pressed ** (1 + EXPONENT) @ chain.bore.stiffness
     return np.asarray(elastic)
 
 

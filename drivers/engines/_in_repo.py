@@ -10,7 +10,6 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.decks import Deck
-from drivers.base.errors import InputProblem
 from drivers.chain.case import Case
 from drivers.chain.chain import tube_arrays_of
 from drivers.chain.schemes import trace_of
@@ -31,14 +30,6 @@ def version(command: tuple[str, ...]) -> str:
         digest.update(source.read_bytes())
     libraries = " ".join(f"{name} {package_version(name)}" for name in ("numpy", "scipy", "numba"))
     return f"source {digest.hexdigest()[:12]}, {libraries}"
-
-
-def refusal(case: Case) -> InputProblem | None:
-    """Refuse a bore with flat sides; all other chains are allowed."""
-    bore = case.chain.bore
-    if bore is None or bore.sides is None:
-        return None
-    return "tube.sides", str(bore.sides), "a true cylinder: leave them out"
 
 
 def render(case: Case, method: str, **timing: float) -> Deck:
@@ -90,7 +81,6 @@ def in_repository_engine(kernels: str, **own: Any) -> Engine:
         version=version,
         in_repository=True,
         variables={"PYTHONPATH": str(paths.ROOT)},
-        refusal=refusal,
         dissipation=frozenset({VISCOELASTIC, POWER}),
         server=Deck({}, (*COMMAND[:-1], "-", kernels), raw=()),  # reads requests from stdin
         read=read,

@@ -29,8 +29,6 @@ from drivers.engines._lammps_family import (
 )
 
 HARD_PA, SOFT_PA = 1e9, 5e6  # moduli outside this range need hard_particles or soft_particles
-MESH = "tube.stl"
-MAX_TRIANGLES = 100_000  # about 20 MB of text
 MAX_BINS = 100_000_000  # bins of the neighbour search take 16 bytes each; LIGGGHTS fails above 2^31
 MIN_COEFFICIENT = 0.05  # coefficientRestitution has to be larger
 TUBE = " tube"  # the type of the bore: no material's name begins with a space
@@ -49,17 +47,14 @@ class Box:
 
 
 def refusal(case: Case) -> InputProblem | None:
-    """Refuse too much damping, too fine a mesh, or a box with too many bins of half a cutoff."""
+    """Refuse too much damping, or a box with too many bins of half a cutoff."""
     chain, radius = case.chain, _radii(case)
     if restitution_with_attraction(chain.damping_ratio) <= MIN_COEFFICIENT:
         most = damping_ratio_with_attraction(MIN_COEFFICIENT)
         if case.scene.contact.restitution is None:
             return "contact.damping_ratio", f"{chain.damping_ratio:g}", f"below {most:.4g}"
         return "contact.restitution", f"{case.scene.contact.restitution:g}", f"above {restitution(most):.4g}"
-    bore = chain.bore
-    if bore is not None and bore.sides and bore.triangles > MAX_TRIANGLES:
-        return "tube.sides", f"{bore.sides}, {bore.triangles:.2g} triangles", f"at most {MAX_TRIANGLES:,}: fewer sides"
-    if not _binned(chain):
+    if chain.bodies <= MAX_BODIES_IN_PAIRS:
         return None
     box = _box(case, radius, chain.height_m)
     bin_m = radius.max() + box.skin / 2
@@ -69,12 +64,6 @@ def refusal(case: Case) -> InputProblem | None:
         return None
     found = f"a box {height:.3g} m high with {bins:.2g} bins"
     return "run.duration", found, f"at most {MAX_BINS:.0e} bins: less speed, smaller gaps or a shorter run"
-
-
-def _binned(chain: Chain) -> bool:
-    """True if neighbours are searched in bins: for many bodies, and with a mesh."""
-    bore = chain.bore
-    return chain.bodies > MAX_BODIES_IN_PAIRS or (bore is not None and bore.sides is not None)
 
 
 def _radii(case: Case) -> Array:
@@ -115,8 +104,6 @@ def _box(case: Case, radius: Array, height: Array) -> Box:
     reach = (
         1.1 * fastest * duration + 4 * radius.max()
     )  # largest possible distance: a bead that leaves the box has blown up
-    if chain.bore is not None:
-        reach = max(reach, chain.bore.high_m - float(height.min()))  # a mesh has to be inside the box
     width = float(f"{4 * radius.max():.1g}")
     if chain.lateral is not None and (chain.bore is None or len(chain.bore.guided) < chain.bodies):
         width = max(width, float(f"{reach:.2g}"))  # some bodies may leave the axis
@@ -166,14 +153,11 @@ def render(case: Case) -> Deck:
         "guided_face": flat and chain.lateral,
         "hard": not springs and max(moduli) > HARD_PA,
         "soft": not springs and min(moduli) < SOFT_PA,
-        "binned": _binned(chain),
-        "mesh": MESH,
+        "binned": chain.bodies > MAX_BODIES_IN_PAIRS,
         "columns": _columns(case),
     }
     templates = ("liggghts/chain.in.j2", "lammps/chain.data.j2")  # same format of data files
     files = {Path(name).stem: render_template(name, **values) for name in templates}
-    if bore and bore.sides:
-        files[MESH] = bore.mesh
     return Deck(files, command_of("liggghts"), raw=(DUMP,))
 
 

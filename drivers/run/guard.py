@@ -156,7 +156,7 @@ def not_modelled(chain: Chain, trace: Trace) -> str | None:
         return None
     radius = float(chain.radius_m[-1])
     below = sqrt(radius**2 - bore.radius_m**2) if np.isfinite(radius) and radius > bore.radius_m else 0.0
-    down = trace.height_m[:, -1] - below < bore.high_m
+    down = trace.height_m[:, -1] - below < bore.top_m
     when = f"at t = {trace.time_s[int(np.argmax(down))]:g} s the striker comes down to the end of the tube"
     return f"{when}: lower tube.top" if down.any() else None
 

@@ -124,15 +124,13 @@ class Wall(Part):
 class Tube(Part):
     """Tube around the chain, modelled only if beads can move sideways.
 
-    ``top`` is the height of the upper end. With ``sides`` the bore is a mesh of that many flat sides instead of a
-    cylinder.
+    ``top`` is the height of the upper end.
     """
 
     inner_diameter: units.Length
     material: Name
     friction: Friction = 0.0
     top: units.Height | None = None
-    sides: Annotated[int, Field(ge=3, le=1000)] | None = None
 
 
 class Contact(Part):

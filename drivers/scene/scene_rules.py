@@ -1,7 +1,6 @@
 """Rules for combinations of keys of a scene; rules for single values are in the model."""
 
 from collections.abc import Iterator
-from math import acos, ceil, pi
 
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
@@ -142,9 +141,3 @@ def _tube_contradictions(scene: Scene, widest: float) -> Iterator[InputProblem]:
         yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"more than the largest bead diameter, {widest:g} m"
     elif offset is not None and offset > play * (1 + PLAY_TOLERANCE):
         yield "chain.lateral_offset", f"{offset:g} m", f"at most the play of {play:.4g} m"
-    elif tube.sides is not None:  # an edge is R (1 / cos(pi / n) - 1) outside the bore, at most the play
-        radius = tube.inner_diameter / 2
-        least = ceil(pi / acos(radius / (radius + play)))
-        if tube.sides < least:
-            allowed = f"at least {least}; with fewer sides the edges are outside the bore by more than the play"
-            yield "tube.sides", str(tube.sides), allowed

@@ -1,17 +1,21 @@
 """A finished run as a ParaView series: a file per frame, an index with the times, and a mesh of the tube."""
 
+from math import pi, tan
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drivers.chain.lateral import tube_mesh, write_mesh
 from drivers.chain.trace import FORCES, read_bore_forces
 from drivers.run.finished import EndedRun
 from postproc.read.motion import chain_of, read_motion, spread
 from postproc.read.sensors import mean_forces
+from validation.reference.hertz_chain import Array
 
+Cells = NDArray[np.int64]
 FRAMES = 100
 INDEX, TUBE, FRAME = "chain.pvd", "tube.vtu", "chain-{:05}.vtu"
 SIDES, MAX_RINGS = 48, 400  # cells of the tube around and along its axis
@@ -70,3 +74,36 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
         for name in [*names, INDEX]:
             (draft / name).replace(folder / name)
     return [folder / INDEX] + [folder / TUBE for _ in range(scene.tube is not None)]
+
+
+def tube_mesh(inner_radius_m: float, low_m: float, high_m: float, sides: int, rings: int) -> tuple[Array, Cells]:
+    """Mesh of the bore: a prism of flat sides about the z axis, open at both ends.
+
+    The middle of every side touches the round bore from outside, so beads have at least as much room as in the round
+    bore, and ``inner_radius_m (1 / cos(pi / sides) - 1)`` more at the edges.
+
+    Returns:
+        Points of shape ``((rings + 1) sides, 3)``, and triangles as indices of their corners, of shape
+        ``(2 rings sides, 3)``. The mesh has ``rings`` rows of cells, each cut along a diagonal. Normals point inwards.
+    """
+    width = 2 * inner_radius_m * tan(pi / sides)
+    corner = width / 2 / np.sin(pi / sides)
+    angle = 2 * pi * np.arange(sides) / sides
+    height = np.repeat(np.linspace(low_m, high_m, rings + 1), sides)
+    around = np.tile(np.column_stack([corner * np.cos(angle), corner * np.sin(angle)]), (rings + 1, 1))
+    points = np.column_stack([around, height])
+
+    here = np.arange(sides)
+    onward = (here + 1) % sides
+    base = sides * np.arange(rings)[:, np.newaxis]
+    low, low_next = base + here, base + onward
+    up, up_next = low + sides, low_next + sides
+    halves = np.stack([np.stack([low, up_next, low_next], -1), np.stack([low, up, up_next], -1)], axis=2)
+    return points, halves.reshape(-1, 3)
+
+
+def write_mesh(path: Path, points: Array, kind: str, cells: Cells, **fields: NDArray[Any]) -> None:
+    """Write a mesh in the format of the file's suffix; ``kind`` is meshio's cell type, ``fields`` are point data."""
+    import meshio
+
+    meshio.write(path, meshio.Mesh(points, [(kind, cells)], point_data=fields))

@@ -93,7 +93,7 @@ def fit_all(*, quick: bool = False) -> Rows:
     )
     found: dict[int, Rows] = {}
     context = get_context("forkserver")
-    context.set_forkserver_preload(["drivers.base.ends_with_parent", __name__])
+    context.set_forkserver_preload([__name__])
     pool = ProcessPoolExecutor(min(len(jobs), os.cpu_count() or 1), context)
     try:
         with counted("fits", len(jobs), "fit") as count:

@@ -2,6 +2,7 @@
 
 import ast
 import graphlib
+import re
 import shutil
 from collections import Counter
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from drivers.engines import codes, engine_names
 LAYERS = ("validation.reference", "drivers", "postproc", "validation")  # each imports those before it
 MAX_MODULES = 12
 MAX_LINES = 400
+NAMES_A_MODULE = re.compile(r"(drivers|postproc|validation)(\.\w+)+(:\w+)?")
 ENTRY_POINTS = ("__init__", "__main__", "conftest")
 TOP_FOLDERS = {"inputs", "templates", "drivers", "postproc", "validation"}
 
@@ -87,6 +89,18 @@ def test_a_single_upward_import_is_found(tmp_path: Path, file: str, line: str) -
     with (tmp_path / file).open("a") as source:
         source.write(f"\n\n{line}\n")
     assert [each for each in upward_imports(tmp_path) if each.startswith(module_of(Path(file)))]
+
+
+def test_no_module_is_named_in_a_string() -> None:
+    """Except lazy exports of a package, and the program that the decks of the in-repo engines name."""
+    named = [
+        (str(file), node.value)
+        for file in sources()
+        if file.stem != "__init__"
+        for node in ast.walk(ast.parse((paths.ROOT / file).read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and NAMES_A_MODULE.fullmatch(node.value)
+    ]
+    assert named == [("drivers/engines/_in_repo.py", "validation.reference")]
 
 
 def test_imports_run_in_no_circle() -> None:

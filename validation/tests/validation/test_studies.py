@@ -127,7 +127,7 @@ def test_elements_takes_any_number_of_codes(
 ) -> None:
     names = sorted(install(count))
     asked = read_elements()
-    chosen = ("gravity", "scatter of masses", *(() if names else ("tube as a mesh",)))  # which Verlet does not take
+    chosen = ("gravity", "scatter of masses")
     few = tuple(element for element in asked.element if element.name in chosen)
     fewer = asked.model_copy(update={"element": few, "quick_seeds": 2})
     monkeypatch.setattr(elements_study, "read_elements", lambda: fewer)

@@ -225,7 +225,9 @@ def test_a_missing_engine_is_a_failure_and_the_others_run(study_file: StudyWrite
 
 
 @pytest.mark.long
-def test_exactly_what_changed_is_stale(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_rows_of_a_changed_deck_build_or_source_are_stale(
+    study_file: StudyWriter, scene_file: SceneWriter, tmp_path: Path
+) -> None:
     need("yade")
     checkout = tmp_path / "checkout"  # a copy, to change a template in
     for folder in ("drivers", "inputs", "postproc", "templates", "validation"):
@@ -250,9 +252,9 @@ def test_exactly_what_changed_is_stale(study_file: StudyWriter, scene_file: Scen
     note = runs / "yade" / ".build.json"
     note.write_text(note.read_text().replace('"version": "', '"version": "1'))
     assert asked("status") == "verlet     2 done\nyade       2 stale\n"
-    for source, state in (("postproc/figures/fig1.py", "done"), ("postproc/read/signals.py", "stale")):
-        (checkout / source).write_text((checkout / source).read_text() + "# another line\n")
-        assert asked("status").startswith(f"verlet     2 {state}\n")
+    source = checkout / "postproc" / "read" / "signals.py"
+    source.write_text(source.read_text() + "# another line\n")
+    assert asked("status") == "verlet     2 stale\nyade       2 stale\n"
     asked("batch", "--results", tmp_path / "results")
     scene_file(chain="bead = [{ from_wall = 4, gap_below = '1 um' }]")  # a scene that only the longer chain can have
     path.write_text(path.read_text().replace("values = [3, 4]", "values = [4, 5]"))

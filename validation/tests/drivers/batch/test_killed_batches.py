@@ -77,12 +77,14 @@ def test_helpers_do_not_outlive_a_killed_batch(
     )
     until = time.monotonic() + 60
     while time.monotonic() < until and not (
-        "ends_with_parent" in "".join(_processes_of(process.pid, runs)) if early else stored(runs)
+        "forkserver" in "".join(_processes_of(process.pid, runs)) if early else stored(runs)
     ):
         time.sleep(0.05)
     process.send_signal(request_to_end)  # to it alone, not its group
     process.wait()
-    time.sleep(1)
+    until = time.monotonic() + 5  # a fork server notices the end when its imports are done
+    while _processes_of(process.pid, runs) and time.monotonic() < until:
+        time.sleep(0.05)
     assert not _processes_of(process.pid, runs)
     assert process.stderr is not None
     assert re.fullmatch(r"(interrupted(: \d+ of 3000 rows done; .*)?\n)?", without_progress(process.stderr.read()))

@@ -8,7 +8,6 @@ from drivers.__main__ import request_of
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.batch.study import column_name, read_study, select, value_at
-from drivers.batch.study_cases import sources_of
 from drivers.batch.study_commands import Where, batch
 from drivers.engines import engine_names
 from validation.tests.helpers.commands import command_line
@@ -123,12 +122,6 @@ def test_selection(write: StudyWriter) -> None:
         select(study, (), ["chain.count=5"])
     assert select(study, ["reference"], ()).engines == ("reference",)
     assert read_study(write(axes), ["yade"]).engines == (*study.engines, "yade")
-
-
-def test_rows_depend_on_the_sources_that_read_them_and_on_no_figure() -> None:
-    sources = {str(file.relative_to(paths.ROOT)) for file in sources_of(request_of("", Path()).steps.observing)}
-    assert {"drivers/run/guard.py", "drivers/chain/trace.py", "postproc/read/signals.py"} <= sources
-    assert not [file for file in sources if file.startswith(("postproc/figures", "validation/report", "drivers/batch"))]
 
 
 BAD = {

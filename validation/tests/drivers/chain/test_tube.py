@@ -15,7 +15,6 @@ from drivers.chain.case import Case
 from drivers.chain.chain import AT_REST, Array
 from drivers.chain.contact_law import conformity, hertz_stiffness
 from drivers.chain.lateral_start import find_rest, with_lateral
-from drivers.engines import load_engine
 from drivers.run.finished import EndedRun
 from drivers.run.run import run_case
 from postproc.draw.film import film_of, sheet
@@ -185,43 +184,6 @@ def test_contact_with_the_bore_is_the_elliptic_one(scene: str, engine: str, shar
     assert np.abs(run.trace.total_energy_J / energy - 1).max() < 1e-4
     assert np.abs(state_of(run, "y_m")).max() < 1e-15
     assert np.abs(state_of(run, "height_m") - case.chain.height_m).max() < 1e-15
-
-
-def test_codes_agree_on_a_bore_of_flat_sides(shared_runs: Path) -> None:
-    case = case_of("fig4-tube", *FRICTIONLESS, "tube.sides=12", 'run.duration="0.2 ms"')
-    one, other = (finished(case, engine, shared_runs) for engine in CODES)
-    largest = one.trace.force_N.max()
-    assert np.abs(one.trace.force_N - other.trace.force_N).max() < ROUNDING_SHARE * largest
-    assert np.abs(bore_of(one) - bore_of(other)).max() < ROUNDING_SHARE * largest
-    assert bore_of(one).max() > 1e-3 * largest
-
-
-@pytest.mark.parametrize("sides", [12, 40])
-def test_the_mesh_file_is_a_bore_with_two_open_ends(sides: int, tmp_path: Path) -> None:
-    import meshio
-
-    case = case_of("fig4-tube", f"tube.sides={sides}")
-    (tmp_path / "tube.stl").write_text(load_engine("liggghts").render(case).files["tube.stl"])
-    mesh = meshio.read(tmp_path / "tube.stl")
-    triangles = mesh.points[mesh.cells_dict["triangle"]]
-    assert case.chain.lateral is not None
-    bore = case.chain.lateral.bore
-    assert bore is not None
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    normal /= np.linalg.norm(normal, axis=1)[:, np.newaxis]
-    distance = -(normal * triangles[:, 0]).sum(axis=1)  # of the planes from the axis; normals point inwards
-    assert distance == pytest.approx(bore.radius_m, rel=1e-6)
-    assert np.abs(normal[:, 2]).max() < 1e-6
-    assert (triangles[:, :, 2].min(), triangles[:, :, 2].max()) == pytest.approx((bore.low_m, bore.high_m))
-    edges: dict[frozenset[tuple[float, ...]], int] = {}
-    for triangle in triangles.round(9):
-        corners = [tuple(map(float, corner)) for corner in triangle]
-        for k in range(3):
-            edge = frozenset((corners[k - 1], corners[k]))
-            edges[edge] = edges.get(edge, 0) + 1
-    open_edges = [edge for edge, count in edges.items() if count != 2]
-    assert len(open_edges) == 2 * sides  # the rims
-    assert {round(point[2], 6) for edge in open_edges for point in edge} == {bore.low_m, round(bore.high_m, 6)}
 
 
 SHORT_CHAIN = ("chain.count=6", "chain.sensors=[]", 'run.duration="0.15 ms"')

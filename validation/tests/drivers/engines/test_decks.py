@@ -103,14 +103,5 @@ def test_each_friction_has_lines_of_its_own(rough: str, engine: str) -> None:
         assert ("contact_distance_factor" in text) == between
         return
     assert ("slipping = contacts" in text) == between
-    assert ("for own in in_bore for contact in own]" in text) != between
+    assert ("slipping = in_bore" in text) != between
     assert f"tangensOfFrictionAngle = {only['tube.friction']:g}" in text
-
-
-@pytest.mark.parametrize("engine", ["liggghts", "yade"])
-def test_a_bore_is_a_cylinder_or_a_mesh(engine: str) -> None:
-    words = {"liggghts": ("zcylinder", "mesh/surface"), "yade": ("follow()", "for side in range(12)")}[engine]
-    for settings, (there, absent) in (((), words), (("tube.sides=12",), words[::-1])):
-        text = "".join(load_engine(engine).render(case_of("fig4-tube", *settings)).files.values())
-        assert there in text
-        assert absent not in text

@@ -206,7 +206,7 @@ def test_every_key_of_the_other_files_has_a_row() -> None:
     assert listed["elements.toml"] == elements
     assert listed["extremes.toml"] == {*keys(ExtremesFile)}
     assert listed["kit.toml"] == {*keys(KitFile)} - {"change"} | {"change.NAME"}
-    assert set(re.findall(r"`([^`]+)`", SECTIONS["Costs and durations"])) >= {*Cost.__dataclass_fields__}
+    assert set(re.findall(r"`([^`]+)`", SECTIONS["Costs"])) >= {*Cost.__dataclass_fields__}
     assert all(f"`{name}`" in SECTIONS["Independent cases"] for name in MEASURES)
 
 
@@ -220,14 +220,6 @@ def test_every_shipped_file_is_listed(heading: str, home: Path) -> None:
     rows = tables(SECTIONS[heading])[-1]
     names = [name for row in rows for name in re.findall(r"`([\w-]+)`", next(iter(row.values())))]
     assert sorted(names) == sorted(path.stem for path in home.glob("*.toml"))
-
-
-def test_durations_are_of_steps_that_exist() -> None:
-    sources = "".join(
-        path.read_text() for path in (paths.ROOT / "validation").rglob("*.py") if "tests" not in path.parts
-    )
-    for name in read_toml(paths.DURATIONS):
-        assert f'"{name.removesuffix(", short study")}"' in sources
 
 
 def test_every_file_is_in_the_first_table() -> None:
@@ -270,7 +262,6 @@ READERS: dict[str, Callable[[Path], object]] = {
     "inputs/extremes.toml": read_as(ExtremesFile),
     "inputs/kit.toml": read_as(KitFile),
     "inputs/costs.toml": lambda path: [Cost(**each) for each in read_toml(path).values()],
-    "inputs/durations.toml": lambda path: [float(each) for each in read_toml(path).values()],
 }
 BLOCKS = re.findall(r"^```toml\n# ([^\n]*)\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 

@@ -11,10 +11,9 @@ import pandas as pd
 import pytest
 
 from drivers.chain.chain import Array
-from drivers.chain.lateral import tube_mesh, write_mesh
 from drivers.run.finished import EndedRun, open_run
 from postproc.draw import vtk
-from postproc.draw.vtk import write_series
+from postproc.draw.vtk import tube_mesh, write_mesh, write_series
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import STRIKER, WALL, SceneWriter, case_of
