@@ -175,9 +175,9 @@ def _bodies(chain: Chain, time_s: Array, velocity_m_s: Array, force_N: Array, st
         unit = abs(load) or largest
         ratio = values[1] / load if load else 1 + values[1] / largest
         rows.append(LawRow(LOAD, j + 1, ratio, (errors[1] + off / float(time_s[-1])) / unit + LEAST))
-        if rows[0].differs:
+        if rows[0].differs and errors[0] > off / size:  # a mass does not explain the impulses
             values, resisted = _fit([gained, -time_s, against], impulse)
-            if np.isfinite(values[2]) and resisted[0] < 0.1 * errors[0]:  # it explains the impulses far better
+            if resisted[0] < 0.1 * errors[0] and 0 < values[2] < 1:
                 rows = [
                     LawRow(MASS, j + 1, values[0] / mass, (resisted[0] + off / size) / mass + LEAST),
                     LawRow(RESISTANCE, j + 1, 1 + values[2], resisted[2] + off / float(np.abs(against).max()) + LEAST),
