@@ -98,3 +98,12 @@ class RunError(Exception):
     def __str__(self) -> str:
         """Reason of the failure."""
         return str(self.args[0])
+
+
+def digits_apart(one: float, other: float) -> tuple[str, str]:
+    """Two numbers with as many digits as show that they differ, at least four."""
+    for digits in range(4, 18):
+        texts = f"{one:.{digits}g}", f"{other:.{digits}g}"
+        if texts[0] != texts[1]:
+            break
+    return texts

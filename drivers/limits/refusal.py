@@ -34,7 +34,7 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
     cannot = inability(case, engine)
     if cannot is not None:
         raise cannot
-    _refuse_depth(case, override)
+    refuse_depth(case, override)
     if load_engine(engine).scheme != EXACT:
         _refuse_step(case, load_engine(engine).shear, override)
 
@@ -78,8 +78,12 @@ def _refuse_step(case: Case, shear: str, override: str) -> None:
             return
 
 
-def _refuse_depth(case: Case, override: str) -> None:
-    """Refuse overlaps of contacts, or with the bore, of a radius or more."""
+def refuse_depth(case: Case, override: str = ON_COMMAND) -> None:
+    """Refuse overlaps of contacts, or with the bore, of a radius or more.
+
+    Raises:
+        InputError: a motion that reaches them.
+    """
     chain, duration = case.chain, float(case.sample_times_s[-1])
     if (_depths(chain, at_most(chain, duration)) < 1).all():
         return
@@ -104,12 +108,13 @@ def _depths(chain: Chain, reached: Extremes) -> Array:
 
 
 def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:
-    """Error for an unattainable accuracy, naming the best attainable one, rounded up."""
-    key = "run.accuracy" if name == FORCE else f"run.accuracy.{name}"
-    if not least < 1:
-        return InputError(case.scene.file, key, f"{asked:g}", f"none here, {why}")
-    digits = 10.0 ** (floor(log10(least)) - 1)
-    return InputError(case.scene.file, key, f"{asked:g}", f"at least {ceil(least / digits) * digits:.2g} here, {why}")
+    """Error for an unattainable accuracy, naming the best attainable one, rounded up to two digits; none from 1 on."""
+    key, rounded = "run.accuracy" if name == FORCE else f"run.accuracy.{name}", 1.0
+    if 0 < least < 1:
+        digits = 10.0 ** (floor(log10(least)) - 1)
+        rounded = float(f"{ceil(least / digits) * digits:.2g}")
+    allowed = f"at least {rounded:g} here, {why}" if rounded < 1 else f"none here, {why}"
+    return InputError(case.scene.file, key, f"{asked:g}", allowed)
 
 
 def attainable_in_heights(asked: float, rounding: float) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.base.errors import RunError
+from drivers.base.errors import RunError, digits_apart
 from drivers.base.processes import Outcome
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
@@ -19,6 +19,7 @@ from drivers.engines import Engine
 from drivers.limits.energy_bounds import share_at_most
 
 REASON_CHARACTERS = 300
+UNSTABLE, WRONG_ENERGY = "unstable at t = ", "wrong energy from t = "  # beginnings of messages
 OWN_ERRORS = ("ERROR", "Traceback")  # beginnings of lines that lead to the code's own message
 ROUNDINGS = 64  # largest deviation of a start in units in the last place of the coordinates
 START_TOLERANCE = 1e-9  # over the largest force and speed
@@ -45,7 +46,8 @@ def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) ->
     except RunError as error:
         error.partial = engine.partial_trace(case, folder)
         raise
-    reason = reason_to_fail(case, trace) or wrong_start(case, trace) or not_modelled(case.chain, trace)
+    reason = unstable(case, trace) or wrong_start(case, trace) or wrong_energy(case, trace)
+    reason = reason or not_modelled(case.chain, trace)
     if reason:
         raise RunError(reason, partial=trace)
     return trace
@@ -79,40 +81,56 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
     speed = START_TOLERANCE * fastest + case.scene.time_step_s * (force + np.append(force[1:], 0.0)) / chain.mass_kg
     for name, unit, found, expected, allowed in (
         ("height", "m", trace.height_m[0], chain.height_m, np.full(chain.bodies, rounded)),
-        ("velocity", "m/s", trace.velocity_m_s[0], chain.velocity_m_s, speed),
         ("force below", "N", trace.force_N[0], chain.force_N, force),
+        ("velocity", "m/s", trace.velocity_m_s[0], chain.velocity_m_s, speed),
     ):
         wrong = np.abs(found - expected) > allowed
         if wrong.any():
             body = int(np.argmax(wrong))
-            one, other = float(found[body]), float(expected[body])
-            digits = 9 if f"{one:.9g}" != f"{other:.9g}" else 17
-            return f"body {body + 1} starts with a {name} of {one:.{digits}g} {unit}, the scene has {other:.{digits}g}"
+            one, other = digits_apart(float(found[body]), float(expected[body]))
+            return f"body {body + 1} starts with a {name} of {one} {unit}, the scene has {other}"
     return None
 
 
 def _blown_up(case: Case, engine: Engine, words: str, before: Trace | None) -> str | None:
     """Message on a blow-up of a failed run, from its samples or the code's error message; None if there was none."""
-    seen = 0 if before is None else len(before.time_s)
     reason = reason_to_fail(case, before) if before is not None else None
-    if reason is None and engine.loss_message and engine.loss_message in words:
-        reason = f"unstable at t = {case.sample_times_s[min(seen, case.scene.samples - 1)]:g} s: a body was lost"
+    if engine.loss_message and engine.loss_message in words and not (reason or "").startswith(UNSTABLE):
+        seen = 0 if before is None else len(before.time_s)
+        reason = f"{UNSTABLE}{case.sample_times_s[min(seen, case.scene.samples - 1)]:g} s: a body was lost"
     return reason
 
 
 def reason_to_fail(case: Case, trace: Trace) -> str | None:
-    """Message on a trace that cannot be right, with the time of the first fault; None if there is no fault.
+    """Message on a trace that cannot be right, with the time of the first fault; None if there is no fault."""
+    return unstable(case, trace) or wrong_energy(case, trace)
 
-    Values have to be finite, and beads must not pass through the wall or each other. The total energy must stay
-    constant, or must not grow if contacts dissipate energy, within the truncation error of this step and the rounding
-    error of heights.
-    """
+
+def unstable(case: Case, trace: Trace) -> str | None:
+    """Message on values that are not finite, or beads that pass through the wall or each other; None without such."""
     faults = [(int(np.argmax(wrong)), words) for wrong, words in _faults(case, trace) if wrong.any()]
     if not faults:
         return None
     first = min(sample for sample, _ in faults)
     words = next(words for sample, words in faults if sample == first)
-    return f"unstable at t = {trace.time_s[first]:g} s: {words}"
+    return f"{UNSTABLE}{trace.time_s[first]:g} s: {words}"
+
+
+def wrong_energy(case: Case, trace: Trace) -> str | None:
+    """Message on a change of the total energy that neither the step nor rounding explains; None if there is none.
+
+    The energy must stay constant, or must not grow if contacts dissipate energy, within the truncation error of this
+    step and the rounding error of heights. A run whose energy changes by more than was put in is unstable.
+    """
+    share, allowed = energy_error(case.chain, trace), explained_energy(case, trace)
+    if not (share > allowed).any():
+        return None
+    since_s = trace.time_s[int(np.argmax(share > allowed))]
+    does = "grows" if case.chain.damped or case.chain.slips else "is off"
+    words = (
+        f"the energy {does} by {share.max():.2g} times the energy put in; at this time step at most {allowed:.2g} times"
+    )
+    return f"{UNSTABLE if share.max() > 1 else WRONG_ENERGY}{since_s:g} s: {words} is expected"
 
 
 def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]:
@@ -129,11 +147,6 @@ def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]
         yield np.asarray(passed.any(axis=1)), f"body {body + 1} passed through {beneath}"
     through = hertz_force(chain.stiffness, chain.smaller_radius_m)  # force at an overlap of a radius
     yield np.asarray((trace.force_N > through).any(axis=1)), "beads are pressed into each other by more than a radius"
-    share, allowed = energy_error(chain, trace), explained_energy(case, trace)
-    worst = np.nan_to_num(share, nan=np.inf).max()
-    does = "grows" if chain.damped or chain.slips else "is off"
-    words = f"the energy {does} by {worst:.2g} times the energy put in; at this time step at most {allowed:.2g} times"
-    yield share > allowed, f"{words} is expected"
 
 
 def not_modelled(chain: Chain, trace: Trace) -> str | None:

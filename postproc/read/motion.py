@@ -1,12 +1,14 @@
 """Chain, positions and velocities of a finished run."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.chain import Chain, build_chain
 from drivers.chain.lateral_start import with_lateral
-from drivers.chain.trace import FORCES, STATE, State, read_state
+from drivers.chain.trace import FORCES, STATE, State, Trace, read_state
 from drivers.run.finished import EndedRun
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import stored_scene
@@ -59,6 +61,18 @@ def read_motion(run: EndedRun) -> State:
     if not (np.isfinite(found.place_m).all() and np.isfinite(found.velocity_m_s).all()):
         raise InputError(paths.shown(path), "", "values that are not finite", "the positions of a run that is done")
     return found
+
+
+def trace_with_state(run: EndedRun) -> Trace:
+    """Trace of a run with heights and axial velocities, if the run recorded them.
+
+    Raises:
+        InputError: a file is missing or damaged.
+    """
+    if not (run.folder / STATE).is_file():
+        return run.trace
+    motion = read_motion(run)
+    return replace(run.trace, height_m=motion.place_m[:, :, 2], velocity_m_s=motion.velocity_m_s[:, :, 2])
 
 
 def spread(samples: int, frames: int) -> list[int]:

@@ -2,8 +2,8 @@
 
 All observables of waves are read from the gauge signals. A ``peak`` is the force itself. An ``amplitude`` is the peak
 above the signal at time 0, which is the static load; a gauge behind electronics shows no static load. The first pulse
-at a gauge is the incident wave. The reflected wave is the first pulse after the wall's peak that goes up: the contact
-below the bead feels it before the contact above. ``pulses`` counts the pulses that go down before the reflected wave.
+at a gauge is the incident wave. The reflected wave is the first pulse after the wall's first peak that goes up: while
+it rises, the contacts push the bead upwards. ``pulses`` counts the pulses before the reflected wave that do not go up.
 ``postproc/README.md`` defines every observable.
 """
 
@@ -139,7 +139,7 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
         back = next((peak for peak in upwards if peak.time_s > turned), None)
         before = found[name][: found[name].index(back)] if back else found[name]
         values[f"{name}_pulses"] = float(sum(peak not in upwards for peak in before) if layout.wall else len(before))
-        if turned < np.inf:
+        if layout.wall:
             values[f"{name}_reflected_amplitude_N"] = back.value if back else np.nan
             values[f"{name}_reflected_arrival_s"] = back.time_s if back else np.nan
     if layout.wall:
@@ -166,7 +166,8 @@ def _speeds_and_widths(
     """Peak-to-peak speed and amplitude ratio per bead between neighbouring sensors, width at the lower sensor.
 
     ``transmission_9_to_5`` is ``(A_5 / A_9)^(1/4)``, the share of its amplitude that a wave passes on from bead to
-    bead. NaN unless both first pulses go down: otherwise they belong to different waves.
+    bead; NaN to bead 1 above a wall, where a wave and its reflection coincide. Both are NaN if the first pulse of
+    either sensor goes up, or that of the lower sensor is not the later one: the pulses belong to different waves.
     """
     result: dict[str, float] = {}
     for upper, lower in zip(layout.sensors[:-1], layout.sensors[1:], strict=True):
@@ -177,7 +178,8 @@ def _speeds_and_widths(
         speed = result[f"speed_{pair}_m_s"] = (upper.height_m - lower.height_m) / travel if same else np.nan
         share = values[f"{second}_amplitude_N"] / values[f"{first}_amplitude_N"]
         steps = upper.from_wall - lower.from_wall
-        result[f"transmission_{pair}"] = share ** (1 / steps) if same and share > 0 else np.nan
+        passing = same and share > 0 and (lower.from_wall > 1 or not layout.wall)
+        result[f"transmission_{pair}"] = share ** (1 / steps) if passing else np.nan
         for level in levels:
             duration = values[f"{second}_duration_{_percent(level)}_s"]
             result[f"{second}_width_{_percent(level)}_diameters"] = duration * speed / lower.diameter_m

@@ -37,7 +37,9 @@ def observe(run: EndedRun, levels: tuple[float, ...] = observables.LEVELS) -> "p
 
 
 def errors(run: EndedRun) -> "pd.DataFrame":
-    """Errors of a run: of the force, and of every observable of the waves, relative to its true value.
+    """Errors of a run: of forces, energy, momentum and every observable of the waves, relative to its true value.
+
+    The true value is that of the scene as written, with all its elements.
 
     A run is assessed by ``validation.assess``, and by the commands ``run``, ``compare`` and ``report``.
 
@@ -46,17 +48,19 @@ def errors(run: EndedRun) -> "pd.DataFrame":
 
     Returns:
         DataFrame: One row per quantity, named as in ``observe`` without the unit. ``whole`` is the signed error, the
-            sum of ``model``, ``rounding``, ``truncation`` and ``sampling``; ``where`` is contact and time of the
-            largest force error. Without rows if the run has not been assessed.
+            sum of ``model``, ``rounding``, ``truncation``, ``sampling`` and ``elements``, the effect of elements that
+            the accuracy of the scene left out; ``where`` is contact and time of the largest error of the forces, the
+            energy or the momentum. Without rows if the run has not been assessed.
 
     Examples:
         >>> list(errors(run).columns)
-        ['whole', 'model', 'rounding', 'truncation', 'sampling', 'where']
+        ['whole', 'model', 'rounding', 'truncation', 'sampling', 'elements', 'where']
     """
     import pandas as pd
 
-    columns = ["quantity", "whole", "model", "rounding", "truncation", "sampling", "where"]
-    return pd.DataFrame(run.record.error_budget or [], columns=columns).set_index("quantity")
+    parts = ["whole", "model", "rounding", "truncation", "sampling", "elements"]
+    table = pd.DataFrame(run.record.error_budget or [], columns=["quantity", *parts, "where"])
+    return table.fillna(dict.fromkeys(parts, 0.0)).set_index("quantity")
 
 
 def forces(run: EndedRun) -> "pd.DataFrame":

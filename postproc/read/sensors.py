@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 POINTS = 6  # samples of the polynomial of an interval
+BALANCED = 1e-6  # of the forces: a smaller difference of two contacts is rounding
 
 
 def mean_forces(force_N: Array) -> Array:
@@ -48,14 +49,29 @@ def sensor_average(force_N: Array, from_wall: int) -> Array:
 
 
 def going_up(force_N: Array, from_wall: int, pulses: list[Peak]) -> list[Peak]:
-    """Pulses at a bead that go up: before their peaks the contact below pushes more than the contact above."""
-    upper = max(min(from_wall, force_N.shape[1] - 1), 1)  # no contact above the top bead of a chain without a striker
-    both_N = force_N[:, [upper - 1, upper % force_N.shape[1]]]
+    """Pulses at a bead that go up: while they rise, the two contacts push the bead upwards.
+
+    With the changes d_j of the contact force below and d_{j+1} of that above since time 0, a pulse rises from the
+    smallest ``d_j + d_{j+1}`` since the previous pulse (or time 0) to its own largest sample. It goes up if the sum of
+    ``d_j - d_{j+1}`` over these samples, which is proportional to the momentum that the bead gains, is above
+    ``BALANCED`` times the sum of ``|d_j| + |d_{j+1}|``; a smaller sum, as in a symmetric collision, is a tie.
+
+    The top bead of a chain without a striker has no contact above; the contacts of the bead below are taken.
+
+    Args:
+        force_N: Contact forces. Shape (samples, contacts).
+        from_wall: Number of the bead, from 1.
+        pulses: Pulses in the bead's signal, by time.
+    """
+    contacts = force_N.shape[1]
+    bead = max(min(from_wall, contacts - 1), 1)
+    both_N = force_N[:, [bead - 1, bead % contacts]]
     lower_N, upper_N = (both_N - both_N[0]).T
     found, before = [], 0
     for pulse in pulses:
         valley = before + int(np.argmin((lower_N + upper_N)[before : pulse.sample + 1]))
-        if (lower_N - upper_N)[valley : pulse.sample + 1].sum() > 0:
+        below_N, above_N = (side[valley : pulse.sample + 1] for side in (lower_N, upper_N))
+        if (below_N - above_N).sum() > BALANCED * (np.abs(below_N) + np.abs(above_N)).sum():
             found.append(pulse)
         before = pulse.sample
     return found

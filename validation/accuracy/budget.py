@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from drivers.base.errors import digits_apart
 from drivers.base.kept import kept
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
@@ -252,15 +253,6 @@ def first_departure(motions: Motions, engine: str, trace: Trace) -> str:
         name = f"the force in contact {column + 1}" if quantity == FORCE else f"the {quantity}"
         return f"departs from its scheme {when}: {name} is {one} {unit}, by its scheme {other} {unit}"
     return ""
-
-
-def digits_apart(one: float, other: float) -> tuple[str, str]:
-    """Two numbers with as many digits as show that they differ, at least four."""
-    for digits in range(4, 18):
-        texts = f"{one:.{digits}g}", f"{other:.{digits}g}"
-        if texts[0] != texts[1]:
-            break
-    return texts
 
 
 def _notes(motions: Motions, engine: str) -> Iterator[str]:

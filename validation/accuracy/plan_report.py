@@ -14,7 +14,7 @@ from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_of
 from drivers.engines import installed, load_engine
 from drivers.limits.criteria import CRITERIA
-from drivers.limits.refusal import FORCE
+from drivers.limits.refusal import FORCE, refuse_depth
 from drivers.limits.stable_step import predicted_limit
 from drivers.limits.trial import failure, first_failure_s
 from postproc.read.observables import of_kind
@@ -40,9 +40,10 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[
     """Lines of the report, for a scene with an accuracy or a time step.
 
     Raises:
-        InputError: the scene or its accuracy is wrong.
+        InputError: the scene or its accuracy is wrong, or an overlap exceeds a radius.
     """
     case = planned_case(source, *settings)
+    refuse_depth(case)
     engines = [(name, load_engine(name).shear, asdict(cost_on(name))) for name in capable_engines(case)]
     there = installed(name for name, *_ in engines)
     scenes = [each.scene.model_dump(mode="json") for each in (case, case.full) if each]

@@ -110,7 +110,7 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str], ru
     departures |= {engine: first_departure(motions_of(case, engine), engine, part) for engine, part in refused.items()}
     diagnoses = {}
     if any(check.verdict == FAIL for check in checks):  # slow import, rarely needed
-        from validation.compare.measured_law import diagnoses_of  # lead: law
+        from validation.compare.law_sentence import diagnoses_of
 
         diagnoses = diagnoses_of(case, checks, finished, refused, runs)
     return ComparedScene(

@@ -16,10 +16,10 @@ from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, engine_names, in_order, load_engine
 from drivers.limits.refusal import inability
-from drivers.run.finished import EndedRun, open_run
+from drivers.run.finished import EndedRun
 from drivers.run.run import refuse_all, run_many
 from postproc.paper.simulate import exact
-from postproc.read.motion import read_motion
+from postproc.read.motion import trace_with_state
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, pass_or_fail
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
 from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
@@ -99,24 +99,11 @@ def _judged(one: Posed, engine: str, ended: EndedRun | None) -> list[Line]:
     if ended is not None and not ended.done:
         return [_without(one, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")]
     try:
-        trace = IN_REPO[engine](one.case) if ended is None else trace_of(one.case, ended.folder)
+        trace = IN_REPO[engine](one.case) if ended is None else trace_with_state(ended)
         found = MEASURES[one.entry.measure].measure(one.case, trace)
     except (ValueError, ArithmeticError, IndexError) as error:  # the run does not show the quantities
         return [_without(one, engine, FAIL, str(error))]
     return [_line(one, engine, check, found.get(check.quantity, nan)) for check in one.entry.check]
-
-
-def trace_of(case: Case, folder: Path) -> Trace:
-    """Trace of a finished run, with the state if the scene records it.
-
-    Raises:
-        InputError: a file is missing or damaged.
-    """
-    run = open_run(folder)
-    if "state" not in case.scene.run.record:
-        return run.trace
-    motion = read_motion(run)
-    return replace(run.trace, height_m=motion.place_m[:, :, 2], velocity_m_s=motion.velocity_m_s[:, :, 2])
 
 
 def _line(one: Posed, engine: str, check: Expectation, found: float) -> Line:

@@ -16,7 +16,7 @@ from validation.tests.helpers.scenes import case_of
 
 DIGITS, ORDER = 40, 30
 TRUNCATION = 1e-22  # local, of the scales of overlap and velocity
-HOP_S = 1e-12  # within this time of an opening or closing a contact counts as open: its impulse is below 1e-18
+HOP_S = 1e-14  # within this time of an opening or closing a contact counts as open: its impulse is below 1e-20
 HOP_DAMPED_S = 1e-20  # the same with damping, where forces begin with the fourth root of time
 HALVINGS = 120
 SAMPLES = 40

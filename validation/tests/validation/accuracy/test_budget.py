@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drivers.base.errors import digits_apart
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
@@ -16,7 +17,7 @@ from drivers.chain.trace import Trace, until
 from drivers.engines import REFERENCE, VERLET
 from postproc.read.residual import residual
 from validation.accuracy import motions as module
-from validation.accuracy.budget import PARTS, Budget, budget_of, digits_apart, first_departure
+from validation.accuracy.budget import PARTS, Budget, budget_of, first_departure
 from validation.accuracy.motions import Motions, motions_of
 from validation.checks import FAIL, PASS
 from validation.stability.measured_limits import random_case

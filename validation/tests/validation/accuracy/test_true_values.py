@@ -1,6 +1,6 @@
 """Errors of observables, stated and planned, on random scenes of all laws of dissipation.
 
-The true values here are read from 128 times the samples of the scene, whatever the project itself uses.
+The true values here are read from 128 times the samples of the scene.
 """
 
 from pathlib import Path
@@ -13,8 +13,8 @@ from drivers.chain.schemes import exact_of, verlet_of
 from validation.accuracy.exact_motion import exact_motion_of, quantities
 from validation.tests.helpers.scenes import case_of
 
-FINER = 128
-LEAST = 1e-8  # smaller errors are not of interest here
+TRUE_FACTOR = 128
+LEAST_ERROR = 1e-8  # smaller errors are not of interest here
 ACCURACY = 3e-4
 SCENE = """title = "a heavy striker on a short chain"
 gravity = "{gravity} m/s^2"
@@ -85,9 +85,10 @@ def test_the_sampling_error_stated_is_the_true_one(number: int, tmp_path: Path) 
     case = case_of(path, f"run.time_step={step_us:.6g} us")
     motion = exact_motion_of(case)
     stated, right = (
-        errors(case, motion.sampled, true) for true in (motion.true, quantities(case, exact_of(case, finer=FINER)))
+        errors(case, motion.sampled, true)
+        for true in (motion.true, quantities(case, exact_of(case, finer=TRUE_FACTOR)))
     )
-    seen = {name: error for name, error in right.items() if error > LEAST}
+    seen = {name: error for name, error in right.items() if error > LEAST_ERROR}
     assert len(right) > 12
     assert {name: stated[name] for name in seen} == pytest.approx(seen, rel=0.1)
 
@@ -96,7 +97,7 @@ def test_the_sampling_error_stated_is_the_true_one(number: int, tmp_path: Path) 
 def test_every_planned_accuracy_is_kept_relative_to_its_own_quantity(number: int, tmp_path: Path) -> None:
     path, step_us = trains(number, tmp_path)
     given = case_of(path, f"run.time_step={step_us:.6g} us")
-    fine = quantities(given, exact_of(given, finer=FINER))
+    fine = quantities(given, exact_of(given, finer=TRUE_FACTOR))
     sampled = errors(given, quantities(given, exact_of(given)), fine)
     reachable = sorted(name for name, error in sampled.items() if error < 0.5 * ACCURACY)
     assert len(reachable) > 10

@@ -1,0 +1,62 @@
+"""The error that the exact motion states of itself is not below its true error, measured in 40 digits."""
+
+import numpy as np
+import pytest
+
+from drivers.base import paths
+from drivers.chain.case import Case, build_case
+from drivers.scene.read_scene import make_scene, read_toml
+from postproc.read.residual import largest_change_N
+from validation.accuracy.exact_motion import exact_motion_of
+from validation.tests.helpers import high_precision
+from validation.tests.helpers.adversarial import adversarial_case
+
+SAMPLES = 30
+DRAWN = [
+    ("light bead", 6, False),
+    ("light striker", 2, False),
+    ("light striker", 2, True),
+    ("bounces", 5, True),
+    ("bounces", 8, False),
+    ("bounces", 16, True),
+    ("gaps", 10, False),
+    ("head on", 6, True),
+    ("head on", 9, True),
+    ("head on", 10, False),
+]
+
+
+def pressed_case(number: int) -> Case:
+    """A random chain of steel balls under 1 mN to 30 N, struck at 1e-8 m/s to 0.1 m/s."""
+    draw = np.random.default_rng(number)
+    count, load_N, speed_m_s = int(draw.integers(1, 6)), 10 ** draw.uniform(-3, 1.5), 10 ** draw.uniform(-8, -1)
+    contact_s = 3e-5 * load_N ** (-1 / 6)
+    ball = {"material": "steel", "diameter": "5 mm"}
+    data = {"chain": ball | {"count": count, "precompression": f"{load_N} N"}, "wall": {"material": "steel"}}
+    data |= {"striker": ball | {"speed": f"{speed_m_s} m/s"}, "gravity": "9.81 m/s^2"}
+    timing = {"sample_interval": f"{contact_s} s", "time_step": f"{contact_s} s"}
+    data["run"] = timing | {"duration": f"{30 * contact_s} s"}
+    return build_case(make_scene(data, read_toml(paths.MATERIALS), "pressed", "a pressed chain"))
+
+
+def true_and_stated(case: Case) -> tuple[float, float]:
+    """True and stated force error of the exact motion over the largest change of force, over some samples."""
+    chosen = np.arange(0, case.scene.samples, max(1, case.scene.samples // SAMPLES))
+    motion = exact_motion_of(case, finer=False)
+    right = np.array(list(high_precision.forces_at(case.chain, case.sample_times_s[chosen])))
+    change_N = largest_change_N(motion.trace.force_N)
+    true = float(np.abs(motion.trace.force_N[chosen] - right).max()) / change_N
+    return true, float(motion.error_N[chosen[-1]]) / change_N
+
+
+@pytest.mark.parametrize(("kind", "number", "damped"), DRAWN)
+def test_the_stated_error_is_no_less_than_the_true_one(kind: str, number: int, damped: bool) -> None:
+    true, stated = true_and_stated(adversarial_case(kind, number, damped=damped))
+    assert 0.99e-13 < stated < 1e-8
+    assert true <= stated
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_static_load_makes_the_stated_error_no_smaller(number: int) -> None:
+    true, stated = true_and_stated(pressed_case(number))
+    assert true <= stated <= 30 * max(true, 1e-13)

@@ -1,0 +1,157 @@
+"""Measured laws of motions with one fault, made in memory; good motions differ in nothing."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.schemes import verlet_in_heights, verlet_of
+from drivers.chain.trace import Trace, make_trace, until
+from validation.accuracy.exact_motion import exact_motion_of
+from validation.compare import measured_law as law
+from validation.compare.law_sentence import SAME, law_sentence
+from validation.compare.measured_law import law_deviation, measure_law
+from validation.stability.measured_limits import random_case
+from validation.tests.helpers.scenes import case_of
+
+GOOD = [
+    *((scene,) for scene in ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "two-spheres")),
+    ("sphere-on-plane",), ("head-on",), ("small-signal",),
+    ("fig4", "contact.restitution=0.9"),
+    ("fig4", "contact.dissipation=power", "contact.gamma=1.25"),
+    ("fig4", "chain.precompression=2 N"),
+    ("fig4", "wall=", "gravity="),
+    ("fig4", "chain.bead=[{from_wall=3, gap_below='20 um'}]"),
+    ("fig4", "run.sample_interval=10 us"),
+    ("fig4", "run.time_step=1 us"),
+]  # fmt: skip
+Fault = Callable[[Case, int, float], Case]
+
+
+def differing(case: Case, trace: Trace, step_s: float) -> set[tuple[str, int]]:
+    return {(row.quantity, row.place) for row in measure_law(case, trace, step_s) if row.differs}
+
+
+def motions(case: Case) -> list[tuple[Trace, float]]:
+    """Good motions of a case, each with its time step."""
+    exact, step_s = exact_motion_of(case), case.scene.time_step_s
+    return [(exact.trace, 0.0), (exact.fine, 0.0), (verlet_of(case), step_s), (verlet_in_heights(case), step_s)]
+
+
+@pytest.mark.parametrize("settings", GOOD, ids=" ".join)
+def test_good_motions_differ_in_nothing(settings: tuple[str, ...]) -> None:
+    case = case_of(*settings)
+    for trace, step_s in motions(case):
+        assert differing(case, trace, step_s) == set()
+
+
+@pytest.mark.parametrize("number", range(10))
+def test_good_motions_of_random_scenes_differ_in_nothing(number: int) -> None:
+    case = random_case(number, accuracy=1e-4)
+    for trace, step_s in motions(case):
+        assert differing(case, trace, step_s) == set()
+
+
+def changed(case: Case, **arrays: Array) -> Trace:
+    return verlet_in_heights(replace(case, chain=replace(case.chain, **arrays)))
+
+
+def one(values: Array, place: int, factor: float) -> Array:
+    return np.where(np.arange(len(values)) == place, factor * values, values)
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_one_fault_in_a_random_scene_is_measured(number: int) -> None:
+    case, draw = random_case(number, accuracy=1e-4), np.random.default_rng(number)
+    chain, step_s = case.chain, case.scene.time_step_s
+    closed = [row.place for row in measure_law(case, verlet_in_heights(case), step_s) if row.quantity == law.STIFFNESS]
+    place = int(draw.choice(closed))
+    factor = float(draw.choice([0.5, 0.9, 1 + 1e-6, 1.1, 2.0]))
+    rows = measure_law(case, changed(case, stiffness=one(chain.stiffness, place - 1, factor)), step_s)
+    measured = {row.place: row for row in rows if row.quantity == law.STIFFNESS}
+    assert measured[place].ratio == pytest.approx(factor, abs=1e-7)
+    assert {row.place for row in measured.values() if row.differs} == {place}
+    slower = changed(case, velocity_m_s=0.7 * chain.velocity_m_s)
+    speeds = [row.ratio for row in measure_law(case, slower, step_s) if row.quantity == law.START_SPEED]
+    assert speeds == pytest.approx([0.7] * len(speeds))
+    masses = measure_law(case, changed(case, mass_kg=1.3 * chain.mass_kg), step_s)
+    heavy = [row for row in masses if row.quantity == law.MASS]
+    assert all(abs(row.ratio - 1.3) <= law.SIGNIFICANCE * row.uncertainty + 1e-3 for row in heavy)
+    assert any(abs(row.ratio - 1.3) < 1e-2 for row in heavy)
+
+
+@pytest.mark.parametrize("scene", ["fig4", "fig5", "fig6b", "fig6d"])
+def test_a_wrong_scheme_of_this_repository_is_seen(scene: str) -> None:
+    """A stiffness off by a millionth, a kick of 0.5005 in place of 0.5, velocities half a step late."""
+    case = case_of(scene)
+    chain, step_s = case.chain, case.scene.time_step_s
+    for trace in (
+        verlet_of(replace(case, chain=replace(chain, stiffness=chain.stiffness * (1 + 1e-6)))),
+        verlet_of(replace(case, chain=replace(chain, mass_kg=chain.mass_kg / 1.001))),
+        with_velocities(case, verlet_of(case), -0.5),
+    ):
+        row = law_deviation(case, trace, step_s)
+        assert row.differs
+    soft = replace(case, chain=replace(chain, stiffness=chain.stiffness * (1 - 1e-6)))
+    assert law_deviation(case, exact_motion_of(soft).trace, 0.0).differs
+
+
+def with_velocities(case: Case, trace: Trace, steps: float) -> Trace:
+    """Trace with velocities recorded some time steps later (or earlier: below 0) than heights and forces."""
+    assert trace.height_m is not None
+    assert trace.velocity_m_s is not None
+    above = np.column_stack([trace.force_N[:, 1:], np.zeros(len(trace.force_N))])
+    acceleration = (trace.force_N - above + case.chain.load_N) / case.chain.mass_kg
+    velocity = trace.velocity_m_s + steps * case.scene.time_step_s * acceleration
+    return make_trace(case.chain, trace.time_s, trace.force_N, trace.height_m, velocity)
+
+
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [
+        ("stiffness", "all contacts 1.0001 times as stiff"),
+        ("mass", "bead 9 (sensor) has 0.946 of its mass"),
+        ("loads", "no gravity"),
+        ("overlap", "bodies start just touching, not in equilibrium"),
+        ("damping", "22 contacts have a damping ratio of 0.03128, the scene has none"),
+        ("early", "recorded velocities are half a step (0.05 µs) early"),
+        ("late", "recorded velocities are half a step (0.05 µs) late"),
+        ("nothing", SAME),
+        ("step", f"{SAME}; the error is 4.01 times the scheme's, as at a time step of 0.2 µs"),
+    ],
+)
+def test_a_fault_is_said_in_one_line(fault: str, sentence: str) -> None:
+    case = case_of("fig4")
+    chain = case.chain
+    touching = replace(chain, overlap_m=0 * chain.overlap_m)
+    trace = {
+        "stiffness": lambda: changed(case, stiffness=1.0001 * chain.stiffness),
+        "mass": lambda: changed(case, mass_kg=one(chain.mass_kg, 8, 0.946)),
+        "loads": lambda: changed(case, load_N=0 * chain.load_N),
+        "overlap": lambda: verlet_in_heights(replace(case, chain=touching)),
+        "damping": lambda: verlet_in_heights(case_of("fig4", "contact.restitution=0.9")),
+        "early": lambda: with_velocities(case, verlet_of(case), 0.5),
+        "late": lambda: with_velocities(case, verlet_of(case), -0.5),
+        "nothing": lambda: verlet_of(case),
+        "step": lambda: verlet_of(case.at(5)),
+    }[fault]()
+    assert law_sentence(case, "yade", trace) == sentence
+
+
+@pytest.mark.parametrize(
+    ("settings", "samples", "words"),
+    [
+        (("fig4-tube", "run.duration=20 us"), None, "only straight chains are measured"),
+        (("fig4",), 5, "only 5 samples, 12 are needed"),
+        (("fig4",), 0, "no heights and velocities were recorded"),
+    ],
+)
+def test_reasons_for_no_law(settings: tuple[str, ...], samples: int | None, words: str) -> None:
+    case = case_of(*settings)
+    trace = verlet_of(case)
+    trace = until(trace, samples) if samples else trace
+    trace = trace if samples != 0 else replace(trace, height_m=None)
+    assert law_sentence(case, "yade", trace) == f"law not measured: {words}"
