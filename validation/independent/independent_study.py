@@ -64,13 +64,18 @@ def _judged(one: Posed, engine: str, ended: EndedRun | None) -> Iterator[Check]:
         yield _without(one, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")
         return
     try:
-        trace = IN_REPO[engine](one.case) if ended is None else trace_with_state(ended)
+        trace = IN_REPO[engine](one.case) if ended is None else _trace_of(one.case, ended)
         values = MEASURES[one.entry.measure].measure(one.case, trace)
     except (ValueError, ArithmeticError, IndexError) as error:  # the run does not show the quantities
         yield _without(one, engine, FAIL, str(error))
         return
     for expectation in one.entry.check:
         yield _check(one, engine, expectation, values.get(expectation.quantity, nan))
+
+
+def _trace_of(case: Case, run: EndedRun) -> Trace:
+    """Trace of a run, with the state if the case asks for it: another case may have the same run and record it."""
+    return trace_with_state(run) if "state" in case.scene.run.record else run.trace
 
 
 def _check(one: Posed, engine: str, expectation: Expectation, found: float) -> Check:

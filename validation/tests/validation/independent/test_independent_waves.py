@@ -18,8 +18,9 @@ from drivers.chain.trace import Trace
 from drivers.engines import installed_codes
 from drivers.run.run import run_case
 from drivers.scene.read_scene import read_scene
+from postproc.read.motion import trace_with_state
 from validation.independent import linear, weak
-from validation.independent.independent_study import IN_REPO, trace_of
+from validation.independent.independent_study import IN_REPO
 from validation.independent.posed_cases import MEASURES, Independent, pose, read_independent
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
@@ -76,7 +77,7 @@ def test_the_codes_pass(engine: str, name: str, shared_runs: Path) -> None:
     need(engine)
     ended = run_case(posed(name), engine, shared_runs)
     assert ended.done, ended.record.reason
-    assert not red(CASES[name], posed(name), trace_of(posed(name), ended.folder))
+    assert not red(CASES[name], posed(name), trace_with_state(ended))
 
 
 @pytest.mark.parametrize(
