@@ -4,7 +4,9 @@ import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import Field, create_model
 
 from drivers.base import paths
 from drivers.base.errors import InputError, InputProblem, refuse_any
@@ -31,6 +33,7 @@ NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a lette
 STEP_TOLERANCE = 1e-9  # relative; accepts steps written with ten digits
 MAX_STEPS = 2**31 - 1  # LIGGGHTS counts steps in 32 bits
 MAX_VALUES = 200_000_000  # samples x contacts: 1.6 GB of doubles
+Entry = TypeVar("Entry", bound=Part)
 PARTS: dict[str, type[Part]] = {"striker": Striker, "wall": Wall, "tube": Tube, "contact": Contact, "sensor": Gauge}
 
 
@@ -284,3 +287,14 @@ def _bad_times(file: SceneFile, steps_per_sample: int, samples: float) -> Iterat
     if samples * contacts > MAX_VALUES:
         allowed = f"at most {MAX_VALUES:,} samples times contacts; use a longer interval or a shorter duration"
         yield "run.sample_interval", f"{samples:.3g} samples of {contacts} contacts", allowed
+
+
+def read_entries(path: Path, key: str, kind: type[Entry]) -> tuple[Entry, ...]:
+    """Entries ``[[key]]`` of a TOML file that holds nothing else.
+
+    Raises:
+        InputError: the file cannot be read, or an entry is wrong.
+    """
+    fields: dict[str, Any] = {key: (tuple[kind, ...], Field(strict=False, min_length=1))}  # type: ignore[valid-type]
+    entries = validate(create_model("Entries", __base__=Part, **fields), read_toml(path), paths.shown(path))
+    return tuple(getattr(entries, key))

@@ -39,6 +39,7 @@ from drivers.run.finished import EndedRun
 from postproc.read.observables import of_kind, scale_of
 from postproc.read.residual import is_at_rest, share_of_change, static_load_remark
 from validation.accuracy.exact_motion import errors_of, exact_motion_of, quantities
+from validation.accuracy.measured_law import SIGNIFICANCE, law_deviation
 from validation.accuracy.motions import FIELDS, HORIZON, Motions, motions_of, predicted_error
 from validation.checks import FAIL, Check, judged, worst_of
 
@@ -47,6 +48,7 @@ PARTS = ("whole", "model", "rounding", "truncation", "sampling")
 ELEMENTS = "elements"
 BUDGET_WORDS = "signed parts that add up to the whole: model, rounding, truncation (time step), sampling"
 MODEL, ERROR = "model", "error"  # judgements: the right computation, accurate enough
+LAW_REASON = f"{SIGNIFICANCE:g} times the uncertainty of the measured value, by rounding, time step and sampling"
 CEILINGS = {"peak": "peaks", "speed": "speeds"}  # kinds of observables that have a general ceiling, with their plural
 
 
@@ -185,6 +187,25 @@ def _model_checks(case: Case, engine: str, trace: Trace) -> Iterator[Check]:
         where = place_of(quantity, trace.time_s, place) + remark + motions.until_horizon
         name = f"{MODEL}: {quantity}"
         yield judged(case.scene.name, engine, name, float(share[place]), motions.explained(quantity), where)
+    if load_engine(engine).in_repository:
+        yield from _law_check(case, engine)
+
+
+def _law_check(case: Case, engine: str) -> Iterator[Check]:
+    """Check of the law of an in-repo scheme, measured from its own motions, which are compared with no other scheme."""
+    motions, exact = motions_of(case, engine), load_engine(engine).scheme == EXACT
+    if motions.why_unknown or not motions.straight:
+        return
+    step_s = 0.0 if exact else case.scene.time_step_s
+    try:
+        measured = [motions.exact_to_end.fine] if exact else [motions.plain, motions.rounded]
+        rows = [law_deviation(case, motion, step_s) for motion in measured]
+    except ValueError:  # too few samples
+        return
+    row = max(rows, key=lambda row: abs(row.ratio - 1) / row.uncertainty)
+    place = f" at contact or body {row.place}" if row.place else ""
+    limit = Tolerance(float(SIGNIFICANCE * row.uncertainty), LAW_REASON)
+    yield judged(case.scene.name, engine, f"{MODEL}: law", float(abs(row.ratio - 1)), limit, f"{row.quantity}{place}")
 
 
 def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, Any]]) -> Iterator[Check]:

@@ -13,12 +13,12 @@ from pydantic import Field
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.messages import shorten, validate
+from drivers.base.messages import shorten
 from drivers.batch.study import read_study, seen_from
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.scene.model import Name, Part
-from drivers.scene.read_scene import apply_setting, read_toml
+from drivers.scene.read_scene import apply_setting, read_entries
 from validation.accuracy.plan import plan_case, planned_case
 from validation.independent import impact, linear, solitary, weak
 from validation.independent.passing_waves import Collision, Train, Wall
@@ -75,8 +75,8 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Limit = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class Check(Part):
-    """Check of one number; the head of the file explains the keys."""
+class Expectation(Part):
+    """Expected value of one number; the head of the file explains the keys."""
 
     quantity: Words
     expected: Number | None = None
@@ -110,13 +110,7 @@ class Independent(Part):
     study: str | None = None
     set: tuple[str, ...] = Field(default=(), strict=False)
     measure: str
-    check: Annotated[tuple[Check, ...], Field(strict=False, min_length=1)]
-
-
-class IndependentFile(Part):
-    """The file ``inputs/independent.toml``."""
-
-    case: Annotated[tuple[Independent, ...], Field(strict=False, min_length=1)]
+    check: Annotated[tuple[Expectation, ...], Field(strict=False, min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -142,7 +136,7 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
         InputError: anything in the file is wrong, such as an unknown measure or quantity.
     """
     where = paths.shown(path)
-    entries = validate(IndependentFile, read_toml(path), where).case
+    entries = read_entries(path, "case", Independent)
     counts = Counter(entry.id for entry in entries)
     for entry in entries:
         key = f"case {entry.id}"

@@ -26,6 +26,7 @@ from postproc.read.signals import integral
 from validation.reference.hertz_chain import dissipative_force
 
 MIN_SAMPLES = 12
+FIT_SAMPLES = 500  # evenly spread samples are enough for a fit
 MAX_BODIES = 2_000
 ROUNDINGS = 8.0  # rounding errors of a height, in an overlap
 SIGNIFICANCE = 5.0  # uncertainties by which a value that is not the scene's differs
@@ -115,6 +116,8 @@ def _above(force_N: Array) -> Array:
 
 def _fit(columns: list[Array], target: Array) -> tuple[list[float], list[float]]:
     """Coefficients of columns by least squares and their standard errors; NaN for columns that are negligible."""
+    every = max(len(target) // FIT_SAMPLES, 1)
+    columns, target = [column[::every] for column in columns], target[::every]
     sizes = np.array([np.abs(column).max() for column in columns])
     usable = np.flatnonzero(sizes > NEGLIGIBLE * sizes.max())
     values, errors = np.full((2, len(columns)), np.nan)
