@@ -27,7 +27,7 @@ from postproc.draw.style import svg_of
 from postproc.read.misfit import lay_over
 from postproc.read.observables import observe
 from validation.accuracy.budget import ERROR, PARTS
-from validation.checks import FAIL, Check, outcome, worst_of
+from validation.checks import FAIL, Check, outcome, short, worst_of
 from validation.compare.comparison import ComparedScene
 from validation.report.charts import MAX_GAUGES, Chart, chart_of, failed_label
 from validation.report.page_figures import Image, image_of
@@ -223,7 +223,7 @@ def section_of(scene: ComparedScene, row: ReportRow) -> SceneSection:
     shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
     checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in engines}
     budget = [
-        (part["quantity"], engine, [f"{part[key]:.1e}" for key in PARTS])
+        (part["quantity"], engine, [short(part[key]) for key in PARTS])
         for engine in engines
         for part in scene.runs[engine].record.error_budget or ()
     ]
