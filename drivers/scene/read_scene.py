@@ -4,7 +4,10 @@ import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from types import GenericAlias
+from typing import Any, TypeVar
+
+from pydantic import Field, create_model
 
 from drivers.base import paths
 from drivers.base.errors import InputError, InputProblem, refuse_any
@@ -31,6 +34,7 @@ NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a lette
 STEP_TOLERANCE = 1e-9  # relative; accepts steps written with ten digits
 MAX_STEPS = 2**31 - 1  # LIGGGHTS counts steps in 32 bits
 MAX_VALUES = 200_000_000  # samples x contacts: 1.6 GB of doubles
+Entry = TypeVar("Entry", bound=Part)
 PARTS: dict[str, type[Part]] = {"striker": Striker, "wall": Wall, "tube": Tube, "contact": Contact, "sensor": Gauge}
 
 
@@ -214,6 +218,18 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(where, "", f"byte 0x{error.object[error.start]:02x} at {error.start}", "UTF-8 text") from error
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, and numbers too long to read
         raise InputError(where, "", f"not valid TOML: {error or 'too many nested tables'}") from error
+
+
+def read_entries(path: Path, key: str, kind: type[Entry]) -> tuple[Entry, ...]:
+    """Entries of a file that has nothing but a list of tables ``[[key]]``, at least one.
+
+    Raises:
+        InputError: the file cannot be read, or is wrong.
+    """
+    entries: Any = (GenericAlias(tuple, (kind, ...)), Field(strict=False, min_length=1))
+    file = validate(create_model("File", __base__=Part, **{key: entries}), read_toml(path), paths.shown(path))
+    found: tuple[Entry, ...] = getattr(file, key)
+    return found
 
 
 def _complete_own_materials(data: dict[str, Any], library: dict[str, Any]) -> None:

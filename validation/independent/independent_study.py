@@ -11,6 +11,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.base.tolerances import Tolerance
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
@@ -20,49 +21,43 @@ from drivers.run.finished import EndedRun
 from drivers.run.run import refuse_all, run_many
 from postproc.paper.simulate import exact
 from postproc.read.motion import trace_with_state
-from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, pass_or_fail
+from validation.checks import (
+    FAIL,
+    NOT_RUN,
+    PASS,
+    RUN,
+    Check,
+    judged,
+    pass_or_fail,
+    share_of_limit,
+    table,
+    without_run,
+    worst_of,
+)
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
-from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
-from validation.independent.posed_cases import Check as Expectation
+from validation.independent.posed_cases import MEASURES, Expectation, Posed, pose, read_independent, unit_of
 from validation.studies import Options, Study, Tables, rows_in
 
 IN_REPO: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, "verlet": verlet_of}
+AGAINST = " against "  # in a quantity: followed by the origin of the expected value, and by the label of a study's case
 
 
 @dataclass(frozen=True)
-class Line:
-    """Row of the table: one number of one engine.
+class PublishedCheck(Check):
+    """Row of the table: one number of one engine; the scene is the id of the independent case.
 
     Attributes:
-        id, title: id and title of the independent case.
-        label: settings of the case if the independent case is a study; else empty.
-        quantity: ``run`` if the engine has no numbers, with the reason in ``why``.
-        against: ``quoted`` or ``theory``, with its ``source``.
-        error: error, ``relative`` or ``absolute`` as in ``error_is``.
-        within, reason: tolerance of the error and its reason.
+        expected, measured: published or theoretical value, and value of the run, in ``unit``; NaN without a number.
         wall_s: wall time of the run in s.
     """
 
-    id: str
-    title: str
-    label: str
-    engine: str
-    quantity: str
-    unit: str
-    against: str
-    expected: float
-    found: float
-    error: float
-    error_is: str
-    within: float
-    verdict: str
-    why: str
-    reason: str
-    source: str
+    expected: float = nan
+    measured: float = nan
+    unit: str = ""
     wall_s: float = 0.0
 
 
-def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[Line]:
+def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[PublishedCheck]:
     """Runs the cases, codes in parallel and finished runs reused, and judges every number of every engine.
 
     Raises:
@@ -82,87 +77,78 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[L
     order = sorted(jobs, key=lambda key: "state" in jobs[key][0].scene.run.record)
     refuse_all([jobs[key] for key in order])
     ended = dict(zip(order, run_many([jobs[key] for key in order], runs), strict=True))
-    lines = []
+    checks = []
     for one, engine in product(posed, engine_names()):
         key = (one.entry.id, one.label, engine)
         if key in absent:
-            lines.append(_without(one, engine, NOT_RUN, absent[key]))
+            checks.append(_without(one, engine, NOT_RUN, absent[key]))
         else:
             run, started = ended.get(key), perf_counter()
-            judged = _judged(one, engine, run)
+            of_run = _checks(one, engine, run)
             wall_s = run.record.wall_s if run else perf_counter() - started
-            lines += [replace(line, wall_s=round(wall_s, 4)) for line in judged]
-    return lines
+            checks += [replace(check, wall_s=round(wall_s, 4)) for check in of_run]
+    return checks
 
 
-def _judged(one: Posed, engine: str, ended: EndedRun | None) -> list[Line]:
+def _checks(one: Posed, engine: str, ended: EndedRun | None) -> list[PublishedCheck]:
     if ended is not None and not ended.done:
         return [_without(one, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")]
     try:
-        trace = IN_REPO[engine](one.case) if ended is None else trace_with_state(ended)
-        found = MEASURES[one.entry.measure].measure(one.case, trace)
+        if ended is None:
+            trace = IN_REPO[engine](one.case)
+        else:  # the folder of equal decks has a state also for the case that records none
+            trace = trace_with_state(ended) if "state" in one.case.scene.run.record else ended.trace
+        values = MEASURES[one.entry.measure].measure(one.case, trace)
     except (ValueError, ArithmeticError, IndexError) as error:  # the run does not show the quantities
         return [_without(one, engine, FAIL, str(error))]
-    return [_line(one, engine, check, found.get(check.quantity, nan)) for check in one.entry.check]
+    return [_check(one, engine, expectation, values.get(expectation.quantity, nan)) for expectation in one.entry.check]
 
 
-def _line(one: Posed, engine: str, check: Expectation, found: float) -> Line:
-    expected = one.theory[check.quantity] if check.expected is None else check.expected
-    error = check.error(found, expected)
-    return Line(
-        id=one.entry.id,
-        title=one.entry.title,
-        label=one.label,
-        engine=engine,
-        quantity=check.quantity,
-        unit=unit_of(check.quantity),
-        against=check.against,
-        expected=expected,
-        found=found,
-        error=error,
-        error_is="relative" if check.within is not None else "absolute",
-        within=check.limit,
-        verdict=pass_or_fail(error, check.limit),
-        why="" if found == found else "not visible in the run",
-        reason=check.reason,
-        source=MEASURES[one.entry.measure].SOURCE if check.expected is None else one.entry.source,
-    )
+def _check(one: Posed, engine: str, number: Expectation, measured: float) -> PublishedCheck:
+    expected = one.theory[number.quantity] if number.expected is None else number.expected
+    source, unit = _source(one.entry.measure, one.entry.source, number.against), unit_of(number.quantity)
+    in_unit = f" {unit}" if unit else ""
+    seen = f"found {measured:.8g}{in_unit}" if measured == measured else "not visible in the run"
+    where = f"{seen}, expected {expected:.8g}{in_unit}: {source}"
+    quantity, limit = f"{number.quantity}{AGAINST}{number.against}", Tolerance(number.limit, number.reason)
+    check = judged(one.entry.id, engine, quantity + _labelled(one), number.error(measured, expected), limit, where)
+    return PublishedCheck(**vars(check), expected=expected, measured=measured, unit=unit)
 
 
-def _without(one: Posed, engine: str, verdict: str, why: str) -> Line:
-    entry, reason = one.entry, "a run has to finish and to show the quantities"
-    names = (entry.id, entry.title, one.label, engine, RUN, "", "")
-    return Line(*names, nan, nan, nan, "", nan, verdict, why, reason, entry.source)
+def _without(one: Posed, engine: str, verdict: str, why: str) -> PublishedCheck:
+    check = without_run(one.entry.id, engine, why, verdict)
+    return PublishedCheck(**vars(replace(check, quantity=RUN + _labelled(one))))
 
 
-def verdict_of(line: Line) -> Check:
-    """The row as a verdict: the scene is the id of the case, ``where`` holds the found and the expected value."""
-    if line.quantity == RUN:
-        quantity, where = RUN, line.why
-    else:
-        unit = f" {line.unit}" if line.unit else ""
-        quantity = f"{line.quantity} against {line.against}"
-        where = f"found {line.found:.8g}{unit}, expected {line.expected:.8g}{unit}: {line.source}"
-    if line.label:
-        quantity += f" ({line.label})"
-    return Check(line.id, line.engine, quantity, line.error, line.within, line.reason, where, line.verdict)
+def _labelled(one: Posed) -> str:
+    return f" ({one.label})" if one.label else ""
 
 
-def rows_of(lines: Iterable[Line]) -> list[dict[str, Line]]:
-    """One row per number and case: lines by engine.
+def _source(measure: str, source: str, against: str) -> str:
+    """Source of an expected value."""
+    return MEASURES[measure].source if against == "theory" else source
 
-    An engine without numbers has its ``run`` line in each row of the case; if no engine has numbers, there is one row.
+
+def _is_run(check: Check) -> bool:
+    """True for the check of an engine without numbers."""
+    return AGAINST not in check.quantity
+
+
+def rows_of(checks: Iterable[PublishedCheck]) -> dict[str, dict[str, PublishedCheck]]:
+    """Checks of a case by quantity and engine.
+
+    An engine without numbers has its run in each row with the same label; if no engine has numbers, there is one row.
     """
-    rows: dict[tuple[str, ...], dict[str, Line]] = {}
-    for line in sorted(lines, key=lambda each: each.quantity == RUN):
-        key = (line.id, line.label, line.quantity, line.against)
-        own = [row for other, row in rows.items() if other[:2] == key[:2]] if line.quantity == RUN else []
-        for row in own or [rows.setdefault(key, {})]:
-            row[line.engine] = line
-    return list(rows.values())
+    rows: dict[str, dict[str, PublishedCheck]] = {}
+    for check in sorted(checks, key=_is_run):
+        label = check.quantity.partition(" (")[2]
+        same = [row for quantity, row in rows.items() if quantity.partition(" (")[2] == label]
+        for row in (same if _is_run(check) else []) or [rows.setdefault(check.quantity, {})]:
+            row[check.engine] = check
+    return rows
 
 
-def measure(options: Options) -> dict[str, list[Line]]:
+def measure(options: Options) -> dict[str, list[PublishedCheck]]:
     """Judges all cases.
 
     Raises:
@@ -172,84 +158,79 @@ def measure(options: Options) -> dict[str, list[Line]]:
 
 
 def sentences(tables: Tables) -> list[str]:
-    """Lines for a terminal, and counts of the verdicts."""
-    lines = rows_in(tables["independent"], Line)
-    counts = Counter(line.verdict for line in lines)
-    return [*budget_lines(lines), f"{counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"]
+    """Table of the checks of each case and engine that fail, else the one closest to its limit; counts of verdicts."""
+    checks = rows_in(tables["independent"], PublishedCheck)
+    groups = defaultdict[tuple[str, str], list[PublishedCheck]](list)
+    for check in checks:
+        groups[check.scene, check.engine].append(check)
+    shown = [
+        check
+        for group in groups.values()
+        for check in [check for check in group if check.verdict != PASS] or [worst_of(group) or group[0]]
+    ]
+    counts = Counter(check.verdict for check in checks)
+    return [*table(shown), f"{counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"]
 
 
 def missed(tables: Tables) -> list[str]:
     """Numbers with errors beyond their tolerance, and failed runs."""
-    said = []
-    for line in rows_in(tables["independent"], Line):
-        if line.verdict == FAIL:
-            each = verdict_of(line)
-            off = "" if line.quantity == RUN else f"error {line.error:.3g}, allowed {line.within:g}: "
-            said.append(f"{line.id}: {line.engine}: {each.quantity}: {off}{each.where}")
-    return said
+    return [
+        f"{check.scene}: {check.engine}: {check.quantity}: "
+        + ("" if _is_run(check) else f"error {check.value:.3g}, allowed {check.limit:g}: ")
+        + check.where
+        for check in rows_in(tables["independent"], PublishedCheck)
+        if check.verdict == FAIL
+    ]
 
 
-def budget_lines(lines: list[Line]) -> list[str]:
-    """Lines for a terminal: a row for each number, with the error of each engine."""
-    engines = list(dict.fromkeys(line.engine for line in lines))
-    text = [f"{'case':<24} {'quantity':<34} {'expected':>12} {'allowed':>8} " + " ".join(f"{e:>9}" for e in engines)]
-    last = ("", "")
-    for row in rows_of(line for line in lines if line.quantity != RUN):
-        one = next(iter(row.values()))
-        if one.label and (one.id, one.label) != last:
-            text.append(f"{one.id}: {one.label}")
-        last = (one.id, one.label)
-        name, head = f"{one.quantity}, {one.against}", "" if one.label else one.id
-        errors = {engine: f"{line.error:.1e}" + ("" if line.verdict == PASS else "!") for engine, line in row.items()}
-        cells = " ".join(f"{errors.get(engine, '-'):>9}" for engine in engines)
-        text.append(f"{head:<24} {name:<34} {one.expected:12.6g} {one.within:8.1e} {cells}")
-    return text + [f"{x.id} {x.label} {x.engine} {x.verdict}: {x.why}" for x in lines if x.quantity == RUN]
-
-
-def lines_in(tables: Tables) -> list[Line]:
-    """Rows of the shipped cases.
+def checks_in(tables: Tables) -> list[PublishedCheck]:
+    """Checks of the shipped cases.
 
     Raises:
         InputError: the table holds other cases, or a verdict that disagrees with its numbers.
     """
-    lines = rows_in(tables["independent"], Line)
-    if list(dict.fromkeys(line.id for line in lines)) != [entry.id for entry in read_independent()]:
-        found = f"other cases than in {paths.shown(paths.INDEPENDENT)}; run make independent"
-        raise InputError("independent.csv", "id", found)
-    for line in lines:
+    checks = rows_in(tables["independent"], PublishedCheck)
+    if list(dict.fromkeys(check.scene for check in checks)) != [entry.id for entry in read_independent()]:
+        cases = f"other cases than in {paths.shown(paths.INDEPENDENT)}; run make independent"
+        raise InputError("independent.csv", "scene", cases)
+    for check in checks:
         # verdict by the numbers; without numbers the given one, unless it is a pass
-        verdict = line.verdict if line.verdict == NOT_RUN else FAIL
-        if isfinite(line.error) and isfinite(line.within) and isfinite(line.found):
-            verdict = PASS if line.error <= line.within else FAIL
-        if line.verdict != verdict:
-            found = f"{line.verdict} of {line.id} on {line.engine} with error {line.error:g}, tolerance {line.within:g}"
-            raise InputError("independent.csv", "verdict", found, f"{verdict}; run make independent")
-    return lines
+        verdict = check.verdict if check.verdict == NOT_RUN else FAIL
+        if isfinite(check.value) and isfinite(check.limit) and isfinite(check.measured):
+            verdict = pass_or_fail(check.value, check.limit)
+        if check.verdict != verdict:
+            wrong = f"{check.verdict} of {check.scene} on {check.engine}, error {share_of_limit(check):g} of its limit"
+            raise InputError("independent.csv", "verdict", wrong, f"{verdict}; run make independent")
+    return checks
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """``cases`` with rows and counts of verdicts, ``engines``, ``verdicts``."""
-    lines, cases = lines_in(tables), []
+    """``cases`` with rows and counts of verdicts, ``engines``, ``checks``."""
+    checks, cases = checks_in(tables), []
     for entry in read_independent():
-        own = [line for line in lines if line.id == entry.id]
-        rows = rows_of(own)
-        first = [min(row.values(), key=lambda line: line.quantity == RUN) for row in rows]  # prefer numbers
-        words = MEASURES[entry.measure].QUANTITIES | {RUN: "the run"}
-        cases.append({
-            "entry": entry,
-            "rows": [(words.get(one.quantity, one.quantity), one, row) for one, row in zip(first, rows, strict=True)],
-            "counts": Counter(line.verdict for line in own),
-        })  # fmt: skip
+        own, rows = [check for check in checks if check.scene == entry.id], []
+        words = MEASURES[entry.measure].quantities | {RUN: "the run"}
+        absolute = {f"{each.quantity}{AGAINST}{each.against}" for each in entry.check if each.absolute is not None}
+        for quantity, row in rows_of(own).items():
+            number, _, origin = quantity.partition(AGAINST)
+            name = number.partition(" (")[0]
+            source = _source(entry.measure, entry.source, origin.partition(" ")[0])
+            unit = unit_of(name) if quantity.partition(" (")[0] in absolute else ""
+            rows.append((words.get(name, name), origin, source, unit, min(row.values(), key=_is_run), row))
+        cases.append({"entry": entry, "rows": rows, "counts": Counter(check.verdict for check in own)})
     wall_s = defaultdict[tuple[str, str], float](float)
-    for (case, engine, _), seconds in {(line.id, line.engine, line.label): line.wall_s for line in lines}.items():
+    runs = {(check.scene, check.engine, check.quantity.partition(" (")[2]): check.wall_s for check in checks}
+    for (case, engine, _), seconds in runs.items():
         wall_s[case, engine] += seconds
     return {
         "cases": cases,
         "wall_s": wall_s,
-        "engines": in_order({line.engine for line in lines} & set(engine_names())),
-        "counts": Counter(line.verdict for line in lines),
-        "checks": [verdict_of(line) for line in lines],
+        "engines": in_order({check.engine for check in checks} & set(engine_names())),
+        "counts": Counter(check.verdict for check in checks),
+        "checks": checks,
     }
 
 
-STUDY = Study("independent", "independent cases", {"independent": Line}, measure, sentences, section, missed=missed)
+STUDY = Study(
+    "independent", "independent cases", {"independent": PublishedCheck}, measure, sentences, section, missed=missed
+)
