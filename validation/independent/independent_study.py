@@ -83,7 +83,7 @@ def _check(one: Posed, engine: str, expectation: Expectation, found: float) -> C
     theory = expectation.expected is None
     expected = one.theory[expectation.quantity] if expectation.expected is None else expectation.expected
     unit = unit_of(expectation.quantity) and f" {unit_of(expectation.quantity)}"
-    source = MEASURES[one.entry.measure].SOURCE if theory else one.entry.source
+    source = MEASURES[one.entry.measure].source if theory else one.entry.source
     where = f"found {found:.8g}{unit}" if not isnan(found) else "not visible in the run"
     label = f" ({one.label})" if one.label else ""
     check = judged(
@@ -146,7 +146,7 @@ def section(tables: Tables) -> dict[str, Any]:
     checks, cases = checks_in(tables), []
     for entry in read_independent():
         of_case = [check for check in checks if check.scene == entry.id]
-        words = MEASURES[entry.measure].QUANTITIES | {RUN: "the run"}
+        words = MEASURES[entry.measure].quantities | {RUN: "the run"}
         rows = [
             (words.get(quantity.partition(" against ")[0], quantity), next(iter(by_engine.values())), by_engine)
             for quantity, by_engine in _by_quantity(of_case).items()

@@ -299,7 +299,7 @@ def test_the_section_has_engines_as_columns_and_says_why(tmp_path: Path) -> None
     assert case["entry"].id == first
     assert len(case["rows"]) == len(lost) + 1
     words, one, row = case["rows"][0]
-    assert words == MEASURES["impact"].QUANTITIES[one.quantity.partition(" ")[0]]
+    assert words == MEASURES["impact"].quantities[one.quantity.partition(" ")[0]]
     assert row["liggghts"] == one == replace(row["reference"], engine="liggghts")
     assert case["rows"][-1][2]["yade"].where == "it blew up"
     write_report([], tmp_path / "report.html")
