@@ -27,6 +27,7 @@ from validation.reference.hertz_chain import dissipative_force
 
 MIN_SAMPLES = 12
 FIT_SAMPLES = 500  # evenly spread samples are enough for a fit
+CLOCK_SAMPLES = 1_000_000  # of all bodies together
 MAX_BODIES = 2_000
 ROUNDINGS = 8.0  # rounding errors of a height, in an overlap
 SIGNIFICANCE = 5.0  # uncertainties by which a value that is not the scene's differs
@@ -114,9 +115,9 @@ def _above(force_N: Array) -> Array:
     return np.column_stack([force_N[:, 1:], np.zeros(len(force_N))])
 
 
-def _fit(columns: list[Array], target: Array) -> tuple[list[float], list[float]]:
+def _fit(columns: list[Array], target: Array, samples: int = FIT_SAMPLES) -> tuple[list[float], list[float]]:
     """Coefficients of columns by least squares and their standard errors; NaN for columns that are negligible."""
-    every = max(len(target) // FIT_SAMPLES, 1)
+    every = max(len(target) // samples, 1)
     columns, target = [column[::every] for column in columns], target[::every]
     sizes = np.array([np.abs(column).max() for column in columns])
     usable = np.flatnonzero(sizes > NEGLIGIBLE * sizes.max())
@@ -147,6 +148,8 @@ def _contacts(chain: Chain, overlap_m: Array, closing_m_s: Array, force_N: Array
         values, errors = _fit([elastic, lossy[closed, j], constant], force_N[closed, j])
         rounding = 1.5 * ROUNDINGS * float(np.spacing(furthest_m(chain)) / overlap_m[closed, j].max()) + LEAST
         varying = rounding * largest / float(np.ptp(elastic))
+        if not np.isfinite(values[0] + errors[0]):
+            continue
         rows.append(LawRow(STIFFNESS, int(j) + 1, values[0], errors[0] + varying))
         if np.isfinite(values[1]):
             uncertainty = errors[1] + varying * largest / float(np.abs(lossy[closed, j]).max())
@@ -201,7 +204,7 @@ def _clock(case: Case, time_s: Array, height_m: Array, velocity_m_s: Array) -> I
         np.abs(np.diff(gained, axis=0)).max() / times[1]
     )
     off += ROUNDINGS * float(np.spacing(np.abs(height_m).max()))
-    values, errors = _fit([travelled.ravel(), gained.ravel()], moved.ravel())
+    values, errors = _fit([travelled.ravel(), gained.ravel()], moved.ravel(), CLOCK_SAMPLES)
     yield LawRow(INTERVAL, 0, values[0], errors[0] + off / furthest + LEAST)
     if np.isfinite(values[1]):
         uncertainty = (errors[1] + off / float(np.abs(gained).max())) / step_s + LEAST

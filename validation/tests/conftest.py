@@ -9,12 +9,25 @@ import pytest
 from drivers.base import paths
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, EnginesWriter, SceneWriter, StandIn, StudyWriter
 
-os.environ.pop(paths.ENGINES_VARIABLE, None)  # tests use the engines of the package and entries of their own
-
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """``--update-decks`` writes the deck snapshots again."""
+    """Options of the tests."""
     parser.addoption("--update-decks", action="store_true", help="write the deck snapshots again")
+    parser.addoption("--engine", action="append", default=[], help="run the tests of an engine on this entry alone")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """With ``--engine`` long tests run too; else tests use the engines of the package and entries of their own."""
+    if config.getoption("engine"):
+        config.option.markexpr = ""
+    else:
+        os.environ.pop(paths.ENGINES_VARIABLE, None)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """With ``--engine`` only tests of an engine run."""
+    if config.getoption("engine"):
+        items[:] = [item for item in items if "candidate" in getattr(item, "fixturenames", ())]
 
 
 @pytest.fixture(autouse=True)

@@ -1,19 +1,17 @@
-"""Engine under test with its build and its scenes, run in one folder."""
+"""Engine under test: its build, its scenes, and runs in temporary folders."""
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
-import numpy as np
-from pydantic import Field
+import pytest
 
 from drivers.base import paths
 from drivers.base.decks import Deck
-from drivers.base.messages import validate
 from drivers.base.processes import Outcome, run_command
-from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, Engine
@@ -22,71 +20,27 @@ from drivers.run.build import Build
 from drivers.run.guard import checked_trace
 from drivers.run.run import default_limit_s
 from drivers.run.session import Session
-from drivers.scene.model import Part
-from drivers.scene.read_scene import read_toml
 from validation.accuracy.plan import planned_case
 
 NORMAL_END = Outcome(0, False, 0.0, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
-
-
-class NotRunError(Exception):
-    """A check does not apply to the engine; the message is the reason."""
-
-
-@dataclass(frozen=True)
-class Measured:
-    """Result of a check: a value and its limit; the check fails if the value exceeds the limit or is NaN.
-
-    Attributes:
-        words: description of the value.
-    """
-
-    value: float
-    limit: float
-    words: str
-
-    @property
-    def share(self) -> float:
-        """Value over limit; inf for NaN."""
-        share = self.value / self.limit if self.limit else (0.0 if self.value == 0 else np.inf)
-        return float(share) if np.isfinite(share) else np.inf
-
-
-def within(quantity: str, value: float, words: str) -> Measured:
-    """Result of a check with a limit of ``inputs/tolerances.toml``."""
-    return Measured(value, tolerance("kit", quantity).limit, words)
-
-
-Settings = Annotated[tuple[str, ...], Field(strict=False)]
-
-
-class Variant(Part):
-    """A scene for every engine that does not refuse it; by default the kit's scene with settings."""
-
-    name: str
-    scene: str | None = None
-    set: Settings = ()
-
-
-class KitFile(Part):
-    """``inputs/kit.toml``: the scene, settings without effect on numbers, settings with an effect, and variants."""
-
-    scene: str
-    set: Settings
-    same: Settings
-    change: dict[str, Settings]
-    variant: tuple[Variant, ...] = Field(strict=False)
+STAND_INS: dict[str, Engine] = {}  # engines with a fault, by name, in tests of these tests
 
 
 @cache
-def kit_file() -> KitFile:
-    """Read the file of the kit."""
-    return validate(KitFile, read_toml(paths.KIT), paths.shown(paths.KIT))
+def kit() -> dict[str, Any]:
+    """Contents of ``inputs/kit.toml``."""
+    return tomllib.loads(paths.KIT.read_text())
 
 
 def case_with(*settings: str) -> Case:
     """Planned case of the kit's scene with settings."""
-    return planned_case(kit_file().scene, *kit_file().set, *settings)
+    return planned_case(kit()["scene"], *kit()["set"], *settings)
+
+
+def case_of_variant(variant: Mapping[str, Any]) -> Case:
+    """Planned case of a variant of the kit."""
+    settings = variant.get("set", ())
+    return planned_case(variant["scene"], *settings) if "scene" in variant else case_with(*settings)
 
 
 @dataclass(frozen=True)
@@ -95,13 +49,13 @@ class Candidate:
 
     Attributes:
         folder: temporary folder of the runs.
-        session: server for the checks of physics; None if the check of the server failed.
+        session: server that runs cases one after another.
     """
 
     engine: Engine
     build: Build
     folder: Path
-    session: Session | None = None
+    session: Session
 
     @property
     def steps(self) -> bool:
@@ -138,11 +92,8 @@ class Candidate:
         return checked_trace(case, self.engine, NORMAL_END, folder)
 
     def execute(self, case: Case, deck: Deck) -> tuple[Path, Outcome]:
-        """Run a deck with the time limit of a case, on the server if there is one."""
-        limit_s = default_limit_s(case, self.engine)
-        if self.session is None:
-            return self.process(deck, "run", limit_s)
-        outcome = self.session.run(deck, limit_s)
+        """Run a deck on the server, with the time limit of a case."""
+        outcome = self.session.run(deck, default_limit_s(case, self.engine))
         return self.session.case, outcome
 
     def run_deck(self, case: Case, deck: Deck) -> Trace:
@@ -151,24 +102,20 @@ class Candidate:
         return checked_trace(case, self.engine, outcome, folder)
 
     def run(self, case: Case) -> Trace:
-        """Run a case and read its trace; RunError if the run fails.
-
-        Raises:
-            NotRunError: the engine refuses the case.
-        """
+        """Run a case and read its trace; skip the test if the engine refuses the case. RunError if the run fails."""
         self.admit(case)
         return self.run_deck(case, self.engine.render(case))
 
     def admit(self, case: Case) -> None:
-        """Raise NotRunError if the engine refuses the case."""
+        """Skip the test if the engine refuses the case, by design."""
         if refused := inability(case, self.engine.name):
-            raise NotRunError(f"refused: {str(refused).removeprefix(f'{refused.args[0]}: ')}")
+            pytest.skip(f"refused: {str(refused).removeprefix(f'{refused.args[0]}: ')}")
 
     def changed(self) -> Mapping[str, Case]:
         """Cases of the kit's scene with each change that the engine models and that has to change its deck."""
-        found = {name: case_with(*settings) for name, settings in kit_file().change.items()}
+        cases = {name: case_with(*settings) for name, settings in kit()["change"].items()}
         return {
             name: case
-            for name, case in found.items()
+            for name, case in cases.items()
             if inability(case, self.engine.name) is None and (self.steps or name != "time step")
         }

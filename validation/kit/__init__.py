@@ -1,1 +1,0 @@
-"""Kit of checks for an adapter, or a build of its code, before its first use."""
