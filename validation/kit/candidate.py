@@ -12,7 +12,7 @@ from pydantic import Field
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.messages import validate
-from drivers.base.processes import Outcome, run_command
+from drivers.base.processes import EndedProcess, run_command
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
@@ -26,7 +26,7 @@ from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from validation.accuracy.plan import planned_case
 
-NORMAL_END = Outcome(0, False, 0.0, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+NORMAL_END = EndedProcess(0, False, 0.0, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
 
 
 class NotRunError(Exception):
@@ -124,7 +124,7 @@ class Candidate:
         folder, outcome = self.process(self.deck, "alone")
         return folder, checked_trace(self.base, self.engine, outcome, folder)
 
-    def process(self, deck: Deck, name: str, limit_s: float | None = None) -> tuple[Path, Outcome]:
+    def process(self, deck: Deck, name: str, limit_s: float | None = None) -> tuple[Path, EndedProcess]:
         """Run a deck in a process and a folder of its own."""
         folder = self.folder / f"{name}-{sum(1 for _ in self.folder.iterdir())}"
         folder.mkdir()
@@ -137,7 +137,7 @@ class Candidate:
         """Trace of a folder, read as that of a successful run; RunError if it cannot be a trace of the case."""
         return checked_trace(case, self.engine, NORMAL_END, folder)
 
-    def execute(self, case: Case, deck: Deck) -> tuple[Path, Outcome]:
+    def execute(self, case: Case, deck: Deck) -> tuple[Path, EndedProcess]:
         """Run a deck with the time limit of a case, on the server if there is one."""
         limit_s = default_limit_s(case, self.engine)
         if self.session is None:
