@@ -49,6 +49,12 @@ ELEMENTS = "elements"
 BUDGET_WORDS = "signed parts that add up to the whole: model, rounding, truncation (time step), sampling"
 MODEL, ERROR = "model", "error"  # judgements: the right computation, accurate enough
 LAW_REASON = f"{SIGNIFICANCE:g} times the uncertainty of the measured value, by rounding, time step and sampling"
+CAUSES = {
+    "model": "the run is not that of its scheme",
+    "rounding": "rounding of heights far from 0",
+    "truncation": "the time step",
+    "sampling": "the interval between samples",
+}
 CEILINGS = {"peak": "peaks", "speed": "speeds"}  # kinds of observables that have a general ceiling, with their plural
 
 
@@ -100,7 +106,7 @@ def budget_of(case: Case, engine: str, trace: Trace) -> Budget:
             checks=checks,
             note="; ".join([*_notes(motions, engine), *missing]),
             departure=departure,
-            warnings=[*_warnings(motions, engine, trace, checks)],
+            warnings=[*_warnings(motions, engine, trace, checks, rows)],
             exact_to=float(motions.exact_error[samples - 1]) if known else None,
             exact_until_s=float(case.sample_times_s[samples - 1]) if known else None,
         )
@@ -310,7 +316,9 @@ def exactness_note(motions: Motions) -> str:
     )
 
 
-def _warnings(motions: Motions, engine: str, trace: Trace, checks: Iterable[Check]) -> Iterator[str]:
+def _warnings(
+    motions: Motions, engine: str, trace: Trace, checks: Iterable[Check], rows: list[dict[str, Any]]
+) -> Iterator[str]:
     """Warnings on errors above a tenth, on an exact motion that is lost, and on codes that deviate from the scheme."""
     case, unknown = motions.case, bool(motions.why_unknown)
     if unknown and not motions.straight:
@@ -335,7 +343,9 @@ def _warnings(motions: Motions, engine: str, trace: Trace, checks: Iterable[Chec
         if not (error <= limit).all():
             since = case.sample_times_s[int(np.argmax(~(error <= limit)))]
             most = f"error of the {quantity} up to {error.max():.2g} of the {scales[quantity]}"
-            yield f"{most}, above {limit:g} from t = {since:g} s"
+            row = next((row for row in rows if row["quantity"] == quantity), None)
+            cause = max(PARTS[1:], key=lambda part: abs(row[part])) if row else "truncation"
+            yield f"{most}, above {limit:g} from t = {since:g} s; cause: {CAUSES[cause]}"
     scheme = load_engine(engine).scheme
     if scheme == EXACT and exact is not None and motions.exact_error[-1] > HORIZON:
         yield exactness_note(motions)

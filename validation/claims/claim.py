@@ -78,13 +78,17 @@ class Claim(Part):
         """The judged reading."""
         return next((reading for reading in self.readings if reading.favoured), PLAIN_READING)
 
-    def holds_for(self, value: float) -> bool:
-        """True if a computed value agrees with the statement; False for NaN."""
-        if self.relation == "at most":
-            return value <= self.quoted
-        if self.relation == "at least":
-            return value >= self.quoted
-        return abs(value - self.quoted) <= (self.within or 0.0)
+    @property
+    def limit(self) -> float:
+        """Allowed error."""
+        return (self.within or 0.0) if self.relation == "equals" else 0.0
+
+    def error(self, value: float) -> float:
+        """Deviation of a computed value from the statement; NaN for NaN."""
+        off = value - self.quoted
+        if self.relation == "equals":
+            return abs(off)
+        return max(off if self.relation == "at most" else -off, 0.0)  # of NaN and 0 the first: NaN
 
 
 class Untested(Part):

@@ -7,205 +7,127 @@ is judged, and the reference computes the others as well.
 """
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from math import nan
 from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.engines import in_order
-from validation.claims.claim import KINDS, read_claims
-from validation.claims.judged import DIFFERS, REPRODUCED, ComputedReading, Judged, judge_all, verdict_of
+from drivers.engines import REFERENCE, in_order
+from validation.checks import Check, table
+from validation.claims.claim import KINDS, Claim, read_claims
+from validation.claims.judged import (
+    DIFFERS,
+    REPRODUCED,
+    check_of,
+    fault_of,
+    favoured,
+    hangs,
+    how_computed,
+    judge_all,
+    quantity_of,
+)
 from validation.studies import Options, Study, Tables, rows_in
 
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 
 
-@dataclass(frozen=True)
-class Row:
-    """Row of the table: a claim with the computed values and the verdict."""
-
-    id: str
-    where: str
-    quote: str
-    kind: str
-    relation: str
-    quoted: float
-    number_is: str  # "the paper's" or "ours": source of the quoted number
-    unit: str
-    within: float
-    because: str
-    reading: str  # the judged reading; empty if there is one only
-    hangs: bool  # True if another reading gives another verdict
-    computed: Mapping[str, float]  # by engine
-    difference: float  # the reference's value less the quoted one
-    verdict: str
-    why: str
-    how: str  # the computed quantity
-
-
-@dataclass(frozen=True)
-class ReadingRow:
-    """Row of the table of readings."""
-
-    id: str  # id of the claim
-    reading: str
-    favoured: str  # reason why the text favours this reading; empty for the others
-    computed: float
-    verdict: str
-
-
-def measure(options: Options) -> dict[str, list[Row] | list[ReadingRow]]:
-    """Rows of all claims and of their readings.
+def measure(options: Options) -> dict[str, list[Check]]:
+    """Checks of all claims and of their readings.
 
     Raises:
         RunError: a run failed.
     """
-    return rows_of(judge_all(options.runs))
+    return {"claims": judge_all(options.runs)}
 
 
-def rows_of(judged: list[Judged]) -> dict[str, list[Row] | list[ReadingRow]]:
-    """Rows of both tables, from judged claims."""
-    return {
-        "claims": [*map(row_of, judged)],
-        "claims-readings": [row for each in judged for row in _reading_rows(each)],
-    }
-
-
-def row_of(judged: Judged) -> Row:
-    """Row of a judged claim."""
-    claim = judged.claim
-    same = ("id", "where", "quote", "kind", "relation", "quoted", "unit", "because")
-    return Row(
-        **{name: getattr(claim, name) for name in same},
-        number_is="ours" if claim.ours else "the paper's",
-        within=claim.within or nan,
-        reading=claim.favoured.words,
-        hangs=judged.hangs,
-        computed=judged.computed,
-        difference=judged.value - claim.quoted,
-        verdict=judged.verdict,
-        why=claim.explained,
-        how=judged.how,
-    )
-
-
-def _reading_rows(judged: Judged) -> list[ReadingRow]:
-    return [
-        ReadingRow(
-            id=judged.claim.id,
-            reading=read.reading.words,
-            favoured=read.reading.favoured,
-            computed=read.value,
-            verdict=read.verdict,
-        )
-        for read in judged.readings
-    ]
-
-
-def judged_in(tables: Tables) -> list[Judged]:
-    """Claims of ``inputs/paper/claims.toml`` with the values of the tables.
+def checks_in(tables: Tables) -> list[tuple[Claim, list[Check]]]:
+    """Claims of ``inputs/paper/claims.toml`` with their checks.
 
     Raises:
-        InputError: the tables hold other claims or verdicts.
+        InputError: the table holds other claims, readings or verdicts.
     """
-    rows, claims = rows_in(tables["claims"], Row), read_claims().claim
-    values = {(row.id, row.reading): row.computed for row in rows_in(tables["claims-readings"], ReadingRow)}
-    known = {(claim.id, reading.words) for claim in claims for reading in claim.readings}
-    if [row.id for row in rows] != [claim.id for claim in claims] or set(values) != known:
-        raise InputError("claims.csv", "id", f"other claims than in {paths.shown(paths.CLAIMS)}; run make claims")
-    judged = [
-        Judged(
-            claim,
-            dict(row.computed),
-            row.how,
-            tuple(
-                ComputedReading(reading, value := values[claim.id, reading.words], verdict_of(claim, value))
-                for reading in claim.readings
-            ),
-        )
-        for claim, row in zip(claims, rows, strict=True)
-    ]
-    for each, row in zip(judged, rows, strict=True):
-        if each.verdict != row.verdict:
+    rows, claims = rows_in(tables["claims"], Check), read_claims().claim
+    judged = [(claim, [row for row in rows if row.scene == claim.id]) for claim in claims]
+    others = InputError("claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; run make claims")
+    if {row.scene for row in rows} != {claim.id for claim in claims}:
+        raise others
+    for claim, checks in judged:
+        known = {quantity_of(claim, reading) for reading in (*claim.readings, claim.favoured)}
+        if {check.quantity for check in checks if check.engine == REFERENCE} != known:
             raise InputError(
-                "claims.csv", f"{row.id}: verdict", row.verdict, f"{each.verdict}, the verdict of make claims"
+                "claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; run make claims"
             )
+        for check in checks:
+            verdict = check_of(claim, claim.favoured, check.engine, check.found).verdict
+            if check.verdict != verdict:
+                allowed = f"{verdict}, the verdict of make claims"
+                raise InputError("claims.csv", f"{claim.id}: verdict", check.verdict, allowed)
     return judged
 
 
 def sentences(tables: Tables) -> list[str]:
     """Statements that differ, and counts of the verdicts."""
-    judged = judged_in(tables)
-    differ = [
-        f"{each.claim.id}: quoted {each.claim.quoted:g}, computed {each.value:.4g} {each.claim.unit}: "
-        f"{each.claim.explained}"
-        for each in judged
-        if each.verdict == DIFFERS
-    ]
-    counts = [f"{words}: {good} reproduced, {bad} differ" for words, good, bad in _counts(judged)]
-    hanging = f"{sum(each.hangs for each in judged)} verdicts depend on the reading of a sentence"
+    judged = checks_in(tables)
+    checks = [favoured(claim, checks)[REFERENCE] for claim, checks in judged]
     return [
-        *differ,
-        *counts,
-        hanging,
+        *table([check for check in checks if check.verdict == DIFFERS]),
+        *(f"{words}: {good} reproduced, {bad} differ" for words, good, bad in _counts(judged)),
+        f"{sum(hangs(checks) for _, checks in judged)} verdicts depend on the reading of a sentence",
         f"{len(read_claims().untested)} statements are not tested (reasons in the report)",
     ]
 
 
-def _counts(judged: list[Judged]) -> list[tuple[str, int, int]]:
+def _counts(judged: list[tuple[Claim, list[Check]]]) -> list[tuple[str, int, int]]:
     """By kind: its description, the number of reproduced and of differing statements."""
-    counts: Counter[tuple[str, str]] = Counter((each.claim.kind, each.verdict) for each in judged)
+    counts: Counter[tuple[str, str]] = Counter(
+        (claim.kind, favoured(claim, checks)[REFERENCE].verdict) for claim, checks in judged
+    )
     return [(words, counts[kind, REPRODUCED], counts[kind, DIFFERS]) for kind, words in KINDS.items()]
 
 
 def missed(tables: Tables) -> list[str]:
     """Claims with an unexplained difference, an unneeded explanation, or engines that disagree."""
-    return [f"{each.claim.id}: {each.fault}" for each in judged_in(tables) if each.fault]
+    faults = ((claim.id, fault_of(claim, checks)) for claim, checks in checks_in(tables))
+    return [f"{name}: {fault}" for name, fault in faults if fault]
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """Rows by verdict with their readings, untested statements, engines, and counts."""
-    judged = judged_in(tables)
+    """Claims by verdict with their readings, untested statements, engines, and counts."""
+    judged = checks_in(tables)
     rows: dict[str, list[dict[str, Any]]] = {verdict: [] for verdict in (DIFFERS, REPRODUCED)}
-    for each in judged:
-        rows[each.verdict].append(_cells(each))
+    for claim, checks in judged:
+        rows[favoured(claim, checks)[REFERENCE].verdict].append(_cells(claim, checks))
     return {
         "rows": rows,
-        "engines": in_order({engine for each in judged for engine in each.computed}),
+        "engines": in_order({check.engine for _, checks in judged for check in checks}),
         "untested": read_claims().untested,
         "counts": _counts(judged),
-        "hanging": sum(each.hangs for each in judged),
+        "hanging": sum(hangs(checks) for _, checks in judged),
     }
 
 
-def _cells(judged: Judged) -> dict[str, Any]:
-    row = row_of(judged)
+def _cells(claim: Claim, checks: list[Check]) -> dict[str, Any]:
     # eight digits for a tight tolerance, else four
-    digits = 8 if 0 < row.within < 1e-4 * abs(row.quoted) else 4
-    cells = asdict(row) | {
-        "ours": "our criterion" if row.number_is == "ours" else "",
-        "kind": KINDS[row.kind],
-        "quoted": f"{RELATIONS[row.relation]}{row.quoted:.8g}",
-        "within": f"± {row.within:g}" if row.relation == "equals" else "",
-        "computed": f"{judged.value:.{digits}g}",
-        "why": row.why or row.because,
+    digits = 8 if 0 < claim.limit < 1e-4 * abs(claim.quoted) else 4
+    by_reading = {check.quantity: check for check in checks if check.engine == REFERENCE}
+    return {
+        "claim": claim,
+        "ours": "our criterion" if claim.ours else "",
+        "kind": KINDS[claim.kind],
+        "quoted": f"{RELATIONS[claim.relation]}{claim.quoted:.8g}",
+        "within": f"± {claim.within:g}" if claim.relation == "equals" else "",
+        "computed": f"{by_reading[quantity_of(claim, claim.favoured)].found:.{digits}g}",
+        "why": claim.explained or claim.because,
+        "how": how_computed(claim),
+        "hangs": hangs(checks),
+        "readings": [
+            (
+                reading,
+                f"{by_reading[quantity_of(claim, reading)].found:.{digits}g}",
+                by_reading[quantity_of(claim, reading)].verdict,
+            )
+            for reading in claim.readings
+        ],
     }
-    read = [
-        {"words": each.reading.words, "favoured": each.reading.favoured, "verdict": each.verdict,
-         "computed": f"{each.value:.{digits}g}"}
-        for each in judged.readings
-    ]  # fmt: skip
-    return cells | {"readings": read}
 
 
-STUDY = Study(
-    "claims",
-    "statements of the paper",
-    {"claims": Row, "claims-readings": ReadingRow},
-    measure,
-    sentences,
-    section,
-    missed=missed,
-)
+STUDY = Study("claims", "statements of the paper", {"claims": Check}, measure, sentences, section, missed=missed)

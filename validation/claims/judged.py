@@ -1,10 +1,8 @@
 """Judged claims: each computed on the engines that its function takes, in the favoured reading."""
 
 import inspect
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
-from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -16,68 +14,51 @@ from drivers.engines import REFERENCE
 from drivers.run.run import workers
 from postproc.paper.simulate import Simulation, exact, run_codes_on
 from postproc.paper.strikes import READINGS, sensor_amplitude, solve_table1
+from validation.checks import Check
 from validation.claims.chains import exact_solutions
 from validation.claims.claim import Claim, Reading, function_of, parameters_of, read_claims
 
 REPRODUCED, DIFFERS = "reproduced", "differs"
 
 
-@dataclass(frozen=True)
-class ComputedReading:
-    """A computed reading of a claim's sentence."""
-
-    reading: Reading
-    value: float
-    verdict: str
+def quantity_of(claim: Claim, reading: Reading) -> str:
+    """Quantity of a check: the reading of the sentence, or the claim's function if there is one reading only."""
+    return reading.words or claim.compute
 
 
-@dataclass(frozen=True)
-class Judged:
-    """A claim with the values computed for it.
-
-    Attributes:
-        computed: values by engine for the favoured reading; by ``reference`` only if no chain is simulated.
-        how: description of the computed quantity.
-        readings: all readings, by the reference; empty if there is one only.
-    """
-
-    claim: Claim
-    computed: Mapping[str, float]
-    how: str
-    readings: tuple[ComputedReading, ...] = ()
-
-    @property
-    def value(self) -> float:
-        """Value of the reference."""
-        return self.computed.get(REFERENCE, nan)
-
-    @property
-    def verdict(self) -> str:
-        """Verdict on the value of the reference."""
-        return verdict_of(self.claim, self.value)
-
-    @property
-    def hangs(self) -> bool:
-        """True if another reading of the sentence gives another verdict."""
-        return len({each.verdict for each in self.readings}) > 1
-
-    @property
-    def fault(self) -> str:
-        """Fault of a claim: a difference without an explanation, the reverse, or engines that disagree; else empty."""
-        if self.verdict == DIFFERS and not self.claim.explained:
-            return f"differs without an explanation: {self.value:.6g}, quoted {self.claim.quoted:g}"
-        if self.verdict == REPRODUCED and self.claim.explained:
-            return "is reproduced, but a difference is explained"
-        other = [e for e, v in self.computed.items() if verdict_of(self.claim, v) != self.verdict]
-        return f"{', '.join(other)} disagree with the reference" if other else ""
+def check_of(claim: Claim, reading: Reading, engine: str, value: float) -> Check:
+    """Check of a claim by its id, with the computed and the quoted value; a difference is explained in ``where``."""
+    error = claim.error(value)
+    verdict = REPRODUCED if error <= claim.limit else DIFFERS
+    where = f"{claim.where}: computed {value:.6g}, quoted {claim.quoted:g} {claim.unit}".rstrip()
+    where += f": {claim.explained}" if verdict == DIFFERS and claim.explained else ""
+    judged = (error, claim.limit, claim.because, where, verdict)
+    return Check(claim.id, engine, quantity_of(claim, reading), *judged, value, claim.quoted)
 
 
-def verdict_of(claim: Claim, value: float) -> str:
-    """Verdict on a value."""
-    return REPRODUCED if claim.holds_for(value) else DIFFERS
+def favoured(claim: Claim, checks: Iterable[Check]) -> dict[str, Check]:
+    """Checks of the favoured reading by engine; by ``reference`` only if no chain is simulated."""
+    return {check.engine: check for check in checks if check.quantity == quantity_of(claim, claim.favoured)}
 
 
-def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
+def hangs(checks: Iterable[Check]) -> bool:
+    """True if another reading of the sentence gives another verdict."""
+    return len({check.verdict for check in checks if check.engine == REFERENCE}) > 1
+
+
+def fault_of(claim: Claim, checks: Sequence[Check]) -> str:
+    """Fault of a claim: a difference without an explanation, the reverse, or engines that disagree; else empty."""
+    judged = favoured(claim, checks)
+    check = judged[REFERENCE]
+    if check.verdict == DIFFERS and not claim.explained:
+        return f"differs without an explanation: {check.found:.6g}, quoted {claim.quoted:g}"
+    if check.verdict == REPRODUCED and claim.explained:
+        return "is reproduced, but a difference is explained"
+    other = [engine for engine, each in judged.items() if each.verdict != check.verdict]
+    return f"{', '.join(other)} disagree with the reference" if other else ""
+
+
+def judge_all(runs: Path = paths.RUNS) -> list[Check]:
     """Computes and judges every claim; claims on simulated chains on every engine.
 
     Table 1 is solved while the reference computes the simulated claims. The codes then run the same cases, while the
@@ -107,11 +88,10 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
         taking = (claim for claim in claims if name in takes(claim))
         return {claim.id: _call(claim, claim.favoured, **{name: given}) for claim in taking}
 
-    def others() -> tuple[dict[str, Any], dict[str, tuple[ComputedReading, ...]]]:
-        """Values of claims that take neither, and all readings of all claims by the reference."""
+    def others() -> tuple[dict[str, Any], list[Check]]:
+        """Values of claims that take neither, and the other readings of all claims by the reference."""
         rest = {claim.id: {REFERENCE: _call(claim, claim.favoured)} for claim in claims if not takes(claim)}
-        exact_values = {name: each[REFERENCE] for name, each in (computed | rest).items()} | found[REFERENCE]
-        return rest, {claim.id: _readings(claim, exact_values[claim.id]) for claim in claims}
+        return rest, [check for claim in claims for check in _other_readings(claim)]
 
     with workers(1) as pool:
         tables = pool.submit(values_with, "table", solved)
@@ -123,7 +103,11 @@ def judge_all(runs: Path = paths.RUNS) -> list[Judged]:
         rest, readings = reading.result()
     simulated = {name: {engine: float(own[name]) for engine, own in found.items()} for name in found[REFERENCE]}
     values = computed | rest | simulated
-    return [Judged(claim, values[claim.id], _how(claim), readings[claim.id]) for claim in claims]
+    checks = []
+    for claim in claims:
+        checks += [check_of(claim, claim.favoured, engine, value) for engine, value in values[claim.id].items()]
+        checks += [check for check in readings if check.scene == claim.id]
+    return checks
 
 
 def _done(done: Mapping[str, Simulation], case: Case) -> Simulation:
@@ -144,16 +128,16 @@ def _call(claim: Claim, reading: Reading, **given: Any) -> Any:
     return function(**taken, **(claim.arguments | reading.arguments))
 
 
-def _readings(claim: Claim, favoured: float) -> tuple[ComputedReading, ...]:
-    """All readings by the reference; the value of the favoured one is known."""
-    found = []
+def _other_readings(claim: Claim) -> Iterator[Check]:
+    """Readings that the text does not favour, by the reference."""
     for reading in claim.readings:
-        value = favoured if reading.favoured else _call(claim, reading, run=exact, table=exact_solutions)
-        value = value[REFERENCE] if isinstance(value, dict) else float(value)
-        found.append(ComputedReading(reading, value, verdict_of(claim, value)))
-    return tuple(found)
+        if not reading.favoured:
+            value = _call(claim, reading, run=exact, table=exact_solutions)
+            value = value[REFERENCE] if isinstance(value, dict) else float(value)
+            yield check_of(claim, reading, REFERENCE, value)
 
 
-def _how(claim: Claim) -> str:
+def how_computed(claim: Claim) -> str:
+    """Description of the computed quantity: the claim's, or the first sentence of its function."""
     text = claim.how or inspect.getdoc(function_of(claim)) or ""
     return " ".join(text.partition("\n\n")[0].replace("``", "").split())

@@ -64,7 +64,7 @@ def _judged(one: Posed, engine: str, ended: EndedRun | None) -> Iterator[Check]:
         yield _without(one, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")
         return
     try:
-        trace = IN_REPO[engine](one.case) if ended is None else trace_with_state(ended)
+        trace = IN_REPO[engine](one.case) if ended is None else _trace_of(one.case, ended)
         values = MEASURES[one.entry.measure].measure(one.case, trace)
     except (ValueError, ArithmeticError, IndexError) as error:  # the run does not show the quantities
         yield _without(one, engine, FAIL, str(error))
@@ -73,12 +73,17 @@ def _judged(one: Posed, engine: str, ended: EndedRun | None) -> Iterator[Check]:
         yield _check(one, engine, expectation, values.get(expectation.quantity, nan))
 
 
+def _trace_of(case: Case, run: EndedRun) -> Trace:
+    """Trace of a run, with the state if the case asks for it: another case may have the same run and record it."""
+    return trace_with_state(run) if "state" in case.scene.run.record else run.trace
+
+
 def _check(one: Posed, engine: str, expectation: Expectation, found: float) -> Check:
     """Check of a number, with the found and the expected value and its source in ``where``."""
     theory = expectation.expected is None
     expected = one.theory[expectation.quantity] if expectation.expected is None else expectation.expected
     unit = unit_of(expectation.quantity) and f" {unit_of(expectation.quantity)}"
-    source = MEASURES[one.entry.measure].SOURCE if theory else one.entry.source
+    source = MEASURES[one.entry.measure].source if theory else one.entry.source
     where = f"found {found:.8g}{unit}" if not isnan(found) else "not visible in the run"
     label = f" ({one.label})" if one.label else ""
     check = judged(
@@ -141,7 +146,7 @@ def section(tables: Tables) -> dict[str, Any]:
     checks, cases = checks_in(tables), []
     for entry in read_independent():
         of_case = [check for check in checks if check.scene == entry.id]
-        words = MEASURES[entry.measure].QUANTITIES | {RUN: "the run"}
+        words = MEASURES[entry.measure].quantities | {RUN: "the run"}
         rows = [
             (words.get(quantity.partition(" against ")[0], quantity), next(iter(by_engine.values())), by_engine)
             for quantity, by_engine in _by_quantity(of_case).items()

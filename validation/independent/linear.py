@@ -10,7 +10,6 @@ which follows from Schroedinger's infinite chain, ``u'_n = v J_2n(tau)`` (Ann. P
 image for the free end: ``u'_n = v (J_2n + J_2n+2)`` for the bead n below the top, and ``F_n = K (u_n-1 - u_n)``.
 """
 
-from dataclasses import dataclass
 from math import pi, sqrt
 
 import numpy as np
@@ -28,19 +27,6 @@ LAST_TAU = 70.0  # end of the top contact's record: some twenty periods
 ECHO_TAU = 4  # per bead: time of a long wave to the wall and back
 
 
-@dataclass(frozen=True)
-class Fit:
-    """Fit of ``J_m(tau) / tau`` with ``tau = rate t`` to a record; ``amplitude_N`` is the height of the first maximum.
-
-    Attributes:
-        misfit: root mean square of the residual, over the amplitude.
-    """
-
-    rate_per_s: float
-    amplitude_N: float
-    misfit: float
-
-
 def response(order: int, tau: Array) -> Array:
     """``J_m(tau) / tau`` for orders above 1; 0 at ``tau = 0``. Shape as ``tau``."""
     safe = np.where(tau > 0, tau, 1.0)
@@ -53,8 +39,8 @@ def first_maximum(order: int) -> float:
     return float(brentq(lambda tau: tau * jvp(order, tau) - jv(order, tau), *ends, xtol=1e-13))
 
 
-def fit(time_s: Array, force_N: Array, order: int, last_tau: float) -> Fit:
-    """Fits the response to a dynamic force by least squares; time scale and amplitude are free.
+def fit(time_s: Array, force_N: Array, order: int, last_tau: float) -> tuple[float, float, float]:
+    """Fits ``J_m(tau) / tau`` with ``tau = rate t`` to a dynamic force by least squares; rate and amplitude are free.
 
     The fit starts from the first maximum of the record and uses no property of the chain.
 
@@ -63,6 +49,9 @@ def fit(time_s: Array, force_N: Array, order: int, last_tau: float) -> Fit:
         force_N: force above the static value. Shape (samples,).
         order: m, twice the number of the contact below the top.
         last_tau: end of the fit.
+
+    Returns:
+        Rate in 1/s, height of the first maximum in N, and root mean square of the residual divided by this height.
 
     Raises:
         ValueError: there is no maximum, or the record is shorter than the fit.
@@ -81,7 +70,7 @@ def fit(time_s: Array, force_N: Array, order: int, last_tau: float) -> Fit:
 
     (scale, amplitude), _ = curve_fit(model, time_s[used], measured, p0=(1.0, 1.0))
     left = measured - model(time_s[used], scale, amplitude)
-    return Fit(scale * rate, amplitude * peak.value, float(np.sqrt(np.mean(left**2)) / amplitude))
+    return scale * rate, amplitude * peak.value, float(np.sqrt(np.mean(left**2)) / amplitude)
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
@@ -93,23 +82,23 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
     beads = case.chain.beads
     if ECHO_TAU * beads < LAST_TAU + 2 * LOWER_CONTACT:
         raise ValueError(f"{beads} beads: the reflection arrives before the signal has passed")
-    top = fit(trace.time_s, _dynamic(case, trace, 1), 2, LAST_TAU)
+    rate, amplitude, misfit = fit(trace.time_s, _dynamic(case, trace, 1), 2, LAST_TAU)
     near, far = (_arrival(case, trace, place) for place in (UPPER_CONTACT, LOWER_CONTACT))
     spring, mass = _spring(case)
     scale = -4 * float(case.chain.velocity_m_s[-1]) * sqrt(spring * mass)  # the force before J_2(tau) / tau
     steps = first_maximum(2 * LOWER_CONTACT) - first_maximum(2 * UPPER_CONTACT)
     return {
-        "cutoff_frequency_Hz": top.rate_per_s / (2 * pi),
+        "cutoff_frequency_Hz": rate / (2 * pi),
         "sound_speed_m_s": float(case.chain.radius_m[-1]) * steps / (far - near),
-        "impulse_share": top.amplitude_N / float(response(2, np.array(first_maximum(2)))) / scale,
-        "misfit": top.misfit,
+        "impulse_share": amplitude / float(response(2, np.array(first_maximum(2)))) / scale,
+        "misfit": misfit,
     }
 
 
 def _arrival(case: Case, trace: Trace, place: int) -> float:
     order = 2 * place
-    found = fit(trace.time_s, _dynamic(case, trace, place), order, float(jn_zeros(order, 1)[0]))
-    return first_maximum(order) / found.rate_per_s
+    rate, _, _ = fit(trace.time_s, _dynamic(case, trace, place), order, float(jn_zeros(order, 1)[0]))
+    return first_maximum(order) / rate
 
 
 def _dynamic(case: Case, trace: Trace, below: int) -> Array:

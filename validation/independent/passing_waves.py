@@ -116,91 +116,83 @@ def led_to_wall(beads: int, start: float, wall_stiffness: float, duration: float
     return forces(np.ones(beads), stiffness, overlap, at(wave.velocity, place), duration)
 
 
-class Collision:
-    """Two equal solitary waves that meet head on in the middle of a free chain.
-
-    The waves meet at a contact if the number of beads is even, at a bead if it is odd. Each half moves as if its wave
-    ran into a wall: at a contact into one of stiffness ``2 sqrt(2) k``, since the overlap with the wall is half of that
-    between the beads; at a bead, which stays at rest, into one of stiffness k. Behind each outgoing wave follows a weak
-    secondary wave, stronger from a contact than from a bead (Santibanez, Munoz, Caussarieu, Job and Melo, Phys. Rev. E
-    84, 026604, 2011). Its final share of the wave is 0.0299 or 0.0085, reached 30 contacts from the middle (0.0244 and
-    0.0064 after 5 contacts, 0.0267 and 0.0070 after 10, 0.0298 and 0.0084 after 20).
-    """
-
-    DISTANCE = 40  # contacts above the middle; from 30 on the secondary wave changes by less than 1e-4
-    PROMINENCE = 1e-3  # of the wave; the weakest secondary wave is 8.5e-3 of the wave
-    HALF_BEADS = 120
-    START = DISTANCE + 20.5  # bead of the half chain at which the exact wave starts
-    LAST = 165.0  # beads that the wave travels until the secondary wave has passed
-    QUANTITIES = COLLISION
-    SOURCE = "the exact solitary wave, integrated by scipy's DOP853 up to a wall in place of the other half"
-
-    def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Peaks in the middle and ``DISTANCE`` contacts above, over the incoming wave there."""
-        chain, force = case.chain, trace.force_N
-        middle = (chain.beads + 1) // 2  # or just above the bead there
-        if middle + self.DISTANCE >= chain.beads:
-            raise ValueError(f"{chain.beads} beads: none {self.DISTANCE} contacts above the middle")
-        beyond = force[:, middle + self.DISTANCE]
-        inner = force[:, 1:]  # a free chain has no contact 1
-        put_in = float(chain.mass_kg @ np.abs(chain.velocity_m_s)) / 2
-        return self._shares(trace.time_s, force[:, middle], beyond) | {
-            "asymmetry": float(np.abs(inner - inner[:, ::-1]).max() / beyond.max()),
-            "momentum_share": float(np.abs(trace.momentum_N_s).max() / put_in),
-        }
-
-    def theory(self, case: Case) -> dict[str, float]:
-        """Shares for an exact solitary wave in half of the chain, before a wall in place of the other half."""
-        wall_stiffness = 2 * sqrt(2) if case.chain.beads % 2 == 0 else 1.0
-        time, force = led_to_wall(self.HALF_BEADS, self.START, wall_stiffness, self.LAST)
-        return self._shares(time, force[:, 0], force[:, self.DISTANCE]) | {"asymmetry": 0.0, "momentum_share": 0.0}
-
-    def _shares(self, time_s: Array, middle_N: Array, beyond_N: Array) -> dict[str, float]:
-        """Peaks in the middle and of outgoing waves over the incoming wave, from arrays of shape (samples,)."""
-        passing, together = peaks(time_s, beyond_N, prominence=self.PROMINENCE), first_peak(time_s, middle_N)
-        if len(passing) < 3 or together is None:
-            raise ValueError(f"{len(passing)} waves within the run, three expected: incoming, outgoing, secondary")
-        incoming, outgoing, secondary = (peak.value for peak in passing[:3])
-        found = (together.value / incoming, outgoing / incoming, secondary / incoming)
-        return dict(zip(self.QUANTITIES, found, strict=False))
+# Two equal solitary waves meet head on in the middle of a free chain: at a contact if the number of beads is even, at a
+# bead if it is odd. Each half moves as if its wave ran into a wall: at a contact into one of stiffness 2 sqrt(2) k, as
+# the overlap with the wall is half of that between the beads; at a bead, which stays at rest, into one of stiffness k.
+# Behind each outgoing wave follows a weak secondary wave, stronger from a contact than from a bead (Santibanez, Munoz,
+# Caussarieu, Job and Melo, Phys. Rev. E 84, 026604, 2011). Its final share of the wave is 0.0299 or 0.0085, reached 30
+# contacts from the middle (0.0244 and 0.0064 after 5 contacts, 0.0267 and 0.0070 after 10, 0.0298 and 0.0084 after 20).
+BEYOND = 40  # contacts above the middle; from 30 on the secondary wave changes by less than 1e-4
+WEAKEST_SHARE = 1e-3  # prominence of a wave over the first one; the weakest secondary wave is 8.5e-3 of the wave
+HALF_BEADS = 120
+HALF_START = BEYOND + 20.5  # bead of the half chain at which the exact wave starts
+LAST = 165.0  # beads that the wave travels until the secondary wave has passed
 
 
-class Wall:
-    """A solitary wave at a wall: peak force at the wall, and peak of the reflected wave.
+def collision(case: Case, trace: Trace) -> dict[str, float]:
+    """Peaks in the middle and ``BEYOND`` contacts above, over the incoming wave there."""
+    chain, force = case.chain, trace.force_N
+    middle = (chain.beads + 1) // 2  # or just above the bead there
+    if middle + BEYOND >= chain.beads:
+        raise ValueError(f"{chain.beads} beads: none {BEYOND} contacts above the middle")
+    beyond = force[:, middle + BEYOND]
+    inner = force[:, 1:]  # a free chain has no contact 1
+    put_in = float(chain.mass_kg @ np.abs(chain.velocity_m_s)) / 2
+    return _collision_shares(trace.time_s, force[:, middle], beyond) | {
+        "asymmetry": float(np.abs(inner - inner[:, ::-1]).max() / beyond.max()),
+        "momentum_share": float(np.abs(trace.momentum_N_s).max() / put_in),
+    }
 
-    Waves are read at the contact of the lowest sensor. The theory starts from the exact solitary wave.
-    """
 
-    DISTANCE = 10  # contacts from the sensor's contact to the start of the exact wave, and beads above the start
-    PROMINENCE = 0.02  # of a wave, over the range
-    QUANTITIES = WALL
-    SOURCE = "the exact solitary wave of the discrete chain, integrated by scipy's DOP853 up to the wall"
+def collision_theory(case: Case) -> dict[str, float]:
+    """Shares for an exact solitary wave in half of the chain, before a wall in place of the other half."""
+    wall_stiffness = 2 * sqrt(2) if case.chain.beads % 2 == 0 else 1.0
+    time, force = led_to_wall(HALF_BEADS, HALF_START, wall_stiffness, LAST)
+    return _collision_shares(time, force[:, 0], force[:, BEYOND]) | {"asymmetry": 0.0, "momentum_share": 0.0}
 
-    def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Ratios of the maxima at the sensor's contact and at the wall."""
-        return self._ratios(_lowest_sensor(case), trace.time_s, trace.force_N)
 
-    def theory(self, case: Case) -> dict[str, float]:
-        """Ratios for the exact solitary wave and the ratio of wall stiffness to bead stiffness."""
-        chain, place = case.chain, _lowest_sensor(case)
-        if chain.load_N.any():
-            raise ValueError("a chain under load: its waves are not the exact solitary wave")
-        start = place + self.DISTANCE
-        # the wave returns to the sensor after 2 place + DISTANCE beads and a delay at the wall
-        duration = 2.0 * place + self.DISTANCE + 8.0
-        stiffness = float(chain.stiffness[0] / chain.stiffness[1])
-        return self._ratios(place, *led_to_wall(start + self.DISTANCE, start, stiffness, duration))
+def _collision_shares(time_s: Array, middle_N: Array, beyond_N: Array) -> dict[str, float]:
+    """Peaks in the middle and of outgoing waves over the incoming wave, from arrays of shape (samples,)."""
+    passing, together = peaks(time_s, beyond_N, prominence=WEAKEST_SHARE), first_peak(time_s, middle_N)
+    if len(passing) < 3 or together is None:
+        raise ValueError(f"{len(passing)} waves within the run, three expected: incoming, outgoing, secondary")
+    incoming, outgoing, secondary = (peak.value for peak in passing[:3])
+    shares = (together.value / incoming, outgoing / incoming, secondary / incoming)
+    return dict(zip(COLLISION, shares, strict=False))
 
-    def _ratios(self, place: int, time_s: Array, force_N: Array) -> dict[str, float]:
-        """Ratios to the first wave that passes contact ``place``."""
-        incident, wall = first_peak(time_s, force_N[:, place - 1]), first_peak(time_s, force_N[:, 0])
-        if incident is None or wall is None:
-            raise ValueError("no wave at the sensor or at the wall within run.duration")
-        passing = peaks(time_s, force_N[:, place - 1], self.PROMINENCE)
-        back = [peak.value for peak in passing if peak.time_s > wall.time_s]
-        if not back:
-            raise ValueError(f"no reflected wave at contact {place} within run.duration")
-        return dict(zip(self.QUANTITIES, (wall.value / incident.value, max(back) / incident.value), strict=True))
+
+# A solitary wave at a wall: peak force at the wall, and peak of the reflected wave at the lowest sensor's contact.
+APPROACH = 10  # contacts from the sensor's contact to the start of the exact wave, and beads above the start
+REFLECTED_PROMINENCE = 0.02  # of a wave, over the range
+
+
+def reflection(case: Case, trace: Trace) -> dict[str, float]:
+    """Ratios of the maxima at the lowest sensor's contact and at the wall."""
+    return _reflection_ratios(_lowest_sensor(case), trace.time_s, trace.force_N)
+
+
+def reflection_theory(case: Case) -> dict[str, float]:
+    """Ratios for the exact solitary wave and the ratio of wall stiffness to bead stiffness."""
+    chain, place = case.chain, _lowest_sensor(case)
+    if chain.load_N.any():
+        raise ValueError("a chain under load: its waves are not the exact solitary wave")
+    start = place + APPROACH
+    # the wave returns to the sensor after 2 place + APPROACH beads and a delay at the wall
+    duration = 2.0 * place + APPROACH + 8.0
+    stiffness = float(chain.stiffness[0] / chain.stiffness[1])
+    return _reflection_ratios(place, *led_to_wall(start + APPROACH, start, stiffness, duration))
+
+
+def _reflection_ratios(place: int, time_s: Array, force_N: Array) -> dict[str, float]:
+    """Ratios to the first wave that passes contact ``place``."""
+    incident, wall = first_peak(time_s, force_N[:, place - 1]), first_peak(time_s, force_N[:, 0])
+    if incident is None or wall is None:
+        raise ValueError("no wave at the sensor or at the wall within run.duration")
+    passing = peaks(time_s, force_N[:, place - 1], REFLECTED_PROMINENCE)
+    back = [peak.value for peak in passing if peak.time_s > wall.time_s]
+    if not back:
+        raise ValueError(f"no reflected wave at contact {place} within run.duration")
+    return dict(zip(WALL, (wall.value / incident.value, max(back) / incident.value), strict=True))
 
 
 def _lowest_sensor(case: Case) -> int:
@@ -210,31 +202,28 @@ def _lowest_sensor(case: Case) -> int:
     return min(sensor.from_wall for sensor in case.scene.chain.sensors)
 
 
-class Train:
-    """A train of solitary waves behind a heavy striker.
+# A train of solitary waves behind a heavy striker, read thirty contacts below the striker's, under the thirtieth bead
+# from the top. There the ratios of the waves are final to 1e-3 for strikers of up to four bead masses; for eight the
+# fourth still gains 5 %.
+TRAIN_CONTACTS = 30  # below the striker's
+TRAIN_PROMINENCE = 1e-3  # of a wave, over the range
 
-    The train is read thirty contacts below the striker's contact, under the thirtieth bead from the top. There the
-    ratios of the waves are final to 1e-3 for strikers of up to four bead masses; for eight the fourth still gains 5 %.
-    """
 
-    DISTANCE = 30  # contacts below the striker's
-    PROMINENCE = 1e-3  # of a wave, over the range
-    QUANTITIES = TRAIN
-    SOURCE = "the same chain by scipy's DOP853 with a tolerance of 1e-10 per step"
+def train(case: Case, trace: Trace) -> dict[str, float]:
+    """Ratios of the maxima at the contact."""
+    return _train_ratios(case, trace.time_s, trace.force_N)
 
-    def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Ratios of the maxima at the contact."""
-        return self._ratios(case, trace.time_s, trace.force_N)
 
-    def theory(self, case: Case) -> dict[str, float]:
-        """Ratios for the same chain by scipy's DOP853."""
-        return self._ratios(case, *forces_of(case.chain, float(case.sample_times_s[-1])))
+def train_theory(case: Case) -> dict[str, float]:
+    """Ratios for the same chain by scipy's DOP853."""
+    return _train_ratios(case, *forces_of(case.chain, float(case.sample_times_s[-1])))
 
-    def _ratios(self, case: Case, time_s: Array, force_N: Array) -> dict[str, float]:
-        column = case.chain.bodies - 1 - self.DISTANCE
-        if case.scene.striker is None or column < 1:
-            raise ValueError(f"no contact {self.DISTANCE} below a striker's")
-        found = [peak.value for peak in peaks(time_s, force_N[:, column], self.PROMINENCE)]
-        if len(found) < 2:
-            raise ValueError(f"{len(found)} waves at contact {column + 1} within run.duration")
-        return {name: value / found[0] for name, value in zip(self.QUANTITIES, found[1:], strict=False)}
+
+def _train_ratios(case: Case, time_s: Array, force_N: Array) -> dict[str, float]:
+    column = case.chain.bodies - 1 - TRAIN_CONTACTS
+    if case.scene.striker is None or column < 1:
+        raise ValueError(f"no contact {TRAIN_CONTACTS} below a striker's")
+    waves = [peak.value for peak in peaks(time_s, force_N[:, column], TRAIN_PROMINENCE)]
+    if len(waves) < 2:
+        raise ValueError(f"{len(waves)} waves at contact {column + 1} within run.duration")
+    return {name: value / waves[0] for name, value in zip(TRAIN, waves[1:], strict=False)}

@@ -1,13 +1,14 @@
 """Reads ``inputs/independent.toml``: cases, their measures and their checks.
 
-To add a measure, write a module or class with the members of ``Measure`` and a line in ``MEASURES``.
+To add a measure, write its two functions and a line in ``MEASURES``.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated
 
 from pydantic import Field
 
@@ -20,48 +21,52 @@ from drivers.chain.trace import Trace
 from drivers.scene.model import Name, Part
 from drivers.scene.read_scene import apply_setting, read_entries
 from validation.accuracy.plan import plan_case, planned_case
-from validation.independent import impact, linear, solitary, weak
-from validation.independent.passing_waves import Collision, Train, Wall
+from validation.independent import impact, linear, passing_waves, solitary, weak
 
 UNITS = (("_m_s", "m/s"), ("_N", "N"), ("_Hz", "Hz"), ("_s", "s"), ("_m", "m"), ("_diameters", "diameters"))
 
 
-class Measure(Protocol):
+@dataclass(frozen=True)
+class Measure:
     """Two pure functions of a case; names of quantities end with their unit, if they have one.
 
     Attributes:
-        QUANTITIES: description of each quantity, by name.
-        SOURCE: source of the theory.
+        measure: quantities read from a run; ValueError if the run does not show them, for example without a wave.
+        theory: quantities by a closed form or an independent solver, as far as the theory goes; ValueError if it does
+            not apply to the case.
+        quantities: description of each quantity, by name.
+        source: source of the theory.
     """
 
-    QUANTITIES: dict[str, str]
-    SOURCE: str
-
-    def measure(self, case: Case, trace: Trace) -> dict[str, float]:
-        """Quantities read from a run.
-
-        Raises:
-            ValueError: the run does not show them, for example without a wave; the run then fails.
-        """
-        ...
-
-    def theory(self, case: Case) -> dict[str, float]:
-        """Quantities by a closed form or an independent solver, as far as the theory goes.
-
-        Raises:
-            ValueError: the theory does not apply to the case.
-        """
-        ...
+    measure: Callable[[Case, Trace], dict[str, float]]
+    theory: Callable[[Case], dict[str, float]]
+    quantities: dict[str, str]
+    source: str
 
 
-MEASURES: dict[str, Measure] = {
-    "collision": Collision(),
-    "impact": impact,
-    "small signal": linear,
-    "solitary wave": solitary,
-    "train": Train(),
-    "wall": Wall(),
-    "weak strike": weak,
+MEASURES = {
+    "collision": Measure(
+        passing_waves.collision,
+        passing_waves.collision_theory,
+        passing_waves.COLLISION,
+        "the exact solitary wave, integrated by scipy's DOP853 up to a wall in place of the other half",
+    ),
+    "impact": Measure(impact.measure, impact.theory, impact.QUANTITIES, impact.SOURCE),
+    "small signal": Measure(linear.measure, linear.theory, linear.QUANTITIES, linear.SOURCE),
+    "solitary wave": Measure(solitary.measure, solitary.theory, solitary.QUANTITIES, solitary.SOURCE),
+    "train": Measure(
+        passing_waves.train,
+        passing_waves.train_theory,
+        passing_waves.TRAIN,
+        "the same chain by scipy's DOP853 with a tolerance of 1e-10 per step",
+    ),
+    "wall": Measure(
+        passing_waves.reflection,
+        passing_waves.reflection_theory,
+        passing_waves.WALL,
+        "the exact solitary wave of the discrete chain, integrated by scipy's DOP853 up to the wall",
+    ),
+    "weak strike": Measure(weak.measure, weak.theory, weak.QUANTITIES, weak.SOURCE),
 }
 
 
@@ -76,7 +81,7 @@ Limit = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class Expectation(Part):
-    """Expected value of one number; the head of the file explains the keys."""
+    """Expected number of a case; the head of the file explains the keys."""
 
     quantity: Words
     expected: Number | None = None
@@ -100,7 +105,7 @@ class Expectation(Part):
         return off / abs(expected) if self.within is not None else off
 
 
-class Independent(Part):
+class IndependentCase(Part):
     """An independent case; the head of the file explains the keys."""
 
     id: Name
@@ -123,20 +128,20 @@ class Posed:
         theory: quantities by the theory of the measure.
     """
 
-    entry: Independent
+    entry: IndependentCase
     label: str
     case: Case
     theory: dict[str, float]
 
 
-def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
+def read_independent(path: Path = paths.INDEPENDENT) -> tuple[IndependentCase, ...]:
     """Reads the cases of the file.
 
     Raises:
         InputError: anything in the file is wrong, such as an unknown measure or quantity.
     """
     where = paths.shown(path)
-    entries = read_entries(path, "case", Independent)
+    entries = read_entries(path, "case", IndependentCase)
     counts = Counter(entry.id for entry in entries)
     for entry in entries:
         key = f"case {entry.id}"
@@ -147,7 +152,7 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
             raise InputError(where, key, found)
         if entry.measure not in MEASURES:
             raise InputError(where, f"{key}: measure", shorten(entry.measure), ", ".join(sorted(MEASURES)))
-        known, same = MEASURES[entry.measure].QUANTITIES, Counter((each.quantity, each.against) for each in entry.check)
+        known, same = MEASURES[entry.measure].quantities, Counter((each.quantity, each.against) for each in entry.check)
         for check in entry.check:
             place = f"{key}: check {check.quantity}"
             if check.quantity not in known:
@@ -164,7 +169,7 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
     return entries
 
 
-def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> list[Posed]:
+def pose(entry: IndependentCase, path: Path = paths.INDEPENDENT) -> list[Posed]:
     """Cases of an entry: its scene, or all cases of its study, with the settings of the entry.
 
     Raises:

@@ -23,7 +23,7 @@ from validation.accuracy.costs import Cost
 from validation.calibration import data_sets, free, laws
 from validation.claims.claim import ClaimsFile, read_claims
 from validation.elements.switches import Elements
-from validation.independent.posed_cases import MEASURES, IndependentFile, read_independent
+from validation.independent.posed_cases import MEASURES, IndependentCase, read_independent
 from validation.kit.candidate import KitFile
 from validation.stability.extremes import ExtremesFile
 from validation.tests.helpers.readme import command_lines, parse
@@ -191,7 +191,7 @@ def key_cells(heading: str) -> set[str]:
 
 def test_every_key_of_the_other_files_has_a_row() -> None:
     assert key_cells("Engines") == {*_entries._Entry.model_fields}
-    assert key_cells("Independent cases") == {*keys(IndependentFile)}
+    assert key_cells("Independent cases") == {*keys(IndependentCase, "case.")}
     claims = {key for key in keys(ClaimsFile) if not key.startswith("readings.")}
     assert key_cells("The paper") == claims | {"claim.readings", "claim.shared_readings"}
     ranges = {f"range.KEY.{key}" for key in free.Range.model_fields}

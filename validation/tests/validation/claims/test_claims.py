@@ -4,9 +4,9 @@ import html
 import inspect
 import re
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from drivers.base import paths
@@ -14,22 +14,35 @@ from drivers.base.errors import InputError
 from drivers.engines import codes
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS
+from validation.checks import Check
 from validation.claims.claim import KINDS, MODULES, Claim, Reading, read_claims
-from validation.claims.claims_study import ReadingRow, Row, rows_of
-from validation.claims.judged import DIFFERS, REPRODUCED, ComputedReading, Judged, judge_all
+from validation.claims.claims_study import checks_in
+from validation.claims.judged import (
+    DIFFERS,
+    REPRODUCED,
+    check_of,
+    fault_of,
+    favoured,
+    hangs,
+    how_computed,
+    judge_all,
+)
 from validation.report.write_report import write_report
-from validation.studies import read_section, read_table, rows_in, write_table
+from validation.studies import frame_of, read_section, read_table, rows_in, write_table
 from validation.tests.helpers.runs import need
 
 pytestmark = pytest.mark.long
 
 
+JudgedClaim = tuple[Claim, list[Check]]
+
+
 @pytest.fixture(scope="module")
-def judged(shared_runs: Path) -> list[Judged]:
+def judged(shared_runs: Path) -> list[JudgedClaim]:
     """All claims by all engines, once."""
     for code in codes():
         need(code)
-    return judge_all(shared_runs)
+    return checks_in({"claims": frame_of(Check, judge_all(shared_runs))})
 
 
 ONE = """[[claim]]
@@ -55,21 +68,24 @@ def claim(**values: object) -> Claim:
     return Claim.model_validate(plain | values)
 
 
-def write_tables(judged: list[Judged], folder: Path) -> None:
-    rows = rows_of(judged)
-    write_table(folder / "claims.csv", Row, rows["claims"])
-    write_table(folder / "claims-readings.csv", ReadingRow, rows["claims-readings"])
+def write_checks(judged: list[JudgedClaim], folder: Path) -> None:
+    write_table(folder / "claims.csv", Check, [check for _, checks in judged for check in checks])
 
 
-def read_both_ways(value: float, other: float, **values: object) -> Judged:
+def by_engines(whole: Claim, **computed: float) -> JudgedClaim:
+    """A claim with values by engine in its favoured reading."""
+    return whole, [check_of(whole, whole.favoured, engine, value) for engine, value in computed.items()]
+
+
+def verdict_of(whole: Claim, checks: list[Check]) -> str:
+    return favoured(whole, checks)["reference"].verdict
+
+
+def read_both_ways(value: float, other: float, **values: object) -> JudgedClaim:
     """A claim within 0.1 of 2.0, the favoured reading first."""
     ways = (Reading(words="one way", favoured="it says so"), Reading(words="another"))
     whole = claim(within=0.1, readings=ways, **values)
-    read = [
-        ComputedReading(way, v, REPRODUCED if whole.holds_for(v) else DIFFERS)
-        for way, v in zip(ways, (value, other), strict=True)
-    ]
-    return Judged(whole, {"reference": value}, "", tuple(read))
+    return whole, [check_of(whole, way, "reference", v) for way, v in zip(ways, (value, other), strict=True)]
 
 
 def test_there_are_enough_of_each_kind_and_each_has_its_reason() -> None:
@@ -101,24 +117,26 @@ def test_everything_that_is_computed_is_a_claim() -> None:
 
 
 @pytest.mark.timeout(400)
-def test_no_claim_is_at_fault(judged: list[Judged]) -> None:
-    assert {each.claim.id: each.fault for each in judged if each.fault} == {}
+def test_no_claim_is_at_fault(judged: list[JudgedClaim]) -> None:
+    assert {each[0].id: fault_of(*each) for each in judged if fault_of(*each)} == {}
 
 
-def test_what_differs_is_what_was_explained(judged: list[Judged]) -> None:
-    assert {each.claim.id for each in judged if each.verdict == DIFFERS} == {
+def test_what_differs_is_what_was_explained(judged: list[JudgedClaim]) -> None:
+    assert {each[0].id for each in judged if verdict_of(*each) == DIFFERS} == {
         each.id for each in read_claims().claim if each.explained
     }
 
 
-def test_codes_agree_with_the_reference_on_every_simulated_claim(judged: list[Judged]) -> None:
-    simulated = [each for each in judged if len(each.computed) > 1]
+def test_codes_agree_with_the_reference_on_every_simulated_claim(judged: list[JudgedClaim]) -> None:
+    simulated = [(whole, favoured(whole, checks)) for whole, checks in judged]
+    simulated = [(whole, engines) for whole, engines in simulated if len(engines) > 1]
     assert len(simulated) >= 60
-    for each in simulated:
+    for whole, engines in simulated:
         # with dissipation a step is of first order: forces are off by up to 1.4e-3, a valley between waves by more
-        off = 5e-3 if each.claim.compute.startswith("dissipation.") else 5e-4
+        off = 5e-3 if whole.compute.startswith("dissipation.") else 5e-4
         for code in codes():
-            assert each.computed[code] == pytest.approx(each.value, rel=off, abs=1e-9), each.claim.id
+            exact = engines["reference"].found
+            assert engines[code].found == pytest.approx(exact, rel=off, abs=1e-9), whole.id
 
 
 @pytest.mark.parametrize(
@@ -134,13 +152,13 @@ def test_codes_agree_with_the_reference_on_every_simulated_claim(judged: list[Ju
     ],
 )
 def test_verdicts(values: dict[str, object], computed: float, verdict: str) -> None:
-    assert Judged(claim(**values), {"reference": computed}, "").verdict == verdict
+    assert verdict_of(*by_engines(claim(**values), reference=computed)) == verdict
 
 
 def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() -> None:
-    assert "without an explanation" in Judged(claim(within=0.1), {"reference": 3.0}, "").fault
-    assert not Judged(claim(within=0.1, explained="misprint"), {"reference": 3.0}, "").fault
-    assert "yade disagree" in Judged(claim(within=0.1), {"reference": 2.0, "yade": 2.2}, "").fault
+    assert "without an explanation" in fault_of(*by_engines(claim(within=0.1), reference=3.0))
+    assert not fault_of(*by_engines(claim(within=0.1, explained="misprint"), reference=3.0))
+    assert "yade disagree" in fault_of(*by_engines(claim(within=0.1), reference=2.0, yade=2.2))
 
 
 @pytest.mark.parametrize(
@@ -184,12 +202,13 @@ def test_a_broken_list_is_refused_in_one_line(text: str, problem: str, tmp_path:
 
 
 def test_an_explanation_without_a_difference_is_a_fault() -> None:
-    assert "explained" in Judged(claim(within=0.1, explained="misprint"), {"reference": 2.0}, "").fault
+    assert "explained" in fault_of(*by_engines(claim(within=0.1, explained="misprint"), reference=2.0))
 
 
-def test_computed_quantities_are_described_in_full(judged: list[Judged]) -> None:
-    for each in judged:
-        assert not each.how.startswith(("The same", "Its ", "Their ", "For ", "They ")), each.claim.id
+def test_computed_quantities_are_described_in_full() -> None:
+    for each in read_claims().claim:
+        assert how_computed(each), each.id
+        assert not how_computed(each).startswith(("The same", "Its ", "Their ", "For ", "They ")), each.id
 
 
 def test_numbers_quoted_twice_are_the_same() -> None:
@@ -208,51 +227,53 @@ def test_numbers_quoted_twice_are_the_same() -> None:
 
 
 def test_a_verdict_is_that_of_the_favoured_reading_and_hangs_where_another_differs() -> None:
-    assert read_both_ways(2.0, 2.01).verdict == REPRODUCED
-    assert not read_both_ways(2.0, 2.01).hangs
-    assert read_both_ways(2.0, 3.0).verdict == REPRODUCED
-    assert read_both_ways(2.0, 3.0).hangs
-    assert read_both_ways(3.0, 2.0).verdict == DIFFERS
-    assert "without an explanation" in read_both_ways(3.0, 2.0).fault
+    assert verdict_of(*read_both_ways(2.0, 2.01)) == REPRODUCED
+    assert not hangs(read_both_ways(2.0, 2.01)[1])
+    assert verdict_of(*read_both_ways(2.0, 3.0)) == REPRODUCED
+    assert hangs(read_both_ways(2.0, 3.0)[1])
+    assert verdict_of(*read_both_ways(3.0, 2.0)) == DIFFERS
+    assert "without an explanation" in fault_of(*read_both_ways(3.0, 2.0))
 
 
-def test_readings_are_shown_where_the_verdict_hangs_on_them(judged: list[Judged]) -> None:
-    by_id = {each.claim.id: each for each in judged}
-    envelope = {read.reading.words: read for read in by_id["fig5-envelope"].readings}
-    assert [round(read.value, 4) for read in envelope.values()] == [-0.0049, -0.006, -0.0065]
-    assert [read.verdict for read in envelope.values()] == [DIFFERS, REPRODUCED, DIFFERS]
-    speeds = by_id["table1-5N-speed"].readings
-    assert [read.verdict for read in speeds] == [REPRODUCED, REPRODUCED, DIFFERS, DIFFERS]
-    assert by_id["modulus-large"].hangs
-    assert by_id["speed-accuracy"].hangs
-    collision = [round(read.value, 3) for read in by_id["collision-secondary"].readings]
+def test_readings_are_shown_where_the_verdict_hangs_on_them(judged: list[JudgedClaim]) -> None:
+    by_id = {
+        whole.id: sorted((each for each in checks if each.engine == "reference"), key=partial(order, whole))
+        for whole, checks in judged
+    }
+    envelope = by_id["fig5-envelope"]
+    assert [round(check.found, 4) for check in envelope] == [-0.0049, -0.006, -0.0065]
+    assert [check.verdict for check in envelope] == [DIFFERS, REPRODUCED, DIFFERS]
+    assert [check.verdict for check in by_id["table1-5N-speed"]] == [REPRODUCED, REPRODUCED, DIFFERS, DIFFERS]
+    assert hangs(by_id["modulus-large"])
+    assert hangs(by_id["speed-accuracy"])
+    collision = [round(check.found, 3) for check in by_id["collision-secondary"]]
     assert collision == pytest.approx([0.030, 0.008, 0.054, 0.019], abs=1.1e-3)
-    for each in judged:
-        for read in each.readings:
-            assert (read.value == each.value) == bool(read.reading.favoured) or not read.reading.favoured
 
 
-def test_the_table_has_a_row_a_claim_and_keeps_the_digits(judged: list[Judged], tmp_path: Path) -> None:
-    write_tables(judged, tmp_path)
-    table = pd.read_csv(tmp_path / "claims.csv").set_index("id")
-    assert len(table) == len(judged)
-    assert {"reference", *codes()} <= set(table.columns)
-    assert table.loc["energy-in-five", "reference"] == pytest.approx(99.9999955, abs=5e-8)
-    assert list(table.columns[-4:]) == ["difference", "verdict", "why", "how"]
+def order(whole: Claim, check: Check) -> int:
+    """Place of a check's reading among those of its claim."""
+    return next((place for place, each in enumerate(whole.readings) if each.words == check.quantity), 0)
+
+
+def test_the_table_has_every_claim_and_keeps_the_digits(judged: list[JudgedClaim], tmp_path: Path) -> None:
+    write_checks(judged, tmp_path)
+    checks = rows_in(read_table(tmp_path / "claims.csv", Check, "claims"), Check)
+    assert checks == [check for _, own in judged for check in own]
+    assert {"reference", *codes()} == {check.engine for check in checks}
+    energy = next(favoured(*each) for each in judged if each[0].id == "energy-in-five")
+    assert energy["reference"].found == pytest.approx(99.9999955, abs=5e-8)
     section = read_section("claims", tmp_path)
     assert sum(len(rows) for rows in section["rows"].values()) == len(judged)
     assert section["engines"] == [*codes(), "reference"]
-    assert sum(row["hangs"] for rows in section["rows"].values() for row in rows) == sum(each.hangs for each in judged)
+    hanging = sum(hangs(checks) for _, checks in judged)
+    assert sum(row["hangs"] for rows in section["rows"].values() for row in rows) == section["hanging"] == hanging
     assert len(section["untested"]) == len(read_claims().untested)
-    assert [row.how for row in rows_in(read_table(tmp_path / "claims.csv", Row, "claims"), Row)] == [
-        each.how for each in judged
-    ]
 
 
 @pytest.mark.parametrize("damage", ["", "id,where\n", "\x00\xff", "cut", "verdict"])
-def test_a_damaged_table_is_not_shown_as_if_whole(damage: str, judged: list[Judged], tmp_path: Path) -> None:
+def test_a_damaged_table_is_not_shown_as_if_whole(damage: str, judged: list[JudgedClaim], tmp_path: Path) -> None:
     path = tmp_path / "claims.csv"
-    write_tables(judged, tmp_path)
+    write_checks(judged, tmp_path)
     whole = path.read_text()
     damaged = {"cut": whole[: len(whole) // 2], "verdict": whole.replace(",reproduced,", ",great,")}.get(damage, damage)
     path.write_bytes(damaged.encode("latin-1", errors="replace") if damage == "\x00\xff" else damaged.encode())
@@ -262,21 +283,21 @@ def test_a_damaged_table_is_not_shown_as_if_whole(damage: str, judged: list[Judg
     assert "make claims" in str(caught.value)
 
 
-def test_the_page_shows_every_verdict(judged: list[Judged], tmp_path: Path) -> None:
-    write_tables(judged, tmp_path)
+def test_the_page_shows_every_verdict(judged: list[JudgedClaim], tmp_path: Path) -> None:
+    write_checks(judged, tmp_path)
     write_report([], tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     for each in judged:
-        assert f">{each.claim.id}<" in page
+        assert f">{each[0].id}<" in page
     assert "our criterion" in page
     assert "depends on the reading" in page
     for untested in read_claims().untested:
         assert untested.reason in html.unescape(page)
 
 
-def test_the_readme_counts_as_the_claims_do(judged: list[Judged]) -> None:
-    good = Counter(each.claim.kind for each in judged if each.verdict == REPRODUCED)
-    of_kind = Counter(each.claim.kind for each in judged)
+def test_the_readme_counts_as_the_claims_do(judged: list[JudgedClaim]) -> None:
+    good = Counter(each[0].kind for each in judged if verdict_of(*each) == REPRODUCED)
+    of_kind = Counter(each[0].kind for each in judged)
     assert good["exact"] == of_kind["exact"]
     readme = " ".join((paths.ROOT / "README.md").read_text().split())
     assert (
@@ -288,4 +309,4 @@ def test_the_readme_counts_as_the_claims_do(judged: list[Judged]) -> None:
         f"{of_kind['arithmetic']} are arithmetic of the paper's own numbers, of which {good['arithmetic']} hold"
         in readme
     )
-    assert f"{sum(each.hangs for each in judged)} verdicts hang on how a sentence is read" in readme
+    assert f"{sum(hangs(checks) for _, checks in judged)} verdicts hang on how a sentence is read" in readme

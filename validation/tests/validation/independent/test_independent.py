@@ -14,8 +14,8 @@ from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import codes
 from postproc.paper.simulate import exact
-from validation.compare.verdict import FAIL, NOT_RUN, PASS, RUN
-from validation.independent.independent_study import IN_REPO, Line, judge_all, verdict_of
+from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, without_run
+from validation.independent.independent_study import IN_REPO, judge_all
 from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
 from validation.report.write_report import write_report
 from validation.studies import read_section, read_table, rows_in, write_table
@@ -139,7 +139,7 @@ def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path
     where = ("--file", cheap, "--results", tmp_path / "results", "--runs", shared_runs)
     done = command_line("validation", "independent", *where)
     assert done.returncode == 0, done.stderr
-    lines = rows_in(read_table(tmp_path / "results" / "independent.csv", Line, "independent"), Line)
+    lines = rows_in(read_table(tmp_path / "results" / "independent.csv", Check, "independent"), Check)
     assert {line.verdict for line in lines} == {PASS}
     per_engine = Counter(line.engine for line in lines)
     assert set(per_engine) >= {"reference", "verlet", *codes()}
@@ -153,10 +153,10 @@ def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path
     assert done.returncode == 1
     red = [
         line
-        for line in rows_in(read_table(tmp_path / "results" / "independent.csv", Line, "independent"), Line)
+        for line in rows_in(read_table(tmp_path / "results" / "independent.csv", Check, "independent"), Check)
         if line.verdict == FAIL
     ]
-    assert {(line.id, line.quantity, line.against) for line in red} == {("two-glass-spheres", "peak_force_N", "quoted")}
+    assert {(line.scene, line.quantity) for line in red} == {("two-glass-spheres", "peak_force_N against quoted")}
     assert {line.engine for line in red} == set(per_engine)
     assert len(done.stderr.strip().splitlines()) == len(red)
     assert "found 10696.889 N, expected 10698 N" in done.stderr
@@ -177,7 +177,7 @@ def test_a_soft_wall_in_one_engine_is_red_there_alone(
     monkeypatch.setitem(IN_REPO, "verlet", soft)
     cheap.write_text(shipped("aluminium-on-plane"))
     lines = judge_all(cheap, shared_runs)
-    red = {line.quantity for line in lines if line.verdict == FAIL}
+    red = {line.quantity.partition(" ")[0] for line in lines if line.verdict == FAIL}
     assert {line.engine for line in lines if line.verdict == FAIL} == {"verlet"}
     assert red == {"peak_force_N", "peak_overlap_m", "duration_s"}  # a softer wall gives all of the speed back
 
@@ -192,7 +192,7 @@ def test_forces_of_one_in_a_hundred_million_more_are_red(
     monkeypatch.setitem(IN_REPO, "reference", stronger)
     lines = judge_all(cheap, shared_runs)
     red = [line for line in lines if line.verdict == FAIL]
-    assert {(line.engine, line.quantity, line.against) for line in red} == {("reference", "peak_force_N", "theory")}
+    assert {(line.engine, line.quantity) for line in red} == {("reference", "peak_force_N against theory")}
 
 
 def test_an_engine_that_breaks_fails_with_its_words(tmp_path: Path, cheap: Path, stand_in: StandIn) -> None:
@@ -200,8 +200,7 @@ def test_an_engine_that_breaks_fails_with_its_words(tmp_path: Path, cheap: Path,
     cheap.write_text(shipped("aluminium-on-plane"))
     lines = [line for line in judge_all(cheap, tmp_path / "runs") if line.engine == "yade"]
     assert [(line.quantity, line.verdict) for line in lines] == [(RUN, FAIL)]
-    assert "the wheel came off" in lines[0].why
-    assert "the wheel came off" in verdict_of(lines[0]).where
+    assert "the wheel came off" in lines[0].where
 
 
 def test_an_engine_that_is_not_there_or_refuses_is_not_run(
@@ -213,8 +212,8 @@ def test_an_engine_that_is_not_there_or_refuses_is_not_run(
     cheap.write_text(text[: text.index("[[case.check]]")] + CHECK.format("restitution").replace("1e-6", "1e-3"))
     lines = {line.engine: line for line in judge_all(cheap, tmp_path / "runs")}
     assert lines["yade"].verdict == lines["liggghts"].verdict == NOT_RUN
-    assert lines["yade"].why == "not installed"
-    assert "contact.restitution" in lines["liggghts"].why
+    assert lines["yade"].where == "not installed"
+    assert "contact.restitution" in lines["liggghts"].where
     assert lines["reference"].verdict == PASS
 
 
@@ -225,35 +224,29 @@ def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path) -> N
     both = CASE + CASE.replace('"glass"', '"bare"').replace("scene =", "set = ['run.record=[\"forces\"]']\nscene =")
     path = tmp_path / "both.toml"
     path.write_text(both)
-    found = {(line.id, line.engine): line for line in judge_all(path, tmp_path / "runs")}
+    found = {(line.scene, line.engine): line for line in judge_all(path, tmp_path / "runs")}
     for code in codes():
         assert found["glass", code].verdict == PASS
-        assert (found["bare", code].verdict, found["bare", code].why[:18]) == (FAIL, "no state recorded;")
+        assert (found["bare", code].verdict, found["bare", code].where[:18]) == (FAIL, "no state recorded;")
 
 
 # ---- table and section
 
 
-def whole_table() -> list[Line]:
-    """Lines for every shipped case, as if the engines had hit every number."""
+def whole_table() -> list[Check]:
+    """Checks of every shipped case, as if the engines had hit every number."""
     return [
-        Line(
+        Check(
             entry.id,
-            entry.title,
-            "",
             engine,
-            check.quantity,
-            unit_of(check.quantity),
-            check.against,
-            1.0,
-            1.0 + 1e-13,
+            f"{check.quantity} against {check.against}",
             1e-13,
-            "relative",
             check.limit,
-            PASS,
-            "",
             check.reason,
-            entry.source,
+            "found 1, expected 1: somebody",
+            PASS,
+            1.0 + 1e-13,
+            1.0,
         )
         for entry in read_independent()
         for engine in ("liggghts", "reference", "yade")
@@ -262,11 +255,11 @@ def whole_table() -> list[Line]:
 
 
 def test_the_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
-    lines = whole_table()
-    lines[0] = replace(lines[0], why='a "word", and\nanother', found=0.1 + 0.2, label="a=1, b=nan")
-    write_table(tmp_path / "independent.csv", Line, lines)
-    assert rows_in(read_table(tmp_path / "independent.csv", Line, "independent"), Line) == lines
-    assert read_section("independent", tmp_path)["verdicts"] == [verdict_of(line) for line in lines]
+    checks = whole_table()
+    checks[0] = replace(checks[0], where='a "word", and\nanother', found=0.1 + 0.2)
+    write_table(tmp_path / "independent.csv", Check, checks)
+    assert rows_in(read_table(tmp_path / "independent.csv", Check, "independent"), Check) == checks
+    assert read_section("independent", tmp_path)["checks"] == checks
     assert read_section("independent", tmp_path / "nowhere") == {}
 
 
@@ -277,38 +270,38 @@ def test_a_damaged_table_is_reported(tmp_path: Path, text: str) -> None:
         read_section("independent", tmp_path)
 
 
-@pytest.mark.parametrize("change", [{"error": 5.0}, {"error": math.nan}, {"found": math.nan}, {"verdict": FAIL}])
+@pytest.mark.parametrize("change", [{"value": 5.0}, {"value": math.nan}, {"verdict": FAIL}])
 def test_a_verdict_that_disagrees_with_its_numbers_is_reported(change: dict[str, Any], tmp_path: Path) -> None:
     lines = whole_table()
-    write_table(tmp_path / "independent.csv", Line, [replace(lines[0], **change), *lines[1:]])
+    write_table(tmp_path / "independent.csv", Check, [replace(lines[0], **change), *lines[1:]])
     with pytest.raises(InputError, match=r"verdict: found (pass|fail) of"):
         read_section("independent", tmp_path)
 
 
 def test_a_table_of_other_cases_is_reported(tmp_path: Path) -> None:
-    write_table(tmp_path / "independent.csv", Line, whole_table()[:3])
+    write_table(tmp_path / "independent.csv", Check, whole_table()[:3])
     with pytest.raises(InputError, match="other cases"):
         read_section("independent", tmp_path)
 
 
 def test_the_section_has_engines_as_columns_and_says_why(tmp_path: Path) -> None:
     assert read_section("independent", tmp_path) == {}
-    lines = whole_table()
-    first = lines[0].id
-    lost = [line for line in lines if (line.id, line.engine) == (first, "yade")]
-    kept = [line for line in lines if line not in lost]
-    broken = replace(lost[0], quantity=RUN, against="", verdict=FAIL, why="it blew up", found=math.nan, error=math.nan)
-    write_table(tmp_path / "independent.csv", Line, [*kept[:1], broken, *kept[1:]])
+    checks = whole_table()
+    first = checks[0].scene
+    lost = [check for check in checks if (check.scene, check.engine) == (first, "yade")]
+    kept = [check for check in checks if check not in lost]
+    broken = without_run(first, "yade", "it blew up", FAIL)
+    write_table(tmp_path / "independent.csv", Check, [*kept[:1], broken, *kept[1:]])
     section = read_section("independent", tmp_path)
     assert section["engines"] == ["liggghts", "yade", "reference"]
     assert section["counts"] == {PASS: len(kept), FAIL: 1}
     case = section["cases"][0]
     assert case["entry"].id == first
-    assert len(case["rows"]) == len(lost)
+    assert len(case["rows"]) == len(lost) + 1
     words, one, row = case["rows"][0]
-    assert words == MEASURES["impact"].QUANTITIES[one.quantity]
-    assert (row["yade"].why, row["yade"].verdict) == ("it blew up", FAIL)
+    assert words == MEASURES["impact"].quantities[one.quantity.partition(" ")[0]]
     assert row["liggghts"] == one == replace(row["reference"], engine="liggghts")
+    assert case["rows"][-1][2]["yade"].where == "it blew up"
     write_report([], tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     assert "it blew up" in page

@@ -17,9 +17,8 @@ from drivers.engines import engine_names
 from drivers.run.finished import EndedRun
 from validation.accuracy.budget import first_departure
 from validation.accuracy.motions import motions_of
-from validation.checks import FAIL, PASS
+from validation.checks import FAIL, PASS, Check
 from validation.compare.comparison import ComparedScene, run_and_compare
-from validation.independent.independent_study import Line
 from validation.independent.posed_cases import read_independent
 from validation.report.write_report import write_report
 from validation.studies import write_table
@@ -94,13 +93,13 @@ def scenes(tmp_path_factory: pytest.TempPathFactory, shared_runs: Path) -> list[
 
 def write_independent(results: Path) -> None:
     """Write a table of all independent cases with made-up numbers; one case failed, with a hostile text."""
-    lines = [
-        Line(entry.id, entry.title, "", engine, check.quantity, "N", "theory", 1.0, 1.0, 0.5 * check.limit, "relative",
-             check.limit, PASS, "", check.reason, entry.source)
+    checks = [
+        Check(entry.id, engine, f"{check.quantity} against theory", 0.5 * check.limit, check.limit, check.reason,
+              entry.source, PASS, 1.0, 1.0)
         for entry in read_independent(paths.INDEPENDENT) for engine in engine_names() for check in entry.check
     ]  # fmt: skip
-    failed = replace(lines[-1], verdict=FAIL, error=2 * lines[-1].within, why=HOSTILE)
-    write_table(results / "independent.csv", Line, [*lines[:-1], failed])
+    failed = replace(checks[-1], verdict=FAIL, value=2 * checks[-1].limit, where=HOSTILE)
+    write_table(results / "independent.csv", Check, [*checks[:-1], failed])
 
 
 @pytest.fixture(scope="module")
