@@ -5,13 +5,13 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drivers.environment  # noqa: F401 - checks the environment before further imports
 from drivers.base import command_line, paths
+from drivers.base.command_line import SEVERAL, Command, Options, argument, seconds
 from drivers.base.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -198,100 +198,99 @@ def _scenes(_: argparse.Namespace) -> int:
     return 0
 
 
-SEVERAL: dict[str, Any] = {"action": "append", "default": []}
-# arguments of argparse, by the whole option or by its metavar
-KINDS: dict[str, dict[str, Any]] = {
-    "": {"action": "store_true"},
-    "SCENE": {},
-    "SCENE ...": {"nargs": "*", "metavar": "SCENE"},
-    "STUDY": {},
-    "ENGINE": SEVERAL,
-    "--engine ENGINE (one)": {"required": True, "metavar": "ENGINE"},
-    "PATTERN": SEVERAL,
-    "LINE": SEVERAL,
-    "KEY=VALUE": SEVERAL | {"dest": "settings"},
-    "KEY=GLOB": SEVERAL | {"dest": "settings"},
-    "DIR": {"type": Path},
-    "--out DIR": {"type": Path, "required": True},
-    "FILE": {"type": command_line.engines_file},
-    "CASE": {"type": _count},
-    "N": {"type": _count},
-    "SECONDS": {"type": command_line.seconds},
-    "I/N": {"type": _slice},
-    "ADDRESS": {"nargs": "?", "const": "local"},
-}
-PLACES = ("--slice", "--dask", "--slurm")  # options of batch that exclude each other
-OPTIONS = {
-    "scene SCENE": command_line.SCENE,
-    "scenes SCENE ...": "scenes by name or file (default: all)",
-    "study STUDY": command_line.STUDY,
-    "case CASE": "number of the case, as in the table of the study",
-    "--set KEY=VALUE": command_line.SET,
-    "--set KEY=GLOB": "list runs with this setting, such as 'striker.speed=2 m/s'; repeatable: values of a key add up",
-    "--engine ENGINE (one)": "name of the engine, such as liggghts",
-    "--engine ENGINE": "list runs of this engine; repeatable (default: all)",
-    "--engine ENGINE (run)": "name of an engine, or auto for the cheapest; repeatable (default: all installed ones)",
-    "--engine ENGINE (study)": "name of an engine; repeatable (default: the engines of the study)",
-    "--engines FILE": command_line.ENGINES_FILE,
-    "--only PATTERN": "take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label that matches; "
-    "repeatable (default: all cases)",
-    "--out DIR": "folder for the deck",
-    "--runs DIR": command_line.RUNS,
-    "--results DIR": "folder for the tables (default: results/ of the checkout)",
-    "--prune": "remove runs that no command will use again: failed runs, runs of other builds "
-    "and older decks; runs of the last ten minutes are kept",
-    "--rerun": "run again even if the run is done",
-    "--time-limit SECONDS": "stop a run after this time (default: by beads and steps)",
-    "--unsafe": "accept a scene that a guard refuses, for instance a time step above the stability limit",
-    "--workers N": "number of processes on this machine (default: number of cores)",
-    "--dry-run": "print what would be done, without doing it; batch checks every case and keeps "
-    "this list of cases and the builds found in the runs folder",
-    "--retry": "run failed cases again",
-    "--yes": "accept a study of more than 20,000 cases",
-    "--slice I/N": "run part I of N here, without writing the table",
-    "--dask ADDRESS": "run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster",
-    "--slurm": "run as a Slurm job array",
-    "--slices N": "number of tasks of the job array (default: by the expected time)",
-    "--slurm-line LINE": "add a line to the job script, such as '#SBATCH --mem=2G'; repeatable",
-    "--wait": "wait for the job array, then write the table",
-    "--list": "print the state of each case: done, failed, timeout, stale, claimed, to do, not installed",
-}
-SCENE = ("scene SCENE", "--set KEY=VALUE")
-STUDY = ("study STUDY", "--runs DIR", "--engine ENGINE (study)", "--engines FILE")
-SELECTION = (*STUDY, "--only PATTERN")
-LOCAL = ("--results DIR", "--workers N", "--dry-run", "--retry", "--yes")
-BATCH = (*SELECTION, *LOCAL, "--slice I/N", "--dask ADDRESS", "--slurm", "--slices N", "--slurm-line LINE", "--wait")
-PRUNE = ("--prune", "--dry-run")
-RUN = ("--engine ENGINE (run)", "--engines FILE", "--runs DIR", "--rerun", "--time-limit SECONDS", "--unsafe")
+def _engine(words: str) -> Options:
+    """Option that names engines."""
+    return argument("--engine", words, "ENGINE", **SEVERAL)
 
 
-@dataclass(frozen=True)
-class Command:
-    """A command: its function, one line of help, its options and example command lines, without the program."""
-
-    action: Callable[[argparse.Namespace], int]
-    summary: str
-    options: tuple[str, ...]
-    examples: tuple[str, ...]
-
+WHERE = command_line.ENGINES | command_line.RUNS
+ONE_ENGINE = argument("--engine", "name of the engine, such as liggghts", "ENGINE", required=True)
+OUT = argument("--out", "folder for the deck", "DIR", type=Path, required=True)
+CASE = argument("case", "number of the case, as in the table of the study", "CASE", type=_count)
+DRY_RUN = argument(
+    "--dry-run",
+    "print what would be done, without doing it; batch checks every case and keeps this list of cases and the builds "
+    "found in the runs folder",
+)
+RUN = (
+    _engine("name of an engine, or auto for the cheapest; repeatable (default: all installed ones)")
+    | WHERE
+    | argument("--rerun", "run again even if the run is done")
+    | argument("--time-limit", "stop a run after this time (default: by beads and steps)", "SECONDS", type=seconds)
+)
+STUDY = (
+    command_line.STUDY
+    | command_line.RUNS
+    | _engine("name of an engine; repeatable (default: the engines of the study)")
+    | command_line.ENGINES
+)
+ONLY = (
+    "take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label that matches; "
+    "repeatable (default: all cases)"
+)
+SELECTION = STUDY | argument("--only", ONLY, "PATTERN", **SEVERAL)
+PLACES = (
+    argument("--slice", "run part I of N here, without writing the table", "I/N", type=_slice)
+    | argument(
+        "--dask",
+        "run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster",
+        "ADDRESS",
+        nargs="?",
+        const="local",
+    )
+    | argument("--slurm", "run as a Slurm job array")
+)
+BATCH = (
+    SELECTION
+    | argument("--results", "folder for the tables (default: results/ of the checkout)", "DIR", type=Path)
+    | argument("--workers", "number of processes on this machine (default: number of cores)", "N", type=_count)
+    | DRY_RUN
+    | argument("--retry", "run failed cases again")
+    | argument("--yes", "accept a study of more than 20,000 cases")
+    | PLACES
+    | argument("--slices", "number of tasks of the job array (default: by the expected time)", "N", type=_count)
+    | argument(
+        "--slurm-line", "add a line to the job script, such as '#SBATCH --mem=2G'; repeatable", "LINE", **SEVERAL
+    )
+    | argument("--wait", "wait for the job array, then write the table")
+)
+LIST = argument("--list", "print the state of each case: done, failed, timeout, stale, claimed, to do, not installed")
+LISTED = (
+    argument("scenes", "scenes by name or file (default: all)", "SCENE", nargs="*")
+    | _engine("list runs of this engine; repeatable (default: all)")
+    | argument(
+        "--set",
+        "list runs with this setting, such as 'striker.speed=2 m/s'; repeatable: values of a key add up",
+        "KEY=GLOB",
+        dest="settings",
+        **SEVERAL,
+    )
+    | WHERE
+    | argument(
+        "--prune",
+        "remove runs that no command will use again: failed runs, runs of other builds and older decks; runs of the "
+        "last ten minutes are kept",
+    )
+    | DRY_RUN
+)
 
 COMMANDS = {
     "render": Command(
         _render,
         "write the deck of a scene for one engine, without running it",
-        (*SCENE, "--engine ENGINE (one)", "--engines FILE", "--out DIR", "--unsafe"),
+        command_line.SCENE | command_line.SETTINGS | ONE_ENGINE | command_line.ENGINES | OUT | command_line.UNSAFE,
         ("fig4 --engine liggghts --out deck",),
     ),
     "run": Command(
         _run,
         "run a scene and print the run folders",
-        (*SCENE, *RUN),
+        command_line.SCENE | command_line.SETTINGS | RUN | command_line.UNSAFE,
         ("fig4 --engine yade", "fig4 --set chain.count=60 --set run.time_step='50 ns'"),
     ),
     "plan": Command(
         _plan,
         "print time step, expected errors and cost of a scene",
-        (*SCENE, "--engines FILE"),
+        command_line.SCENE | command_line.SETTINGS | command_line.ENGINES,
         ("fig4", "fig4 --set run.time_step= --set run.accuracy=1e-4"),
     ),
     "batch": Command(
@@ -299,46 +298,28 @@ COMMANDS = {
         "run the missing cases of a study and write its table",
         BATCH,
         ("sensitivity", "wall-material --engine verlet --workers 2 --dry-run"),
+        exclusive=tuple(PLACES),
     ),
-    "status": Command(
-        _status,
-        "count the rows of a study by state",
-        (*SELECTION, "--list"),
-        ("sensitivity --list",),
-    ),
+    "status": Command(_status, "count the rows of a study by state", SELECTION | LIST, ("sensitivity --list",)),
     "runs": Command(
         _runs,
         "list the run folders, or remove those that are obsolete",
-        ("scenes SCENE ...", "--engine ENGINE", "--set KEY=GLOB", "--engines FILE", "--runs DIR", *PRUNE),
+        LISTED,
         ("fig4 --engine yade", "--set 'striker.speed=*'", "--prune --dry-run"),
     ),
-    "scenes": Command(_scenes, "list the shipped scenes, studies and materials", (), ("",)),
+    "scenes": Command(_scenes, "list the shipped scenes, studies and materials", {}),
     "show": Command(
         _show,
         "write one case of a study as run folders with their decks",
-        (*STUDY, "case CASE"),
+        STUDY | CASE,
         ("wall-material 3 --engine lammps",),
     ),
 }
 
 
 def _parser() -> command_line.Parser:
-    program = "python -m drivers"
-    summary, example = "render scenes to decks and run them", f"{program} run fig4 --engine verlet"
-    parser = command_line.Parser(prog=program, summary=summary, examples=(example,), version=True)
-    add_command = parser.add_commands()
-    for name, command in COMMANDS.items():
-        examples = tuple(f"{program} {name} {example}".rstrip() for example in command.examples)
-        adder = add_command(name, command.summary, examples)
-        adder.set_defaults(action=command.action)
-        place = adder.add_mutually_exclusive_group() if "--slurm" in command.options else adder
-        for option in command.options:
-            flag, _, word = option.partition(" ")
-            word = word.split(" (")[0]
-            kind = KINDS.get(option) or KINDS[word]
-            metavar = {"metavar": kind.get("metavar", word)} if word else {}
-            (place if flag in PLACES else adder).add_argument(flag, help=OPTIONS[option], **kind | metavar)
-    return parser
+    summary = "render scenes to decks and run them"
+    return command_line.build_parser("python -m drivers", summary, ["run fig4 --engine verlet"], COMMANDS)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-import argcomplete
 from argcomplete.completers import DirectoriesCompleter, FilesCompleter
 
 from drivers.base import paths
@@ -45,17 +44,7 @@ BY_METAVAR: dict[str, Completer] = {
 }
 
 
-def complete(parser: argparse.ArgumentParser) -> None:
-    """Prints completions and exits if a shell asks for them."""
-    _assign(parser)
-    argcomplete.autocomplete(parser, always_complete_options=False)
-
-
-def _assign(parser: argparse.ArgumentParser) -> None:
-    """Gives each argument the completer of its metavar."""
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for command in action.choices.values():
-                _assign(command)
-        elif isinstance(action.metavar, str) and action.metavar in BY_METAVAR:
-            vars(action)["completer"] = BY_METAVAR[action.metavar]
+def complete(argument: argparse.Action) -> None:
+    """Gives an argument the completer of its metavar."""
+    if isinstance(argument.metavar, str) and argument.metavar in BY_METAVAR:
+        vars(argument)["completer"] = BY_METAVAR[argument.metavar]

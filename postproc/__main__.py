@@ -6,13 +6,13 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drivers.environment  # noqa: F401 - checks the environment before further imports
 from drivers.base import command_line, paths
+from drivers.base.command_line import Command, Options, argument
 from drivers.base.errors import InputError, RunError
 from drivers.base.progress import step
 from postproc.figures import captions, make_figure
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from drivers.run.finished import EndedRun
     from drivers.scene.model import Scene
     from postproc.draw.product import Product
-
-Action = Callable[[argparse.Namespace], Iterable[Path]]  # runs a command and returns the written files
-Options = dict[str, dict[str, Any]]  # arguments of argparse by option
 
 
 def main() -> int:
@@ -199,111 +196,86 @@ def _number(kind: Callable[[str], float], allowed: Callable[[float], bool], word
     return read
 
 
-FOLDER = {"type": Path, "metavar": "DIR"}
-OUT: Options = {"--out": {**FOLDER, "help": "folder for the files (default: results/ of the checkout)"}}
-ENGINES: Options = {
-    "--engines": {"type": command_line.engines_file, "metavar": "FILE", "help": command_line.ENGINES_FILE}
-}
-FROM: Options = {"--runs": {**FOLDER, "help": command_line.RUNS}}
-RUNS: Options = {**ENGINES, **FROM, **OUT}
-RUN: Options = {"run": {"metavar": "RUN", "help": command_line.RUN}, **FROM}
-SCENE: Options = {
-    "scene": {"metavar": "SCENE", "help": command_line.SCENE},
-    "--set": {
-        "action": "append", "default": [], "metavar": "KEY=VALUE", "dest": "settings", "help": command_line.SET,
-    },
-}  # fmt: skip
-OVERLAY: Options = {
-    "run": {"metavar": "SCENE|RUN", "help": "a scene, for its exact motion; or a run folder, or ENGINE:SCENE"},
-    "--set": SCENE["--set"],
-    "--measured": {"type": Path, "metavar": "FILE", "help": command_line.MEASURED},
-    **FROM,
-    **OUT,
-}
-STUDY: Options = {
-    "study": {"metavar": "STUDY", "help": command_line.STUDY},
-    "--results": {**FOLDER, "help": "folder of the table (default: results/ of the checkout)"},
-}
+OUT = argument("--out", "folder for the files (default: results/ of the checkout)", "DIR", type=Path)
+RUNS = command_line.ENGINES | command_line.RUNS | OUT
+RUN = argument("run", "a run folder, or ENGINE:SCENE for the newest run of that scene", "RUN") | command_line.RUNS
+SCENE = command_line.SCENE | command_line.SETTINGS
+OVERLAY = (
+    argument("run", "a scene, for its exact motion; or a run folder, or ENGINE:SCENE", "SCENE|RUN")
+    | command_line.SETTINGS
+    | command_line.MEASURED
+    | command_line.RUNS
+    | OUT
+)
+STUDY = command_line.STUDY | argument(
+    "--results", "folder of the table (default: results/ of the checkout)", "DIR", type=Path
+)
 
 
 def _frames(default: int) -> Options:
     """Option for the number of times."""
     kind = _number(int, lambda count: 2 <= count <= 10_000, "whole numbers from 2 to 10000")
-    return {"--frames": {"metavar": "N", "type": kind, "help": f"number of times (default: {default})"}}
+    return argument("--frames", f"number of times (default: {default})", "N", type=kind)
 
 
-SIDEWAYS: Options = {
-    "--sideways": {"metavar": "X", "default": 1.0, "help": "multiply displacements from the axis by X (default: 1)",
-                   "type": _number(float, lambda factor: 0 < factor <= 1e6, "a factor above 0, up to 1e6")},
-}  # fmt: skip
-OBSERVABLES: Options = {
-    "--level": {"metavar": "X", "action": "append",
-                "help": "measure widths at this share of the peak; repeatable (default: 0.002 and 0.04)",
-                "type": _number(float, lambda share: 0 < share < 1, "a share of the peak, above 0 and below 1")},
-    "--json": {"action": "store_true", "help": "print JSON"},
-}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Command:
-    """A command: one line of help, its function, its options and example command lines, without the program."""
-
-    summary: str
-    action: Action
-    options: Options
-    examples: tuple[str, ...] = ("",)
-
-
+SIDEWAYS = argument(
+    "--sideways",
+    "multiply displacements from the axis by X (default: 1)",
+    "X",
+    default=1.0,
+    type=_number(float, lambda factor: 0 < factor <= 1e6, "a factor above 0, up to 1e6"),
+)
+OBSERVABLES = argument(
+    "--level",
+    "measure widths at this share of the peak; repeatable (default: 0.002 and 0.04)",
+    "X",
+    action="append",
+    type=_number(float, lambda share: 0 < share < 1, "a share of the peak, above 0 and below 1"),
+) | argument("--json", "print JSON")
 COMMANDS = {
     "observables": Command(
-        "print peaks, speeds, widths, reflections, energies of a run",
         _observables,
+        "print peaks, speeds, widths, reflections, energies of a run",
         RUN | OBSERVABLES,
         ("yade:fig4", "yade:fig4 --level 0.1 --json"),
     ),
-    "draw": Command("draw a scene to scale", _draw, SCENE | OUT, ("fig4", "fig4 --set chain.count=5 --out drawings")),
+    "draw": Command(_draw, "draw a scene to scale", SCENE | OUT, ("fig4", "fig4 --set chain.count=5 --out drawings")),
     "overlay": Command(
-        "draw measured traces over computed ones, with deviations",
         _overlay,
+        "draw measured traces over computed ones, with deviations",
         OVERLAY,
         ("example-measured", "example-measured --set contact.restitution=0.9", "yade:fig4 --measured shot-12.csv"),
     ),
     "study": Command(
-        "draw the table of a finished study: curves or a tornado chart", _study, STUDY | ENGINES | OUT, ("sensitivity",)
+        _study,
+        "draw the table of a finished study: curves or a tornado chart",
+        STUDY | command_line.ENGINES | OUT,
+        ("sensitivity",),
     ),
     "vtk": Command(
-        "write a run for ParaView (needs recorded positions)",
         _vtk,
+        "write a run for ParaView (needs recorded positions)",
         RUN | _frames(100) | OUT,
         ("yade:fig4 --frames 200",),
     ),
     "film": Command(
-        "draw the chain of a run at several times, and an animated GIF",
         _film,
+        "draw the chain of a run at several times, and an animated GIF",
         RUN | _frames(12) | SIDEWAYS | OUT,
         ("yade:fig4-tube --sideways 10",),
     ),
     "spacetime": Command(
-        "draw the force in every contact of a run against time", _spacetime, RUN | OUT, ("yade:fig4",)
+        _spacetime, "draw the force in every contact of a run against time", RUN | OUT, ("yade:fig4",)
     ),
-    "figures": Command("make all figures and the table of the paper", _figures, RUNS),
+    "figures": Command(_figures, "make all figures and the table of the paper", RUNS),
 }
 
 
 def _parser() -> command_line.Parser:
-    program = "python -m postproc"
     summary = "draw figures and scenes, and read numbers from finished runs"
-    first = [f"{program} {words}" for words in ("fig4", "draw fig4", "observables yade:fig4")]
-    parser = command_line.Parser(prog=program, summary=summary, examples=first, version=True)
-    add_command = parser.add_commands()
-    drawn = {name: Command(caption.title, _figures, RUNS) for name, caption in captions().items()}
-    for name, command in (COMMANDS | drawn).items():
-        examples = tuple(f"{program} {name} {example}".rstrip() for example in command.examples)
-        adder = add_command(name, command.summary, examples)
-        for option, look in command.options.items():
-            adder.add_argument(option, **look)
-        adder.set_defaults(action=command.action)
-    return parser
+    drawn = {name: Command(_figures, caption.title, RUNS) for name, caption in captions().items()}
+    first = ["fig4", "draw fig4", "observables yade:fig4"]
+    return command_line.build_parser("python -m postproc", summary, first, COMMANDS | drawn)
 
 
 if __name__ == "__main__":

@@ -2,13 +2,13 @@
 """``python -m validation``: compares runs, measures errors and limits, and writes the report."""
 
 import argparse
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drivers.environment  # noqa: F401 - checks the environment before further imports
 from drivers.base import command_line, paths
+from drivers.base.command_line import SEVERAL, Command, Options, argument, seconds
 from drivers.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,72 +20,64 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(","))
 
 
-SEVERAL: dict[str, Any] = {"action": "append", "default": []}
-OPTIONS: dict[str, dict[str, Any]] = {
-    "what": {
-        "nargs": "*",
-        "metavar": "SCENE|RUN",
-        "help": "scenes by name or file, or exactly two runs: run folders, or ENGINE:SCENE for the newest run",
-    },
-    "name": {"metavar": "ENGINE", "help": "name of an engine, such as verlet or an entry of your engines.toml"},
-    "scenes": {"nargs": "*", "metavar": "SCENE", "help": "scenes by name or file (default: the paper's four)"},
-    "scenes (fit)": {
-        "nargs": "*",
-        "metavar": "SCENE",
-        "help": "scenes with [[measured]] data (default: the scenes of --quoted)",
-    },
-    "--set": SEVERAL | {"metavar": "KEY=VALUE", "dest": "settings", "help": command_line.SET},
-    "--unsafe": {
-        "action": "store_true",
-        "help": "accept a scene that a guard refuses, for instance a time step above the stability limit",
-    },
-    "--budget": {
-        "type": command_line.seconds,
-        "metavar": "SECONDS",
-        "dest": "budget_s",
-        "help": "engine time of all runs together (default: 300 s; 30 s with --quick)",
-    },
-    "--quick": {"action": "store_true", "help": "short study: fewer scenes, steps and seeds, no long runs"},
-    "--quick (fit)": {"action": "store_true", "help": "fit alone: no profiles, no data left out, no runs of the codes"},
-    "--studies": {
-        "action": "store_true",
-        "help": "write the page first, then run the studies and add them; short studies where no table exists",
-    },
-    "--free": SEVERAL
-    | {
-        "metavar": "KEY[=LOW..HIGH]",
-        "help": "fit this key of the scene, such as contact.restitution=0.5..1; repeatable "
+OPTIONS: Options = {
+    **argument(
+        "what",
+        "scenes by name or file, or exactly two runs: run folders, or ENGINE:SCENE for the newest run",
+        "SCENE|RUN",
+        nargs="*",
+    ),
+    **argument("name", "name of an engine, such as verlet or an entry of your engines.toml", "ENGINE"),
+    **argument("scenes", "scenes by name or file (default: the paper's four)", "SCENE", nargs="*"),
+    **argument("scenes (fit)", "scenes with [[measured]] data (default: the scenes of --quoted)", "SCENE", nargs="*"),
+    **argument(
+        "--budget",
+        "engine time of all runs together (default: 300 s; 30 s with --quick)",
+        "SECONDS",
+        type=seconds,
+        dest="budget_s",
+    ),
+    **argument("--quick", "short study: fewer scenes, steps and seeds, no long runs"),
+    **argument("--quick (fit)", "fit alone: no profiles, no data left out, no runs of the codes"),
+    **argument(
+        "--studies", "write the page first, then run the studies and add them; short studies where no table exists"
+    ),
+    **argument(
+        "--free",
+        "fit this key of the scene, such as contact.restitution=0.5..1; repeatable "
         "(default bounds: inputs/calibration.toml)",
-    },
-    "--own": SEVERAL
-    | {"metavar": "KEY[=LOW..HIGH]", "help": "as --free, with a value of its own for each data set; repeatable"},
-    "--quoted": {
-        "type": _names,
-        "default": (),
-        "metavar": "SET,...",
-        "help": "fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1",
-    },
-    "--measured": {"type": Path, "metavar": "FILE", "help": command_line.MEASURED},
-    "--engines": {"type": command_line.engines_file, "metavar": "FILE", "help": command_line.ENGINES_FILE},
-    "--file": {"type": Path, "metavar": "FILE", "help": "file with the cases (default: inputs/independent.toml)"},
-    "--out": {"type": Path, "metavar": "FILE", "help": "page to write (default: results/report.html)"},
-    "--results": {"type": Path, "metavar": "DIR", "help": command_line.RESULTS},
-    "--runs": {"type": Path, "metavar": "DIR", "help": command_line.RUNS},
-    "--against": {
-        "type": Path,
-        "metavar": "DIR",
-        "help": "compare the run folders in --runs with those in this folder, run by run",
-    },
-    "--engine": SEVERAL
-    | {
-        "metavar": "ENGINE",
-        "help": "compare this engine with verlet and reference; repeatable (default: all installed ones)",
-    },
-    "--require": SEVERAL | {"metavar": "ENGINE", "help": "fail if this engine does not run; repeatable"},
-    "--allow-missing": {
-        "action": "store_true",
-        "help": "accept that engines of --engine, all codes or runs of --against are missing",
-    },
+        "KEY[=LOW..HIGH]",
+        **SEVERAL,
+    ),
+    **argument(
+        "--own", "as --free, with a value of its own for each data set; repeatable", "KEY[=LOW..HIGH]", **SEVERAL
+    ),
+    **argument(
+        "--quoted",
+        "fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1",
+        "SET,...",
+        type=_names,
+        default=(),
+    ),
+    **argument("--file", "file with the cases (default: inputs/independent.toml)", "FILE", type=Path),
+    **argument("--out", "page to write (default: results/report.html)", "FILE", type=Path),
+    **argument(
+        "--against", "compare the run folders in --runs with those in this folder, run by run", "DIR", type=Path
+    ),
+    **argument(
+        "--engine",
+        "compare this engine with verlet and reference; repeatable (default: all installed ones)",
+        "ENGINE",
+        **SEVERAL,
+    ),
+    **argument("--require", "fail if this engine does not run; repeatable", "ENGINE", **SEVERAL),
+    **argument("--allow-missing", "accept that engines of --engine, all codes or runs of --against are missing"),
+    **command_line.SETTINGS,
+    **command_line.UNSAFE,
+    **command_line.MEASURED,
+    **command_line.ENGINES,
+    **command_line.RESULTS,
+    **command_line.RUNS,
 }
 CHECKS = {
     "results": command_line.must_be_folder,
@@ -176,14 +168,9 @@ def _wave(_: argparse.Namespace) -> int:
     return 0
 
 
-@dataclass(frozen=True)
-class Command:
-    """A command: its function, one line of help, its options and example command lines, without the program."""
-
-    action: Callable[[argparse.Namespace], int]
-    summary: str
-    options: tuple[str, ...]
-    examples: tuple[str, ...] = ("",)
+def _options(*names: str) -> Options:
+    """Options by name, with ``--engines``; words in brackets distinguish options of one name."""
+    return {name.split(" ")[0]: OPTIONS[name] for name in (*names, "--engines")}
 
 
 WHICH = ("--runs", "--engine", "--require", "--allow-missing")
@@ -192,50 +179,54 @@ COMMANDS = {
     "compare": Command(
         _compare,
         "run scenes and judge them on every engine, or compare runs",
-        ("what", "--set", *WHICH, "--against", "--unsafe"),
+        _options("what", "--set", *WHICH, "--against", "--unsafe"),
         ("fig4", "fig4 --set run.time_step='1 us'", "yade:fig4 liggghts:fig4", "--runs old --against new"),
     ),
     "report": Command(
         _report,
         "write the report page and its checks as JSON",
-        ("scenes", "--studies", "--out", *WHICH),
+        _options("scenes", "--studies", "--out", *WHICH),
         ("", "fig4 --out fig4.html --allow-missing"),
     ),
-    "claims": Command(_study, "compute and judge every quantitative statement of the paper", ("--results", "--runs")),
+    "claims": Command(
+        _study, "compute and judge every quantitative statement of the paper", _options("--results", "--runs")
+    ),
     "trade": Command(
         _study,
         "measure error against cost for all engines and time steps",
-        ("--quick", "--budget", "--results"),
+        _options("--quick", "--budget", "--results"),
         ("--quick", "--budget 600"),
     ),
     "stability": Command(
         _study,
         "measure stable steps, extreme scenes, long runs, rounding",
-        ("--quick", "--results", "--runs"),
+        _options("--quick", "--results", "--runs"),
         QUICK,
     ),
     "elements": Command(
         _study,
         "measure effect and cost of each modelling element",
-        ("--quick", "--results", "--runs"),
+        _options("--quick", "--results", "--runs"),
         QUICK,
     ),
     "independent": Command(
         _study,
         "judge the engines by published numbers and theory",
-        ("--file", "--results", "--runs"),
+        _options("--file", "--results", "--runs"),
         ("", "--file my-cases.toml"),
     ),
     "calibration": Command(
         _study,
         "fit parameters of each contact law to the paper's experiments",
-        ("--quick", "--results"),
+        _options("--quick", "--results"),
         QUICK,
     ),
     "fit": Command(
         _fit,
         "fit parameters of scenes to measured data",
-        ("scenes (fit)", "--free", "--own", "--measured", "--quoted", "--set", "--quick (fit)", "--results", "--runs"),
+        _options(
+            "scenes (fit)", "--free", "--own", "--measured", "--quoted", "--set", "--quick (fit)", "--results", "--runs"
+        ),
         (
             "example-measured --free contact.restitution",
             "--quoted fig4 --free contact.restitution=0.5..1",
@@ -244,27 +235,16 @@ COMMANDS = {
     "engine": Command(
         _engine,
         "judge an adapter or a build of a code",
-        ("name", "--results", "--runs"),
+        _options("name", "--results", "--runs"),
         ("verlet", "liggghts-old --engines mine.toml"),
     ),
-    "wave": Command(_wave, "print constants of the discrete chain's solitary wave", ()),
+    "wave": Command(_wave, "print constants of the discrete chain's solitary wave", {}),
 }
 
 
 def _parser() -> command_line.Parser:
-    program = "python -m validation"
     summary = "compare runs with an independent reference and write the report"
-    parser = command_line.Parser(
-        prog=program, summary=summary, examples=(f"{program} compare fig4", f"{program} report"), version=True
-    )
-    add_command = parser.add_commands()
-    for name, command in COMMANDS.items():
-        examples = tuple(f"{program} {name} {example}".rstrip() for example in command.examples)
-        adder = add_command(name, command.summary, examples)
-        for option in (*command.options, *["--engines"] * bool(command.options)):
-            adder.add_argument(option.split(" ")[0], **OPTIONS[option])
-        adder.set_defaults(action=command.action)
-    return parser
+    return command_line.build_parser("python -m validation", summary, ["compare fig4", "report"], COMMANDS)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,8 @@ import platform
 import signal
 import sys
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from typing import Any, NoReturn
@@ -18,75 +19,68 @@ from drivers.base.files import home_of
 from drivers.base.processes import git, local_changes
 
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
+Options = dict[str, dict[str, Any]]  # arguments of argparse by option or position
+SEVERAL: dict[str, Any] = {"action": "append", "default": []}
 
 
-# help texts that several commands share
-SCENE = "a scene file, or the name of a scene in inputs/scenes"
-STUDY = "a study file, or the name of a study in inputs/studies"
-RUN = "a run folder, or ENGINE:SCENE for the newest run of that scene"
-SET = "set a key of the scene, such as chain.count=60 or run.time_step='10 ns'; an empty value removes it; repeatable"
-ENGINES_FILE = "file with engines of your own, as well as those of each engines.toml (see inputs/README.md)"
-MEASURED = (
-    "CSV file with forces in N, in columns named after gauges, such as bead_9 [N] "
-    "(default: the [[measured]] tables of the scene, for any other file)"
-)
-RUNS = "folder of the run folders (default: runs/ of the checkout)"
-RESULTS = "folder for tables and figures (default: results/ of the checkout)"
+def argument(name: str, words: str, metavar: str = "", **look: Any) -> Options:
+    """One option or position with its help text; without a metavar a switch."""
+    return {name: ({"metavar": metavar} if metavar else {"action": "store_true"}) | {"help": words} | look}
 
 
-class _Formatter(argparse.RawDescriptionHelpFormatter):
-    """Help formatter that adds the indent of the commands to the width of their column."""
+@dataclass(frozen=True)
+class Command:
+    """A command.
 
-    def add_argument(self, action: argparse.Action) -> None:
-        super().add_argument(action)
-        if isinstance(action, argparse._SubParsersAction):
-            self._action_max_length += self._indent_increment
+    Attributes:
+        action: function of the parsed arguments that runs it.
+        summary: one line of help, in lower case without a full stop.
+        options: its options and positions.
+        examples: example command lines, without program and command.
+        exclusive: options that exclude each other.
+    """
+
+    action: Callable[[argparse.Namespace], Any]
+    summary: str
+    options: Options
+    examples: tuple[str, ...] = ("",)
+    exclusive: tuple[str, ...] = ()
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser of a command line or of one of its commands.
+    """Parser of a command line or of one of its commands, whose parsers are ``commands``.
 
     Errors take one line, and options are accepted by their full names only.
-
-    Args:
-        summary: one line on what the command does, in lower case without a full stop.
-        examples: command lines that are shown below the options.
-        version: True for a whole command line, which has ``--version``.
     """
 
-    def __init__(self, *, summary: str, examples: Sequence[str], version: bool = False, **words: Any) -> None:
-        epilog = "\n  ".join([f"example{'s' * (len(examples) > 1)}:", *examples])
-        description = f"{summary[0].upper()}{summary[1:]}."
+    def __init__(self, summary: str, examples: Iterable[str], **words: Any) -> None:
+        lines = [*examples]
         super().__init__(
-            allow_abbrev=False, formatter_class=_Formatter, description=description, epilog=epilog, **words
+            allow_abbrev=False,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            description=f"{summary[0].upper()}{summary[1:]}.",
+            epilog="\n  ".join([f"example{'s' * (len(lines) > 1)}:", *lines]),
+            **words,
         )
-        self._commands: argparse._SubParsersAction[Parser] | None = None
-        if version:
-            self.description = f"{description}\nHelp on a command: {self.prog} COMMAND --help"
-            self.add_argument("--version", action=_Version, nargs=0, help="print version and commit")
-
-    def add_commands(self) -> Callable[..., "Parser"]:
-        """Adds commands: the returned function adds one by its name, summary and examples."""
-        commands = self.add_subparsers(title="commands", required=True, metavar="COMMAND", dest="command")
-        self._commands = commands
-        return lambda name, summary, examples: commands.add_parser(
-            name, help=summary, summary=summary, examples=examples
-        )
+        self.commands: dict[str, Parser] = {}
 
     def parse_args(self, *words: Any, **more: Any) -> Any:
         """Parses the words; completes them for a shell that asks, and prints the help if there are none."""
         if "_ARGCOMPLETE" in os.environ:
-            from drivers.completion import complete
+            import argcomplete
 
-            complete(self)
+            argcomplete.autocomplete(self, always_complete_options=False)
         if not words and len(sys.argv) == 1:
             self.print_help()
             self.exit(2)
         found, unknown = self.parse_known_args(*words, **more)
+        if self.commands and found.version:
+            print(_version())
+            self.exit()
+        if self.commands and found.command is None:
+            self.error("the following arguments are required: COMMAND")
         if unknown:
-            command = getattr(found, "command", None)
-            chosen = self._commands.choices[command] if self._commands and command else self
-            chosen.error(f"unrecognized arguments: {' '.join(unknown)}")
+            self.commands.get(found.command, self).error(f"unrecognized arguments: {' '.join(unknown)}")
         return found
 
     def error(self, message: str) -> NoReturn:
@@ -94,13 +88,33 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, one_line(f"{self.prog}: ", message, f" (see {self.prog} --help)") + "\n")
 
 
-class _Version(argparse.Action):
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
-        changes = " and changes" * local_changes()
-        commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
-        print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
-        parser.exit()
+def build_parser(program: str, summary: str, examples: Iterable[str], commands: Mapping[str, Command]) -> Parser:
+    """Parser of a command line, such as ``python -m drivers``, with its commands and ``--version``."""
+    parser = Parser(summary, (f"{program} {example}" for example in examples), prog=program)
+    parser.description = f"{parser.description}\nHelp on a command: {program} COMMAND --help"
+    parser.add_argument("--version", action="store_true", help="print version and commit")
+    adders = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command")
+    for name, command in commands.items():
+        lines = (f"{program} {name} {example}".rstrip() for example in command.examples)
+        adder = adders.add_parser(name, help=command.summary, summary=command.summary, examples=lines)
+        adder.set_defaults(action=command.action)
+        alternatives = adder.add_mutually_exclusive_group() if command.exclusive else adder
+        for option, look in command.options.items():
+            added = (alternatives if option in command.exclusive else adder).add_argument(option, **look)
+            if "_ARGCOMPLETE" in os.environ:
+                from drivers.completion import complete
+
+                complete(added)
+        parser.commands[name] = adder
+    return parser
+
+
+def _version() -> str:
+    """Line with the version of the project and of Python, and the commit."""
+    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
+    changes = " and changes" * local_changes()
+    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
+    return f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}"
 
 
 def seconds(text: str) -> float:
@@ -119,6 +133,34 @@ def engines_file(text: str) -> Path:
     path = Path(text).absolute()
     os.environ[paths.ENGINES_VARIABLE] = str(path)
     return path
+
+
+# options that several commands share
+SCENE = argument("scene", "a scene file, or the name of a scene in inputs/scenes", "SCENE")
+STUDY = argument("study", "a study file, or the name of a study in inputs/studies", "STUDY")
+SETTINGS = argument(
+    "--set",
+    "set a key of the scene, such as chain.count=60 or run.time_step='10 ns'; an empty value removes it; repeatable",
+    "KEY=VALUE",
+    dest="settings",
+    **SEVERAL,
+)
+ENGINES = argument(
+    "--engines",
+    "file with engines of your own, as well as those of each engines.toml (see inputs/README.md)",
+    "FILE",
+    type=engines_file,
+)
+MEASURED = argument(
+    "--measured",
+    "CSV file with forces in N, in columns named after gauges, such as bead_9 [N] "
+    "(default: the [[measured]] tables of the scene, for any other file)",
+    "FILE",
+    type=Path,
+)
+RUNS = argument("--runs", "folder of the run folders (default: runs/ of the checkout)", "DIR", type=Path)
+RESULTS = argument("--results", "folder for tables and figures (default: results/ of the checkout)", "DIR", type=Path)
+UNSAFE = argument("--unsafe", "accept a scene that a guard refuses, for instance a time step above the stability limit")
 
 
 def engines_again() -> list[str]:

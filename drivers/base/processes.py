@@ -49,7 +49,7 @@ os._exit(code)
 
 
 @dataclass(frozen=True)
-class Outcome:
+class EndedProcess:
     """End of a process.
 
     Attributes:
@@ -74,7 +74,7 @@ def scrubbed_environment() -> dict[str, str]:
     return kept | {"LC_ALL": "C.UTF-8", "PYTHONNOUSERSITE": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
 
 
-def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variables: str) -> Outcome:
+def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variables: str) -> EndedProcess:
     """Run a command inside ``folder``; its output goes to ``stdout.txt`` and ``stderr.txt`` there.
 
     ``variables`` are added to the environment. The process leads its own group, which is killed at the time limit
@@ -88,7 +88,7 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
                 process = start((*launch, *command), folder, subprocess.DEVNULL, out, err, variables, (telling,))
         except OSError as error:
             err.write(f"cannot start: {error}\n".encode())
-            return Outcome(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+            return EndedProcess(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
         expired = threading.Event()
 
         def expire() -> None:
@@ -103,7 +103,7 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
             timer.cancel()
             usage = reap(process)  # also kills it after an interruption
         memory_bytes = int(memory.read() or 0)
-    return Outcome(
+    return EndedProcess(
         code=process.returncode,
         timed_out=expired.is_set(),
         limit_s=limit_s,

@@ -18,7 +18,7 @@ WORK = ".work"  # folder of the workplaces, in the store's folder
 
 
 @dataclass(frozen=True)
-class Row:
+class StudyRow:
     """Row of the table: one case on one engine.
 
     Attributes:
@@ -70,22 +70,22 @@ class Store:
     def __init__(self, runs: Path) -> None:
         self.runs = runs
         self.folder = runs / "batch"
-        self.rows: dict[str, Row] = {}
+        self.rows: dict[str, StudyRow] = {}
         self.damaged: set[str] = set()
         self._read: set[str] = set()
         self.labels: set[tuple[str, str, str]] = set()
 
-    def refresh(self) -> list[Row]:
+    def refresh(self) -> list[StudyRow]:
         """Read new files and return their rows."""
         names = {file.name for file in self.folder.glob(f"*{ENDING}")}
-        fresh: list[Row] = []
+        fresh: list[StudyRow] = []
         for name in sorted(names - self._read):
             self._read.add(name)
             content = (self.folder / name).read_bytes()
             try:
                 if _name_of(content) != name:
                     raise ValueError("damaged")
-                fresh += [Row(**json.loads(line)) for line in content.splitlines()]
+                fresh += [StudyRow(**json.loads(line)) for line in content.splitlines()]
             except (ValueError, TypeError):  # damaged, or rows of another version
                 self.damaged.add(name)
         for row in fresh:
@@ -106,7 +106,7 @@ class Outbox:
     def __init__(self, store: Path, place: Path) -> None:
         self._store = store
         self._place = place
-        self._rows: list[Row] = []
+        self._rows: list[StudyRow] = []
         self._lock = threading.Lock()
         self._error: OSError | None = None
         self._through = threading.Event()
@@ -123,7 +123,7 @@ class Outbox:
         self._thread.join()
         self.flush()
 
-    def add(self, row: Row) -> None:
+    def add(self, row: StudyRow) -> None:
         """Add a row; OSError if earlier rows could not be committed."""
         with self._lock:
             if self._error is not None:

@@ -17,7 +17,7 @@ from drivers.base.decks import Deck
 from drivers.base.files import whole_file
 from drivers.base.kept import content_of, digest_of_sources
 from drivers.base.tolerances import tolerance
-from drivers.batch.store import Row, Store
+from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Study, column_name, value_at
 from drivers.chain.case import Case, Layout
 from drivers.chain.chain import Array
@@ -167,7 +167,7 @@ class StudyPlan:
     work: list[int]
     values: dict[str, list[Any]]
 
-    def rows_of(self, store: Store, engine: str) -> list[Row | None]:
+    def rows_of(self, store: Store, engine: str) -> list[StudyRow | None]:
         """Rows of an engine in the order of the cases; None for missing rows."""
         return [store.rows.get(identity) for identity in self.identities.get(engine, [""] * len(self.work))]
 

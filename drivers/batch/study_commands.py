@@ -15,7 +15,7 @@ from drivers.base.errors import InputError
 from drivers.base.processes import cores
 from drivers.base.progress import counted, in_words, say
 from drivers.base.tolerances import tolerance
-from drivers.batch.store import WORK, Row, Store
+from drivers.batch.store import WORK, Store, StudyRow
 from drivers.batch.study import Selection, read_study, select
 from drivers.batch.study_cases import Request, Setup, StudyPlan, keep_plan, kept_plan, set_up
 from drivers.batch.worker import get_ready, plan_side_by_side, run_locally, run_slice, to_run
@@ -315,7 +315,7 @@ def _follow(under_way: Iterator[None], found: _Batch, awaited: dict[str, int]) -
                         say(failure_line(found.setup.study.label(number), row))
 
 
-def failure_line(label: str, row: Row) -> str:
+def failure_line(label: str, row: StudyRow) -> str:
     """One line for a failed row."""
     return f"{label}: {row.engine} {row.status}: {row.reason}"
 

@@ -9,7 +9,7 @@ import pandas as pd
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.files import whole_file
-from drivers.batch.store import Row, Store
+from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Study
 from drivers.batch.study_cases import StudyPlan
 
@@ -56,7 +56,7 @@ def unmatched(study: Study, plan: StudyPlan, store: Store) -> list[str]:
     return [glob for glob in study.file.observables if names and not any(fnmatchcase(name, glob) for name in names)]
 
 
-def _observed(rows: list[Row | None]) -> list[str]:
+def _observed(rows: list[StudyRow | None]) -> list[str]:
     """Names of all observables of some rows, in order of appearance."""
     return list(dict.fromkeys(name for row in rows if row for name in row.values))
 

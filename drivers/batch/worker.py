@@ -22,7 +22,7 @@ from typing import Any
 
 from drivers.base.errors import RunError
 from drivers.base.progress import following
-from drivers.batch.store import WORK, Outbox, Row, Store
+from drivers.batch.store import WORK, Outbox, Store, StudyRow
 from drivers.batch.study import read_study, select
 from drivers.batch.study_cases import Request, Setup, Steps, StudyCase, StudyPlan, facts_of, plan_of, set_up
 from drivers.chain.trace import Trace, digest_of
@@ -113,7 +113,7 @@ def to_run(store: Store, identity: str, retry_before: float) -> bool:
     return row is None or (not row.done and row.ended < retry_before)
 
 
-def run_slice(request: Request, part: int, parts: int) -> list[Row]:
+def run_slice(request: Request, part: int, parts: int) -> list[StudyRow]:
     """Run the unfinished rows of part I of N of a study and return all rows of the part.
 
     Schedulers call this function. It may be called several times and killed at any moment. Every case of the part is
@@ -147,7 +147,7 @@ class _Runner:
         self._session_of = session_of
         self._exact: dict[str, _Result] = {}
 
-    def row(self, case: StudyCase, name: str) -> Row:
+    def row(self, case: StudyCase, name: str) -> StudyRow:
         """Row of a case on an engine, with its error against the reference.
 
         If the reference fails, the row fails, too. Three-dimensional cases have no reference and no error.
@@ -170,7 +170,7 @@ class _Runner:
         if result.trace is not None:
             values, digest = steps.observe(case.case.layout, result.trace), digest_of(result.trace)
         workflow_s = (result.cost["workflow_s"] or 0.0) + time.perf_counter() - began
-        return Row(
+        return StudyRow(
             identity=case.identities[name],
             run=case.runs[name],
             study=self._setup.study.name,

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.base.errors import InputProblem, refuse_any
 from drivers.chain.chain import Array, Chain, build_chain, moving_at_start
-from drivers.chain.elements import Element, choose_elements
+from drivers.chain.elements import ModellingElement, choose_elements
 from drivers.scene.model import RIGID, Scene
 from validation.reference.adaptive import MIN_TOLERANCE
 
@@ -57,7 +57,7 @@ def read_layout(stored: dict[str, Any]) -> Layout:
 
 
 @dataclass(frozen=True)
-class Plan:
+class StepPlan:
     """Time step planned for an accuracy; errors by quantity, as in ``validation.accuracy.exact_motion``.
 
     Attributes:
@@ -89,9 +89,9 @@ class Case:
 
     scene: Scene
     chain: Chain
-    elements: tuple[Element, ...]
+    elements: tuple[ModellingElement, ...]
     reference_tolerance: float = MIN_TOLERANCE
-    plan: Plan | None = None
+    plan: StepPlan | None = None
     full: "Case | None" = None
 
     def at(self, steps_per_sample: int) -> "Case":

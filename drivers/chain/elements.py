@@ -18,7 +18,7 @@ Row = tuple[str, object, str | None, str]  # name, value (false: not modelled), 
 
 
 @dataclass(frozen=True)
-class Element:
+class ModellingElement:
     """Modelling element, modelled or left out, with the reason."""
 
     name: str
@@ -26,7 +26,7 @@ class Element:
     reason: str
 
 
-def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
+def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     """Modelling elements of a scene, each modelled or left out, with the reason."""
     none = "the scene has none"
     striker, scatter = scene.striker, scene.chain.mass_scatter
@@ -51,7 +51,9 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[Element, ...]:
         *(_straight(scene) if chain.lateral is None else _sideways(scene, chain.lateral)),
         ("damping", chain.damped, damped, "restitution 1: contacts are elastic"),
     ]
-    return tuple(Element(name, bool(there), str(why if there else why_not)) for name, there, why, why_not in table)
+    return tuple(
+        ModellingElement(name, bool(there), str(why if there else why_not)) for name, there, why, why_not in table
+    )
 
 
 def _straight(scene: Scene) -> list[Row]:

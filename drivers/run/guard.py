@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import RunError, digits_apart
-from drivers.base.processes import Outcome
+from drivers.base.processes import EndedProcess
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in, furthest_m
@@ -25,7 +25,7 @@ ROUNDINGS = 64  # largest deviation of a start in units in the last place of the
 START_TOLERANCE = 1e-9  # over the largest force and speed
 
 
-def checked_trace(case: Case, engine: Engine, outcome: Outcome, folder: Path) -> Trace:
+def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Path) -> Trace:
     """Read and check the trace of a process that ended.
 
     Raises:

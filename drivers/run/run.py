@@ -18,7 +18,7 @@ from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.files import sha256_of
 from drivers.base.kept import kept
-from drivers.base.processes import Outcome, all_stopped, cores, run_command
+from drivers.base.processes import EndedProcess, all_stopped, cores, run_command
 from drivers.base.progress import following
 from drivers.chain.case import Case, build_case
 from drivers.chain.trace import FORCES, SENSORS, STATE, Trace, digest_of, write_forces, write_state
@@ -115,7 +115,7 @@ def run_case(
 
 def _tried(
     case: Case, engine: Engine, build: Build, deck: Deck, folder: Path, limit_s: float, *, served: bool
-) -> tuple[Outcome, Trace | None, RunError | None]:
+) -> tuple[EndedProcess, Trace | None, RunError | None]:
     """Run a deck in a folder; return the end of its process, and the trace or the error."""
     if served:
         with lent(engine, build.command, build.sha256) as session:
@@ -270,7 +270,7 @@ def _is_complete(found: EndedRun, case: Case) -> bool:
     return there and sha256_of(found.folder / FORCES) == found.record.forces_sha256
 
 
-def _record(case: Case, engine: Engine, build: Build, deck: Deck, outcome: Outcome, folder: Path) -> RunRecord:
+def _record(case: Case, engine: Engine, build: Build, deck: Deck, outcome: EndedProcess, folder: Path) -> RunRecord:
     return RunRecord(
         engine=engine.name,
         engine_version=build.version,

@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 from drivers.base.decks import Deck
-from drivers.base.processes import COULD_NOT_START, Outcome, reap, reset_peak, start, used_by
+from drivers.base.processes import COULD_NOT_START, EndedProcess, reap, reset_peak, start, used_by
 from drivers.engines import Engine, load_engine
 
 DONE = "the-case-has-ended"  # printed by the server after a deck
@@ -49,7 +49,7 @@ class Session:
         self.served = 0
         self._process: subprocess.Popen[bytes] | None = None
 
-    def run(self, deck: Deck, limit_s: float) -> Outcome:
+    def run(self, deck: Deck, limit_s: float) -> EndedProcess:
         """Run a deck in the folder ``case``; its output stays there until the next run.
 
         A case that ends the process has the same outcome as in its own process; the next case gets a new process.
@@ -67,7 +67,7 @@ class Session:
         except OSError as error:
             (self.case / "stdout.txt").write_text("")
             (self.case / STDERR).write_text(f"cannot start: {error}\n")
-            return Outcome(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+            return EndedProcess(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
         if self.served == 0:
             outcome = self._ask("", min(MAX_START_S, max(limit_s, MIN_START_S)))
             self.start_s += time.perf_counter() - began
@@ -104,7 +104,7 @@ class Session:
         reap(process)
         return process.returncode
 
-    def _ask(self, name: str, limit_s: float) -> Outcome:
+    def _ask(self, name: str, limit_s: float) -> EndedProcess:
         """Send a request and wait for ``DONE``, the end of the process, or the time limit."""
         process = self._process
         assert process is not None
@@ -125,8 +125,8 @@ class Session:
         (self.case / STDERR).write_bytes((self.folder / STDERR).read_bytes()[before_bytes:])
         if state == "done":
             after_s, memory_bytes = used_by(process.pid) if self.measures else (0.0, 0)
-            return Outcome(0, False, limit_s, wall_s, after_s - before_s, memory_bytes)
-        return Outcome(self.close(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
+            return EndedProcess(0, False, limit_s, wall_s, after_s - before_s, memory_bytes)
+        return EndedProcess(self.close(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
 
 
 def served_by(name: str, folder: Path) -> closing[Session]:

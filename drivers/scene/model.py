@@ -90,7 +90,7 @@ class Bead(Part):
     lateral_velocity: units.Velocity | None = None
 
 
-class Chain(Part):
+class ChainTable(Part):
     """Beads of the chain."""
 
     count: Annotated[int, Field(ge=0, le=MAX_BEADS)]
@@ -171,7 +171,7 @@ class Run(Part):
     record: tuple[Literal["forces", "state"], ...] = Field(default=("forces",), strict=False)
 
 
-class Measured(Part):
+class MeasuredEntry(Part):
     """Measured trace in a file, or quoted ``values``, for comparison with computed results.
 
     Decks, runs and run records do not depend on it. Gauges with different ``gain`` need separate entries.
@@ -214,7 +214,7 @@ class SceneFile(Part):
     title: str = ""
     gravity: units.Acceleration = 0.0
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    chain: Chain
+    chain: ChainTable
     striker: Striker | None = None
     wall: Wall | None = None
     tube: Tube | None = None
@@ -222,7 +222,7 @@ class SceneFile(Part):
     sensor: Gauge | None = None
     materials: dict[Name, Material] = Field(default_factory=dict)
     run: Run
-    measured: tuple[Measured, ...] = Field(default=(), strict=False, exclude=True)  # runs do not depend on it
+    measured: tuple[MeasuredEntry, ...] = Field(default=(), strict=False, exclude=True)  # runs do not depend on it
 
 
 class Scene(SceneFile):

@@ -15,7 +15,7 @@ from drivers.base.messages import keys_at, shorten, validate
 from drivers.scene.model import (
     RIGID,
     Bead,
-    Chain,
+    ChainTable,
     Contact,
     Gauge,
     Material,
@@ -110,7 +110,7 @@ def stored_scene(stored: dict[str, Any]) -> Scene:
         name: part.model_construct(**stored[name]) for name, part in PARTS.items() if name in stored
     }
     tables |= {
-        "chain": Chain.model_construct(**chain),
+        "chain": ChainTable.model_construct(**chain),
         "run": Run.model_construct(**(run | {"record": tuple(run["record"])})),
         "materials": {name: Material.model_construct(**own) for name, own in stored["materials"].items()},
     }

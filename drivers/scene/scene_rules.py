@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
-from drivers.scene.model import POWER, RIGID, VISCOELASTIC, Bead, Contact, Measured, Scene, SceneFile, Sensor
+from drivers.scene.model import POWER, RIGID, VISCOELASTIC, Bead, Contact, MeasuredEntry, Scene, SceneFile, Sensor
 
 PLAY_TOLERANCE = 1e-6  # relative; for rounding of the difference of two diameters
 LAWS = {VISCOELASTIC: ("restitution", "damping_ratio"), POWER: ("gamma", "alpha")}  # keys by law of dissipation
@@ -37,7 +37,7 @@ def _dissipation(contact: Contact) -> Iterator[InputProblem]:
         yield "contact.gamma", "missing key; give a number of 0 or more, in N (s/m)^alpha", ""
 
 
-def _measured_choices(measured: Measured, key: str) -> Iterator[InputProblem]:
+def _measured_choices(measured: MeasuredEntry, key: str) -> Iterator[InputProblem]:
     """Problems with an entry of ``[[measured]]``: a file and quoted values exclude each other."""
     if (measured.file is None) == (measured.values is None):
         found = "no file and no values" if measured.file is None else "both file and values"

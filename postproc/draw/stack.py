@@ -25,7 +25,7 @@ LABEL_AT = 0.012  # position of a label, as a share of the time axis
 
 
 @dataclass(frozen=True)
-class Panel:
+class ForcePanel:
     """A panel of forces in a figure of the paper.
 
     Attributes:
@@ -47,7 +47,7 @@ class Panel:
 
 
 def draw_panel(
-    figure: Any, cell: Any, panel: Panel, layout: Layout, traces: Mapping[str, Trace]
+    figure: Any, cell: Any, panel: ForcePanel, layout: Layout, traces: Mapping[str, Trace]
 ) -> tuple[dict[str, Any], pd.DataFrame]:
     """Stacked gauge forces of the reference on one scale of force, and the codes' differences from it in a strip.
 

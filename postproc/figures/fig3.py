@@ -35,7 +35,7 @@ XLIM_N = (0.010, 160)
 DEVIATION = "speed_off_reference_share"
 
 
-class Curve(NamedTuple):
+class SpeedCurve(NamedTuple):
     """Curve of one modulus with or without gravity."""
 
     modulus_MPa: float
@@ -59,7 +59,7 @@ def make(runs: Path) -> Product:
     The table also holds the scores of the moduli. The spacetime diagram shows the weakest and the strongest strike by
     the reference, for the largest modulus with gravity.
     """
-    curves = [Curve(modulus, gravity) for modulus in quoted().ptfe_moduli_MPa for gravity in (False, True)]
+    curves = [SpeedCurve(modulus, gravity) for modulus in quoted().ptfe_moduli_MPa for gravity in (False, True)]
     exact = {
         curve: [strikes.strike_for(force, strikes.contact_peak, *curve.settings) for force in FORCES_N]
         for curve in curves
@@ -92,7 +92,7 @@ def make(runs: Path) -> Product:
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
 
 
-def _points(exact: dict[Curve, list[Simulation]], runs: Path) -> pd.DataFrame:
+def _points(exact: dict[SpeedCurve, list[Simulation]], runs: Path) -> pd.DataFrame:
     """Table of strikes, a row per strike and engine."""
     chosen = [(curve, simulation.case) for curve, some in exact.items() for simulation in some[BY_CODES]]
     found = [
@@ -115,7 +115,7 @@ def _points(exact: dict[Curve, list[Simulation]], runs: Path) -> pd.DataFrame:
     return table
 
 
-def _theory(curves: list[Curve], points: pd.DataFrame) -> pd.DataFrame:
+def _theory(curves: list[SpeedCurve], points: pd.DataFrame) -> pd.DataFrame:
     """Eqs. (3) and (4) at the same amplitudes, with the static force between the sensors."""
     static = float(points.loc[points["gravity"], "static_N"].iloc[0])
     rows = []

@@ -23,7 +23,7 @@ import pandas as pd
 
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import STRIP, Panel, draw_panel, name_codes
+from postproc.draw.stack import STRIP, ForcePanel, draw_panel, name_codes
 from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
@@ -32,8 +32,8 @@ from postproc.paper.strikes import sensor_pair, speed_between_sensors
 
 UNTIL_DAMPED_REFLECTED = "run.duration=1.2 ms"  # until the slower wave with dissipation has returned
 PANELS = (
-    Panel("a", "with dissipation", DAMPED | {"ls": "-"}, 1.0, room=0.8, strip=0.18),
-    Panel("b", "elastic", AVERAGE, 2.0, strip=0.18),
+    ForcePanel("a", "with dissipation", DAMPED | {"ls": "-"}, 1.0, room=0.8, strip=0.18),
+    ForcePanel("b", "elastic", AVERAGE, 2.0, strip=0.18),
 )
 
 

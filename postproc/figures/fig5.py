@@ -26,7 +26,7 @@ from drivers.base.errors import InputError
 from drivers.chain.chain import Array
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import STRIP, Panel, draw_panel, name_codes
+from postproc.draw.stack import STRIP, ForcePanel, draw_panel, name_codes
 from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, letter_panel, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
@@ -45,8 +45,8 @@ from postproc.read.signals import (
 
 WALL = "wall"
 PANELS = (
-    Panel("a", "with dissipation", DAMPED | {"ls": "-"}, 1.0, gauges=(WALL,)),
-    Panel("b", "elastic", AVERAGE, 1.0, gauges=(WALL,)),
+    ForcePanel("a", "with dissipation", DAMPED | {"ls": "-"}, 1.0, gauges=(WALL,)),
+    ForcePanel("b", "elastic", AVERAGE, 1.0, gauges=(WALL,)),
 )
 PLACES = ("top bead", "second bead")  # of the incident pulse
 DAMPED_SUFFIX = ", damped"  # to a place in the chain with dissipation

@@ -18,7 +18,7 @@ import pandas as pd
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import STRIP, Panel, draw_panel, name_codes
+from postproc.draw.stack import STRIP, ForcePanel, draw_panel, name_codes
 from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.simulate import Simulation, case_of, simulate
@@ -29,10 +29,10 @@ SCENES = ("fig6b", "fig6d")
 UNTIL_PASSED = "run.duration=0.62 ms"  # until the train has reached the wall, before it returns
 DAMPING, ELASTIC = DAMPED | {"ls": "-"}, AVERAGE
 PANELS = (
-    Panel("a", "2 mm steel ball, with dissipation", DAMPING, 0.5),
-    Panel("b", "2 mm steel ball, elastic", ELASTIC, 0.5),
-    Panel("c", "4.76 mm PTFE ball, with dissipation", DAMPING, 1.0),
-    Panel("d", "4.76 mm PTFE ball, elastic", ELASTIC, 1.0),
+    ForcePanel("a", "2 mm steel ball, with dissipation", DAMPING, 0.5),
+    ForcePanel("b", "2 mm steel ball, elastic", ELASTIC, 0.5),
+    ForcePanel("c", "4.76 mm PTFE ball, with dissipation", DAMPING, 1.0),
+    ForcePanel("d", "4.76 mm PTFE ball, elastic", ELASTIC, 1.0),
 )
 
 DESCRIPTIONS = {"a": ("leading wave", "oscillatory tail"), "c": ("", "oscillatory shock")}  # of the first two maxima

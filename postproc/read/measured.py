@@ -15,7 +15,7 @@ from drivers.base.messages import shorten
 from drivers.base.units import to_si
 from drivers.batch.axes import HEADING
 from drivers.chain.chain import Array
-from drivers.scene.model import Measured, Scene
+from drivers.scene.model import MeasuredEntry, Scene
 from postproc.read.observables import PLACEHOLDERS, describe, without_unit
 
 MEASURED = "measured"  # key of a file's entry without a [[measured]] table; otherwise measured.0, measured.1, ...
@@ -72,7 +72,7 @@ class _Column:
     unit: str  # empty if the heading has no unit
 
 
-def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dict[str, Measured], Path, str]:
+def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dict[str, MeasuredEntry], Path, str]:
     """``[[measured]]`` entries by key, the folder to which their paths are relative, and their name in messages.
 
     If a file is given, the entries of the scene for this file; if there are none, an entry for the file alone.
@@ -94,11 +94,11 @@ def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dic
     if file is None:
         found = "no measured data: add a [[measured]] table to the scene file, or give --measured FILE.csv"
         raise InputError(source, "measured", found)
-    return {MEASURED: Measured(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
+    return {MEASURED: MeasuredEntry(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
 
 
 def read_measured(
-    entry: Measured, folder: Path, gauges: Collection[str], where: str, key: str = "measured"
+    entry: MeasuredEntry, folder: Path, gauges: Collection[str], where: str, key: str = "measured"
 ) -> MeasuredTrace:
     """The trace of an entry that names a file.
 
@@ -158,7 +158,9 @@ def read_traces(scene: Scene, gauges: Collection[str]) -> list[MeasuredTrace]:
     return [read_measured(entry, scene.folder, gauges, scene.file, key) for key, entry in entries]
 
 
-def read_quoted(entry: Measured, names: Collection[str], where: str, key: str = "measured") -> dict[str, QuotedValue]:
+def read_quoted(
+    entry: MeasuredEntry, names: Collection[str], where: str, key: str = "measured"
+) -> dict[str, QuotedValue]:
     """Quoted values of an entry by observable, named as in ``names``.
 
     Args:
@@ -236,7 +238,7 @@ def _way_out(key: str) -> str:
 
 
 def _gauge_columns(
-    columns: list[_Column], entry: Measured, gauges: Collection[str], path: Path, where: str, key: str
+    columns: list[_Column], entry: MeasuredEntry, gauges: Collection[str], path: Path, where: str, key: str
 ) -> dict[str, _Column]:
     """The column of each measured gauge."""
     has = ", ".join(gauges) or "none: the scene has no gauges"
@@ -346,7 +348,7 @@ def _factor(text: str, allowed: Mapping[str, str]) -> tuple[float, str] | None:
     return None
 
 
-def _gain(entry: Measured, unit: str, where: str, key: str) -> float:
+def _gain(entry: MeasuredEntry, unit: str, where: str, key: str) -> float:
     """Newtons per SI unit of the readings."""
     if unit == FORCE:
         gain = 1.0 if entry.gain is None else _plain(entry.gain, where, key)

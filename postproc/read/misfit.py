@@ -23,7 +23,7 @@ from scipy.interpolate import BSpline, make_lsq_spline
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
-from drivers.scene.model import Measured
+from drivers.scene.model import MeasuredEntry
 from postproc.read.alignment import AlignedGauge, align, check_length
 from postproc.read.measured import QuotedValue, read_measured, read_quoted
 from postproc.read.observables import LEVELS, observe
@@ -131,7 +131,7 @@ def _spread_knots(time_s: Array, count: int) -> Array:
 
 
 def lay_over(
-    entries: Mapping[str, Measured], folder: Path, where: str, layout: Layout, run: Trace
+    entries: Mapping[str, MeasuredEntry], folder: Path, where: str, layout: Layout, run: Trace
 ) -> tuple[list[SmoothForce], list[Misfit]]:
     """Measured gauges on a run's clock in the order of the scene, and all misfits.
 

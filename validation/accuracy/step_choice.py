@@ -12,7 +12,7 @@ from typing import NoReturn
 import numpy as np
 
 from drivers.base.errors import InputError
-from drivers.chain.case import Case, Plan
+from drivers.chain.case import Case, StepPlan
 from drivers.chain.chain import Array, arrays_of, build_chain
 from drivers.chain.elements import choose_elements
 from drivers.chain.schemes import verlet_of
@@ -175,7 +175,7 @@ class Chooser:
             return self._excess(steps, wanted)
         return max(shares.values())
 
-    def choose(self, wanted: dict[str, float], most_work: float = MAX_WORK) -> tuple[Case, Plan]:
+    def choose(self, wanted: dict[str, float], most_work: float = MAX_WORK) -> tuple[Case, StepPlan]:
         """Case at the fewest steps per sample that keep all errors below the wanted accuracies.
 
         Raises:
@@ -204,7 +204,7 @@ class Chooser:
             coarse = max(self.errors_at(steps).values()) > COARSE_ERROR  # too large to extrapolate
             steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * found ** (1 / order)))
         rounding = ROUNDING_FACTOR * float(self.rounding(taken)[-1])
-        return self.case.at(taken), Plan(wanted, self.errors_at(taken), rounding, refused, tries)
+        return self.case.at(taken), StepPlan(wanted, self.errors_at(taken), rounding, refused, tries)
 
     def _check_attainable(self, wanted: dict[str, float]) -> None:
         for name, share in wanted.items():
@@ -219,7 +219,7 @@ class Chooser:
                     why = "limited by sampling at any time step; a smaller sample_interval allows more"
                     raise unattainable(self.case, name, share, MARGIN * left, why)
 
-    def choose_with_room(self, wanted: dict[str, float]) -> tuple[Case, Plan]:
+    def choose_with_room(self, wanted: dict[str, float]) -> tuple[Case, StepPlan]:
         """As ``choose``, with room for rounding of heights if that takes less than half of the accuracy."""
         case, plan = self.choose(wanted)
         for _ in range(3):

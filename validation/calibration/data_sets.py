@@ -15,7 +15,7 @@ from drivers.base.messages import validate
 from drivers.chain.case import Case, build_case
 from drivers.engines import REFERENCE
 from drivers.limits.refusal import inability
-from drivers.scene.model import Measured, Part, Scene
+from drivers.scene.model import MeasuredEntry, Part, Scene
 from drivers.scene.read_scene import apply_setting, find_scene, make_scene, read_scene, read_toml
 from drivers.scene.settings import look_up, unit_of
 from postproc.paper.quoted import force_accuracy, quoted
@@ -67,7 +67,7 @@ class DataSet:
     numbers: tuple[Number, ...] = ()
     own: tuple[str, ...] = ()
     records: tuple[Record, ...] = ()
-    entries: Mapping[str, Measured] = field(default_factory=dict)
+    entries: Mapping[str, MeasuredEntry] = field(default_factory=dict)
 
     @property
     def lines(self) -> int:

@@ -117,6 +117,17 @@ def test_module_names_are_unique() -> None:
     assert {name: count for name, count in names.items() if count > 1} == {}
 
 
+def test_class_names_are_unique() -> None:
+    names = Counter(
+        node.name
+        for file in sources()
+        if file.parts[0] in ("drivers", "postproc")
+        for node in ast.walk(ast.parse((paths.ROOT / file).read_text()))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert {name: count for name, count in names.items() if count > 1} == {}
+
+
 def test_each_folder_has_a_docstring() -> None:
     for folder in {file.parent for file in sources(tests=True)}:
         assert ast.get_docstring(ast.parse((paths.ROOT / folder / "__init__.py").read_text())), folder

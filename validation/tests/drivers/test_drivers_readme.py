@@ -5,7 +5,7 @@ from dataclasses import fields
 
 import pytest
 
-from drivers.__main__ import OPTIONS
+from drivers.__main__ import COMMANDS
 from drivers.base.paths import ROOT
 from drivers.batch.study_commands import STATES
 from drivers.engines import engine_names
@@ -47,7 +47,7 @@ def test_folders_and_engines_are_listed() -> None:
 def test_the_states_of_rows_are_listed_here_and_in_the_help() -> None:
     listed = TEXT.partition("States of a row: ")[2].partition(". ")[0]
     assert tuple(re.findall(r"`([^`]+)`", listed)) == STATES
-    assert OPTIONS["--list"].endswith(", ".join(STATES))
+    assert COMMANDS["status"].options["--list"]["help"].endswith(", ".join(STATES))
 
 
 def test_the_entry_has_all_keys() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.decks import Deck
-from drivers.base.processes import Outcome, run_command
+from drivers.base.processes import EndedProcess, run_command
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, Engine
@@ -22,7 +22,7 @@ from drivers.run.run import default_limit_s
 from drivers.run.session import Session
 from validation.accuracy.plan import planned_case
 
-NORMAL_END = Outcome(0, False, 0.0, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+NORMAL_END = EndedProcess(0, False, 0.0, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
 STAND_INS: dict[str, Engine] = {}  # engines with a fault, by name, in tests of these tests
 
 
@@ -78,7 +78,7 @@ class Candidate:
         folder, outcome = self.process(self.deck, "alone")
         return folder, checked_trace(self.base, self.engine, outcome, folder)
 
-    def process(self, deck: Deck, name: str, limit_s: float | None = None) -> tuple[Path, Outcome]:
+    def process(self, deck: Deck, name: str, limit_s: float | None = None) -> tuple[Path, EndedProcess]:
         """Run a deck in a process and a folder of its own."""
         folder = self.folder / f"{name}-{sum(1 for _ in self.folder.iterdir())}"
         folder.mkdir()
@@ -91,7 +91,7 @@ class Candidate:
         """Trace of a folder, read as that of a successful run; RunError if it cannot be a trace of the case."""
         return checked_trace(case, self.engine, NORMAL_END, folder)
 
-    def execute(self, case: Case, deck: Deck) -> tuple[Path, Outcome]:
+    def execute(self, case: Case, deck: Deck) -> tuple[Path, EndedProcess]:
         """Run a deck on the server, with the time limit of a case."""
         outcome = self.session.run(deck, default_limit_s(case, self.engine))
         return self.session.case, outcome

@@ -20,8 +20,7 @@ WIDTH = 80
 def commands(program: str) -> dict[str, Parser]:
     """Parsers of the commands of a program, by name; the empty name for the program itself."""
     parser: Parser = import_module(f"{program}.__main__")._parser()
-    (found,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
-    return {"": parser, **found.choices}
+    return {"": parser, **parser.commands}
 
 
 EACH = [pytest.param(program, name, id=f"{program} {name}") for program in PROGRAMS for name in commands(program)]
@@ -62,7 +61,7 @@ def test_without_a_command_the_commands_are_listed(program: str) -> None:
     ended = command_line(program)
     assert ended.returncode == 2
     for name in commands(program):
-        assert re.search(rf"^    {name} ", ended.stdout, re.MULTILINE) or not name
+        assert re.search(rf"^    {name}( |$)", ended.stdout, re.MULTILINE) or not name
 
 
 def test_make_help_lists_every_target_in_aligned_columns() -> None:

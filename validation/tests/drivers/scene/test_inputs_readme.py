@@ -34,7 +34,7 @@ Table = list[dict[str, str]]
 # by heading of a table of keys: path of the table in a scene, and model
 SCENE_TABLES: dict[str, tuple[str, type[BaseModel]]] = {
     "Top level": ("", model.SceneFile),
-    "`[chain]`": ("chain", model.Chain),
+    "`[chain]`": ("chain", model.ChainTable),
     "`chain.sensors`": ("chain.sensors.0", model.Sensor),
     "`[[chain.bead]]`": ("chain.bead.0", model.Bead),
     "`[striker]`": ("striker", model.Striker),
@@ -44,7 +44,7 @@ SCENE_TABLES: dict[str, tuple[str, type[BaseModel]]] = {
     "`[sensor]`": ("sensor", model.Gauge),
     "`[materials.NAME]`": ("materials.ptfe", model.Material),
     "`[run]`": ("run", model.Run),
-    "`[[measured]]`": ("measured.0", model.Measured),
+    "`[[measured]]`": ("measured.0", model.MeasuredEntry),
 }
 
 

@@ -11,7 +11,7 @@ from drivers.base.errors import InputError
 from drivers.engines import load_engine
 from drivers.run.finished import RunRecord
 from drivers.run.run import run_case
-from drivers.scene.model import Measured
+from drivers.scene.model import MeasuredEntry
 from drivers.scene.read_scene import read_scene
 from postproc.read.measured import MeasuredTrace, read_measured, read_quoted
 from validation.accuracy.plan import planned_case
@@ -163,7 +163,7 @@ def test_a_bad_file_is_named(
     ],
 )
 def test_messages_on_a_file_alone_name_the_measured_table(tmp_path: Path, header: str, start: str) -> None:
-    entry = Measured(file=str(written(tmp_path, header)))
+    entry = MeasuredEntry(file=str(written(tmp_path, header)))
     with pytest.raises(InputError) as caught:
         read_measured(entry, Path(), ("bead_3", "wall"), "--measured trace.csv")
     assert start in str(caught.value)
