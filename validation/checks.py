@@ -27,6 +27,7 @@ class Check:
         reason: reason of the limit.
         where: contact and time of the error, values compared, or the reason why nothing was measured.
         verdict: ``pass``, ``fail`` or ``not run``.
+        found, expected: compared numbers, for a check by a published or theoretical one; else NaN.
     """
 
     scene: str
@@ -37,6 +38,8 @@ class Check:
     reason: str
     where: str
     verdict: str
+    found: float = nan
+    expected: float = nan
 
 
 def judged(scene: str, engine: str, quantity: str, value: float, limit: Tolerance, where: str) -> Check:

@@ -4,7 +4,6 @@ import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from types import GenericAlias
 from typing import Any, TypeVar
 
 from pydantic import Field, create_model
@@ -220,18 +219,6 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(where, "", f"not valid TOML: {error or 'too many nested tables'}") from error
 
 
-def read_entries(path: Path, key: str, kind: type[Entry]) -> tuple[Entry, ...]:
-    """Entries of a file that has nothing but a list of tables ``[[key]]``, at least one.
-
-    Raises:
-        InputError: the file cannot be read, or is wrong.
-    """
-    entries: Any = (GenericAlias(tuple, (kind, ...)), Field(strict=False, min_length=1))
-    file = validate(create_model("File", __base__=Part, **{key: entries}), read_toml(path), paths.shown(path))
-    found: tuple[Entry, ...] = getattr(file, key)
-    return found
-
-
 def _complete_own_materials(data: dict[str, Any], library: dict[str, Any]) -> None:
     """Fill in constants missing from the scene's materials, from library materials of the same name."""
     own = data.get("materials")
@@ -300,3 +287,14 @@ def _bad_times(file: SceneFile, steps_per_sample: int, samples: float) -> Iterat
     if samples * contacts > MAX_VALUES:
         allowed = f"at most {MAX_VALUES:,} samples times contacts; use a longer interval or a shorter duration"
         yield "run.sample_interval", f"{samples:.3g} samples of {contacts} contacts", allowed
+
+
+def read_entries(path: Path, key: str, kind: type[Entry]) -> tuple[Entry, ...]:
+    """Entries ``[[key]]`` of a TOML file that holds nothing else.
+
+    Raises:
+        InputError: the file cannot be read, or an entry is wrong.
+    """
+    fields: dict[str, Any] = {key: (tuple[kind, ...], Field(strict=False, min_length=1))}  # type: ignore[valid-type]
+    entries = validate(create_model("Entries", __base__=Part, **fields), read_toml(path), paths.shown(path))
+    return tuple(getattr(entries, key))

@@ -82,7 +82,7 @@ def make(_: Path) -> Product:
 
 def _set_up(case: Case) -> list[Piece]:
     """Parts of (a)."""
-    chain, tube, sensor = case.chain, case.scene.tube, quoted().sensor
+    chain, tube, paper = case.chain, case.scene.tube, quoted()
     sensors = {each.from_wall for each in case.layout.sensors}
     pieces = []
     for body, (middle_m, radius_m) in enumerate(zip(chain.height_m, chain.sphere_radius_m, strict=True), 1):
@@ -91,12 +91,12 @@ def _set_up(case: Case) -> list[Piece]:
         mass_g = 1e3 * float(chain.mass_kg[body - 1])
         pieces.append(Piece("a", name, "disc", 0, middle - size / 2, size, size, "both", mass_g))
         if body in sensors:
-            plate = sensor.gauge_side_mm, sensor.gauge_thickness_mm
-            pieces.append(Piece("a", "gauge", "box", 0, middle - plate[1] / 2, *plate, "both", sensor.gauge_g))
+            plate = paper.sensor_gauge_side_mm, paper.sensor_gauge_thickness_mm
+            pieces.append(Piece("a", "gauge", "box", 0, middle - plate[1] / 2, *plate, "both", paper.sensor_gauge_g))
     if tube:
         apart, long = 1e3 * tube.inner_diameter + TUBE_WALL, pieces[-1].top_mm + ABOVE
         pieces += [Piece("a", "tube", "box", at, 0, TUBE_WALL, long, "place") for at in (-apart / 2, apart / 2)]
-    brass = quoted().wall_gauge.brass_mm
+    brass = quoted().brass_mm
     top = -brass - WALL_GAUGE[1]
     ends = top, top - 9, top - 9 - CUT, top - 18  # of the rod and of the cut through it
     return [
@@ -112,13 +112,13 @@ def _set_up(case: Case) -> list[Piece]:
 
 def _particle(size: float) -> list[Piece]:
     """Parts of (b), a particle with diameter ``size`` in mm."""
-    sensor = quoted().sensor
-    side, thick, cap_g = sensor.gauge_side_mm, sensor.gauge_thickness_mm, sensor.caps_g / 2
+    paper = quoted()
+    side, thick, cap_g = paper.sensor_gauge_side_mm, paper.sensor_gauge_thickness_mm, paper.sensor_caps_g / 2
     cap = (size - thick) / 2
     return [
         Piece("b", "cap", "cap above", 0, thick / 2, size, cap, "none", cap_g),
         Piece("b", "cap", "cap below", 0, -thick / 2 - cap, size, cap, "none", cap_g),
-        Piece("b", "gauge", "box", 0, -thick / 2, side, thick, "both", sensor.gauge_g),
+        Piece("b", "gauge", "box", 0, -thick / 2, side, thick, "both", paper.sensor_gauge_g),
     ]
 
 
@@ -145,7 +145,7 @@ def _name_set_up(axis: Any, pieces: list[Piece]) -> None:
     """Draws names, leads to the oscilloscope and the arrow of the striker."""
     at = {piece.part: (piece.middle_mm, piece.bottom_mm + piece.height_mm / 2, piece.width_mm / 2) for piece in pieces}
     sensors = [part for part in at if part.startswith("sensor")]
-    side = quoted().sensor.gauge_side_mm
+    side = quoted().sensor_gauge_side_mm
     words = [("striker", "striker", -8.0, 0.0), ("PTFE tube", "tube", -8.0, 0.0), ("PTFE beads", "bead 14", -8.0, 0.0)]
     words += [(part.replace("bead", "in bead"), part, 8.0, 0.0) for part in sensors]
     words += [("brass plate, 1 mm", "brass plate", 8.0, 3.0), ("gauge", "wall gauge", 8.0, -1.2),
@@ -165,10 +165,10 @@ def _name_set_up(axis: Any, pieces: list[Piece]) -> None:
 
 def _name_particle(axis: Any, pieces: list[Piece]) -> None:
     """Draws names with masses, and the stated sizes of the plate."""
-    sensor, upper, plate = quoted().sensor, pieces[0], pieces[-1]
+    paper, upper, plate = quoted(), pieces[0], pieces[-1]
     half, thick, radius = plate.width_mm / 2, plate.height_mm / 2, upper.width_mm / 2
-    axis.text(0, upper.top_mm + 0.25, f"PTFE caps, $2M$ = {sensor.caps_g:g} g", ha="center", va="bottom")
-    axis.text(0, -upper.top_mm - 0.25, f"gauge, $m$ = {sensor.gauge_g:g} g", ha="center", va="top")
+    axis.text(0, upper.top_mm + 0.25, f"PTFE caps, $2M$ = {paper.sensor_caps_g:g} g", ha="center", va="bottom")
+    axis.text(0, -upper.top_mm - 0.25, f"gauge, $m$ = {paper.sensor_gauge_g:g} g", ha="center", va="top")
     for sign in (-1, 1):
         axis.text(0, sign * 1.35, "$M$", ha="center", va="center")
         axis.plot([-half, -radius - 0.2], [0.2 * sign * thick] * 2, color="black", lw=0.6)  # a lead of the gauge

@@ -72,7 +72,7 @@ def make(runs: Path) -> Product:
 def _chains() -> dict[float, tuple[str, ...]]:
     """Settings of the precompressed chain by modulus in MPa, with the static force of Table 1 between the sensors."""
     pressed = (*CHAIN, f"chain.precompression={static_force(case_of('table1'))!r} N")
-    return {modulus: (*pressed, f"materials.ptfe.youngs_modulus={modulus} MPa") for modulus in quoted().ptfe.moduli_MPa}
+    return {modulus: (*pressed, f"materials.ptfe.youngs_modulus={modulus} MPa") for modulus in quoted().ptfe_moduli_MPa}
 
 
 def _draw_free_body(axis: Any) -> None:

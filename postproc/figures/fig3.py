@@ -59,7 +59,7 @@ def make(runs: Path) -> Product:
     The table also holds the scores of the moduli. The spacetime diagram shows the weakest and the strongest strike by
     the reference, for the largest modulus with gravity.
     """
-    curves = [Curve(modulus, gravity) for modulus in quoted().ptfe.moduli_MPa for gravity in (False, True)]
+    curves = [Curve(modulus, gravity) for modulus in quoted().ptfe_moduli_MPa for gravity in (False, True)]
     exact = {
         curve: [strikes.strike_for(force, strikes.contact_peak, *curve.settings) for force in FORCES_N]
         for curve in curves
@@ -132,7 +132,7 @@ def _theory(curves: list[Curve], points: pd.DataFrame) -> pd.DataFrame:
 def _draw_curves(axis: Any, points: pd.DataFrame, theory: pd.DataFrame) -> None:
     """Draws the paper's curves with their numbers, and the curve of the third modulus under gravity."""
     chains, offset = points[points["engine"] == REFERENCE], {"textcoords": "offset points"}
-    for modulus, gravity in product(quoted().ptfe.moduli_MPa, (False, True)):
+    for modulus, gravity in product(quoted().ptfe_moduli_MPa, (False, True)):
         own = chains[(chains["modulus_MPa"] == modulus) & (chains["gravity"] == gravity)]
         look = CHAIN | {"color": COLOURS.get(modulus, GREY)}
         if modulus in PRINTED:

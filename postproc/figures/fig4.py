@@ -74,11 +74,12 @@ def _draw_quoted(figure: Any, axes: dict[str, Any], one: Simulation) -> pd.DataF
     """Draws marks of the statements on the experiment: level, duration, speed, smaller reflected wave."""
     from matplotlib.patches import ConnectionPatch
 
-    paper, values, height = quoted().fig4, one.values, one.case.chain.height_m
+    paper, values, height = quoted(), one.values, one.case.chain.height_m
     upper, lower = sensor_pair(one.case)
     above, below = f"bead_{upper}", f"bead_{lower}"
     start_s, back_s = values[f"{above}_arrival_s"], values[f"{above}_reflected_arrival_s"]
-    stated = {"leading_force_N": paper.leading_force_N, "speed_m_s": paper.speed_m_s, "duration_us": paper.duration_us}
+    names = ("leading_force_N", "speed_m_s", "duration_us")
+    stated = dict(zip(names, (paper.fig4_leading_force_N, paper.fig4_speed_m_s, paper.fig4_duration_us), strict=True))
     marks = [pd.DataFrame({"engine": "paper", "quantity": [*stated], "value": [*stated.values()]})]
 
     def mark(words: str, gauge: str, time_s: tuple[float, ...], force_N: tuple[float, ...], **look: Any) -> None:
@@ -88,23 +89,23 @@ def _draw_quoted(figure: Any, axes: dict[str, Any], one: Simulation) -> pd.DataF
     def note(words: str, gauge: str, time_s: float, force_N: float, **look: Any) -> None:
         axes[gauge].text(time_s * MICRO, force_N, words, color=QUOTED["color"], fontsize=7, **look)
 
-    half_s, level_N = paper.duration_us / MICRO / 2, paper.leading_force_N
+    half_s, level_N = paper.fig4_duration_us / MICRO / 2, paper.fig4_leading_force_N
     for gauge in (above, below):
         middle_s = values[f"{gauge}_arrival_s"]
         mark("leading_force_N", gauge, (middle_s - half_s, middle_s + half_s), (level_N, level_N))
     note(f"{level_N:g} N", above, start_s - 1.08 * half_s, level_N, ha="right", va="center")
     over_N = values[f"{below}_peak_N"] + 0.4
     mark("duration_us", below, (middle_s - half_s, middle_s + half_s), (over_N, over_N), ls="-", marker="|")
-    note(f"{paper.duration_us:g} µs", below, middle_s + 1.08 * half_s, over_N, ha="left", va="center")
+    note(f"{paper.fig4_duration_us:g} µs", below, middle_s + 1.08 * half_s, over_N, ha="left", va="center")
     places = {above: height[upper - 1], below: height[lower - 1], "wall": 0.0}
-    passes_s = {gauge: start_s + (places[above] - place) / paper.speed_m_s for gauge, place in places.items()}
+    passes_s = {gauge: start_s + (places[above] - place) / paper.fig4_speed_m_s for gauge, place in places.items()}
     for gauge, time_s in passes_s.items():
         mark("speed_m_s", gauge, (time_s,), (0.0,), marker="o", ms=3)
     for first, second in pairwise(passes_s):
         start, end = ((passes_s[gauge] * MICRO, 0.0) for gauge in (first, second))
         line = ConnectionPatch(start, end, "data", "data", axesA=axes[first], axesB=axes[second], **QUOTED)
         figure.add_artist(line)
-    note(f"{paper.speed_m_s:g} m/s", "wall", passes_s[below], 0.6 * values["wall_peak_N"], ha="right")
+    note(f"{paper.fig4_speed_m_s:g} m/s", "wall", passes_s[below], 0.6 * values["wall_peak_N"], ha="right")
     heights = values[f"{above}_peak_N"], values[f"{above}_reflected_amplitude_N"] + values[f"{above}_static_N"]
     mark("reflected_over_incident", above, (back_s, back_s), heights, marker="v", markevery=[1], ms=3)
     note("smaller", above, back_s + 0.2 * half_s, heights[0], ha="left", va="top")

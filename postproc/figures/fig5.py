@@ -67,10 +67,10 @@ def make(runs: Path) -> Product:
     cases = [case_of("fig5", gauges, *calibrated().settings), case_of("fig5", gauges)]
     found = simulate(cases, runs)
     shapes = {engine: [_shape(one) for one in some] for engine, some in found.items()}
-    paper = quoted().fig5
+    paper = quoted()
     figure = pyplot().figure(figsize=(PAGE_IN, 3.0), layout="constrained")
     grid, tables, chains, walls = figure.add_gridspec(1, 3, width_ratios=[1.15, 1.15, 1]), [], {}, []
-    rates = paper.measured_envelope_per_us, paper.computed_envelope_per_us
+    rates = paper.fig5_measured_envelope_per_us, paper.fig5_computed_envelope_per_us
     for place, (case, panel, rate) in enumerate(zip(cases, PANELS, rates, strict=True)):
         traces = {engine: some[place].trace for engine, some in found.items()}
         axes, drawn = draw_panel(figure, grid[place], panel, case.layout, traces)
@@ -128,8 +128,8 @@ def _envelopes(shapes: dict[str, Shape], quoted_per_us: float) -> pd.DataFrame:
 
 def _pulses(shapes: dict[str, list[Shape]]) -> pd.DataFrame:
     """Table of rise, decay and duration of the incident pulse with and without dissipation, by place."""
-    paper, names = quoted().fig5, ("rise_us", "decay_per_us", "duration_us")
-    incident = (paper.incident_rise_us, paper.incident_decay_per_us, paper.incident_duration_us)
+    paper, names = quoted(), ("rise_us", "decay_per_us", "duration_us")
+    incident = (paper.fig5_incident_rise_us, paper.fig5_incident_decay_per_us, paper.fig5_incident_duration_us)
     rows: list[tuple[str, str, str, float]] = [
         ("paper", "entrance", *pair) for pair in zip(names, incident, strict=True)
     ]
@@ -164,7 +164,7 @@ def _draw_envelopes(axis: Any, shape: Shape, quoted_per_us: float) -> pd.DataFra
 
 def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.DataFrame:
     """Draws averages of the two uppermost beads, and the quoted pulse with the height of the elastic pulse."""
-    paper, upper = quoted().fig5, [f"bead_{sensor.from_wall}" for sensor in elastic.case.layout.sensors]
+    paper, upper = quoted(), [f"bead_{sensor.from_wall}" for sensor in elastic.case.layout.sensors]
     tables = []
 
     def draw(engine: str, words: str, time_s: Array, force_N: Array, look: Mapping[str, Any]) -> None:
@@ -178,9 +178,9 @@ def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.Dat
         words = PLACES[place] + DAMPED_SUFFIX * (one is damped)
         draw(REFERENCE, words, one.trace.time_s[shown], force_N[shown], look)
     top_N = float(tables[0]["average_N"].max())
-    after_us = np.linspace(0, paper.incident_duration_us - paper.incident_rise_us, POINTS)
-    time_us = np.concatenate([[0.0], paper.incident_rise_us + after_us])
-    force_N = np.concatenate([[0.0], top_N * np.exp(paper.incident_decay_per_us * after_us)])
+    after_us = np.linspace(0, paper.fig5_incident_duration_us - paper.fig5_incident_rise_us, POINTS)
+    time_us = np.concatenate([[0.0], paper.fig5_incident_rise_us + after_us])
+    force_N = np.concatenate([[0.0], top_N * np.exp(paper.fig5_incident_decay_per_us * after_us)])
     draw("paper", "as quoted", time_us / MICRO, force_N, QUOTED)
     axis.legend(loc="upper right", handlelength=1.8, fontsize=7)
     axis.set(xlim=(0, ENTRANCE_S * MICRO), ylim=(0, 1.1 * top_N), xlabel="time since impact (µs)", ylabel="force (N)")

@@ -12,7 +12,7 @@ from drivers.scene.read_scene import read_toml
 from postproc.paper.quoted import Positive
 
 
-class Parameter(Part):
+class CalibratedParameter(Part):
     """A key of a scene with its fitted value and standard error, in the SI unit of the key."""
 
     key: str
@@ -26,7 +26,7 @@ class Calibrated(Part):
 
     law: str
     data: str
-    parameter: Annotated[tuple[Parameter, ...], Field(strict=False, min_length=1)]
+    parameter: Annotated[tuple[CalibratedParameter, ...], Field(strict=False, min_length=1)]
 
     @property
     def settings(self) -> tuple[str, ...]:

@@ -35,78 +35,41 @@ class Table1(Part):
         return pd.DataFrame(self.model_dump(by_alias=True))
 
 
-class Accuracy(Part):
-    """Accuracies of the measurements: relative ones, and the position of a sensor."""
+class Quoted(Part):
+    """Content of the file: Table 1, and numbers named after the figure or part they belong to.
 
-    force_large: Positive
-    force_small: Positive
-    speed: Positive
-    sensor_position_m: Positive
+    ``accuracy_`` numbers are relative accuracies of measurements, and the position of a sensor; ``sensor_`` numbers are
+    of a sensor bead: both caps together, and the square plate of the gauge between them. The brass plate lies on the
+    gauge below the chain. The moduli are those of the paper's calculations, the bulk sound speeds give two of them.
+    """
 
-
-class Fig4(Part):
-    """Quoted results of the experiment of Fig. 4."""
-
-    leading_force_N: Positive
-    speed_m_s: Positive
-    duration_us: Positive
-
-
-class Fig5(Part):
-    """Quoted results of experiment and calculation of Fig. 5."""
-
-    measured_envelope_per_us: Negative
-    computed_envelope_per_us: Negative
-    incident_rise_us: Positive
-    incident_decay_per_us: Negative
-    incident_duration_us: Positive
-
-
-class SensorParts(Part):
-    """Parts of a sensor bead: both caps together, and the square plate of the gauge between them."""
-
-    caps_g: Positive
-    gauge_g: Positive
-    gauge_side_mm: Positive
-    gauge_thickness_mm: Positive
+    accuracy_force_large: Positive
+    accuracy_force_small: Positive
+    accuracy_speed: Positive
+    accuracy_sensor_position_m: Positive
+    fig4_leading_force_N: Positive
+    fig4_speed_m_s: Positive
+    fig4_duration_us: Positive
+    fig5_measured_envelope_per_us: Negative
+    fig5_computed_envelope_per_us: Negative
+    fig5_incident_rise_us: Positive
+    fig5_incident_decay_per_us: Negative
+    fig5_incident_duration_us: Positive
+    sensor_caps_g: Positive
+    sensor_gauge_g: Positive
+    sensor_gauge_side_mm: Positive
+    sensor_gauge_thickness_mm: Positive
+    brass_mm: Positive
+    smallest_force_N: Positive
+    ptfe_moduli_MPa: Column
+    ptfe_hugoniot_m_s: Positive
+    ptfe_ultrasound_m_s: Positive
+    table1: Table1
 
     @property
-    def mass_g(self) -> float:
+    def sensor_mass_g(self) -> float:
         """Mass of the whole sensor bead in g."""
-        return self.caps_g + self.gauge_g
-
-
-class WallGauge(Part):
-    """Brass plate on top of the gauge below the chain."""
-
-    brass_mm: Positive
-
-
-class Ptfe(Part):
-    """Young's moduli in the paper's calculations, and the bulk sound speeds that give two of them."""
-
-    moduli_MPa: Column
-    hugoniot_m_s: Positive
-    ultrasound_m_s: Positive
-
-
-class Smallest(Part):
-    """Smallest measured wave."""
-
-    force_N: Positive
-
-
-class Quoted(Part):
-    """Content of the file."""
-
-    table1: Table1
-    accuracy: Accuracy
-    fig4: Fig4
-    fig5: Fig5
-    sensor: SensorParts
-    smallest: Smallest
-    wall_gauge: WallGauge
-    ptfe: Ptfe
+        return self.sensor_caps_g + self.sensor_gauge_g
 
 
 @cache
@@ -132,6 +95,6 @@ def force_accuracy(force_N: float) -> float:
 
     Linear in the logarithm of the force, between the accuracies quoted for the largest and smallest force of Table 1.
     """
-    forces, accuracy = quoted().table1.force_N, quoted().accuracy
-    ends = np.log([min(forces), max(forces)])
-    return float(np.interp(np.log(force_N), ends, [accuracy.force_small, accuracy.force_large]))
+    paper = quoted()
+    ends = np.log([min(paper.table1.force_N), max(paper.table1.force_N)])
+    return float(np.interp(np.log(force_N), ends, [paper.accuracy_force_small, paper.accuracy_force_large]))

@@ -214,15 +214,15 @@ def engines_of(table: pd.DataFrame) -> list[str]:
 
 def measured_points() -> pd.DataFrame:
     """Measured points with the stated uncertainties, and the speed error by the positions of the sensors."""
-    table, accuracy, case = quoted().table1, quoted().accuracy, case_of("table1")
+    paper, table, case = quoted(), quoted().table1, case_of("table1")
     force, speed = np.array(table.force_N), np.array(table.measured_speed_m_s)
     share = np.array([force_accuracy(value) for value in table.force_N])
     upper, lower = sensor_pair(case)
     gap = float(case.chain.height_m[upper - 1] - case.chain.height_m[lower - 1])
     return pd.DataFrame({
         "force_N": force, "speed_m_s": speed, "force_error_N": share * force,
-        "speed_error_m_s": accuracy.speed * speed,
-        "speed_error_by_position_m_s": np.sqrt(2) * accuracy.sensor_position_m / gap * speed,
+        "speed_error_m_s": paper.accuracy_speed * speed,
+        "speed_error_by_position_m_s": np.sqrt(2) * paper.accuracy_sensor_position_m / gap * speed,
     })  # fmt: skip
 
 
@@ -250,7 +250,7 @@ def scores() -> pd.DataFrame:
     points, tables = measured_points(), []
     forces = points["force_N"].to_numpy()
     for name, reading in READINGS.items():
-        for modulus in quoted().ptfe.moduli_MPa:
+        for modulus in quoted().ptfe_moduli_MPa:
             speeds, slope = np.array([_simulated(force, modulus, reading) for force in forces]).T
             off = deviations(modulus, reading)
             error = np.hypot(points["speed_error_m_s"] / points["speed_m_s"], slope * points["force_error_N"] / forces)

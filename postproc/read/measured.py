@@ -57,7 +57,7 @@ class MeasuredTrace:
 
 
 @dataclass(frozen=True)
-class Quoted:
+class QuotedValue:
     """A quoted value, in the SI unit of its observable, with its relative standard error."""
 
     value: float
@@ -158,7 +158,7 @@ def read_traces(scene: Scene, gauges: Collection[str]) -> list[MeasuredTrace]:
     return [read_measured(entry, scene.folder, gauges, scene.file, key) for key, entry in entries]
 
 
-def read_quoted(entry: Measured, names: Collection[str], where: str, key: str = "measured") -> dict[str, Quoted]:
+def read_quoted(entry: Measured, names: Collection[str], where: str, key: str = "measured") -> dict[str, QuotedValue]:
     """Quoted values of an entry by observable, named as in ``names``.
 
     Args:
@@ -170,7 +170,7 @@ def read_quoted(entry: Measured, names: Collection[str], where: str, key: str = 
     Raises:
         InputError: An observable is unknown or named twice, or a unit is missing or wrong.
     """
-    known, quoted = {without_unit(name): name for name in names}, dict[str, Quoted]()
+    known, quoted = {without_unit(name): name for name in names}, dict[str, QuotedValue]()
     for stated, value in (entry.values or {}).items():
         place, name = f"{key}.values.{stated}", known.get(without_unit(stated))
         if name is None:
@@ -183,7 +183,7 @@ def read_quoted(entry: Measured, names: Collection[str], where: str, key: str = 
         number = _plain(value, where, place) if plain else _in_unit(value, unit, where, place)
         if number == 0:
             raise InputError(where, place, shorten(value), "a value other than 0, since its error is relative")
-        quoted[name] = Quoted(number, (entry.errors or {})[stated])
+        quoted[name] = QuotedValue(number, (entry.errors or {})[stated])
     return quoted
 
 

@@ -25,7 +25,7 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.scene.model import Measured
 from postproc.read.alignment import AlignedGauge, align, check_length
-from postproc.read.measured import Quoted, read_measured, read_quoted
+from postproc.read.measured import QuotedValue, read_measured, read_quoted
 from postproc.read.observables import LEVELS, observe
 from postproc.read.sensors import gauges_of
 from postproc.read.signals import Peak, peaks, rising_crossing
@@ -162,7 +162,7 @@ def lay_over(
 
 
 def misfits(
-    curves: Sequence[SmoothForce], layout: Layout, run: Trace, quoted: Mapping[str, Quoted] | None = None
+    curves: Sequence[SmoothForce], layout: Layout, run: Trace, quoted: Mapping[str, QuotedValue] | None = None
 ) -> list[Misfit]:
     """All measured quantities with those of a run, then the quoted ones.
 

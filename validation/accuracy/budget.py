@@ -39,6 +39,7 @@ from drivers.run.finished import EndedRun
 from postproc.read.observables import of_kind, scale_of
 from postproc.read.residual import is_at_rest, share_of_change, static_load_remark
 from validation.accuracy.exact_motion import errors_of, exact_motion_of, quantities
+from validation.accuracy.measured_law import SIGNIFICANCE, law_deviation
 from validation.accuracy.motions import FIELDS, HORIZON, Motions, motions_of, predicted_error
 from validation.checks import FAIL, Check, judged, worst_of
 
@@ -47,6 +48,13 @@ PARTS = ("whole", "model", "rounding", "truncation", "sampling")
 ELEMENTS = "elements"
 BUDGET_WORDS = "signed parts that add up to the whole: model, rounding, truncation (time step), sampling"
 MODEL, ERROR = "model", "error"  # judgements: the right computation, accurate enough
+LAW_REASON = f"{SIGNIFICANCE:g} times the uncertainty of the measured value, by rounding, time step and sampling"
+CAUSES = {
+    "model": "the run is not that of its scheme",
+    "rounding": "rounding of heights far from 0",
+    "truncation": "the time step",
+    "sampling": "the interval between samples",
+}
 CEILINGS = {"peak": "peaks", "speed": "speeds"}  # kinds of observables that have a general ceiling, with their plural
 
 
@@ -98,7 +106,7 @@ def budget_of(case: Case, engine: str, trace: Trace) -> Budget:
             checks=checks,
             note="; ".join([*_notes(motions, engine), *missing]),
             departure=departure,
-            warnings=[*_warnings(motions, engine, trace, checks)],
+            warnings=[*_warnings(motions, engine, trace, checks, rows)],
             exact_to=float(motions.exact_error[samples - 1]) if known else None,
             exact_until_s=float(case.sample_times_s[samples - 1]) if known else None,
         )
@@ -185,6 +193,25 @@ def _model_checks(case: Case, engine: str, trace: Trace) -> Iterator[Check]:
         where = place_of(quantity, trace.time_s, place) + remark + motions.until_horizon
         name = f"{MODEL}: {quantity}"
         yield judged(case.scene.name, engine, name, float(share[place]), motions.explained(quantity), where)
+    if load_engine(engine).in_repository:
+        yield from _law_check(case, engine)
+
+
+def _law_check(case: Case, engine: str) -> Iterator[Check]:
+    """Check of the law of an in-repo scheme, measured from its own motions, which are compared with no other scheme."""
+    motions, exact = motions_of(case, engine), load_engine(engine).scheme == EXACT
+    if motions.why_unknown or not motions.straight:
+        return
+    step_s = 0.0 if exact else case.scene.time_step_s
+    try:
+        measured = [motions.exact_to_end.fine] if exact else [motions.plain, motions.rounded]
+        rows = [law_deviation(case, motion, step_s) for motion in measured]
+    except ValueError:  # too few samples
+        return
+    row = max(rows, key=lambda row: abs(row.ratio - 1) / row.uncertainty)
+    place = f" at contact or body {row.place}" if row.place else ""
+    limit = Tolerance(float(SIGNIFICANCE * row.uncertainty), LAW_REASON)
+    yield judged(case.scene.name, engine, f"{MODEL}: law", float(abs(row.ratio - 1)), limit, f"{row.quantity}{place}")
 
 
 def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, Any]]) -> Iterator[Check]:
@@ -289,7 +316,9 @@ def exactness_note(motions: Motions) -> str:
     )
 
 
-def _warnings(motions: Motions, engine: str, trace: Trace, checks: Iterable[Check]) -> Iterator[str]:
+def _warnings(
+    motions: Motions, engine: str, trace: Trace, checks: Iterable[Check], rows: list[dict[str, Any]]
+) -> Iterator[str]:
     """Warnings on errors above a tenth, on an exact motion that is lost, and on codes that deviate from the scheme."""
     case, unknown = motions.case, bool(motions.why_unknown)
     if unknown and not motions.straight:
@@ -314,7 +343,9 @@ def _warnings(motions: Motions, engine: str, trace: Trace, checks: Iterable[Chec
         if not (error <= limit).all():
             since = case.sample_times_s[int(np.argmax(~(error <= limit)))]
             most = f"error of the {quantity} up to {error.max():.2g} of the {scales[quantity]}"
-            yield f"{most}, above {limit:g} from t = {since:g} s"
+            row = next((row for row in rows if row["quantity"] == quantity), None)
+            cause = max(PARTS[1:], key=lambda part: abs(row[part])) if row else "truncation"
+            yield f"{most}, above {limit:g} from t = {since:g} s; cause: {CAUSES[cause]}"
     scheme = load_engine(engine).scheme
     if scheme == EXACT and exact is not None and motions.exact_error[-1] > HORIZON:
         yield exactness_note(motions)

@@ -178,7 +178,7 @@ def _share(error: str | float, value: float) -> float:
     """Relative standard error of a quoted value."""
     if error == "force":
         return force_accuracy(value)
-    return quoted().accuracy.speed if error == "speed" else float(error)
+    return quoted().accuracy_speed if error == "speed" else float(error)
 
 
 def scene_tables(source: str, settings: Sequence[str]) -> tuple[str, dict[str, Any], str]:

@@ -147,7 +147,7 @@ def _fig5(simulation: Simulation) -> Iterator[Number]:
     time, signals, paper = (
         simulation.trace.time_s,
         sensor_signals(simulation.case.layout, simulation.trace),
-        quoted().fig5,
+        quoted(),
     )
     wall = signals["wall"]
     maxima = peaks(time, wall - wall[0], LATER_PROMINENCE)
@@ -155,13 +155,13 @@ def _fig5(simulation: Simulation) -> Iterator[Number]:
     for count in MAXIMA:
         curve = train_envelope(leading, count)
         rate = curve.rate_per_s if curve else nan
-        yield f"wall envelope through {count} maxima", "1/us", paper.measured_envelope_per_us, rate * 1e-6
+        yield f"wall envelope through {count} maxima", "1/us", paper.fig5_measured_envelope_per_us, rate * 1e-6
     reading = signals["bead_11"]
     shape = incident_pulse(time, reading - reading[0])
     if shape is not None:
-        yield "incident pulse, rise", "us", paper.incident_rise_us, shape.rise_s * 1e6
-        yield "incident pulse, decay", "1/us", paper.incident_decay_per_us, shape.decay_per_s * 1e-6
-        yield "incident pulse, duration", "us", paper.incident_duration_us, shape.duration_s * 1e6
+        yield "incident pulse, rise", "us", paper.fig5_incident_rise_us, shape.rise_s * 1e6
+        yield "incident pulse, decay", "1/us", paper.fig5_incident_decay_per_us, shape.decay_per_s * 1e-6
+        yield "incident pulse, duration", "us", paper.fig5_incident_duration_us, shape.duration_s * 1e6
 
 
 def _fig4(simulation: Simulation) -> Iterator[Number]:

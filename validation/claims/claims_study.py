@@ -12,25 +12,25 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, in_order
-from validation.checks import table
+from validation.checks import Check, table
 from validation.claims.claim import KINDS, Claim, read_claims
 from validation.claims.judged import (
     DIFFERS,
     REPRODUCED,
-    ClaimCheck,
     check_of,
     fault_of,
     favoured,
     hangs,
     how_computed,
     judge_all,
+    quantity_of,
 )
 from validation.studies import Options, Study, Tables, rows_in
 
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 
 
-def measure(options: Options) -> dict[str, list[ClaimCheck]]:
+def measure(options: Options) -> dict[str, list[Check]]:
     """Checks of all claims and of their readings.
 
     Raises:
@@ -39,25 +39,25 @@ def measure(options: Options) -> dict[str, list[ClaimCheck]]:
     return {"claims": judge_all(options.runs)}
 
 
-def checks_in(tables: Tables) -> list[tuple[Claim, list[ClaimCheck]]]:
+def checks_in(tables: Tables) -> list[tuple[Claim, list[Check]]]:
     """Claims of ``inputs/paper/claims.toml`` with their checks.
 
     Raises:
         InputError: the table holds other claims, readings or verdicts.
     """
-    rows, claims = rows_in(tables["claims"], ClaimCheck), read_claims().claim
+    rows, claims = rows_in(tables["claims"], Check), read_claims().claim
     judged = [(claim, [row for row in rows if row.scene == claim.id]) for claim in claims]
     others = InputError("claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; run make claims")
     if {row.scene for row in rows} != {claim.id for claim in claims}:
         raise others
     for claim, checks in judged:
-        known = {reading.words for reading in claim.readings} or {claim.favoured.words}
-        if {check.reading for check in checks if check.engine == REFERENCE} != known:
+        known = {quantity_of(claim, reading) for reading in claim.readings or [claim.favoured]}
+        if {check.quantity for check in checks if check.engine == REFERENCE} != known:
             raise InputError(
                 "claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; run make claims"
             )
         for check in checks:
-            verdict = check_of(claim, claim.favoured, check.engine, check.computed).verdict
+            verdict = check_of(claim, claim.favoured, check.engine, check.found).verdict
             if check.verdict != verdict:
                 allowed = f"{verdict}, the verdict of make claims"
                 raise InputError("claims.csv", f"{claim.id}: verdict", check.verdict, allowed)
@@ -76,7 +76,7 @@ def sentences(tables: Tables) -> list[str]:
     ]
 
 
-def _counts(judged: list[tuple[Claim, list[ClaimCheck]]]) -> list[tuple[str, int, int]]:
+def _counts(judged: list[tuple[Claim, list[Check]]]) -> list[tuple[str, int, int]]:
     """By kind: its description, the number of reproduced and of differing statements."""
     counts: Counter[tuple[str, str]] = Counter(
         (claim.kind, favoured(claim, checks)[REFERENCE].verdict) for claim, checks in judged
@@ -105,25 +105,23 @@ def section(tables: Tables) -> dict[str, Any]:
     }
 
 
-def _cells(claim: Claim, checks: list[ClaimCheck]) -> dict[str, Any]:
+def _cells(claim: Claim, checks: list[Check]) -> dict[str, Any]:
     # eight digits for a tight tolerance, else four
     digits = 8 if 0 < claim.limit < 1e-4 * abs(claim.quoted) else 4
-    by_reading = {check.reading: check for check in checks if check.engine == REFERENCE}
+    exact = {check.quantity: check for check in checks if check.engine == REFERENCE}
+    readings = [(reading, exact[quantity_of(claim, reading)]) for reading in claim.readings]
     return {
         "claim": claim,
         "ours": "our criterion" if claim.ours else "",
         "kind": KINDS[claim.kind],
         "quoted": f"{RELATIONS[claim.relation]}{claim.quoted:.8g}",
         "within": f"± {claim.within:g}" if claim.relation == "equals" else "",
-        "computed": f"{by_reading[claim.favoured.words].computed:.{digits}g}",
+        "computed": f"{exact[quantity_of(claim, claim.favoured)].found:.{digits}g}",
         "why": claim.explained or claim.because,
         "how": how_computed(claim),
         "hangs": hangs(checks),
-        "readings": [
-            (reading, f"{by_reading[reading.words].computed:.{digits}g}", by_reading[reading.words].verdict)
-            for reading in claim.readings
-        ],
+        "readings": [(reading, f"{check.found:.{digits}g}", check.verdict) for reading, check in readings],
     }
 
 
-STUDY = Study("claims", "statements of the paper", {"claims": ClaimCheck}, measure, sentences, section, missed=missed)
+STUDY = Study("claims", "statements of the paper", {"claims": Check}, measure, sentences, section, missed=missed)

@@ -140,7 +140,7 @@ def sensor_share() -> float:
 
 def _faces(first_N: float, second_N: float) -> tuple[float, float]:
     """F_3 and F_4 from the momentum of each part; unknowns are the two forces and the acceleration."""
-    caps, gauge = quoted().sensor.caps_g, quoted().sensor.gauge_g
+    caps, gauge = quoted().sensor_caps_g, quoted().sensor_gauge_g
     parts = np.array([[1.0, 0.0, caps / 2], [1.0, -1.0, -gauge], [0.0, 1.0, -caps / 2]])
     third, fourth, _ = np.linalg.solve(parts, [first_N, 0.0, second_N])
     return float(third), float(fourth)
@@ -233,7 +233,7 @@ def face_average() -> float:
 
 def beta_spread() -> float:
     """Largest relative difference of beta between 600, 1000 and 1460 MPa, per cent."""
-    found = np.array([[beta(a, modulus) for modulus in quoted().ptfe.moduli_MPa] for a in AMPLITUDES])
+    found = np.array([[beta(a, modulus) for modulus in quoted().ptfe_moduli_MPa] for a in AMPLITUDES])
     return float(100 * ((found.max(axis=1) - found.min(axis=1)) / found.mean(axis=1)).max())
 
 

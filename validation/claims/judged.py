@@ -2,7 +2,6 @@
 
 import inspect
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -22,54 +21,44 @@ from validation.claims.claim import Claim, Reading, function_of, parameters_of, 
 REPRODUCED, DIFFERS = "reproduced", "differs"
 
 
-@dataclass(frozen=True)
-class ClaimCheck(Check):
-    """Row of the table: a claim by one engine in one reading; the scene is the id of the claim.
-
-    Attributes:
-        reading: reading of the sentence; empty if there is one only. Readings other than the favoured one are computed
-            by ``reference`` only.
-        computed, quoted: computed value and the paper's, in the unit of the claim.
-    """
-
-    reading: str
-    computed: float
-    quoted: float
-
-
-def check_of(claim: Claim, reading: Reading, engine: str, value: float) -> ClaimCheck:
-    """Verdict on a value; a difference has its explanation in ``where``."""
+def check_of(claim: Claim, reading: Reading, engine: str, value: float) -> Check:
+    """Verdict on a value; the scene is the id of the claim, and a difference has its explanation in ``where``."""
     error = claim.error(value)
     verdict = REPRODUCED if error <= claim.limit else DIFFERS
     where = f"{claim.where}: computed {value:.6g}, quoted {claim.quoted:g} {claim.unit}".rstrip()
     where += f": {claim.explained}" if verdict == DIFFERS and claim.explained else ""
-    numbers = (reading.words, value, claim.quoted)
-    return ClaimCheck(claim.id, engine, claim.compute, error, claim.limit, claim.because, where, verdict, *numbers)
+    quantity, limit = quantity_of(claim, reading), claim.limit
+    return Check(claim.id, engine, quantity, error, limit, claim.because, where, verdict, value, claim.quoted)
 
 
-def favoured(claim: Claim, checks: Iterable[ClaimCheck]) -> dict[str, ClaimCheck]:
+def quantity_of(claim: Claim, reading: Reading) -> str:
+    """Function of a claim, with the reading of the sentence if there are several."""
+    return f"{claim.compute} ({reading.words})" if reading.words else claim.compute
+
+
+def favoured(claim: Claim, checks: Iterable[Check]) -> dict[str, Check]:
     """Checks of the favoured reading by engine; by ``reference`` only if no chain is simulated."""
-    return {check.engine: check for check in checks if check.reading == claim.favoured.words}
+    return {check.engine: check for check in checks if check.quantity == quantity_of(claim, claim.favoured)}
 
 
-def hangs(checks: Iterable[ClaimCheck]) -> bool:
+def hangs(checks: Iterable[Check]) -> bool:
     """True if another reading of the sentence gives another verdict."""
     return len({check.verdict for check in checks if check.engine == REFERENCE}) > 1
 
 
-def fault_of(claim: Claim, checks: Sequence[ClaimCheck]) -> str:
+def fault_of(claim: Claim, checks: Sequence[Check]) -> str:
     """Fault of a claim: a difference without an explanation, the reverse, or engines that disagree; else empty."""
     judged = favoured(claim, checks)
     check = judged[REFERENCE]
     if check.verdict == DIFFERS and not claim.explained:
-        return f"differs without an explanation: {check.computed:.6g}, quoted {claim.quoted:g}"
+        return f"differs without an explanation: {check.found:.6g}, quoted {claim.quoted:g}"
     if check.verdict == REPRODUCED and claim.explained:
         return "is reproduced, but a difference is explained"
     other = [engine for engine, each in judged.items() if each.verdict != check.verdict]
     return f"{', '.join(other)} disagree with the reference" if other else ""
 
 
-def judge_all(runs: Path = paths.RUNS) -> list[ClaimCheck]:
+def judge_all(runs: Path = paths.RUNS) -> list[Check]:
     """Computes and judges every claim; claims on simulated chains on every engine.
 
     Table 1 is solved while the reference computes the simulated claims. The codes then run the same cases, while the
@@ -99,7 +88,7 @@ def judge_all(runs: Path = paths.RUNS) -> list[ClaimCheck]:
         taking = (claim for claim in claims if name in takes(claim))
         return {claim.id: _call(claim, claim.favoured, **{name: given}) for claim in taking}
 
-    def others() -> tuple[dict[str, Any], list[ClaimCheck]]:
+    def others() -> tuple[dict[str, Any], list[Check]]:
         """Values of claims that take neither, and the other readings of all claims by the reference."""
         rest = {claim.id: {REFERENCE: _call(claim, claim.favoured)} for claim in claims if not takes(claim)}
         return rest, [check for claim in claims for check in _other_readings(claim)]
@@ -139,7 +128,7 @@ def _call(claim: Claim, reading: Reading, **given: Any) -> Any:
     return function(**taken, **(claim.arguments | reading.arguments))
 
 
-def _other_readings(claim: Claim) -> Iterator[ClaimCheck]:
+def _other_readings(claim: Claim) -> Iterator[Check]:
     """Readings that the text does not favour, by the reference."""
     for reading in claim.readings:
         if not reading.favoured:

@@ -26,7 +26,7 @@ def modulus(bulk_speed_m_s: float, unit_Pa: float, mass_g: float = 0.0) -> float
 
 def modulus_ratio() -> float:
     """Ratio of the two moduli: the ratio of the squared speeds, as the density cancels."""
-    return (quoted().ptfe.hugoniot_m_s / quoted().ptfe.ultrasound_m_s) ** 2
+    return (quoted().ptfe_hugoniot_m_s / quoted().ptfe_ultrasound_m_s) ** 2
 
 
 def peak_stress() -> float:
@@ -63,7 +63,7 @@ def over_slowest(speed_m_s: float) -> float:
 
 def sensor_mass() -> float:
     """Mass of two caps and a gauge, g."""
-    return quoted().sensor.mass_g
+    return quoted().sensor_mass_g
 
 
 def ball(material: str, diameter_m: float) -> float:
@@ -73,18 +73,18 @@ def ball(material: str, diameter_m: float) -> float:
 
 def over_smallest(newtons: float) -> float:
     """A force over the smallest measured one, 0.03 N."""
-    return newtons / quoted().smallest.force_N
+    return newtons / quoted().smallest_force_N
 
 
 def speed_accuracy(added: str) -> float:
     """Errors of 1 mm of two sensors over their distance, added in squares or linearly, per cent."""
     together = {"in squares": sqrt(2), "plainly": 2.0}[added]
-    return 100 * together * quoted().accuracy.sensor_position_m / (4 * ptfe_beads().diameter_m)
+    return 100 * together * quoted().accuracy_sensor_position_m / (4 * ptfe_beads().diameter_m)
 
 
 def bulk_speed() -> float:
     """C of Eq. (1) over the bulk sound speed of 1.68 km/s."""
-    return ptfe_beads().speed_constant_m_s / quoted().ptfe.hugoniot_m_s
+    return ptfe_beads().speed_constant_m_s / quoted().ptfe_hugoniot_m_s
 
 
 def mass_ratio(scene: str) -> float:
@@ -122,8 +122,8 @@ def nylon_modulus(ptfe_MPa: float) -> float:
 
 def plate_mass(density_kg_m3: float) -> float:
     """Mass of a sensor's plate of the quoted size, g."""
-    sensor = quoted().sensor
-    return 1e-6 * density_kg_m3 * sensor.gauge_side_mm**2 * sensor.gauge_thickness_mm
+    paper = quoted()
+    return 1e-6 * density_kg_m3 * paper.sensor_gauge_side_mm**2 * paper.sensor_gauge_thickness_mm
 
 
 def contact_radius() -> float:

@@ -51,7 +51,7 @@ def width_by_amplitude(run: Run, low_N: float, high_N: float) -> float:
 
 def width_by_modulus(run: Run, force_N: float) -> float:
     """Width at 4 % with gravity for the softest over that for the hardest modulus, at strikes of the same force."""
-    soft, hard = min(quoted().ptfe.moduli_MPa), max(quoted().ptfe.moduli_MPa)
+    soft, hard = min(quoted().ptfe_moduli_MPa), max(quoted().ptfe_moduli_MPa)
     speed = striker_speed_for(force_N) * (hard / soft) ** (1 / 3)  # F ~ k^(2/5) v^(6/5)
     settings = (f"materials.ptfe.youngs_modulus={soft} MPa", f"striker.speed={speed!r} m/s")
     return run(case_of("table1", *settings)).values[WIDTH] / struck(run, force_N).values[WIDTH]
@@ -114,10 +114,10 @@ def speed_to_the_wall(run: Run) -> float:
 
 def _face(run: Run) -> tuple[Array, Array, Array]:
     """Times, F_3, and the mean of F_3 and F_4 in bead 5 while the incident wave passes; F_4 deviates as much as F_3."""
-    one, parts = _fig4(run), quoted().sensor
+    one, paper = _fig4(run), quoted()
     forces, time = one.trace.force_N, one.trace.time_s
     passing = np.abs(time - one.values["bead_5_arrival_s"]) < 90e-6
-    third, _ = theory.sensor_forces(forces[passing, 5], forces[passing, 4], parts.gauge_g / parts.mass_g)
+    third, _ = theory.sensor_forces(forces[passing, 5], forces[passing, 4], paper.sensor_gauge_g / paper.sensor_mass_g)
     return time[passing], third, sensor_average(forces, 5)[passing]
 
 
@@ -136,7 +136,7 @@ def face_deviation_at_peak(run: Run) -> float:
 
 def reflection(run: Run, incident_N: float) -> float:
     """Wave that one bead of a sensor's mass reflects, five beads above it, for an incident wave of some force, N."""
-    lighter = f"chain.bead=[{{ from_wall = 30, mass = '{quoted().sensor.mass_g} g' }}]"
+    lighter = f"chain.bead=[{{ from_wall = 30, mass = '{quoted().sensor_mass_g} g' }}]"
     one = run(
         case_of("table1", *UNCOMPRESSED, "chain.count=60", "chain.sensors=[]", "run.duration=1.6 ms", *COARSE, lighter)
     )
@@ -190,7 +190,7 @@ def misfit(modulus_MPa: float, forces: str, force_is: str = "contact force") -> 
 
 def nearest(forces: str, force_is: str) -> float:
     """Modulus for which simulated speeds agree best with the measured ones, MPa."""
-    return min(quoted().ptfe.moduli_MPa, key=lambda modulus: misfit(modulus, forces, force_is))
+    return min(quoted().ptfe_moduli_MPa, key=lambda modulus: misfit(modulus, forces, force_is))
 
 
 def softer_is_worse() -> float:

@@ -20,10 +20,10 @@ from drivers.run.run import run_case
 from drivers.scene.model import RIGID, Material
 from drivers.scene.read_scene import read_toml
 from postproc.read.motion import trace_with_state
+from validation.accuracy import measured_law as law
+from validation.accuracy.measured_law import SIGNIFICANCE, LawRow, measure_law
 from validation.accuracy.motions import motions_of
 from validation.checks import FAIL, Check
-from validation.compare import measured_law as law
-from validation.compare.measured_law import SIGNIFICANCE, LawRow, measure_law
 
 SAME = "the measured law, masses, loads and start are the scene's"
 NEAR = 0.02  # of a time step: agreement of a delay with half a step or one step

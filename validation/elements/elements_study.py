@@ -59,10 +59,10 @@ class Quote:
 def quotes() -> list[Quote]:
     """Numbers that the paper quotes of its experiments."""
     paper = quoted()
-    envelope = paper.fig5.measured_envelope_per_us
+    envelope = paper.fig5_measured_envelope_per_us
     return [
-        Quote("fig4", "bead_9_peak_N", "leading force", "N", 1.0, paper.fig4.leading_force_N, "about "),
-        Quote("fig4", "speed_9_to_5_m_s", "speed", "m/s", 1.0, paper.fig4.speed_m_s),
+        Quote("fig4", "bead_9_peak_N", "leading force", "N", 1.0, paper.fig4_leading_force_N, "about "),
+        Quote("fig4", "speed_9_to_5_m_s", "speed", "m/s", 1.0, paper.fig4_speed_m_s),
         Quote("fig5", "wall_envelope_per_s", "wall envelope", "per µs", 1e-6, envelope),
     ]
 

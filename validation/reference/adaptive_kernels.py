@@ -17,7 +17,6 @@ from validation.reference.dop853 import (
     slope,
     step,
     step_factor,
-    without_refcounts,
 )
 from validation.reference.hertz_chain import Array
 from validation.reference.power_law_events import closing_speed, first_holds, first_power_event, passing
@@ -58,7 +57,7 @@ def follow(
     return samples, _fill(samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step)
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def _fill(
     samples: Array, state: Array, end: Array, work: Array, slopes: Array, spare: Array, dense: Array, times: Array,
     bodies: Bodies, tolerance: float, scale: Array, first_step: float,
@@ -141,7 +140,7 @@ def _fill(
     return True
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def _first_event(
     start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, elapsed: float, until: float, last: int,
     known: int,
@@ -172,14 +171,14 @@ def _first_event(
     return first, where
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float:
     """``k d^(5/4) + C d'``, negative after a closed dissipative contact has released."""
     overlap = max(state[contact], 0.0)
     return float(stiffness * overlap * sqrt(sqrt(overlap)) + damping * closing_speed(state, contact))
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def _step_to_event(
     state: Array, s: float, power: float, guess: float, limit: float, event: int, slopes: Array, end: Array,
     bodies: Bodies,

@@ -7,15 +7,10 @@ smooth in ``s = |t - t_e|^(1/2)`` but not in t. The force of a dissipative conta
 the event. Powers -2 and -4 mean ``t = t_e - s^2`` and ``t = t_e - s^4``.
 
 Rows of a state: values (overlaps, then velocities); their rounding errors (Kahan); their slopes dy/dt.
-The coefficients are scipy's.
 """
 
-from collections.abc import Callable
-from importlib.util import find_spec
 from math import sqrt
-from pathlib import Path
-from runpy import run_path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -25,17 +20,102 @@ from validation.reference.hertz_chain import Array
 
 STAGES = 12
 ROWS = 16  # the stages, the slope at the end, three more stages for dense output
-# read from their file: the import of scipy.integrate takes longer than most runs
-_scipy = find_spec("scipy")
-assert _scipy is not None
-assert _scipy.origin is not None
-DOP853 = run_path(str(Path(_scipy.origin).parent / "integrate" / "_ivp" / "dop853_coefficients.py"))
-C = DOP853["C"]
+# coefficients of DOP853 by Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd edition, 1993
+# fmt: off
+# times of the stages, as shares of the step
+C = np.array([0.0, 0.526001519587677318785587544488e-1, 0.789002279381515978178381316732e-1,
+    0.118350341907227396726757197510, 0.281649658092772603273242802490, 0.333333333333333333333333333333, 0.25,
+    0.307692307692307692307692307692, 0.651282051282051282051282051282, 0.6, 0.857142857142857142857142857142,
+    1.0, 1.0, 0.1, 0.2, 0.777777777777777777777777777778])
+# a_ij of each stage, of the end of the step and of the stages for dense output: weights by column
+A: dict[int, dict[int, float]] = {
+    1: {0: 5.26001519587677318785587544488e-2},
+    2: {0: 1.97250569845378994544595329183e-2, 1: 5.91751709536136983633785987549e-2},
+    3: {0: 2.95875854768068491816892993775e-2, 2: 8.87627564304205475450678981324e-2},
+    4: {0: 2.41365134159266685502369798665e-1, 2: -8.84549479328286085344864962717e-1,
+        3: 9.24834003261792003115737966543e-1},
+    5: {0: 3.7037037037037037037037037037e-2, 3: 1.70828608729473871279604482173e-1,
+        4: 1.25467687566822425016691814123e-1},
+    6: {0: 3.7109375e-2, 3: 1.70252211019544039314978060272e-1, 4: 6.02165389804559606850219397283e-2,
+        5: -1.7578125e-2},
+    7: {0: 3.70920001185047927108779319836e-2, 3: 1.70383925712239993810214054705e-1,
+        4: 1.07262030446373284651809199168e-1, 5: -1.53194377486244017527936158236e-2,
+        6: 8.27378916381402288758473766002e-3},
+    8: {0: 6.24110958716075717114429577812e-1, 3: -3.36089262944694129406857109825,
+        4: -8.68219346841726006818189891453e-1, 5: 2.75920996994467083049415600797e1,
+        6: 2.01540675504778934086186788979e1, 7: -4.34898841810699588477366255144e1},
+    9: {0: 4.77662536438264365890433908527e-1, 3: -2.48811461997166764192642586468,
+        4: -5.90290826836842996371446475743e-1, 5: 2.12300514481811942347288949897e1,
+        6: 1.52792336328824235832596922938e1, 7: -3.32882109689848629194453265587e1,
+        8: -2.03312017085086261358222928593e-2},
+    10: {0: -9.3714243008598732571704021658e-1, 3: 5.18637242884406370830023853209,
+        4: 1.09143734899672957818500254654, 5: -8.14978701074692612513997267357,
+        6: -1.85200656599969598641566180701e1, 7: 2.27394870993505042818970056734e1,
+        8: 2.49360555267965238987089396762, 9: -3.0467644718982195003823669022},
+    11: {0: 2.27331014751653820792359768449, 3: -1.05344954667372501984066689879e1,
+        4: -2.00087205822486249909675718444, 5: -1.79589318631187989172765950534e1,
+        6: 2.79488845294199600508499808837e1, 7: -2.85899827713502369474065508674,
+        8: -8.87285693353062954433549289258, 9: 1.23605671757943030647266201528e1,
+        10: 6.43392746015763530355970484046e-1},
+    12: {0: 5.42937341165687622380535766363e-2, 5: 4.45031289275240888144113950566,
+        6: 1.89151789931450038304281599044, 7: -5.8012039600105847814672114227, 8: 3.1116436695781989440891606237e-1,
+        9: -1.52160949662516078556178806805e-1, 10: 2.01365400804030348374776537501e-1,
+        11: 4.47106157277725905176885569043e-2},
+    13: {0: 5.61675022830479523392909219681e-2, 6: 2.53500210216624811088794765333e-1,
+        7: -2.46239037470802489917441475441e-1, 8: -1.24191423263816360469010140626e-1,
+        9: 1.5329179827876569731206322685e-1, 10: 8.20105229563468988491666602057e-3,
+        11: 7.56789766054569976138603589584e-3, 12: -8.298e-3},
+    14: {0: 3.18346481635021405060768473261e-2, 5: 2.83009096723667755288322961402e-2,
+        6: 5.35419883074385676223797384372e-2, 7: -5.49237485713909884646569340306e-2,
+        10: -1.08347328697249322858509316994e-4, 11: 3.82571090835658412954920192323e-4,
+        12: -3.40465008687404560802977114492e-4, 13: 1.41312443674632500278074618366e-1},
+    15: {0: -4.28896301583791923408573538692e-1, 5: -4.69762141536116384314449447206,
+        6: 7.68342119606259904184240953878, 7: 4.06898981839711007970213554331,
+        8: 3.56727187455281109270669543021e-1, 12: -1.39902416515901462129418009734e-3,
+        13: 2.9475147891527723389556272149, 14: -9.15095847217987001081870187138},
+}
+# error estimates of order 5 and 3, by stage
+E5: dict[int, float] = {0: 0.1312004499419488073250102996e-1, 5: -0.1225156446376204440720569753e1,
+    6: -0.4957589496572501915214079952, 7: 0.1664377182454986536961530415e1, 8: -0.3503288487499736816886487290,
+    9: 0.3341791187130174790297318841, 10: 0.8192320648511571246570742613e-1,
+    11: -0.2235530786388629525884427845e-1}
+# E3 is subtracted from the weights of the end
+E3 = {0: 0.244094488188976377952755905512, 8: 0.733846688281611857341361741547, 11: 0.220588235294117647058823529412e-1}
+# rows 4 to 7 of the dense output
+D: dict[int, dict[int, float]] = {
+    0: {0: -0.84289382761090128651353491142e1, 5: 0.56671495351937776962531783590,
+        6: -0.30689499459498916912797304727e1, 7: 0.23846676565120698287728149680e1,
+        8: 0.21170345824450282767155149946e1, 9: -0.87139158377797299206789907490,
+        10: 0.22404374302607882758541771650e1, 11: 0.63157877876946881815570249290,
+        12: -0.88990336451333310820698117400e-1, 13: 0.18148505520854727256656404962e2,
+        14: -0.91946323924783554000451984436e1, 15: -0.44360363875948939664310572000e1},
+    1: {0: 0.10427508642579134603413151009e2, 5: 0.24228349177525818288430175319e3,
+        6: 0.16520045171727028198505394887e3, 7: -0.37454675472269020279518312152e3,
+        8: -0.22113666853125306036270938578e2, 9: 0.77334326684722638389603898808e1,
+        10: -0.30674084731089398182061213626e2, 11: -0.93321305264302278729567221706e1,
+        12: 0.15697238121770843886131091075e2, 13: -0.31139403219565177677282850411e2,
+        14: -0.93529243588444783865713862664e1, 15: 0.35816841486394083752465898540e2},
+    2: {0: 0.19985053242002433820987653617e2, 5: -0.38703730874935176555105901742e3,
+        6: -0.18917813819516756882830838328e3, 7: 0.52780815920542364900561016686e3,
+        8: -0.11573902539959630126141871134e2, 9: 0.68812326946963000169666922661e1,
+        10: -0.10006050966910838403183860980e1, 11: 0.77771377980534432092869265740,
+        12: -0.27782057523535084065932004339e1, 13: -0.60196695231264120758267380846e2,
+        14: 0.84320405506677161018159903784e2, 15: 0.11992291136182789328035130030e2},
+    3: {0: -0.25693933462703749003312586129e2, 5: -0.15418974869023643374053993627e3,
+        6: -0.23152937917604549567536039109e3, 7: 0.35763911791061412378285349910e3,
+        8: 0.93405324183624310003907691704e2, 9: -0.37458323136451633156875139351e2,
+        10: 0.10409964950896230045147246184e3, 11: 0.29840293426660503123344363579e2,
+        12: -0.43533456590011143754432175058e2, 13: 0.96324553959188282948394950600e2,
+        14: -0.39177261675615439165231486172e2, 15: -0.14972683625798562581422125276e3},
+}
+# fmt: on
 # rows of FORMULAS: each stage, the end of the step, stages of dense output, two error estimates, dense output
 END, FIFTH, THIRD, DENSE = STAGES, ROWS, ROWS + 1, ROWS + 2
 FORMULAS = np.zeros((DENSE + 4, ROWS))
-FORMULAS[:ROWS], FORMULAS[DENSE:] = DOP853["A"], DOP853["D"]
-FORMULAS[FIFTH, : STAGES + 1], FORMULAS[THIRD, : STAGES + 1] = DOP853["E5"], DOP853["E3"]
+for _formula, _weights in {**A, FIFTH: E5, **{DENSE + row: weights for row, weights in D.items()}}.items():
+    FORMULAS[_formula, list(_weights)] = list(_weights.values())
+FORMULAS[THIRD] = FORMULAS[END]
+FORMULAS[THIRD, list(E3)] -= list(E3.values())
 # per formula: slopes with weights other than 0 (other slopes may not be finite), their weights, their number
 TERMS = np.argsort(FORMULAS == 0, axis=1, kind="stable")
 WEIGHTS = np.take_along_axis(FORMULAS, TERMS, axis=1)
@@ -46,17 +126,10 @@ ROUNDING = 0.5**53  # relative rounding error of a double
 # also alpha, and for each contact 1 if it may exert a force in the present step, else 0
 Bodies = tuple[Any, ...]
 POWER_LAW_LENGTH = 6  # length of Bodies with the power law; numba compiles a kernel for each of the two lengths
-Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
-def without_refcounts(kernel: Kernel) -> Kernel:
-    """Compiles a function that allocates no arrays; reference counts would take half of a small chain's time."""
-    options: dict[str, Any] = {"_nrt": False, "error_model": "numpy"}  # _nrt is missing from numba's stubs
-    compiled: Kernel = njit(**options)(kernel)
-    return compiled
-
-
-@without_refcounts
+# inlined, since reference counts of its arguments would take a fifth of a small chain's time
+@njit(error_model="numpy", forceinline=True)
 def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     """Writes ``stretch * dy/dt`` to ``result``; each loop compiles to vector instructions."""
     if len(bodies) == POWER_LAW_LENGTH:
@@ -81,7 +154,7 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
         closing[j] *= stretch
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def _slope_power(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     """``slope`` for the power law; it is smooth, as the contacts with a force stay the same within a step."""
     inverse_mass, stiffness, gamma, acceleration, alpha, holds = bodies
@@ -107,7 +180,7 @@ def _stretch(s: float, power: float) -> float:
     return power * s * s * s if abs(power) == 4.0 else power * s
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def weigh(formula: int, h: float, slopes: Array, result: Array) -> None:
     """Writes ``h * FORMULAS[formula] @ slopes`` to ``result``, in blocks of four rows."""
     row, weight = TERMS[formula], WEIGHTS[formula]
@@ -120,7 +193,7 @@ def weigh(formula: int, h: float, slopes: Array, result: Array) -> None:
             result[i] = result[i] + a * one[i] + b * two[i] + c * three[i] + d * four[i]
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Array, bodies: Bodies) -> None:
     """Takes one step from s to s + h; writes values and their rounding errors to ``end``, stages to ``slopes``."""
     start, result = state[0], end[0]
@@ -140,7 +213,7 @@ def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Arr
         end[1, i] = (start[i] - (result[i] - kept)) + (change - kept)
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def error(
     end: Array, s_end: float, h: float, power: float, slopes: Array, scale: Array, tolerance: float, work: Array,
     bodies: Bodies,
@@ -175,7 +248,7 @@ def error(
     return largest / tolerance
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def step_factor(error: float) -> float:
     """Ratio of the next step to this step, from its error over the tolerance; below 1 if it must be repeated."""
     if not error < 1e300:
@@ -185,7 +258,7 @@ def step_factor(error: float) -> float:
     return float(min(6.0, max(0.333, 0.9 * error**-0.125))) if error > 0.0 else 6.0
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def prepare_dense(
     start: Array, end: Array, s: float, h: float, power: float, slopes: Array, dense: Array, work: Array, bodies: Bodies
 ) -> None:
@@ -204,7 +277,7 @@ def prepare_dense(
         weigh(DENSE + row, h, slopes, dense[3 + row])
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def evaluate_dense(start: Array, dense: Array, x: float, result: Array) -> None:
     """Writes the state at the fraction x of the step to ``result``; the interpolant has order 7."""
     for i in range(start.size):

@@ -9,7 +9,9 @@ numbered by contact, turning points by contact plus the number of contacts.
 
 from math import sqrt
 
-from validation.reference.dop853 import Bodies, without_refcounts
+from numba import njit
+
+from validation.reference.dop853 import Bodies
 from validation.reference.hertz_chain import Array
 
 DEAD_BAND = 1e-13  # share of the scales of overlap and speed: smaller crossings are rounding, no event
@@ -21,14 +23,14 @@ NO_EVENT = (-1, 2.0)
 RETRY = (0, -1.0)  # repeat the step with a smaller size
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def closing_speed(state: Array, contact: int) -> float:
     """Closing speed ``d'`` of a contact from a state, or its rate of change from a slope."""
     velocity = state[state.size // 2 :]
     return float((velocity[contact - 1] if contact > 0 else 0.0) - velocity[contact])
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def _grip(state: Array, contact: int, bodies: Bodies) -> float:
     """``(k d^(3/2))^(1/alpha) + gamma^(1/alpha) d'``, negative after a closed contact has released."""
     overlap, inverse = max(state[contact], 0.0), 1.0 / bodies[4]
@@ -36,7 +38,7 @@ def _grip(state: Array, contact: int, bodies: Bodies) -> float:
     return float(spring + bodies[2][contact] ** inverse * closing_speed(state, contact))
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def first_holds(start: Array, bodies: Bodies) -> None:
     """Sets ``holds`` at time 0: contacts with overlap, or touching and not separating, that are not released."""
     stiffness, holds = bodies[1], bodies[5]
@@ -44,7 +46,7 @@ def first_holds(start: Array, bodies: Bodies) -> None:
         holds[j] = 1.0 if stiffness[j] > 0.0 and start[j] >= 0.0 and _grip(start, j, bodies) >= 0.0 else 0.0
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def first_power_event(
     start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, elapsed: float, until: float,
     last: int, known: int,
@@ -94,7 +96,7 @@ def first_power_event(
     return first, where
 
 
-@without_refcounts
+@njit(error_model="numpy")
 def passing(state: Array, slope: Array, event: int, closes: bool, bodies: Bodies) -> tuple[float, float]:
     """Quantity that is 0 at an event, and its rate of change, for a state with this slope."""
     n = bodies[1].size

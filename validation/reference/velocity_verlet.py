@@ -4,19 +4,14 @@ Internal velocities lag half a step behind, so that one step is one pass over th
 the time of the forces. The first integration loads the compiled code.
 """
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from validation.reference.hertz_chain import Array, HertzChain, Motion, check_timing, contact_force, displacements
 
 if TYPE_CHECKING:
     from validation.reference.verlet_kernels import Arrays
-
-MIN_BEADS_TWO_THREADS = 50_000  # below this number a second thread does not pay
 
 
 def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int) -> Motion:
@@ -33,73 +28,15 @@ def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: in
     arrays, half_kick = _start(chain, time_step_s), 0.5 * time_step_s / chain.mass_kg
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
     kept = (motion.force_N, motion.displacement_m, motion.velocity_m_s)
-    none = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
-    fill_samples(arrays, time_step_s, steps_per_sample, half_kick, chain.load_N, *kept, *none)
+    fill_samples(arrays, time_step_s, steps_per_sample, half_kick, chain.load_N, *kept)
     return Motion(motion.force_N, displacements(chain, motion.displacement_m), motion.velocity_m_s)
-
-
-def record_contacts(
-    chain: HertzChain,
-    time_step_s: float,
-    steps_per_sample: int,
-    samples: int,
-    contacts: NDArray[np.int64],
-    *,
-    threads: int = 1,
-    progress: Callable[[int], object] | None = None,
-) -> Array:
-    """Forces of selected contacts of a long chain; memory is independent of the number of steps.
-
-    Args:
-        chain: Bodies and contacts at time 0.
-        time_step_s: Time step.
-        steps_per_sample: Steps from sample to sample; the first sample is at time 0.
-        samples: Number of samples.
-        contacts: Contacts to record, counted from 1 as in the rest of the project.
-        threads: 1 or 2; the second thread is used for chains of 50 000 beads and more.
-        progress: Called with the number of steps since the previous call, such as ``tqdm.update``.
-
-    Returns:
-        Shape (samples, contacts), in N.
-
-    Raises:
-        ValueError: the step is not above zero, a count is below one, a contact is missing, or threads is not 1 or 2.
-    """
-    check_timing(time_step_s, steps_per_sample, samples)
-    places = np.asarray(contacts, dtype=np.int64) - 1
-    n = chain.mass_kg.size
-    if places.ndim != 1 or (places < 0).any() or (places >= n).any():
-        raise ValueError(f"contacts: expected numbers from 1 to {n}")
-    if threads not in (1, 2):
-        raise ValueError(f"threads: {threads}, expected 1 or 2")
-    from validation.reference.verlet_kernels import BLOCK, advance, fill_between
-
-    arrays = _start(chain, time_step_s)
-    recorded = np.empty((samples, places.size))
-    recorded[0] = arrays[2][places]
-    total, middle = steps_per_sample * (samples - 1), n // 2
-    edge = np.zeros(BLOCK)
-    with ThreadPoolExecutor(2) as pool:
-        for first in range(0, total, BLOCK):
-            steps = min(BLOCK, total - first)
-            rest = (first, steps, steps_per_sample, places, recorded, edge)
-            if threads == 1 or n < MIN_BEADS_TWO_THREADS:
-                advance(arrays, time_step_s, 0, n, False, False, *rest)
-            else:
-                lower = pool.submit(advance, arrays, time_step_s, 0, middle - 1, False, True, *rest)
-                advance(arrays, time_step_s, middle, n, True, False, *rest)
-                lower.result()
-                fill_between(arrays, time_step_s, middle, *rest)
-            if progress is not None:
-                progress(steps)
-    return recorded
 
 
 def _start(chain: HertzChain, time_step_s: float) -> "Arrays":
     """Arrays of the kernels (``Arrays``), with velocities half a step before time 0 and force 0 above the chain."""
     force = np.append(contact_force(chain, chain.overlap_m, chain.velocity_m_s), 0.0)
     acceleration = (force[:-1] - force[1:] + chain.load_N) / chain.mass_kg
-    velocity = np.append(0.0, chain.velocity_m_s - 0.5 * time_step_s * acceleration)
+    velocity = chain.velocity_m_s - 0.5 * time_step_s * acceleration
     kick, drop = time_step_s / chain.mass_kg, time_step_s * chain.load_N / chain.mass_kg
     damping = np.zeros(0) if chain.elastic else chain.damping
     return velocity, chain.overlap_m.copy(), force, chain.stiffness, kick, drop, damping, float(chain.alpha)

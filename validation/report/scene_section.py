@@ -27,7 +27,7 @@ from postproc.draw.style import svg_of
 from postproc.read.misfit import lay_over
 from postproc.read.observables import observe
 from validation.accuracy.budget import ERROR, PARTS
-from validation.checks import FAIL, Check, outcome, worst_of
+from validation.checks import FAIL, Check, outcome, short, worst_of
 from validation.compare.comparison import ComparedScene
 from validation.report.charts import MAX_GAUGES, Chart, chart_of, failed_label
 from validation.report.page_figures import Image, image_of
@@ -45,7 +45,6 @@ class Cell:
     loop_s: float | None = None  # computing time of the code's own loop
     run_s: float | None = None  # wall time of the judged run
     diagnosis: str = ""  # measured law of a wrong run
-    wall_s: float = 0.0  # of all runs
 
     @property
     def verdict(self) -> str:
@@ -96,7 +95,6 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
             loop_s=record.loop_s if record else None,
             run_s=record.wall_s if record else None,
             diagnosis=scene.diagnoses.get(engine, ""),
-            wall_s=scene.wall_s.get(engine, 0.0),
         )
     own = scene.case.scene
     options = [*(["--runs", str(runs)] if runs else []), *engines_again()]
@@ -113,7 +111,7 @@ def case_rows(independent: Mapping[str, Any]) -> list[ReportRow]:
         for engine in in_order({check.engine for check in checks}):
             of_engine = [check for check in checks if check.engine == engine]
             note = next((check.where for check in of_engine if math.isnan(check.limit)), "")
-            cells[engine] = Cell(engine, of_engine, note, wall_s=independent["wall_s"][entry.id, engine])
+            cells[engine] = Cell(engine, of_engine, note)
         rows.append(ReportRow(entry.id, entry.title, "python -m validation independent", cells))
     return rows
 
@@ -225,7 +223,7 @@ def section_of(scene: ComparedScene, row: ReportRow) -> SceneSection:
     shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
     checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in engines}
     budget = [
-        (part["quantity"], engine, [f"{part[key]:.1e}" for key in PARTS])
+        (part["quantity"], engine, [short(part[key]) for key in PARTS])
         for engine in engines
         for part in scene.runs[engine].record.error_budget or ()
     ]

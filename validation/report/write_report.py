@@ -1,11 +1,14 @@
 """``python -m validation report``: run and compare scenes, and write the page with its JSON file."""
 
+import re
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
+
+from markupsafe import Markup, escape
 
 from drivers.base import decks as deck
 from drivers.base import paths
@@ -24,7 +27,6 @@ from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
 from validation.report.charts import PLACES
 from validation.report.machine_readable import as_json, made_with, when_made
-from validation.report.notation import one_notation, unbroken
 from validation.report.page_figures import read_figures, read_table1
 from validation.report.scene_section import (
     case_rows,
@@ -37,6 +39,7 @@ from validation.studies import STUDIES, Options, load_study, named, read_section
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 MAKE_COMMAND = "make report"
+POWER = re.compile(r"\d[\d.]*e[+-]?\d+")  # number with a power of ten
 NO_SHORT_FORM = ("independent", "claims")  # studies that are always made in full
 
 # link and heading of each section, by the name of its template, table and ``make`` target
@@ -192,7 +195,7 @@ def write_report(
         places=PLACES,
     )
     texts = {
-        path: one_notation(page),
+        path: page,
         path.with_suffix(".json"): as_json(made, scenes, rows, cases, unmet or {}, to_come),
     }
     results.mkdir(parents=True, exist_ok=True)
@@ -200,6 +203,11 @@ def write_report(
         for file, text in texts.items():
             drafts.enter_context(whole_file(file)).write_text(text, encoding="utf-8")
     return counted((*rows, *cases))
+
+
+def unbroken(text: str) -> Markup:
+    """Text whose numbers with a power of ten are kept on one line."""
+    return Markup(POWER.sub(r'<span class="number">\g<0></span>', str(escape(text))))
 
 
 def claim_counts(claims: Mapping[str, Any]) -> dict[str, int]:

@@ -11,9 +11,12 @@ import pandas as pd
 from drivers.base.progress import step
 from drivers.engines import VERLET, codes
 from drivers.limits.criteria import CRITERIA
+from drivers.limits.refusal import FORCE
 from postproc.draw.style import COLUMN_IN, GREY, marker_of, pyplot
+from validation.accuracy.budget import ERROR, MODEL
+from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, short
 from validation.stability import measured_limits, rounding_effects
-from validation.stability.extremes import Outcome, extremes, run_all
+from validation.stability.extremes import extremes, run_all
 from validation.stability.measured_limits import (
     BOUNCING,
     CRITERION_KEYS,
@@ -75,14 +78,14 @@ def sentences(tables: Tables) -> list[str]:
 
 
 def missed(tables: Tables) -> list[str]:
-    """Limits outside the allowed range, and extreme scenes that failed."""
+    """Limits outside the allowed range, and extreme scenes that failed or are not right."""
     limits, edge = tables["stability"], tables["stability-extremes"]
     wrong = limits[(limits["ratio"] < 1) | limits["group"].isin(JUDGED_GROUPS) & ~(limits["ratio"] <= MAX_RATIO)]
-    failed = edge[edge["verdict"].isin(["failed", "timeout"])]
+    failed = edge[(edge["verdict"] == FAIL) & ~edge["quantity"].str.startswith(ERROR)]
     return [
         *(f"{row['scene']} by {row['method']}: unstable from {row['ratio']:.3f} of the predicted limit on; allowed 1 to"
           f" {MAX_RATIO}" for _, row in wrong.iterrows()),
-        *(f"{row['name']} on {row['engine']}: {row['verdict']}: {row['reason']}" for _, row in failed.iterrows()),
+        *(f"{row['scene']} on {row['engine']}: {row['quantity']}: {row['where']}" for _, row in failed.iterrows()),
     ]  # fmt: skip
 
 
@@ -125,16 +128,20 @@ def _on_limits(limits: pd.DataFrame) -> Iterator[str]:
         )
 
 
-def _on_extremes(extremes: pd.DataFrame) -> Iterator[str]:
-    for engine, part in extremes.groupby("engine", sort=False):
-        said = ", ".join(f"{count} {verdict}" for verdict, count in sorted(Counter(part["verdict"]).items()))
-        yield f"{len(part)} extreme scenes by {engine}: {said}."
-    if extremes["model"].notna().any():
-        worst = extremes.iloc[int(np.nanargmax(extremes["model"]))]
-        yield (
-            f"Largest deviation of a code from verlet at the same step: {worst['model']:.1e} of the largest force"
-            f" ({worst['engine']}, “{worst['name']}”)."
-        )
+def _on_extremes(edge: pd.DataFrame) -> Iterator[str]:
+    for engine, part in edge.groupby("engine", sort=False):
+        scenes = [verdicts for _, verdicts in part.groupby("scene", sort=False)]
+        counts = Counter(_outcome(checks) for checks in scenes)
+        said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+        yield f"{len(scenes)} extreme scenes by {engine}: {said}."
+
+
+def _outcome(checks: pd.DataFrame) -> str:
+    """Outcome of a scene on an engine: not run, failed, not right, not accurate (by the general ceilings), or pass."""
+    red = checks[checks["verdict"] == FAIL]["quantity"]
+    if red.empty:
+        return str(NOT_RUN if (checks["verdict"] == NOT_RUN).any() else PASS)
+    return "not accurate" if red.str.startswith(ERROR).all() else "failed" if (red == RUN).any() else "not right"
 
 
 def _on_energy(energy: pd.DataFrame) -> Iterator[str]:
@@ -260,13 +267,10 @@ def section(tables: Tables) -> dict[str, Any]:
         "criteria": list(CRITERIA),
         "methods": methods,
         "limits": [{"scene": scene, **_limits(part.set_index("method"), methods)} for scene, part in own],
+        "engines": list(edge["engine"].unique()),
         "extremes": [
-            {
-                "name": name,
-                "engines": [_verdict(row) for _, row in part.iterrows()],
-                "share": f"{part['share_of_limit'].iloc[0]:.2g}",
-            }
-            for name, part in edge.groupby("name", sort=False)
+            (scene, [_cell(checks) for _, checks in part.groupby("engine", sort=False)])
+            for scene, part in edge.groupby("scene", sort=False)
         ],
     }
 
@@ -294,19 +298,18 @@ def _micro(seconds: float) -> str:
     return f"{seconds * 1e6:.4g}" if pd.notna(seconds) else "–"
 
 
-def _verdict(row: "pd.Series[Any]") -> dict[str, Any]:
-    """Result of an extreme scene on one engine."""
-    return {
-        **{key: row[key] for key in ("engine", "verdict", "reason")},
-        "numbers": [f"{row[key]:.0e}" for key in ("error", "model") if pd.notna(row[key])],
-        "leaves": f"{row['leaves_reference_s'] * 1e3:.3g} ms" if pd.notna(row["leaves_reference_s"]) else "",
-    }
+def _cell(checks: pd.DataFrame) -> tuple[str, str, list[str]]:
+    """Outcome of a scene on an engine, the reason for a missing run, and its errors of the force: whole and model."""
+    missing = checks[checks["quantity"] == RUN]["where"]
+    forces = {row["quantity"]: short(row["value"]) for _, row in checks.iterrows()}
+    numbers = [forces[f"{kind}: {FORCE}"] for kind in (ERROR, MODEL) if f"{kind}: {FORCE}" in forces]
+    return _outcome(checks), missing.iloc[0] if len(missing) else "", numbers
 
 
 STUDY = Study(
     name="stability",
     title="limits of stability",
-    tables={"stability": Limit, "stability-extremes": Outcome} | dict(zip(LONG_PARTS, LONG_PART_ROWS, strict=True)),
+    tables={"stability": Limit, "stability-extremes": Check} | dict(zip(LONG_PARTS, LONG_PART_ROWS, strict=True)),
     measure=measure,
     sentences=sentences,
     figures=figures,

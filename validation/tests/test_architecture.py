@@ -79,7 +79,7 @@ def test_imports_run_one_way() -> None:
     [
         ("drivers/base/errors.py", "from postproc.read import signals"),
         ("drivers/run/run.py", "def late():\n    from validation.accuracy.budget import error_budget"),
-        ("postproc/read/signals.py", "import validation.compare.verdict"),
+        ("postproc/read/signals.py", "import validation.checks"),
         ("validation/reference/adaptive.py", "from drivers.base.errors import InputError"),
     ],
 )

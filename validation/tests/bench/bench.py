@@ -1,6 +1,5 @@
 """Cost of the in-repo integrators, of scipy's DOP853 and of the codes, measured in one run."""
 
-import resource
 import sys
 import tempfile
 import time
@@ -10,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from tqdm import tqdm
 
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import arrays_of
@@ -21,7 +19,7 @@ from validation.reference.adaptive import integrate_adaptive
 from validation.reference.dop853 import slope
 from validation.reference.hertz_chain import Array, HertzChain, hertz_force
 from validation.reference.symplectic import integrate_symplectic
-from validation.reference.velocity_verlet import integrate_verlet, record_contacts
+from validation.reference.velocity_verlet import integrate_verlet
 
 REPEATS = 5
 ENGINE_STEPS = {22: 20_000, 1000: 2000, 10_000: 400, 100_000: 60}
@@ -44,7 +42,6 @@ def bench() -> None:
     bench_adaptive()
     bench_order()
     bench_fixed_step(bench_engines())
-    bench_long_chain()
 
 
 def bench_adaptive() -> None:
@@ -101,21 +98,6 @@ def bench_order() -> None:
         print(f"{4 * steps:>8}", *(f"{error:9.1e}" for error in errors))
 
 
-def bench_long_chain() -> None:
-    """Print time and memory of a pulse through a million beads for ten thousand steps."""
-    one = np.ones(1_000_000)
-    velocity = np.append(np.zeros(one.size - 1), -1.0)
-    chain = HertzChain(1e-4 * one, 1e6 * one, 0 * one, velocity, 0 * one)
-    contacts, steps = np.array([999_950, 999_990]), 10_000
-    began = time.perf_counter()
-    with tqdm(total=steps, unit="step", disable=None, desc="a million beads") as bar:
-        force = record_contacts(chain, 1e-6, 100, steps // 100 + 1, contacts, threads=2, progress=bar.update)
-    seconds = time.perf_counter() - began
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"\na pulse through 1e6 beads, 1e4 steps, 2 contacts recorded: {seconds:.1f} s, {memory:.0f} MiB in all")
-    print(f"peaks at contacts {contacts.tolist()}: {force.max(axis=0).round(6).tolist()} N")
-
-
 def bench_engines() -> dict[tuple[str, int], float]:
     """Print the start-up times of the codes, and return ns per bead and step in their own loops."""
     costs: dict[tuple[str, int], float] = {}
@@ -137,16 +119,16 @@ def bench_engines() -> dict[tuple[str, int], float]:
 
 def bench_fixed_step(engine_costs: dict[tuple[str, int], float]) -> None:
     """Print ns per bead and step of velocity Verlet, in the repository and in the engines."""
-    print("\nvelocity Verlet: ns per bead and step (in brackets: ratio to the in-repo cost on one thread)")
+    print("\nvelocity Verlet: ns per bead and step (in brackets: ratio to the in-repo cost)")
     engines = list(dict.fromkeys(engine for engine, _ in engine_costs))
-    print(f"{'bodies':>8} {'1 thread':>9} {'2 threads':>9}", *(f"{engine:>16}" for engine in engines))
+    print(f"{'bodies':>8} {'in-repo':>9}", *(f"{engine:>16}" for engine in engines))
     for bodies, steps in IN_REPO_STEPS.items():
-        one, two = (_own_cost(bodies, steps, threads) for threads in (1, 2))
+        own = _own_cost(bodies, steps)
         cells = [
-            f"{cost:8.1f} ({cost / one:.0f})" if (cost := engine_costs.get((engine, bodies))) else "-"
+            f"{cost:8.1f} ({cost / own:.0f})" if (cost := engine_costs.get((engine, bodies))) else "-"
             for engine in engines
         ]
-        print(f"{bodies:>8} {one:9.2f} {two:9.2f}", *(f"{cell:>16}" for cell in cells), flush=True)
+        print(f"{bodies:>8} {own:9.2f}", *(f"{cell:>16}" for cell in cells), flush=True)
 
 
 def _compressed_chain(bodies: int, steps: int) -> Case:
@@ -158,8 +140,6 @@ def _compressed_chain(bodies: int, steps: int) -> Case:
     return build_case(read_scene("fig4", settings))
 
 
-def _own_cost(bodies: int, steps: int, threads: int) -> float:
+def _own_cost(bodies: int, steps: int) -> float:
     chain = arrays_of(_compressed_chain(bodies, steps).chain)
-    contacts, every = np.array([1, bodies]), steps // 10
-    seconds = best_time(lambda: record_contacts(chain, 1e-7, every, 11, contacts, threads=threads))
-    return seconds / bodies / steps * 1e9
+    return best_time(lambda: integrate_verlet(chain, 1e-7, steps, 2)) / bodies / steps * 1e9

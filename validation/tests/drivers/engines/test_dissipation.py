@@ -27,7 +27,6 @@ from validation.compare.verdict import PASS
 from validation.kit.physics_checks import bounced
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
-from validation.reference.velocity_verlet import integrate_verlet, record_contacts
 from validation.stability.measured_limits import MAX_RATIO, Subject, measure_limits
 from validation.tests.helpers.runs import assessed, finished, need
 from validation.tests.helpers.scenes import case_of
@@ -115,18 +114,6 @@ def test_the_reference_reaches_its_tolerance(scene: str, given: float) -> None:
     for asked in (1e-4, 1e-6, 1e-8, 1e-10, MIN_TOLERANCE):
         error = np.abs(integrate_adaptive(chain, times, asked).force_N - best).max() / best.max()
         assert error < asked + MIN_TOLERANCE
-
-
-def test_long_damped_chains_go_in_tiles_and_on_two_threads() -> None:
-    one = np.ones(60_000)
-    velocity = np.append(np.zeros(one.size - 1), -1.0)
-    chain = HertzChain(1e-4 * one, 1e6 * one, 1e-6 * one, velocity, 0 * one, 0.5 * one)
-    plain = integrate_verlet(chain, 1e-6, 100, 3).force_N
-    contacts = np.array([1, 29_990, 30_000, 59_990, 60_000])
-    for threads in (1, 2):
-        found = record_contacts(chain, 1e-6, 100, 3, contacts, threads=threads)
-        np.testing.assert_array_equal(found, plain[:, contacts - 1])
-    assert np.ptp(plain[:, -10:]) > 0
 
 
 def test_damping_below_zero_is_no_chain() -> None:

@@ -215,14 +215,14 @@ def test_a_figure_of_the_reference_alone(name: str, tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[fig5]", "[fig55]", "fig5"),
+        ("fig5_incident_rise_us", "fig5_incident_rize_us", "missing key fig5_incident_rise_us"),
         ("force_N = [5, 2, 0.6, 0.1, 0.06]", "", "table1.force_N"),
         ("force_N = [5, 2, 0.6, 0.1, 0.06]", "force_N = [5, 2]", "5 numbers"),
         ("force_N = [5, 2,", "force_N = [5, 5,", "the same force twice"),
         ("force_N = [5, 2,", 'force_N = ["x", 2,', "table1.force_N"),
         ("force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
         ("force_N = [5, 2,", "force_N = [-5, 2,", "above 0"),
-        ("speed_m_s = 152 ", "sped_m_s = 152 ", "missing key speed_m_s"),
+        ("fig4_speed_m_s = 152 ", "fig4_sped_m_s = 152 ", "missing key fig4_speed_m_s"),
         ("[table1]", "[[", "TOML"),
         ("value = 7.845e8", "value = -1.0", "above 0"),
         ('law = "viscoelastic"', "", "law"),

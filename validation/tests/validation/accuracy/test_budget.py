@@ -10,6 +10,7 @@ import pytest
 
 from drivers.base.errors import digits_apart
 from drivers.base.tolerances import tolerance
+from drivers.chain import schemes
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_in_heights, verlet_of
@@ -20,6 +21,9 @@ from validation.accuracy import motions as module
 from validation.accuracy.budget import PARTS, Budget, budget_of, first_departure
 from validation.accuracy.motions import Motions, motions_of
 from validation.checks import FAIL, PASS
+from validation.reference.adaptive import integrate_adaptive
+from validation.reference.hertz_chain import HertzChain, Motion
+from validation.reference.velocity_verlet import integrate_verlet
 from validation.stability.measured_limits import random_case
 from validation.tests.helpers.runs import blown_up, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -220,3 +224,56 @@ def test_runs_of_the_codes_are_right_in_every_sampling(shared_runs: Path, scene_
         for engine in (REFERENCE, VERLET):
             budget = budget_of(case, engine, finished(case, engine, shared_runs).trace)
             assert {name for name in red(budget) if name.startswith("model")} == set(), interval
+
+
+def first_order(chain: HertzChain, step_s: float, every: int, samples: int) -> Motion:
+    """Velocity Verlet with contacts that are too stiff by 1e-4 at 0.1 µs, and less at smaller steps."""
+    return integrate_verlet(replace(chain, stiffness=chain.stiffness * (1 + 1000 * step_s)), step_s, every, samples)
+
+
+def wrong_coefficient(chain: HertzChain, step_s: float, every: int, samples: int) -> Motion:
+    """Velocity Verlet that kicks with 0.5005 in place of 0.5."""
+    return integrate_verlet(replace(chain, mass_kg=chain.mass_kg / 1.001), step_s, every, samples)
+
+
+def late_velocities(chain: HertzChain, step_s: float, every: int, samples: int) -> Motion:
+    """Velocities that are recorded half a step before the forces."""
+    motion = integrate_verlet(chain, step_s, every, samples)
+    net_N = motion.force_N - np.column_stack([motion.force_N[:, 1:], np.zeros(samples)]) + chain.load_N
+    return replace(motion, velocity_m_s=motion.velocity_m_s - 0.5 * step_s * net_N / chain.mass_kg)
+
+
+@pytest.mark.parametrize("scheme", [first_order, wrong_coefficient, late_velocities])
+@pytest.mark.parametrize("scene", PAPER)
+def test_a_wrong_scheme_of_this_repository_is_red(
+    scene: str, scheme: Callable[..., Motion], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its runs agree with itself bit for bit, so its law is measured."""
+    module._last.clear()
+    monkeypatch.setattr(schemes, "integrate_verlet", scheme)
+    case = case_of(scene)
+    assert "model: law" in red(budget_of(case, VERLET, verlet_of(case)))
+    module._last.clear()
+
+
+def test_a_wrong_exact_motion_is_red(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Contacts of the reference are too soft by a millionth."""
+
+    def soft(chain: HertzChain, *arguments: Any) -> Motion:
+        return integrate_adaptive(replace(chain, stiffness=chain.stiffness * (1 - CHANGE)), *arguments)
+
+    module._last.clear()
+    monkeypatch.setattr(schemes, "integrate_adaptive", soft)
+    case = case_of("fig4")
+    assert red(budget_of(case, REFERENCE, motions_of(case).exact)) == {"model: law"}
+    module._last.clear()
+
+
+def test_a_wrong_baseline_of_the_codes_is_red(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wrong scheme in heights passes for a large effect of rounding, but not for the scene's law."""
+    other = verlet_of(case_of("fig4", "chain.mass=0.1225 g"))
+    module._last.clear()
+    monkeypatch.setattr(module, "verlet_in_heights", lambda case: other)
+    case = case_of("fig4")
+    assert red(budget_of(case, VERLET, verlet_of(case))) == {"model: law"}
+    module._last.clear()

@@ -14,12 +14,12 @@ from drivers.base.errors import InputError
 from drivers.engines import codes
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS
+from validation.checks import Check
 from validation.claims.claim import KINDS, MODULES, Claim, Reading, read_claims
 from validation.claims.claims_study import checks_in
 from validation.claims.judged import (
     DIFFERS,
     REPRODUCED,
-    ClaimCheck,
     check_of,
     fault_of,
     favoured,
@@ -34,7 +34,7 @@ from validation.tests.helpers.runs import need
 pytestmark = pytest.mark.long
 
 
-JudgedClaim = tuple[Claim, list[ClaimCheck]]
+JudgedClaim = tuple[Claim, list[Check]]
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def judged(shared_runs: Path) -> list[JudgedClaim]:
     """All claims by all engines, once."""
     for code in codes():
         need(code)
-    return checks_in({"claims": frame_of(ClaimCheck, judge_all(shared_runs))})
+    return checks_in({"claims": frame_of(Check, judge_all(shared_runs))})
 
 
 ONE = """[[claim]]
@@ -69,7 +69,7 @@ def claim(**values: object) -> Claim:
 
 
 def write_checks(judged: list[JudgedClaim], folder: Path) -> None:
-    write_table(folder / "claims.csv", ClaimCheck, [check for _, checks in judged for check in checks])
+    write_table(folder / "claims.csv", Check, [check for _, checks in judged for check in checks])
 
 
 def by_engines(whole: Claim, **computed: float) -> JudgedClaim:
@@ -77,7 +77,7 @@ def by_engines(whole: Claim, **computed: float) -> JudgedClaim:
     return whole, [check_of(whole, whole.favoured, engine, value) for engine, value in computed.items()]
 
 
-def verdict_of(whole: Claim, checks: list[ClaimCheck]) -> str:
+def verdict_of(whole: Claim, checks: list[Check]) -> str:
     return favoured(whole, checks)["reference"].verdict
 
 
@@ -135,8 +135,8 @@ def test_codes_agree_with_the_reference_on_every_simulated_claim(judged: list[Ju
         # with dissipation a step is of first order: forces are off by up to 1.4e-3, a valley between waves by more
         off = 5e-3 if whole.compute.startswith("dissipation.") else 5e-4
         for code in codes():
-            exact = engines["reference"].computed
-            assert engines[code].computed == pytest.approx(exact, rel=off, abs=1e-9), whole.id
+            exact = engines["reference"].found
+            assert engines[code].found == pytest.approx(exact, rel=off, abs=1e-9), whole.id
 
 
 @pytest.mark.parametrize(
@@ -217,13 +217,13 @@ def test_numbers_quoted_twice_are_the_same() -> None:
         for name, column in zip(("speed", "width-0.2", "width-4"), COLUMNS, strict=True):
             assert claims[f"table1-{row['force_N']:g}N-{name}"] == row[f"computed_{column}"]
     paper = quoted()
-    assert claims["fig4-force"] == paper.fig4.leading_force_N
-    assert claims["fig4-speed"] == paper.fig4.speed_m_s
-    assert claims["fig4-duration"] == paper.fig4.duration_us
-    assert claims["fig5-envelope"] == paper.fig5.computed_envelope_per_us
-    assert claims["fig5-rise"] == paper.fig5.incident_rise_us
-    assert claims["fig5-decay"] == paper.fig5.incident_decay_per_us
-    assert claims["fig5-duration"] == paper.fig5.incident_duration_us
+    assert claims["fig4-force"] == paper.fig4_leading_force_N
+    assert claims["fig4-speed"] == paper.fig4_speed_m_s
+    assert claims["fig4-duration"] == paper.fig4_duration_us
+    assert claims["fig5-envelope"] == paper.fig5_computed_envelope_per_us
+    assert claims["fig5-rise"] == paper.fig5_incident_rise_us
+    assert claims["fig5-decay"] == paper.fig5_incident_decay_per_us
+    assert claims["fig5-duration"] == paper.fig5_incident_duration_us
 
 
 def test_a_verdict_is_that_of_the_favoured_reading_and_hangs_where_another_differs() -> None:
@@ -241,27 +241,27 @@ def test_readings_are_shown_where_the_verdict_hangs_on_them(judged: list[JudgedC
         for whole, checks in judged
     }
     envelope = by_id["fig5-envelope"]
-    assert [round(check.computed, 4) for check in envelope] == [-0.0049, -0.006, -0.0065]
+    assert [round(check.found, 4) for check in envelope] == [-0.0049, -0.006, -0.0065]
     assert [check.verdict for check in envelope] == [DIFFERS, REPRODUCED, DIFFERS]
     assert [check.verdict for check in by_id["table1-5N-speed"]] == [REPRODUCED, REPRODUCED, DIFFERS, DIFFERS]
     assert hangs(by_id["modulus-large"])
     assert hangs(by_id["speed-accuracy"])
-    collision = [round(check.computed, 3) for check in by_id["collision-secondary"]]
+    collision = [round(check.found, 3) for check in by_id["collision-secondary"]]
     assert collision == pytest.approx([0.030, 0.008, 0.054, 0.019], abs=1.1e-3)
 
 
-def order(whole: Claim, check: ClaimCheck) -> int:
+def order(whole: Claim, check: Check) -> int:
     """Place of a check's reading among those of its claim."""
-    return next((place for place, each in enumerate(whole.readings) if each.words == check.reading), 0)
+    return next((place for place, each in enumerate(whole.readings) if check.quantity.endswith(f"({each.words})")), 0)
 
 
 def test_the_table_has_every_claim_and_keeps_the_digits(judged: list[JudgedClaim], tmp_path: Path) -> None:
     write_checks(judged, tmp_path)
-    checks = rows_in(read_table(tmp_path / "claims.csv", ClaimCheck, "claims"), ClaimCheck)
+    checks = rows_in(read_table(tmp_path / "claims.csv", Check, "claims"), Check)
     assert checks == [check for _, own in judged for check in own]
     assert {"reference", *codes()} == {check.engine for check in checks}
     energy = next(favoured(*each) for each in judged if each[0].id == "energy-in-five")
-    assert energy["reference"].computed == pytest.approx(99.9999955, abs=5e-8)
+    assert energy["reference"].found == pytest.approx(99.9999955, abs=5e-8)
     section = read_section("claims", tmp_path)
     assert sum(len(rows) for rows in section["rows"].values()) == len(judged)
     assert section["engines"] == [*codes(), "reference"]

@@ -10,10 +10,10 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, make_trace, until
+from validation.accuracy import measured_law as law
 from validation.accuracy.exact_motion import exact_motion_of
-from validation.compare import measured_law as law
+from validation.accuracy.measured_law import law_deviation, measure_law
 from validation.compare.law_sentence import SAME, law_sentence
-from validation.compare.measured_law import law_deviation, measure_law
 from validation.stability.measured_limits import random_case
 from validation.tests.helpers.scenes import case_of
 

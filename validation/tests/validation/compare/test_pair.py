@@ -17,7 +17,7 @@ from validation.compare.pair import Pair, compare_pair, compare_runs, different_
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
-from validation.tests.validation.compare.test_sabotage import sabotage
+from validation.tests.validation.compare.test_sabotage import YADE, swap
 
 FolderOf = Callable[..., Path]
 WEIGHTLESS = "gravity=0 m/s^2"
@@ -295,7 +295,7 @@ def test_a_sabotaged_code_against_verlet(
     """A run of a real code with a changed deck fails, with the reason."""
     scene = scene_file(top='gravity = "9.81 m/s^2"')
     verlet = run_of("verlet", scene)
-    sabotage("yade", "range(every if", "range(9 if", stand_in, tmp_path)
+    swap("yade", YADE, r"range\(every if", "range(9 if", stand_in, tmp_path)
     wrong = finished(case_of(scene), "yade", tmp_path / "runs")
     pair = pair_of(verlet, wrong.folder)
     assert "force" in red(pair)

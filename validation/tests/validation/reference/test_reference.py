@@ -13,7 +13,7 @@ from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.travelling_wave import solve_travelling_wave
-from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute, record_contacts
+from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 from validation.tests.helpers import high_precision
 from validation.tests.helpers.scenes import case_of
 
@@ -219,29 +219,6 @@ def test_order_4_pays_less_where_contacts_switch() -> None:
     order = np.log2(errors[0] / errors[-1]) / 3
     assert 2 < order < 3.3
     assert errors[-1] < 0.1 * np.abs(integrate_verlet(chain, 4e-6 / 128, 128, 101).force_N - exact).max()
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_a_long_chain_in_tiles_is_the_same_chain(threads: int) -> None:
-    """Results in tiles, on two threads and bead by bead are bit-identical."""
-    count = 60_000
-    one, place = np.ones(count), np.arange(count)
-    overlap: np.ndarray = ((count - place) * 1e-9) ** (2 / 3)
-    velocity = np.where(place % 997 == 0, 0.3, 0.0)
-    chain = HertzChain(1e-4 * (1 + 0.1 * np.sin(place)), 1e6 * one, overlap, velocity, -1e-3 * one)
-    contacts = np.array([1, 2, 2048, 2049, 29_999, 30_000, 30_001, 30_030, count])
-    whole = integrate_verlet(chain, 1e-7, 7, 50).force_N[:, contacts - 1]
-    steps_done: list[int] = []
-    some = record_contacts(chain, 1e-7, 7, 50, contacts, threads=threads, progress=steps_done.append)
-    np.testing.assert_array_equal(some, whole)
-    assert sum(steps_done) == 7 * 49
-
-
-def test_wrong_contacts_are_named() -> None:
-    with pytest.raises(ValueError, match="from 1 to 2"):
-        record_contacts(chain_of(2), 1e-7, 1, 2, np.array([3]))
-    with pytest.raises(ValueError, match="threads"):
-        record_contacts(chain_of(2), 1e-7, 1, 2, np.array([1]), threads=3)
 
 
 @pytest.mark.parametrize("tolerance", [1e-13, 0.0, -1.0, 1.0, float("nan")])

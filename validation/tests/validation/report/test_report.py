@@ -27,7 +27,6 @@ from validation.accuracy.motions import motions_of
 from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
 from validation.compare.comparison import ComparedScene
 from validation.report.charts import MAX_SAMPLES, Panel, chart_of
-from validation.report.notation import one_notation, plain_number
 from validation.report.page_figures import read_scores
 from validation.report.scene_section import scene_row, section_of
 from validation.report.write_report import claim_counts, write_report
@@ -87,7 +86,7 @@ def test_the_first_screen_names_the_check_closest_to_its_limit_and_the_reason_of
     worst = row.cells["verlet"].worst
     assert worst is not None
     assert max(map(share_of_limit, compared.of_engine("verlet"))) == share_of_limit(worst)
-    for words in (worst.quantity, plain_number(short(worst.value)), plain_number(short(worst.limit)), worst.reason,
+    for words in (worst.quantity, short(worst.value), short(worst.limit), worst.reason,
                   "make it again", platform.node(), "numpy", provenance()["commit"][:12]):  # fmt: skip
         assert words in html.unescape(first), words
 
@@ -317,24 +316,3 @@ def test_observables_on_the_command_line(scene_file: SceneWriter, shared_runs: P
     wrong = command_line("postproc", "observables", run.folder.parent)
     assert wrong.returncode == 2
     assert "run folder" in wrong.stderr
-
-
-@pytest.mark.parametrize(
-    ("text", "plain"),
-    [
-        ("3.0e-05", "3.0e-5"),
-        ("1.0e-2", "0.010"),
-        ("0.00014", "1.4e-4"),
-        ("0.0001", "1e-4"),
-        ("-1.2e-11", "-1.2e-11"),
-        ("0.0e+00", "0"),
-        ("1.2e+02", "120"),
-        ("2e+09", "2e9"),
-        ("+0.0", "0.0"),
-        ("-0.0", "0.0"),
-        ("-0.5 0.001 0.000 ab1e-05 1.0005", "-0.5 0.001 0.000 ab1e-05 1.0005"),
-        ("<code>1e-05</code> <b title='1e-05'>1e-05</b>", "<code>1e-05</code> <b title='1e-05'>1e-5</b>"),
-    ],
-)
-def test_the_page_has_one_notation_of_numbers(text: str, plain: str) -> None:
-    assert one_notation(f"<p>{text}</p>") == f"<p>{plain}</p>"

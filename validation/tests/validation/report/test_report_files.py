@@ -1,7 +1,6 @@
 """Equal verdicts in the page and in JSON, also with hostile texts."""
 
 import json
-import math
 import re
 from base64 import b64decode
 from collections import Counter
@@ -15,9 +14,8 @@ import pytest
 
 from drivers.base import decks as deck
 from postproc.draw.style import pyplot, svg_of
-from validation.checks import FAIL, NOT_RUN, PASS
+from validation.checks import FAIL, NOT_RUN, PASS, Check, without_run
 from validation.compare.comparison import ComparedScene
-from validation.independent.independent_study import PublishedCheck
 from validation.independent.posed_cases import read_independent
 from validation.report.charts import PLACES, chart_of
 from validation.report.machine_readable import cpu_name
@@ -80,11 +78,10 @@ def hostile(scene_file: SceneWriter, shared_runs: Path) -> ComparedScene:
 def written(hostile: ComparedScene, tmp_path: Path) -> tuple[str, dict[str, Any]]:
     """Page and JSON of the hostile scene and of independent cases, one of which fails."""
     folder = tmp_path / "results"
-    lines = [published(entry.id, engine, PASS)
-             for entry in read_independent() for engine in ("yade", "reference")]  # fmt: skip
-    lines[0] = replace(lines[0], verdict=FAIL, value=0.5)
-    lines[2] = replace(lines[2], verdict=NOT_RUN, quantity="run", where="not installed", limit=math.nan, value=math.nan)
-    write_table(folder / "independent.csv", PublishedCheck, lines)
+    checks = [check_of(entry.id, engine) for entry in read_independent() for engine in ("yade", "reference")]
+    checks[0] = replace(checks[0], verdict=FAIL, value=0.5)
+    checks[2] = without_run(checks[2].scene, checks[2].engine, "not installed", NOT_RUN)
+    write_table(folder / "independent.csv", Check, checks)
     write_report([hostile], folder / "report.html", HOSTILE)
     page, data = (
         (folder / "report.html").read_text(),
@@ -206,10 +203,10 @@ def test_a_processor_has_a_name(tmp_path: Path) -> None:
     assert cpu_name(tmp_path / "none")
 
 
-def published(case: str, engine: str, word: str) -> PublishedCheck:
-    """Check of an independent case."""
-    return PublishedCheck(case, engine, "peak_force_N against theory", 0.0, 0.1, "a reason of some length", "a source",
-                          word, 1.0, 1.0, "N", 0.25)  # fmt: skip
+def check_of(case: str, engine: str) -> Check:
+    """Check of an independent case that passes."""
+    reason = "a reason of some length"
+    return Check(case, engine, "peak_force_N against theory", 0.0, 0.1, reason, "found 1 N: a source", PASS, 1.0, 1.0)
 
 
 def no(constant: str) -> None:
