@@ -22,7 +22,7 @@ APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo)
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
-.PHONY: help setup cluster engines $(FIGURES) figures $(MEASURED) study report bench lint clean FORCE
+.PHONY: help setup cluster engine engines $(FIGURES) figures $(MEASURED) study report bench lint clean FORCE
 .PHONY: test test-long test-slurm test-accuracy test-page
 
 help: ## list these targets
@@ -56,6 +56,10 @@ study: .venv/.ready .venv/.engines ## run and draw a study: make study STUDY=sen
 	@test -n "$(STUDY)" || { echo "STUDY is missing: make study STUDY=$(firstword $(STUDIES)); studies: $(STUDIES)"; exit 2; }
 	$(PY) -m drivers batch $(STUDY)
 	$(PY) -m postproc study $(STUDY)
+
+engine: .venv/.ready-dev ## test an engine or a build of your own: make engine ENGINE=liggghts
+	@test -n "$(ENGINE)" || { echo "ENGINE is missing: make engine ENGINE=verlet"; exit 2; }
+	$(PY) -m validation engine $(ENGINE)
 
 report: results/.report ## run all scenes and write results/report.html
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import drivers.environment  # noqa: F401 - checks the environment before further imports
 from drivers.base import command_line, paths
 from drivers.base.command_line import SEVERAL, Command, Options, argument, seconds
-from drivers.base.errors import InputError
+from drivers.base.errors import InputError, RunError
 
 if TYPE_CHECKING:
     from validation.compare.selection import EngineSelection
@@ -156,9 +156,20 @@ def _fit(arguments: argparse.Namespace) -> int:
 
 
 def _engine(arguments: argparse.Namespace) -> int:
-    from validation.kit.judge import judge_engine
+    """Runs the tests of an engine; their exit code, 1 if one failed."""
+    from drivers.engines import load_engine
 
-    return judge_engine(arguments.name, arguments.runs or paths.RUNS, arguments.results)
+    engine = load_engine(arguments.name)
+    if engine.find() is None:
+        raise RunError(f"{arguments.name}: {engine.absence}")
+    try:
+        import pytest
+    except ImportError as error:
+        raise RunError(f"pytest is not installed; make engine ENGINE={arguments.name} installs it") from error
+    words = ["-v", "-rs", "--tb=short", "--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml")]
+    if arguments.results:
+        words += ["--junitxml", str(arguments.results / f"engine-{arguments.name}.xml")]
+    return int(pytest.main([*words, "--engine", arguments.name, str(paths.ROOT / "validation/tests/engine")]) != 0)
 
 
 def _wave(_: argparse.Namespace) -> int:
@@ -234,8 +245,8 @@ COMMANDS = {
     ),
     "engine": Command(
         _engine,
-        "judge an adapter or a build of a code",
-        _options("name", "--results", "--runs"),
+        "test an adapter or a build of a code",
+        _options("name", "--results"),
         ("verlet", "liggghts-old --engines mine.toml"),
     ),
     "wave": Command(_wave, "print constants of the discrete chain's solitary wave", {}),

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 from drivers.base.errors import RunError
 from drivers.base.progress import say
@@ -24,29 +23,21 @@ class Served:
     case_s: float
 
 
-def builds_of(name: str) -> list[str]:
-    """Names of an engine's installed builds: "" for the default one, then those of higher precision."""
-    engine = load_engine(name)
-    command = engine.find()
-    assert command is not None
-    return ["", *(build for build in engine.precise_builds if Path(command[-1]).with_name(build).exists())]
-
-
 @contextmanager
 def left_out_if_failed(what: str) -> Iterator[None]:
-    """Reports a failed run of a build and continues the study without its row."""
+    """Reports a failed run and continues the study without its row."""
     try:
         yield
     except RunError as error:
         say(f"{what} is left out: {error}")
 
 
-def serving(name: str, build: str = "") -> AbstractContextManager[Session]:
-    """Session of an installed engine, or of another build in the folder of its executable."""
+def serving(name: str) -> AbstractContextManager[Session]:
+    """Session of an installed engine."""
     engine = load_engine(name)
     command = engine.find()
     assert command is not None
-    return lent(engine, (*command[:-1], str(Path(command[-1]).with_name(build))) if build else command)
+    return lent(engine, command)
 
 
 def serve(session: Session, case: Case) -> Served:

@@ -110,7 +110,6 @@ class Engine:
         loss_message: text in the failure reason if a body left the simulated space, which means a blow-up; empty if
             the code does not check for that.
         on_two_cores: function that changes a deck to run on two cores; None if the code cannot.
-        precise_builds: programs of higher precision, with the largest number of beads that they run in seconds.
         defaults: default values of the code.
         style: style in figures; None gives the engine a style of its own.
         name, entry: set by ``load_engine``.
@@ -135,7 +134,6 @@ class Engine:
     failure_reason: Callable[[str, str], str] = last_line
     loss_message: str = ""
     on_two_cores: Callable[[Deck], Deck] | None = None
-    precise_builds: Mapping[str, int] = field(default_factory=dict)
     defaults: Defaults = Defaults()
     style: Style | None = None
     libraries: Callable[[Path], Iterable[Path]] = lambda program: ()

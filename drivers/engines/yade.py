@@ -141,6 +141,5 @@ ENGINE = Engine(
     loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",
     on_two_cores=lambda deck: replace(deck, command=("yade", "-j2", *deck.command[1:])),
     defaults=DEFAULTS,
-    precise_builds={"yade-longdouble": 10_000, "yade-float128": 1000},
     style=Style("#d55e00", dashes=(0, (4, 3)), marker="x", size=4.0),
 )

@@ -51,7 +51,7 @@ def checks_in(tables: Tables) -> list[tuple[Claim, list[Check]]]:
     if {row.scene for row in rows} != {claim.id for claim in claims}:
         raise others
     for claim, checks in judged:
-        known = {quantity_of(claim, reading) for reading in (*claim.readings, claim.favoured)}
+        known = {quantity_of(claim, reading) for reading in claim.readings or [claim.favoured]}
         if {check.quantity for check in checks if check.engine == REFERENCE} != known:
             raise InputError(
                 "claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; run make claims"
@@ -108,25 +108,19 @@ def section(tables: Tables) -> dict[str, Any]:
 def _cells(claim: Claim, checks: list[Check]) -> dict[str, Any]:
     # eight digits for a tight tolerance, else four
     digits = 8 if 0 < claim.limit < 1e-4 * abs(claim.quoted) else 4
-    by_reading = {check.quantity: check for check in checks if check.engine == REFERENCE}
+    exact = {check.quantity: check for check in checks if check.engine == REFERENCE}
+    readings = [(reading, exact[quantity_of(claim, reading)]) for reading in claim.readings]
     return {
         "claim": claim,
         "ours": "our criterion" if claim.ours else "",
         "kind": KINDS[claim.kind],
         "quoted": f"{RELATIONS[claim.relation]}{claim.quoted:.8g}",
         "within": f"± {claim.within:g}" if claim.relation == "equals" else "",
-        "computed": f"{by_reading[quantity_of(claim, claim.favoured)].found:.{digits}g}",
+        "computed": f"{exact[quantity_of(claim, claim.favoured)].found:.{digits}g}",
         "why": claim.explained or claim.because,
         "how": how_computed(claim),
         "hangs": hangs(checks),
-        "readings": [
-            (
-                reading,
-                f"{by_reading[quantity_of(claim, reading)].found:.{digits}g}",
-                by_reading[quantity_of(claim, reading)].verdict,
-            )
-            for reading in claim.readings
-        ],
+        "readings": [(reading, f"{check.found:.{digits}g}", check.verdict) for reading, check in readings],
     }
 
 

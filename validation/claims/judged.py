@@ -21,19 +21,19 @@ from validation.claims.claim import Claim, Reading, function_of, parameters_of, 
 REPRODUCED, DIFFERS = "reproduced", "differs"
 
 
-def quantity_of(claim: Claim, reading: Reading) -> str:
-    """Quantity of a check: the reading of the sentence, or the claim's function if there is one reading only."""
-    return reading.words or claim.compute
-
-
 def check_of(claim: Claim, reading: Reading, engine: str, value: float) -> Check:
-    """Check of a claim by its id, with the computed and the quoted value; a difference is explained in ``where``."""
+    """Verdict on a value; the scene is the id of the claim, and a difference has its explanation in ``where``."""
     error = claim.error(value)
     verdict = REPRODUCED if error <= claim.limit else DIFFERS
     where = f"{claim.where}: computed {value:.6g}, quoted {claim.quoted:g} {claim.unit}".rstrip()
     where += f": {claim.explained}" if verdict == DIFFERS and claim.explained else ""
-    judged = (error, claim.limit, claim.because, where, verdict)
-    return Check(claim.id, engine, quantity_of(claim, reading), *judged, value, claim.quoted)
+    quantity, limit = quantity_of(claim, reading), claim.limit
+    return Check(claim.id, engine, quantity, error, limit, claim.because, where, verdict, value, claim.quoted)
+
+
+def quantity_of(claim: Claim, reading: Reading) -> str:
+    """Function of a claim, with the reading of the sentence if there are several."""
+    return f"{claim.compute} ({reading.words})" if reading.words else claim.compute
 
 
 def favoured(claim: Claim, checks: Iterable[Check]) -> dict[str, Check]:

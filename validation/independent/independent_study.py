@@ -49,7 +49,7 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[C
     order = sorted(jobs, key=lambda key: "state" in jobs[key][0].scene.run.record)
     refuse_all([jobs[key] for key in order])
     ended = dict(zip(order, run_many([jobs[key] for key in order], runs), strict=True))
-    checks = []
+    checks: list[Check] = []
     for one, engine in product(posed, engine_names()):
         key = (one.entry.id, one.label, engine)
         checks += (

@@ -105,7 +105,7 @@ class Expectation(Part):
         return off / abs(expected) if self.within is not None else off
 
 
-class IndependentCase(Part):
+class Independent(Part):
     """An independent case; the head of the file explains the keys."""
 
     id: Name
@@ -128,20 +128,20 @@ class Posed:
         theory: quantities by the theory of the measure.
     """
 
-    entry: IndependentCase
+    entry: Independent
     label: str
     case: Case
     theory: dict[str, float]
 
 
-def read_independent(path: Path = paths.INDEPENDENT) -> tuple[IndependentCase, ...]:
+def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
     """Reads the cases of the file.
 
     Raises:
         InputError: anything in the file is wrong, such as an unknown measure or quantity.
     """
     where = paths.shown(path)
-    entries = read_entries(path, "case", IndependentCase)
+    entries = read_entries(path, "case", Independent)
     counts = Counter(entry.id for entry in entries)
     for entry in entries:
         key = f"case {entry.id}"
@@ -169,7 +169,7 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[IndependentCase, .
     return entries
 
 
-def pose(entry: IndependentCase, path: Path = paths.INDEPENDENT) -> list[Posed]:
+def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> list[Posed]:
     """Cases of an entry: its scene, or all cases of its study, with the settings of the entry.
 
     Raises:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
-from math import inf
 
 import numpy as np
 
@@ -16,13 +15,13 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of, energy_put_in
 from drivers.chain.schemes import trace_of, verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
-from drivers.engines import VERLET, installed_codes, load_engine
+from drivers.engines import VERLET, installed_codes
 from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
 from postproc.read.residual import largest_residual
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.reference.symplectic import integrate_symplectic
-from validation.served_runs import builds_of, left_out_if_failed, serve, serving
+from validation.served_runs import left_out_if_failed, serve, serving
 from validation.studies import ADAPTIVE, ORDER_4
 
 # five beads that bounce under gravity, and five that are pressed together so that no contact opens
@@ -160,7 +159,7 @@ class Rounded:
     """Largest relative error of the forces between beads at time 0.
 
     Attributes:
-        method: an engine, a build of higher precision, or the in-repo scheme in overlaps or in heights.
+        method: a code, or the in-repo scheme in overlaps or in heights.
         height_m: height of the wall.
         overlap_m: overlap of the contacts.
     """
@@ -178,10 +177,9 @@ def measure_rounding() -> Iterator[Rounded]:
     cases += [pressed(count, COUNTS_LOAD_N, 0.0) for count in COUNTS]
     for case in cases:
         yield from in_repo(case)
-    for engine in installed_codes():
-        for build in following(builds_of(engine), f"builds of {engine}", unit="build"):
-            with left_out_if_failed(build or engine):
-                yield from list(by_build(engine, build, cases))
+    for engine in following(codes := installed_codes(), "rounding by codes", len(codes), "code"):
+        with left_out_if_failed(engine):
+            yield from list(by_code(engine, cases))
 
 
 def pressed(count: int, load_N: float, height_m: float) -> Case:
@@ -197,13 +195,11 @@ def in_repo(case: Case) -> Iterator[Rounded]:
     yield _rounded(case, HEIGHTS, verlet_in_heights(case).force_N)
 
 
-def by_build(engine: str, build: str, cases: list[Case]) -> Iterator[Rounded]:
-    """Rounding errors of a build of a code; builds of higher precision take chains up to their limit."""
-    most_bodies = load_engine(engine).precise_builds.get(build, inf)
-    with serving(engine, build) as session:
+def by_code(engine: str, cases: list[Case]) -> Iterator[Rounded]:
+    """Rounding errors of a code."""
+    with serving(engine) as session:
         for case in cases:
-            if case.chain.bodies <= most_bodies:
-                yield _rounded(case, build or engine, serve(session, case).trace.force_N)
+            yield _rounded(case, engine, serve(session, case).trace.force_N)
 
 
 def _rounded(case: Case, method: str, force_N: Array) -> Rounded:

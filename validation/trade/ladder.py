@@ -69,7 +69,7 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Row:
+class LadderRun:
     """One measurement; errors as in ``accuracy.exact_motion``, NaN if the scene does not show a quantity.
 
     Attributes:
@@ -134,7 +134,7 @@ def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Run
     return kept, left
 
 
-def run_ladder(budget_s: float, scenes: Sequence[str] = SCENES, *, short: bool = False) -> list[Row]:
+def run_ladder(budget_s: float, scenes: Sequence[str] = SCENES, *, short: bool = False) -> list[LadderRun]:
     """Runs the ladder within a budget of engine time; in the short study the codes run at every third step.
 
     Methods run in parallel: one engine runs while the errors of another run are measured.
@@ -179,7 +179,7 @@ def _rows_of(
     start_s: dict[str, float],
     exact_motion: Callable[[Rung], ExactMotion],
     count: Callable[[], None],
-) -> Iterator[Row]:
+) -> Iterator[LadderRun]:
     """Rows of one scene by one method, in one process."""
     method = rungs[0].method
     with ExitStack() as stack:
@@ -215,10 +215,10 @@ def _in_repo(rung: Rung) -> Served:
     return Served(trace_of(case, case.sample_times_s, motion), loop_s, loop_s)
 
 
-def _row(rung: Rung, **measured: Any) -> Row:
+def _row(rung: Rung, **measured: Any) -> LadderRun:
     fixed = rung.method != ADAPTIVE
     step_s, steps = (rung.case.scene.time_step_s, rung.case.scene.steps) if fixed else (nan, 0)
-    return Row(rung.scene, rung.method, step_s, rung.share, steps, rung.case.chain.bodies, **measured)
+    return LadderRun(rung.scene, rung.method, step_s, rung.share, steps, rung.case.chain.bodies, **measured)
 
 
 def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict[str, float]:

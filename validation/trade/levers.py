@@ -2,12 +2,11 @@
 
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from math import nan, sqrt
+from math import nan
 from pathlib import Path
-from statistics import median
 
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
@@ -20,15 +19,11 @@ from drivers.limits.criteria import rayleigh_time
 from drivers.run.run import default_limit_s
 from postproc.paper.simulate import case_of, exact
 from postproc.read.observables import of_kind
-from postproc.read.residual import residual
 from validation.accuracy.exact_motion import errors_of, exact_motion_of, quantities
-from validation.served_runs import builds_of, left_out_if_failed, serve, serving
-from validation.trade.ladder import start_up
+from validation.served_runs import left_out_if_failed
 
-PAIR_STEPS_US = (1.0, 0.5, 0.2, 0.1, 0.05)
 SOFTENING_FACTORS = (10, 100, 1000)
 FRACTIONS = (0.1, 0.2, 0.4)
-CASES_PER_PROCESS = 10
 ON_TWO_CORES = ("fig4", "long-chain")
 TWO_CORES_FOR = "run.duration=0.5 ms"  # some hundred steps suffice for a ratio
 
@@ -52,12 +47,9 @@ class Lever:
 
 
 def measure_levers(*, short: bool = False) -> Iterator[Lever]:
-    """Measures all levers; the short study omits higher precision (20 times as slow) and the long chain."""
-    in_repo, shared = (
-        (sampling, extrapolation, rayleigh, softened),
-        partial(two_cores, ON_TWO_CORES[: 1 if short else 2]),
-    )
-    levers: tuple[Callable[[], Iterator[Lever]], ...] = (*in_repo, shared, *[precision] * (not short), one_process)
+    """Measures all levers; the short study omits the long chain."""
+    shared = partial(two_cores, ON_TWO_CORES[: 1 if short else 2])
+    levers: tuple[Callable[[], Iterator[Lever]], ...] = (sampling, rayleigh, softened, shared)
     for lever in following(levers, "levers", len(levers), "lever"):
         yield from lever()
 
@@ -71,22 +63,6 @@ def sampling() -> Iterator[Lever]:
         for name in ("bead_5_peak", "wall_peak", "wall_arrival", "speed_9_to_5"):
             error = abs(seen[name] / fine.true[name] - 1)
             yield Lever("sampling interval", "fig4", "any", interval, name, error)
-
-
-def extrapolation() -> Iterator[Lever]:
-    """Richardson's ``(4 F(dt/2) - F(dt)) / 3`` from two runs: its error and the steps saved."""
-    for scene in ("fig4", "fig5", "steel-chain"):
-        case = case_of(scene)
-        exact_motion = exact_motion_of(case)
-        for step_us in PAIR_STEPS_US:
-            every = round(case.scene.run.sample_interval / step_us * 1e6)
-            coarse, fine = verlet_of(case.at(every)), verlet_of(case.at(2 * every))
-            both = replace(fine, force_N=(4 * fine.force_N - coarse.force_N) / 3)
-            error = errors_of(case, both, exact_motion, ("force",))["force"]
-            alone = errors_of(case, fine, exact_motion, ("force",))["force"]
-            steps_alone = 2 * every * sqrt(alone / error)  # with the same error, by order 2
-            setting = f"{step_us:g} us and half of it"
-            yield Lever("Richardson extrapolation", scene, "verlet", setting, "force", error, steps_alone / (3 * every))
 
 
 def rayleigh() -> Iterator[Lever]:
@@ -150,35 +126,3 @@ def _loop_s(case: Case, engine: Engine, deck: Deck) -> float:
     if not loop_s:
         raise RunError(engine.failure_reason(stdout, stderr))
     return loop_s
-
-
-def precision() -> Iterator[Lever]:
-    """Rounding error of absolute heights in builds of higher precision, with the wall at 0 and at 1 km."""
-    for name, (origin, wall) in product(installed_codes(), (("0 m", "wall at height 0"), ("1 km", "wall at 1 km"))):
-        case = case_of("fig4", f"chain.origin={origin}", "run.time_step=0.1 us", "run.sample_interval=2 us")
-        builds = builds_of(name)
-        double_s = nan
-        for build in builds if len(builds) > 1 else ():
-            with left_out_if_failed(f"{build or name}, {wall}"), serving(name, build) as session:
-                run = serve(session, case)
-                double_s = double_s if build else run.loop_s
-                error = float(residual(run.trace, verlet_of(case)).max())
-                yield Lever("extended precision", "fig4", build or name, wall, "rounding", error, double_s / run.loop_s)
-
-
-def one_process() -> Iterator[Lever]:
-    """Speed-up by many cases in one process, over one process per case."""
-    case = case_of("fig4")
-    for name in installed_codes():
-        with left_out_if_failed(f"one process of {name} for many"), serving(name) as session:
-            alone = start_up(case, name)
-            runs = [serve(session, case) for _ in range(CASES_PER_PROCESS)]
-            loop_s, case_s = median(run.loop_s for run in runs), median(run.case_s for run in runs)
-            yield Lever(
-                "one process for many",
-                "fig4",
-                name,
-                f"{CASES_PER_PROCESS} cases",
-                "run",
-                gain=(alone + loop_s) / case_s,
-            )

@@ -1,6 +1,5 @@
 """The trade study: errors against cost, orders of convergence, advice, diagrams."""
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,7 +17,7 @@ from drivers.engines import VERLET, codes, engine_names, in_order
 from postproc.draw.style import COLUMN_IN, line_of, marker_of, pyplot
 from validation import studies
 from validation.studies import ADAPTIVE, DONE, ORDER_4, Options, Picture, Study, Tables
-from validation.trade.ladder import BUDGET_S, SCENES, SHORT_BUDGET_S, SHORT_SCENES, Row, run_ladder
+from validation.trade.ladder import BUDGET_S, SCENES, SHORT_BUDGET_S, SHORT_SCENES, LadderRun, run_ladder
 from validation.trade.levers import Lever, measure_levers
 
 TARGETS = tuple(10.0**-k for k in range(2, 9))
@@ -156,13 +155,6 @@ def kept_errors(rows: pd.DataFrame, quantity: str) -> "pd.Series[float]":
     return ordered[quantity].fillna(np.inf).groupby(ordered["method"]).cummax()
 
 
-def cheapest(rows: pd.DataFrame, quantity: str, target: float, cost: str) -> Any:
-    """Cheapest run that reaches an error; None if none does."""
-    errors = kept_errors(rows, quantity)
-    kept = errors.index[errors <= target]
-    return None if kept.empty else rows.loc[rows.loc[kept, cost].idxmin()]
-
-
 def advice(rows: pd.DataFrame) -> Iterator[Advice]:
     """Advice by scene, quantity and error: the cheapest run of all and of each method, with and without start-up."""
     for scene, group in rows.groupby("scene", sort=False):
@@ -189,14 +181,13 @@ def measure(options: Options) -> dict[str, Any]:
         rows = run_ladder(options.budget_s or budget_s, scenes, short=short)
     with step(studies.named("other ways to save time or error", options), 2, 2):
         levers = [*measure_levers(short=short)]
-    table = studies.frame_of(Row, rows)
+    table = studies.frame_of(LadderRun, rows)
     return {"trade": rows, "trade-levers": levers, "trade-advice": advice(table), "trade-orders": orders(table)}
 
 
 def sentences(tables: Tables) -> list[str]:
-    """Findings, most general first."""
-    rows, levers = tables["trade"], tables["trade-levers"]
-    return [_on_extent(rows), *_on_orders(tables["trade-orders"]), *_on_cost(rows), *_on_levers(levers)]
+    """Findings that no table or figure of the page shows."""
+    return [_on_extent(tables["trade"]), *_on_orders(tables["trade-orders"])]
 
 
 def _on_extent(rows: pd.DataFrame) -> str:
@@ -226,69 +217,9 @@ def _on_orders(orders: pd.DataFrame) -> Iterator[str]:
         yield said + "."
 
 
-def _on_cost(rows: pd.DataFrame) -> Iterator[str]:
-    first = rows["scene"].iloc[0]
-    for code in _codes_in(rows):
-        part = rows[(rows["scene"] == first) & (rows["method"] == code)]
-        found = {target: cheapest(part, "force", target, "wall_s") for target in (1e-2, 1e-4, 1e-6, 1e-8)}
-        costs = [
-            f"{target:.0e} costs {best['loop_s']:.2g} s at {best['time_step_s'] * 1e6:.2g} µs"
-            for target, best in found.items()
-            if best is not None
-        ]
-        if costs:
-            start = (done(part)["wall_s"] - done(part)["in_session_s"]).median()
-            yield f"{first} by {code}: an error of {', '.join(costs)}; start-up adds {start:.2g} s."
-    for target in (1e-4, 1e-6, 1e-8):
-        best_of = [cheapest(group, "force", target, "loop_s") for _, group in rows.groupby("scene")]
-        used = Counter(str(best["method"]) for best in best_of if best is not None)
-        if used:
-            counted = ", ".join(f"{name} on {count} of {len(best_of)} scenes" for name, count in used.most_common())
-            yield f"Shortest loop for a force error of {target:.0e}: {counted}."
-
-
 def _codes_in(rows: pd.DataFrame) -> list[str]:
     """Codes with measurements in a table."""
     return [name for name in codes() if (rows["method"] == name).any()]
-
-
-def _on_levers(levers: pd.DataFrame) -> Iterator[str]:
-    lever = {name: levers[levers["lever"] == name] for name in levers["lever"].unique()}
-    for quantity, word in (("force", "force trace"), ("wall_peak", "wall peak")):
-        part = lever["Rayleigh fraction"]
-        errors = part[part["quantity"] == quantity].groupby("setting", sort=False)["error"]
-        ranges = [f"{each.min():.1e} to {each.max():.1e} at {setting}" for setting, each in errors]
-        yield f"A fraction of the Rayleigh time does not determine the error: {word} {', '.join(ranges)}."
-    part = lever["softened modulus"]
-    for row in _worst(part[part["setting"].str.startswith("E/100,")]):
-        yield (
-            f"{row['setting']}: steps {row['gain']:.1f} times larger; scaled back, {row['quantity']} is off by"
-            f" {row['error']:.1e}."
-        )
-    part = lever["Richardson extrapolation"]
-    for _, row in part[part["scene"] == "fig4"].iloc[[0, -1]].iterrows():
-        yield (
-            f"Richardson's extrapolation of fig4 from {row['setting']}: error {row['error']:.1e}; a single run with"
-            f" this error needs {row['gain']:.2g} times the steps of the pair."
-        )
-    part = lever["sampling interval"]
-    for row in _worst(part[part["setting"].isin(["1 us", "10 us"])]):
-        yield f"Samples every {row['setting']} on fig4: {row['quantity']} is {row['error']:.1e} off."
-    gains = levers.dropna(subset="gain")
-    for _, row in gains[gains["lever"].isin(["two cores", "one process for many"])].iterrows():
-        share = f"{row['gain']:.2g} times as fast" if row["gain"] >= 1 else f"{1 / row['gain']:.2g} times as slow"
-        yield f"{row['engine']}, {row['lever']} ({row['scene']}, {row['setting']}): {share}."
-    for _, row in gains[gains["lever"] == "extended precision"].iterrows():
-        yield (
-            f"{row['engine']}, {row['setting']}: deviation from the scheme in overlaps {row['error']:.1e} of the"
-            f" largest change, {1 / row['gain']:.2g} times the time of double precision."
-        )
-
-
-def _worst(part: pd.DataFrame) -> Iterator[Any]:
-    """Row with the largest error, for each setting."""
-    for _, own in part.groupby("setting", sort=False):
-        yield own.iloc[int(own["error"].to_numpy().argmax())]
 
 
 def figures(tables: Tables) -> dict[str, Picture]:
@@ -343,21 +274,24 @@ def _draw(axis: Any, rows: pd.DataFrame, scene: str, quantity: str, cost: str) -
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """Cheapest code for each error: all quantities of the first scene, the force of the others."""
-    rows = tables["trade"]
+    """Cheapest code for each error: all quantities of the first scene, the force of the others; and the levers."""
+    rows, advised = tables["trade"], tables["trade-advice"]
     first, *others = rows["scene"].unique()
     chosen = [*((first, quantity) for quantity in QUANTITIES), *((scene, "force") for scene in others)]
-    among = rows[rows["method"].isin(_codes_in(rows) or rows["method"])]  # all methods if no code was run
+    reached = advised[(advised["cheapest_by"] == "loop_s") & (advised["method"] != "")]
+    reached = reached[reached["among"].isin(_codes_in(rows) or ["any"])].sort_values("loop_s", kind="stable")
+    best = reached.groupby(["scene", "quantity", "error_at_most"]).first().to_dict("index")
     table = []
     for scene, quantity in chosen:
-        part = among[among["scene"] == scene]
-        runs = (cheapest(part, quantity, target, "loop_s") for target in TARGETS)
-        cells = [
-            () if run is None else (run["method"], *map(_time, (run["time_step_s"], run["loop_s"]))) for run in runs
-        ]
+        runs = [best.get((scene, quantity, target)) for target in TARGETS]
+        cells = [(run["method"], *map(_time, (run["time_step_s"], run["loop_s"]))) if run else () for run in runs]
         table.append({"scene": scene, "quantity": QUANTITIES[quantity], "cells": cells})
-    short = not set(SCENES) <= set(rows["scene"])
-    return {"short": short, "table": table, "targets": [f"{target:.0e}" for target in TARGETS]}
+    return {
+        "short": not set(SCENES) <= set(rows["scene"]),
+        "table": table,
+        "targets": [f"{target:.0e}" for target in TARGETS],
+        "levers": tables["trade-levers"].to_dict("records"),
+    }
 
 
 def _time(seconds: float) -> str:
@@ -370,7 +304,7 @@ def _time(seconds: float) -> str:
 STUDY = Study(
     name="trade",
     title="cost of accuracy",
-    tables={"trade": Row, "trade-levers": Lever, "trade-advice": Advice, "trade-orders": Order},
+    tables={"trade": LadderRun, "trade-levers": Lever, "trade-advice": Advice, "trade-orders": Order},
     measure=measure,
     sentences=sentences,
     figures=figures,

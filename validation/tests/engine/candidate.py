@@ -25,6 +25,23 @@ from validation.accuracy.plan import planned_case
 NORMAL_END = EndedProcess(0, False, 0.0, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
 STAND_INS: dict[str, Engine] = {}  # engines with a fault, by name, in tests of these tests
 
+MINE = '''"""An adapter outside the tree."""
+
+from dataclasses import replace
+
+from drivers.base.processes import line_of
+from drivers.chain.elements import STRAIGHT
+from drivers.engines import load_engine
+
+ENGINE = replace(
+    load_engine("verlet"),
+    in_repository=False,
+    version=lambda command: line_of(command, "--version", "Python"),
+    models=STRAIGHT,
+    style=None,
+)
+'''
+
 
 @cache
 def kit() -> dict[str, Any]:

@@ -17,15 +17,15 @@ from drivers.batch.axes import Axis
 from drivers.batch.study import StudyFile, read_study
 from drivers.engines import _entries
 from drivers.scene import model
-from drivers.scene.read_scene import make_scene, read_scene, read_toml
+from drivers.scene.read_scene import make_scene, read_entries, read_scene, read_toml
 from drivers.scene.settings import unit_of
 from validation.accuracy.costs import Cost
 from validation.calibration import data_sets, free, laws
 from validation.claims.claim import ClaimsFile, read_claims
 from validation.elements.switches import Elements
-from validation.independent.posed_cases import MEASURES, IndependentCase, read_independent
+from validation.independent.posed_cases import MEASURES, Independent, read_independent
 from validation.kit.candidate import KitFile
-from validation.stability.extremes import ExtremesFile
+from validation.stability.extremes import Extreme
 from validation.tests.helpers.readme import command_lines, parse
 
 README = paths.INPUTS / "README.md"
@@ -191,7 +191,7 @@ def key_cells(heading: str) -> set[str]:
 
 def test_every_key_of_the_other_files_has_a_row() -> None:
     assert key_cells("Engines") == {*_entries._Entry.model_fields}
-    assert key_cells("Independent cases") == {*keys(IndependentCase, "case.")}
+    assert key_cells("Independent cases") == {*keys(Independent, "case.")}
     claims = {key for key in keys(ClaimsFile) if not key.startswith("readings.")}
     assert key_cells("The paper") == claims | {"claim.readings", "claim.shared_readings"}
     ranges = {f"range.KEY.{key}" for key in free.Range.model_fields}
@@ -204,7 +204,7 @@ def test_every_key_of_the_other_files_has_a_row() -> None:
     sides = {"element.without", "element.with"}
     elements = {key for key in keys(Elements) if not key.startswith(tuple(sides))} | sides
     assert listed["elements.toml"] == elements
-    assert listed["extremes.toml"] == {*keys(ExtremesFile)}
+    assert listed["extremes.toml"] == {*keys(Extreme, "extreme.")}
     assert listed["kit.toml"] == {*keys(KitFile)} - {"change"} | {"change.NAME"}
     assert set(re.findall(r"`([^`]+)`", SECTIONS["Costs"])) >= {*Cost.__dataclass_fields__}
     assert all(f"`{name}`" in SECTIONS["Independent cases"] for name in MEASURES)
@@ -259,7 +259,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "inputs/paper/claims.toml": read_claims,
     "inputs/calibration.toml": read_calibration,
     "inputs/elements.toml": read_as(Elements),
-    "inputs/extremes.toml": read_as(ExtremesFile),
+    "inputs/extremes.toml": lambda path: read_entries(path, "extreme", Extreme),
     "inputs/kit.toml": read_as(KitFile),
     "inputs/costs.toml": lambda path: [Cost(**each) for each in read_toml(path).values()],
 }

@@ -13,9 +13,8 @@ from drivers.engines import codes, engine_names, load_engine
 from validation.accuracy import costs
 from validation.accuracy.costs import Cost, cost_on
 from validation.accuracy.plan import cheapest
-from validation.kit import judge
 from validation.tests.helpers.scenes import EnginesWriter, case_of
-from validation.tests.validation.kit.test_kit import MINE
+from validation.tests.engine.candidate import MINE
 
 
 @pytest.fixture
@@ -45,18 +44,6 @@ def test_a_cost_is_measured_once_for_each_build(
     unlisted.write_text(json.dumps(note | {"build": "another"}))
     costs._measured.cache_clear()
     assert cost_on("mine") == other
-
-
-def test_the_kit_keeps_the_cost_that_it_measured(
-    unlisted: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(judge, "CHECKS", {"cost": judge.CHECKS["cost"]})
-    monkeypatch.setattr(judge.judge, "__defaults__", (("cost",),))
-    assert judge.judge_engine("mine", paths.RUNS, None) == 0
-    kept = json.loads(unlisted.read_text())
-    assert "no file has to be edited" in capsys.readouterr().out
-    assert cost_on("mine").start_s == kept["start_s"]
-    assert "cost measured" not in capsys.readouterr().err
 
 
 def test_no_cost_is_infinite(unlisted: Path, monkeypatch: pytest.MonkeyPatch) -> None:

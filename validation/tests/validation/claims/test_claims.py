@@ -252,7 +252,7 @@ def test_readings_are_shown_where_the_verdict_hangs_on_them(judged: list[JudgedC
 
 def order(whole: Claim, check: Check) -> int:
     """Place of a check's reading among those of its claim."""
-    return next((place for place, each in enumerate(whole.readings) if each.words == check.quantity), 0)
+    return next((place for place, each in enumerate(whole.readings) if check.quantity.endswith(f"({each.words})")), 0)
 
 
 def test_the_table_has_every_claim_and_keeps_the_digits(judged: list[JudgedClaim], tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from drivers.scene.read_scene import read_scene
 from postproc.read.motion import trace_with_state
 from validation.independent import linear, weak
 from validation.independent.independent_study import IN_REPO
-from validation.independent.posed_cases import MEASURES, IndependentCase, pose, read_independent
+from validation.independent.posed_cases import MEASURES, Independent, pose, read_independent
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 
@@ -50,7 +50,7 @@ def exact_trace(name: str) -> Trace:
     return IN_REPO["reference"](posed(name))
 
 
-def red(entry: IndependentCase, case: Case, trace: Trace) -> set[tuple[str, str]]:
+def red(entry: Independent, case: Case, trace: Trace) -> set[tuple[str, str]]:
     """The checks that a trace fails as the run of a case, by quantity and by what they are compared with."""
     measure = MEASURES[entry.measure]
     found, theory = measure.measure(case, trace), measure.theory(case)

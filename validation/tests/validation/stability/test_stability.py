@@ -25,7 +25,6 @@ from validation.accuracy.plan_report import plan_report
 from validation.checks import FAIL, NOT_RUN, PASS
 from validation.compare.comparison import run_and_compare
 from validation.report.write_report import write_report
-from validation.served_runs import builds_of
 from validation.stability import measured_limits
 from validation.stability.extremes import Extreme, extremes, run_all
 from validation.stability.measured_limits import (
@@ -42,7 +41,7 @@ from validation.stability.measured_limits import (
     random_case,
     sweeps,
 )
-from validation.stability.rounding_effects import SIGNIFICANCE, by_build, energy_of, in_repo, pressed
+from validation.stability.rounding_effects import SIGNIFICANCE, by_code, energy_of, in_repo, pressed
 from validation.stability.stability_study import STUDY, missed
 from validation.studies import read_section, write_study
 from validation.tests.helpers.adversarial import KINDS, adversarial_case
@@ -323,15 +322,8 @@ def test_heights_round_and_overlaps_do_not() -> None:
     assert errors["in-repo, heights", 1e3] > 1e3 * errors["in-repo, heights", 0.0]
     for name in codes():
         need(name)
-        for each in by_build(name, "", [near, far]):
+        for each in by_code(name, [near, far]):
             assert each.error == pytest.approx(errors["in-repo, heights", each.height_m], rel=1e-6)
-
-
-def test_a_build_of_higher_precision_is_run_and_rounds_otherwise() -> None:
-    case = pressed(3, 1e-4, 1e3)
-    for name in installed(codes()):
-        errors = {each.error for build in builds_of(name)[:2] for each in by_build(name, build, [case])}
-        assert len(errors) == len(builds_of(name)[:2])
 
 
 def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) -> None:
