@@ -3,8 +3,10 @@
 import re
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import partial
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -26,25 +28,32 @@ QUICK = ("interface", "version", "deck", *RUN)
 
 
 class Recorder:
-    """Plugin of pytest that keeps the failures of a run: test, without the engine, and message."""
+    """Plugin of pytest that selects tests of an engine by name, and keeps the failures."""
 
-    def __init__(self) -> None:
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.names = names
         self.failures: dict[str, str] = {}
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        items[:] = [item for item in items if short_name(item.name) in self.names]
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed:
-            name = report.nodeid.rpartition("::test_")[2]
-            self.failures[re.sub(r"\[mine-?", "[", name).removesuffix("[]")] = report.longreprtext
+            self.failures[short_name(report.nodeid.rpartition("::")[2])] = report.longreprtext
+
+
+def short_name(name: str) -> str:
+    """Name of a test without its prefix and the engine: ``order[damped]`` for ``test_order[mine-damped]``."""
+    return re.sub(r"\[mine-?", "[", name).removeprefix("test_").replace("[]", "")
 
 
 def failures_of(names: tuple[str, ...]) -> dict[str, str]:
     """Failures of the named tests on the engine ``mine``."""
-    recorder = Recorder()
-    words = " or ".join(re.sub(r"\[|-", " and ", name.rstrip("]")) for name in names)
-    options = ["-p", "no:cacheprovider", "-p", "no:terminal", "-p", "no:xdist", "--engine", "mine"]
+    recorder = Recorder(names)
     folder = paths.ROOT / "validation" / "tests" / "engine"
     tests = [str(folder / f"test_{name}.py") for name in ("adapter", "output", "results")]
-    pytest.main([*options, *tests], plugins=[Selection(names), recorder])
+    with redirect_stdout(StringIO()):
+        pytest.main(["-p", "no:cacheprovider", "--engine", "mine", "-n0", *tests], plugins=[recorder])
     return recorder.failures
 
 
@@ -159,3 +168,126 @@ for line in sys.stdin:
         main(path)
     print(word, flush=True)
 """
+
+
+# fault: the faulty adapter, made from a good one, and a pattern of the row of each check that fails
+BROKEN: dict[str, tuple[Callable[[Engine], Engine], dict[str, str]]] = {
+    "nothing": (lambda engine: engine, {}),
+    "wrong stiffness": (partial(rendering, stiffer), dict.fromkeys(RUN, "starts with a force")),
+    "wrong damping": (
+        partial(rendering, less_damped),
+        {
+            "scene[damped]": "against verlet",
+            "order[damped]": "comparison failed|assert",
+            "restitution[two-beads-0.3]": "assert",
+            "restitution[two-beads-0.8]": "assert",
+        },
+    ),
+    "a smaller step in place of a blow-up": (
+        partial(rendering, finer),
+        {"blow_up": "where verlet blows up, the run did not fail"},
+    ),
+    "time shifted": (partial(reading, late), dict.fromkeys(RUN, "starts with a force")),
+    "velocities of another time": (partial(reading, half_a_step_ahead), dict.fromkeys(RUN, "starts with a velocity")),
+    "decks with the scene's name": (
+        partial(writing, lambda case, text: text.replace("SI units", case.scene.name)),
+        {"deck": "^scene.name changes the deck$"},
+    ),
+    "decks with gauges": (
+        partial(writing, lambda case, text: text.replace("SI units", str(case.layout.sensors))),
+        {"deck": "^chain.sensors changes the deck$"},
+    ),
+    "decks of six digits": (
+        partial(writing, rounded),
+        {"deck": "is the same as for no change", **dict.fromkeys(RUN, "starts with a force")},
+    ),
+    "decks that hold a folder": (
+        partial(writing, lambda case, text: text.replace("SI units", str(Path.cwd()))),
+        {"deck": f"depends on the folder or on PATH; the deck contains {Path.cwd()}"},
+    ),
+    "another command in the first line": (
+        partial(writing, lambda case, text: text.replace("-m validation", "-m another")),
+        {"deck_by_hand": "the first line of chain.json is not its command"},
+    ),
+    "numbers of its own": (
+        own_numbers,
+        {
+            "changed_decks": "striker speed, .* changes the forces by no more",
+            "damaged_output": "^no raw output: read without",
+        },
+    ),
+    "errors of its own": (careless, {"damaged_output": "^no raw output: ValueError: no output"}),
+    "output that it does not name": (
+        lambda engine: replace(engine, render=lambda case: replace(engine.render(case), raw=("chain.out",))),
+        {"damaged_output": "^no raw output: read without an error"},
+    ),
+    "a server that does not repeat": (
+        lambda engine: replace(engine, server=Deck({"serve.py": UNSTEADY}, ("python", "serve.py"), raw=())),
+        {"server": "^first case: forces differ by"},
+    ),
+    "a server that keeps damping": (
+        lambda engine: replace(engine, server=Deck({"serve.py": KEEPING}, ("python", "serve.py"), raw=())),
+        {"server": "^after another case: .* energy is off", "order": "energy is off"},
+    ),
+    "gravity of its own": (
+        partial(rendering, on_earth),
+        {"scene[tenfold-gravity]": "against verlet|energy is off"},
+    ),
+    "a constant version": (
+        lambda engine: replace(engine, version=lambda command: "mine 3.8.0"),
+        {"version": "true gives the same"},
+    ),
+    "no version": (
+        lambda engine: replace(engine, version=lambda command: ""),
+        {"version": "^no version"},
+    ),
+    "no seconds of its loop": (
+        lambda engine: replace(engine, loop_pattern="^never ([0-9])$"),
+        {"server": "no line of the output matches loop_pattern"},
+    ),
+    "a pattern without a group": (lambda engine: replace(engine, loop_pattern="x"), {"interface": "has no group"}),
+    "an unknown scheme": (lambda engine: replace(engine, scheme="implicit"), {"interface": 'scheme is "implicit"'}),
+}
+FIRST = ("nothing", "wrong stiffness", "wrong damping", "time shifted", "numbers of its own", "gravity of its own")
+
+
+@pytest.fixture
+def mine(engines_file: EnginesWriter, tmp_path: Path) -> Iterator[Engine]:
+    """Returns an adapter outside the tree that models straight chains only."""
+    (tmp_path / "mine.py").write_text(MINE)
+    engines_file(f'[mine]\nadapter = "mine.py"\ncommand = "{sys.executable}"\n')
+    yield load_engine("mine")
+    STAND_INS.clear()
+
+
+@pytest.mark.parametrize(
+    "fault", [pytest.param(name, marks=[] if name in FIRST else pytest.mark.long) for name in BROKEN]
+)
+def test_a_faulty_adapter_fails_the_tests_that_name_its_fault(fault: str, mine: Engine) -> None:
+    change, red = BROKEN[fault]
+    STAND_INS["mine"] = change(mine)
+    failed = failures_of((*QUICK, *red))
+    assert set(failed) == set(red), failed
+    assert {name: text[-500:] for name, text in failed.items() if not re.search(red[name], text)} == {}
+
+
+@pytest.mark.long
+def test_an_adapter_outside_the_tree_passes_on_the_command_line(mine: Engine, tmp_path: Path) -> None:
+    done = command_line("validation", "engine", "mine", "--results", tmp_path)
+    assert done.returncode == 0, done.stdout
+    assert (tmp_path / "engine-mine.xml").exists()
+    assert "refused: " in done.stdout
+    assert re.search(r"4[0-9] passed, [1-9] skipped", done.stdout)
+
+
+def test_engines_that_are_not_installed(engines_file: EnginesWriter, tmp_path: Path) -> None:
+    (tmp_path / "absent.py").write_text(MINE)
+    engines_file('[absent]\nadapter = "absent.py"\ncommand = "no-such-program"\nhow_to_get = "a search"\n')
+    absent = command_line("validation", "engine", "absent")
+    assert absent.returncode == 1
+    place = tmp_path / "own-engines.toml"
+    message = f"error: absent: not installed; it comes with a search (looked for no-such-program of {place})\n"
+    assert absent.stderr == message
+    unknown = command_line("validation", "engine", "unknown")
+    assert unknown.returncode == 2
+    assert unknown.stderr.startswith('engine: found "unknown"; allowed: absent, ')

@@ -13,8 +13,8 @@ from drivers.engines import codes, engine_names, load_engine
 from validation.accuracy import costs
 from validation.accuracy.costs import Cost, cost_on
 from validation.accuracy.plan import cheapest
-from validation.tests.helpers.scenes import EnginesWriter, case_of
 from validation.tests.engine.candidate import MINE
+from validation.tests.helpers.scenes import EnginesWriter, case_of
 
 
 @pytest.fixture
