@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,16 +35,6 @@ PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay"
 WALL_FORCE, BORE_FORCE = "f_force_wall[3]", tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
 
 
-@dataclass(frozen=True)
-class Box:
-    """Simulation box of LIGGGHTS; lengths in m."""
-
-    half_width: float
-    low: float
-    high: float
-    skin: float
-
-
 def refusal(case: Case) -> InputProblem | None:
     """Refuse too much damping, or a box with too many bins of half a cutoff."""
     chain, radius = case.chain, _radii(case)
@@ -57,9 +46,9 @@ def refusal(case: Case) -> InputProblem | None:
     if chain.bodies <= MAX_BODIES_IN_PAIRS:
         return None
     box = _box(case, radius, chain.height_m)
-    bin_m = radius.max() + box.skin / 2
-    height = box.high - box.low
-    bins = height / bin_m * (2 * box.half_width / bin_m) ** 2
+    bin_m = radius.max() + box["skin"] / 2
+    height = box["high"] - box["low"]
+    bins = height / bin_m * (2 * box["half_width"] / bin_m) ** 2
     if bins <= MAX_BINS:
         return None
     found = f"a box {height:.3g} m high with {bins:.2g} bins"
@@ -94,7 +83,8 @@ def _above_face(case: Case) -> Array:
     return above
 
 
-def _box(case: Case, radius: Array, height: Array) -> Box:
+def _box(case: Case, radius: Array, height: Array) -> dict[str, float]:
+    """Half width, lower and upper end of the simulation box, and the skin of the neighbour search, in m."""
     chain, duration = case.chain, float(case.sample_times_s[-1])
     fastest = math.sqrt(2 * energy_put_in(chain, duration) / chain.mass_kg.min())
     if chain.wall is None:
@@ -109,7 +99,7 @@ def _box(case: Case, radius: Array, height: Array) -> Box:
         width = max(width, float(f"{reach:.2g}"))  # some bodies may leave the axis
     digits = 2 - math.floor(math.log10(reach))
     low, high = round(float(height.min() - reach), digits), round(float(height.max() + reach), digits)
-    return Box(width, low, high, skin=float(f"{0.2 * radius.min():.1g}"))
+    return {"half_width": width, "low": low, "high": high, "skin": float(f"{0.2 * radius.min():.1g}")}
 
 
 def render(case: Case) -> Deck:

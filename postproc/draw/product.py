@@ -60,22 +60,18 @@ def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
     return written
 
 
-@dataclass(frozen=True)
-class Cells:
-    """Forces of a trace in the cells of a spacetime diagram."""
+def cells_of(trace: Trace, columns: int = COLUMNS, rows: int = ROWS) -> tuple[Array, Array, Array]:
+    """Forces of a trace in at most ``rows`` by ``columns`` cells of equal size, except the last ones.
 
-    time_s: Array  # first sample of each column. Shape (columns,)
-    contact: Array  # lowest contact of each row, counted from the wall. Shape (rows,)
-    force_N: Array  # largest force in each cell. Shape (rows, columns)
-
-
-def cells_of(trace: Trace, columns: int = COLUMNS, rows: int = ROWS) -> Cells:
-    """Forces of a trace in at most ``rows`` by ``columns`` cells of equal size, except the last ones."""
+    Returns:
+        Time of the first sample of each column in s, lowest contact of each row counted from the wall, and the largest
+        force in each cell in N, of shape (rows, columns).
+    """
     samples, contacts = trace.force_N.shape
     over_time = np.arange(0, samples, -(-samples // columns))
     over_contacts = np.arange(0, contacts, -(-contacts // rows))
     force = np.maximum.reduceat(np.maximum.reduceat(trace.force_N, over_time, axis=0), over_contacts, axis=1)
-    return Cells(trace.time_s[over_time], over_contacts + 1.0, force.T)
+    return trace.time_s[over_time], over_contacts + 1.0, force.T
 
 
 def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> Product:
@@ -90,15 +86,15 @@ def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> 
     size = (width_in, 0.5 + PANEL_IN * len(chains))
     figure, axes = pyplot().subplots(len(chains), 1, figsize=size, squeeze=False, sharex=True, layout="constrained")
     for axis, (title, trace) in zip(axes[:, 0], chains.items(), strict=True):
-        cells = cells_of(trace)
+        time_s, contact, force_N = cells_of(trace)
         samples, contacts = trace.force_N.shape
         width_s = (trace.time_s[-1] - trace.time_s[0]) / max(samples - 1, 1) * -(-samples // COLUMNS)
-        right, top = float(cells.time_s[-1] + width_s) * MICRO, float(cells.contact[-1]) + -(-contacts // ROWS) - 0.5
-        largest_N = float(cells.force_N.max(initial=0.0)) or 1.0  # without any force the scale ends at 1 N
-        closed = np.ma.masked_less_equal(cells.force_N, OPEN_SHARE * largest_N)
+        right, top = float(time_s[-1] + width_s) * MICRO, float(contact[-1]) + -(-contacts // ROWS) - 0.5
+        largest_N = float(force_N.max(initial=0.0)) or 1.0  # without any force the scale ends at 1 N
+        closed = np.ma.masked_less_equal(force_N, OPEN_SHARE * largest_N)
         image = axis.imshow(
             closed, cmap=force_colours(), norm=PowerNorm(GAMMA, 0, largest_N), origin="lower", aspect="auto",
-            extent=(float(cells.time_s[0]) * MICRO, right, 0.5, top), interpolation="none",
+            extent=(float(time_s[0]) * MICRO, right, 0.5, top), interpolation="none",
         )  # fmt: skip
         axis.set(ylim=(0.5, contacts + 0.5), ylabel="contact")
         axis.grid(visible=False)
@@ -106,8 +102,8 @@ def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> 
         axis.set_title(title, loc="left")
         bar = figure.colorbar(image, ax=axis, pad=0.02, aspect=16, ticks=MaxNLocator(nbins=5))
         finish_bar(bar, "force (N); grey: none")
-        table = pd.DataFrame(cells.force_N.T, columns=[f"contact_{contact:.0f}_N" for contact in cells.contact])
-        table.insert(0, "time_s", cells.time_s)
+        table = pd.DataFrame(force_N.T, columns=[f"contact_{number:.0f}_N" for number in contact])
+        table.insert(0, "time_s", time_s)
         table.insert(0, "chain", title)
         tables.append(table)
     last_s = max(float(trace.time_s[-1]) for trace in chains.values())

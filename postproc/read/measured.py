@@ -57,14 +57,6 @@ class MeasuredTrace:
 
 
 @dataclass(frozen=True)
-class QuotedValue:
-    """A quoted value, in the SI unit of its observable, with its relative standard error."""
-
-    value: float
-    error_share: float
-
-
-@dataclass(frozen=True)
 class _Column:
     place: int
     heading: str
@@ -160,8 +152,8 @@ def read_traces(scene: Scene, gauges: Collection[str]) -> list[MeasuredTrace]:
 
 def read_quoted(
     entry: MeasuredEntry, names: Collection[str], where: str, key: str = "measured"
-) -> dict[str, QuotedValue]:
-    """Quoted values of an entry by observable, named as in ``names``.
+) -> dict[str, tuple[float, float]]:
+    """Quoted values of an entry, in SI units with their relative standard errors, by observable as in ``names``.
 
     Args:
         entry: Entry of the scene.
@@ -172,7 +164,7 @@ def read_quoted(
     Raises:
         InputError: An observable is unknown or named twice, or a unit is missing or wrong.
     """
-    known, quoted = {without_unit(name): name for name in names}, dict[str, QuotedValue]()
+    known, quoted = {without_unit(name): name for name in names}, dict[str, tuple[float, float]]()
     for stated, value in (entry.values or {}).items():
         place, name = f"{key}.values.{stated}", known.get(without_unit(stated))
         if name is None:
@@ -185,7 +177,7 @@ def read_quoted(
         number = _plain(value, where, place) if plain else _in_unit(value, unit, where, place)
         if number == 0:
             raise InputError(where, place, shorten(value), "a value other than 0, since its error is relative")
-        quoted[name] = QuotedValue(number, (entry.errors or {})[stated])
+        quoted[name] = number, (entry.errors or {})[stated]
     return quoted
 
 

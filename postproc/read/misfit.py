@@ -25,7 +25,7 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.scene.model import MeasuredEntry
 from postproc.read.alignment import AlignedGauge, align, check_length
-from postproc.read.measured import QuotedValue, read_measured, read_quoted
+from postproc.read.measured import read_measured, read_quoted
 from postproc.read.observables import LEVELS, observe
 from postproc.read.sensors import gauges_of
 from postproc.read.signals import Peak, peaks, rising_crossing
@@ -162,7 +162,7 @@ def lay_over(
 
 
 def misfits(
-    curves: Sequence[SmoothForce], layout: Layout, run: Trace, quoted: Mapping[str, QuotedValue] | None = None
+    curves: Sequence[SmoothForce], layout: Layout, run: Trace, quoted: Mapping[str, tuple[float, float]] | None = None
 ) -> list[Misfit]:
     """All measured quantities with those of a run, then the quoted ones.
 
@@ -175,7 +175,7 @@ def misfits(
         curves: Measured gauges, aligned with the run.
         layout: Layout of the run.
         run: Computed trace.
-        quoted: Quoted values by observable.
+        quoted: Quoted values with their relative standard errors by observable.
     """
     computed, found = observe(layout, run, LEVELS), list[Misfit]()
     for file in dict.fromkeys(curve.gauge.file for curve in curves):
@@ -188,8 +188,8 @@ def misfits(
         gauge = next(iter(own.values())).gauge
         found.append(Misfit("trigger_s", file.name, gauge.trigger_s, gauge.trigger_error_s, 0.0, nan))
     found += [
-        Misfit(name, QUOTED, each.value, abs(each.value) * each.error_share, 0.0, computed[name])
-        for name, each in (quoted or {}).items()
+        Misfit(name, QUOTED, value, abs(value) * error_share, 0.0, computed[name])
+        for name, (value, error_share) in (quoted or {}).items()
     ]
     return found
 

@@ -209,9 +209,8 @@ def scene_data(source: str, settings: Sequence[str], file: Path | None) -> DataS
     for key, entry in entries.items():
         if entry.file is not None:
             records.append(record_of(key, read_measured(entry, folder, gauges, source_of_data, key), simulation))
-        for observable, quoted_ in read_quoted(entry, names, source_of_data, key).items():
-            error = abs(quoted_.value) * quoted_.error_share
-            numbers.append(Number(observable, quoted_.value, error, gain=key))
+        for observable, (value, error_share) in read_quoted(entry, names, source_of_data, key).items():
+            numbers.append(Number(observable, value, abs(value) * error_share, gain=key))
     tables.pop("measured", None)
     if any(record.measured.trigger_s is None for record in records):
         apply_setting(tables, f"run.duration={(1 + LEEWAY) * scene.run.duration!r} s")

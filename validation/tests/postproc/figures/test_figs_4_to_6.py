@@ -9,7 +9,7 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.engines import codes
 from postproc.draw.product import Product
-from postproc.draw.stack import STRIP, Panel, draw_panel
+from postproc.draw.stack import STRIP, ForcePanel, draw_panel
 from postproc.draw.style import AVERAGE, MICRO, pyplot
 from postproc.figures import captions, make_figure
 from postproc.paper.calibrated import calibrated
@@ -180,7 +180,7 @@ def test_the_strip_shows_differences_of_any_size(share: float) -> None:
     trace = exact(case).trace
     other = replace(trace, force_N=trace.force_N + share * largest_change_N(trace.force_N))
     figure = pyplot().figure()
-    panel = Panel("a", "", AVERAGE, 1.0)
+    panel = ForcePanel("a", "", AVERAGE, 1.0)
     axes, table = draw_panel(figure, figure.add_gridspec(1, 1)[0], panel, case.layout, {"reference": trace, "b": other})
     pyplot().close(figure)
     (line,) = axes[STRIP].lines

@@ -279,8 +279,7 @@ def quoted_of(scene_file: SceneWriter, name: str, value: str) -> dict[str, tuple
     path = scene_file()
     path.write_text(f"{path.read_text()}\n[[measured]]\nvalues = {{ {name} = {value} }}\nerrors = {{ {name} = 0.1 }}\n")
     scene = read_scene(path)
-    found = read_quoted(scene.measured[0], NAMES, scene.file, "measured.0")
-    return {name: (quoted.value, quoted.error_share) for name, quoted in found.items()}
+    return read_quoted(scene.measured[0], NAMES, scene.file, "measured.0")
 
 
 @pytest.mark.parametrize(
