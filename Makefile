@@ -57,7 +57,7 @@ study: .venv/.ready .venv/.engines ## run and draw a study: make study STUDY=sen
 	$(PY) -m drivers batch $(STUDY)
 	$(PY) -m postproc study $(STUDY)
 
-engine: .venv/.ready-dev ## test an engine or a build of your own: make engine ENGINE=liggghts
+engine: .venv/.ready-dev ## test an adapter or a build: make engine ENGINE=verlet
 	@test -n "$(ENGINE)" || { echo "ENGINE is missing: make engine ENGINE=verlet"; exit 2; }
 	$(PY) -m validation engine $(ENGINE)
 

@@ -156,8 +156,9 @@ def _fit(arguments: argparse.Namespace) -> int:
 
 
 def _engine(arguments: argparse.Namespace) -> int:
-    """Runs the tests of an engine; their exit code, 1 if one failed."""
+    """Runs the tests of an engine and measures its cost; returns 1 if a test failed."""
     from drivers.engines import load_engine
+    from validation.accuracy.costs import entry_of, measured_cost
 
     engine = load_engine(arguments.name)
     if engine.find() is None:
@@ -169,7 +170,11 @@ def _engine(arguments: argparse.Namespace) -> int:
     words = ["-v", "-rs", "--tb=short", "--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml")]
     if arguments.results:
         words += ["--junitxml", str(arguments.results / f"engine-{arguments.name}.xml")]
-    return int(pytest.main([*words, "--engine", arguments.name, str(paths.ROOT / "validation/tests/engine")]) != 0)
+    failed = int(pytest.main([*words, "--engine", arguments.name, str(paths.ROOT / "validation/tests/engine")]) != 0)
+    cost = measured_cost(engine)
+    where = f"as an entry of {paths.shown(paths.COSTS)}; for own engines no file has to be edited"
+    print(f"\nmeasured cost, cached for plans and batches ({where}):\n" + "\n".join(entry_of(arguments.name, cost)))
+    return failed
 
 
 def _wave(_: argparse.Namespace) -> int:

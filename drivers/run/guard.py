@@ -117,7 +117,7 @@ def unstable(case: Case, trace: Trace) -> str | None:
 
 
 def wrong_energy(case: Case, trace: Trace) -> str | None:
-    """Message on a change of the total energy that neither the step nor rounding explains; None if there is none.
+    """Message on a change of the total energy beyond the effects of step and rounding; None if there is none.
 
     The energy must stay constant, or must not grow if contacts dissipate energy, within the truncation error of this
     step and the rounding error of heights. A run whose energy changes by more than was put in is unstable.

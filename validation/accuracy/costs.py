@@ -77,23 +77,24 @@ def _measured(name: str, build: Build) -> Cost | None:
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
         pass
     try:
-        cost = measure(load_engine(name), build)
+        cost = measured_cost(load_engine(name))
     except RunError as error:
         print(f"{name}: the cost could not be measured: {error}", file=sys.stderr)
         return None
-    keep(name, build, cost)
     where = f"no entry in {paths.shown(paths.COSTS)}; cost measured and cached in {paths.shown(note)}"
     print(f"{name}: {where}: {', '.join(entry_of(name, cost)[1:])}", file=sys.stderr)
     return cost
 
 
-def keep(name: str, build: Build, cost: Cost) -> None:
-    """Cache the measured cost of a build next to its runs, for ``cost_on``."""
-    note = paths.RUNS / name / NOTE
+def measured_cost(engine: Engine) -> Cost:
+    """Measure the cost of an engine's build, and cache it next to its runs for ``cost_on``; RunError if a run fails."""
+    build = build_of(engine, paths.RUNS / engine.name)
+    cost, note = measure(engine, build), paths.RUNS / engine.name / NOTE
     with suppress(OSError):  # the folder is read-only: measured again next time
         note.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(note) as draft:
             draft.write_text(json.dumps({"build": build.identity, **asdict(cost)}))
+    return cost
 
 
 def measure(engine: Engine, build: Build) -> Cost:

@@ -31,7 +31,7 @@ CLOCK_SAMPLES = 1_000_000  # of all bodies together
 MAX_BODIES = 2_000
 ROUNDINGS = 8.0  # rounding errors of a height, in an overlap
 SIGNIFICANCE = 5.0  # uncertainties by which a value that is not the scene's differs
-LEAST = 1e-9  # smallest uncertainty of a ratio
+MIN_UNCERTAINTY = 1e-9  # of a ratio
 PROPORTIONAL = 0.05  # largest relative deviation of heights at the start from speeds times a delay
 NEGLIGIBLE = 1e-9  # of the largest column of a fit: a column that cannot be measured
 STIFFNESS, DAMPING, MASS, LOAD, RESISTANCE = "stiffness", "damping", "mass", "load", "resistance"
@@ -146,7 +146,7 @@ def _contacts(chain: Chain, overlap_m: Array, closing_m_s: Array, force_N: Array
         largest = float(elastic.max())
         constant = np.full(len(elastic), largest)
         values, errors = _fit([elastic, lossy[closed, j], constant], force_N[closed, j])
-        rounding = 1.5 * ROUNDINGS * float(np.spacing(furthest_m(chain)) / overlap_m[closed, j].max()) + LEAST
+        rounding = 1.5 * ROUNDINGS * float(np.spacing(furthest_m(chain)) / overlap_m[closed, j].max()) + MIN_UNCERTAINTY
         varying = rounding * largest / float(np.ptp(elastic))
         if not np.isfinite(values[0] + errors[0]):
             continue
@@ -176,17 +176,22 @@ def _bodies(chain: Chain, time_s: Array, velocity_m_s: Array, force_N: Array, st
         against = integral(time_s, np.abs(moving[:, j]) * np.sign(velocity_m_s[:, j]))
         values, errors = _fit([gained, -time_s], impulse)
         mass, size = float(chain.mass_kg[j]), float(np.abs(gained).max())
-        rows = [LawRow(MASS, j + 1, values[0] / mass, (errors[0] + off / size) / mass + LEAST)]
+        rows = [LawRow(MASS, j + 1, values[0] / mass, (errors[0] + off / size) / mass + MIN_UNCERTAINTY)]
         load = float(chain.load_N[j])
         unit = abs(load) or largest
         ratio = values[1] / load if load else 1 + values[1] / largest
-        rows.append(LawRow(LOAD, j + 1, ratio, (errors[1] + off / float(time_s[-1])) / unit + LEAST))
+        rows.append(LawRow(LOAD, j + 1, ratio, (errors[1] + off / float(time_s[-1])) / unit + MIN_UNCERTAINTY))
         if rows[0].differs and errors[0] > off / size:  # a mass does not explain the impulses
             values, resisted = _fit([gained, -time_s, against], impulse)
             if resisted[0] < 0.1 * errors[0] and 0 < values[2] < 1:
                 rows = [
-                    LawRow(MASS, j + 1, values[0] / mass, (resisted[0] + off / size) / mass + LEAST),
-                    LawRow(RESISTANCE, j + 1, 1 + values[2], resisted[2] + off / float(np.abs(against).max()) + LEAST),
+                    LawRow(MASS, j + 1, values[0] / mass, (resisted[0] + off / size) / mass + MIN_UNCERTAINTY),
+                    LawRow(
+                        RESISTANCE,
+                        j + 1,
+                        1 + values[2],
+                        resisted[2] + off / float(np.abs(against).max()) + MIN_UNCERTAINTY,
+                    ),
                 ]
         yield from (row for row in rows if np.isfinite(row.ratio))
 
@@ -205,9 +210,9 @@ def _clock(case: Case, time_s: Array, height_m: Array, velocity_m_s: Array) -> I
     )
     off += ROUNDINGS * float(np.spacing(np.abs(height_m).max()))
     values, errors = _fit([travelled.ravel(), gained.ravel()], moved.ravel(), CLOCK_SAMPLES)
-    yield LawRow(INTERVAL, 0, values[0], errors[0] + off / furthest + LEAST)
+    yield LawRow(INTERVAL, 0, values[0], errors[0] + off / furthest + MIN_UNCERTAINTY)
     if np.isfinite(values[1]):
-        uncertainty = (errors[1] + off / float(np.abs(gained).max())) / step_s + LEAST
+        uncertainty = (errors[1] + off / float(np.abs(gained).max())) / step_s + MIN_UNCERTAINTY
         yield LawRow(LATE_VELOCITY, 0, 1 + values[1] / step_s, uncertainty)
 
 
@@ -226,11 +231,11 @@ def _start(case: Case, interval: float, height_m: Array, velocity_m_s: Array) ->
         if mean:
             late_s = interval - float(np.diff(height_m[:, j])[0] / mean)
             uncertainty = (interval * change + rounding) / abs(mean) / step_s
-            yield LawRow(LATE_SAMPLES, 0, 1 + late_s / step_s, uncertainty + LEAST)
+            yield LawRow(LATE_SAMPLES, 0, 1 + late_s / step_s, uncertainty + MIN_UNCERTAINTY)
         for moving in np.flatnonzero(speed):
-            yield LawRow(START_SPEED, int(moving) + 1, float(velocity_m_s[0, moving] / speed[moving]), LEAST)
+            yield LawRow(START_SPEED, int(moving) + 1, float(velocity_m_s[0, moving] / speed[moving]), MIN_UNCERTAINTY)
     overlap = overlaps(chain, height_m[:1])[0]
     for contact in np.flatnonzero(chain.overlap_m * chain.stiffness):
         scene_m = float(chain.overlap_m[contact])
         ratio = float(overlap[contact] / scene_m)
-        yield LawRow(START_OVERLAP, int(contact) + 1, ratio, rounding / abs(scene_m) + LEAST)
+        yield LawRow(START_OVERLAP, int(contact) + 1, ratio, rounding / abs(scene_m) + MIN_UNCERTAINTY)

@@ -160,7 +160,7 @@ class Motions:
         return until(motion.trace, len(self.exact.time_s))
 
     def scheme_of(self, engine: str) -> Trace:
-        """Motion of a faultless run of an engine, but for the order of additions."""
+        """Motion of a faultless run of an engine, except the order of additions."""
         scheme = load_engine(engine).scheme
         if scheme == EXACT:
             return self.reference

@@ -26,9 +26,9 @@ from validation.accuracy.motions import motions_of
 from validation.checks import FAIL, Check
 
 SAME = "the measured law, masses, loads and start are the scene's"
-NEAR = 0.02  # of a time step: agreement of a delay with half a step or one step
+CLOSENESS = 0.02  # of a time step: agreement of a delay with half a step or one step
 SMALL_SPEED = 1e-4  # relative error of a start speed that another fault may cause within a time step
-NAMED = 3  # groups of contacts or bodies that are named
+MAX_GROUPS = 3  # of contacts or bodies, that are named
 
 
 def diagnoses_of(
@@ -74,7 +74,9 @@ def law_sentence(case: Case, engine: str, trace: Trace) -> str:
         rows, phrases = measure_law(case, trace, step_s), list[str]()
         wrong = {row.quantity: row for row in rows if row.differs}
         clock = wrong.get(law.INTERVAL)
-        if clock and (law.RESISTANCE not in wrong or abs(clock.ratio - 1) > NEAR):  # other values at the true times
+        if clock and (
+            law.RESISTANCE not in wrong or abs(clock.ratio - 1) > CLOSENESS
+        ):  # other values at the true times
             phrases.append(f"a time step {_times(clock, 1)} times the scene's, with the scene's time stamps")
             rows = measure_law(case, replace(trace, time_s=clock.ratio * trace.time_s), clock.ratio * step_s)
             wrong = {row.quantity: row for row in rows if row.differs}
@@ -98,14 +100,14 @@ def _steps_of(row: LawRow | None) -> float:
 def _is_another_step(wrong: Mapping[str, LawRow]) -> bool:
     """True if heights and velocities are off as for a step that differs from the one by which they were set back."""
     early = _steps_of(wrong.get(law.EARLY_START))
-    return bool(early) and abs(early - 2 * _steps_of(wrong.get(law.LATE_VELOCITY))) < NEAR
+    return bool(early) and abs(early - 2 * _steps_of(wrong.get(law.LATE_VELOCITY))) < CLOSENESS
 
 
 def _of_resistance(engine: str, rows: list[LawRow]) -> str:
     """Phrase on Cundall's non-viscous damping, which reduces the force on a body against its motion."""
     share = float(np.median([row.ratio - 1 for row in rows if row.quantity == law.RESISTANCE and row.differs]))
     default = load_engine(engine).defaults.local_damping
-    same = f", the default of {engine.upper()}" if default and abs(share / default - 1) < NEAR else ""
+    same = f", the default of {engine.upper()}" if default and abs(share / default - 1) < CLOSENESS else ""
     return f"non-viscous damping of {share:.3g}{same}"
 
 
@@ -131,7 +133,7 @@ def _grouped(rows: Sequence[LawRow], quantity: str, noun: str, words: str, label
     for row in measured:
         if row.differs:
             groups.setdefault(_times(row), []).append(row.place)
-    for ratio, places in [*groups.items()][:NAMED]:
+    for ratio, places in [*groups.items()][:MAX_GROUPS]:
         kinds = {labels[place - 1] for place in places}
         alike = [row.place for row in measured if labels[row.place - 1] in kinds]
         if len(places) == len(measured) > 1:
@@ -143,8 +145,8 @@ def _grouped(rows: Sequence[LawRow], quantity: str, noun: str, words: str, label
         else:
             subject = f"{noun} {places[0]} ({kinds.pop()})"
         yield f"{subject} {words.format(ratio)}"
-    if len(groups) > NAMED:
-        yield f"and {sum(map(len, [*groups.values()][NAMED:]))} other {noun}s by other factors"
+    if len(groups) > MAX_GROUPS:
+        yield f"and {sum(map(len, [*groups.values()][MAX_GROUPS:]))} other {noun}s by other factors"
 
 
 def _of_clock(case: Case, rows: list[LawRow]) -> Iterator[str]:
@@ -158,7 +160,7 @@ def _of_clock(case: Case, rows: list[LawRow]) -> Iterator[str]:
         subject, ahead, behind = names[row.quantity]
         steps = abs(_steps_of(row))
         sizes = {0.5: "half a step", 1.0: "one step"}
-        size = next((words for value, words in sizes.items() if abs(steps - value) < NEAR), f"{steps:.3g} steps")
+        size = next((words for value, words in sizes.items() if abs(steps - value) < CLOSENESS), f"{steps:.3g} steps")
         delay_us = steps * case.scene.time_step_s * 1e6
         yield f"{subject} {size} ({delay_us:.3g} µs) {ahead if row.ratio > 1 else behind}"
 
@@ -172,7 +174,7 @@ def _of_start(case: Case, engine: str, rows: list[LawRow]) -> Iterator[str]:
         name = "the striker" if case.scene.striker and row.place == chain.bodies else f"bead {row.place}"
         gained = chain.acceleration_m_s2[row.place - 1] * case.scene.time_step_s
         steps = (row.ratio - 1) * chain.velocity_m_s[row.place - 1] / (gained or inf)
-        if abs(abs(steps) - 0.5) < NEAR:
+        if abs(abs(steps) - 0.5) < CLOSENESS:
             yield f"{name} starts with its velocity half a step {'ahead' if steps > 0 else 'behind'}"
         else:
             yield f"{name} starts {f'with {_times(row)} of its speed' if abs(row.ratio) > SMALL_SPEED else 'at rest'}"

@@ -122,20 +122,20 @@ def led_to_wall(beads: int, start: float, wall_stiffness: float, duration: float
 # Behind each outgoing wave follows a weak secondary wave, stronger from a contact than from a bead (Santibanez, Munoz,
 # Caussarieu, Job and Melo, Phys. Rev. E 84, 026604, 2011). Its final share of the wave is 0.0299 or 0.0085, reached 30
 # contacts from the middle (0.0244 and 0.0064 after 5 contacts, 0.0267 and 0.0070 after 10, 0.0298 and 0.0084 after 20).
-BEYOND = 40  # contacts above the middle; from 30 on the secondary wave changes by less than 1e-4
+FAR_CONTACT = 40  # contacts above the middle; from 30 on the secondary wave changes by less than 1e-4
 WEAKEST_SHARE = 1e-3  # prominence of a wave over the first one; the weakest secondary wave is 8.5e-3 of the wave
 HALF_BEADS = 120
-HALF_START = BEYOND + 20.5  # bead of the half chain at which the exact wave starts
+HALF_START = FAR_CONTACT + 20.5  # bead of the half chain at which the exact wave starts
 LAST = 165.0  # beads that the wave travels until the secondary wave has passed
 
 
 def collision(case: Case, trace: Trace) -> dict[str, float]:
-    """Peaks in the middle and ``BEYOND`` contacts above, over the incoming wave there."""
+    """Peaks in the middle and ``FAR_CONTACT`` contacts above, over the incoming wave there."""
     chain, force = case.chain, trace.force_N
     middle = (chain.beads + 1) // 2  # or just above the bead there
-    if middle + BEYOND >= chain.beads:
-        raise ValueError(f"{chain.beads} beads: none {BEYOND} contacts above the middle")
-    beyond = force[:, middle + BEYOND]
+    if middle + FAR_CONTACT >= chain.beads:
+        raise ValueError(f"{chain.beads} beads: none {FAR_CONTACT} contacts above the middle")
+    beyond = force[:, middle + FAR_CONTACT]
     inner = force[:, 1:]  # a free chain has no contact 1
     put_in = float(chain.mass_kg @ np.abs(chain.velocity_m_s)) / 2
     return _collision_shares(trace.time_s, force[:, middle], beyond) | {
@@ -148,7 +148,7 @@ def collision_theory(case: Case) -> dict[str, float]:
     """Shares for an exact solitary wave in half of the chain, before a wall in place of the other half."""
     wall_stiffness = 2 * sqrt(2) if case.chain.beads % 2 == 0 else 1.0
     time, force = led_to_wall(HALF_BEADS, HALF_START, wall_stiffness, LAST)
-    return _collision_shares(time, force[:, 0], force[:, BEYOND]) | {"asymmetry": 0.0, "momentum_share": 0.0}
+    return _collision_shares(time, force[:, 0], force[:, FAR_CONTACT]) | {"asymmetry": 0.0, "momentum_share": 0.0}
 
 
 def _collision_shares(time_s: Array, middle_N: Array, beyond_N: Array) -> dict[str, float]:

@@ -93,7 +93,7 @@ def test_the_example_of_a_mistake(folder: Path) -> None:
 
 @pytest.mark.parametrize("engine", ["liggghts", "yade", "lammps"])
 def test_deviation_from_the_baseline(engine: str, shared_runs: Path) -> None:
-    assert "deviate by less than 1e-10 of the largest change" in TEXT
+    assert "differ by less than 1e-11 of the largest change" in TEXT
     case = planned_case("fig4")
     traces = [finished(case, name, shared_runs).trace for name in (engine, "verlet")]
-    assert residual(*traces).max() < 1e-10
+    assert residual(*traces).max() < 1e-11

@@ -170,32 +170,31 @@ for line in sys.stdin:
 """
 
 
-# fault: the faulty adapter, made from a good one, and a pattern of the row of each check that fails
+# fault: the faulty adapter, made from a good one, and a pattern of the message of each test that fails
 BROKEN: dict[str, tuple[Callable[[Engine], Engine], dict[str, str]]] = {
     "nothing": (lambda engine: engine, {}),
     "wrong stiffness": (partial(rendering, stiffer), dict.fromkeys(RUN, "starts with a force")),
     "wrong damping": (
         partial(rendering, less_damped),
         {
-            "scene[damped]": "against verlet",
-            "order[damped]": "comparison failed|assert",
-            "restitution[two-beads-0.3]": "assert",
-            "restitution[two-beads-0.8]": "assert",
+            "scene[damped]": "model: force",
+            "restitution[two beads-0.3]": "assert",
+            "restitution[two beads-0.8]": "assert",
         },
     ),
     "a smaller step in place of a blow-up": (
         partial(rendering, finer),
-        {"blow_up": "where verlet blows up, the run did not fail"},
+        {"blow_up": "DID NOT RAISE"},
     ),
     "time shifted": (partial(reading, late), dict.fromkeys(RUN, "starts with a force")),
     "velocities of another time": (partial(reading, half_a_step_ahead), dict.fromkeys(RUN, "starts with a velocity")),
     "decks with the scene's name": (
         partial(writing, lambda case, text: text.replace("SI units", case.scene.name)),
-        {"deck": "^scene.name changes the deck$"},
+        {"deck": "scene.name"},
     ),
     "decks with gauges": (
         partial(writing, lambda case, text: text.replace("SI units", str(case.layout.sensors))),
-        {"deck": "^chain.sensors changes the deck$"},
+        {"deck": "chain.sensors"},
     ),
     "decks of six digits": (
         partial(writing, rounded),
@@ -203,7 +202,7 @@ BROKEN: dict[str, tuple[Callable[[Engine], Engine], dict[str, str]]] = {
     ),
     "decks that hold a folder": (
         partial(writing, lambda case, text: text.replace("SI units", str(Path.cwd()))),
-        {"deck": f"depends on the folder or on PATH; the deck contains {Path.cwd()}"},
+        {"deck": "the deck contains a folder"},
     ),
     "another command in the first line": (
         partial(writing, lambda case, text: text.replace("-m validation", "-m another")),
@@ -212,26 +211,26 @@ BROKEN: dict[str, tuple[Callable[[Engine], Engine], dict[str, str]]] = {
     "numbers of its own": (
         own_numbers,
         {
-            "changed_decks": "striker speed, .* changes the forces by no more",
-            "damaged_output": "^no raw output: read without",
+            "changed_decks": "striker speed",
+            "damaged_output": "no raw output: read without",
         },
     ),
-    "errors of its own": (careless, {"damaged_output": "^no raw output: ValueError: no output"}),
+    "errors of its own": (careless, {"damaged_output": "no raw output: ValueError: no output"}),
     "output that it does not name": (
         lambda engine: replace(engine, render=lambda case: replace(engine.render(case), raw=("chain.out",))),
-        {"damaged_output": "^no raw output: read without an error"},
+        {"damaged_output": "no raw output: read without an error"},
     ),
     "a server that does not repeat": (
         lambda engine: replace(engine, server=Deck({"serve.py": UNSTEADY}, ("python", "serve.py"), raw=())),
-        {"server": "^first case: forces differ by"},
+        {"server": "first case: other forces"},
     ),
     "a server that keeps damping": (
         lambda engine: replace(engine, server=Deck({"serve.py": KEEPING}, ("python", "serve.py"), raw=())),
-        {"server": "^after another case: .* energy is off", "order": "energy is off"},
+        {"server": "after another case: ", "order[elastic]": "energy"},
     ),
     "gravity of its own": (
         partial(rendering, on_earth),
-        {"scene[tenfold-gravity]": "against verlet|energy is off"},
+        {"scene[tenfold-gravity]": "model: |energy"},
     ),
     "a constant version": (
         lambda engine: replace(engine, version=lambda command: "mine 3.8.0"),
@@ -239,14 +238,14 @@ BROKEN: dict[str, tuple[Callable[[Engine], Engine], dict[str, str]]] = {
     ),
     "no version": (
         lambda engine: replace(engine, version=lambda command: ""),
-        {"version": "^no version"},
+        {"version": "UNKNOWN_VERSION"},
     ),
     "no seconds of its loop": (
         lambda engine: replace(engine, loop_pattern="^never ([0-9])$"),
         {"server": "no line of the output matches loop_pattern"},
     ),
     "a pattern without a group": (lambda engine: replace(engine, loop_pattern="x"), {"interface": "has no group"}),
-    "an unknown scheme": (lambda engine: replace(engine, scheme="implicit"), {"interface": 'scheme is "implicit"'}),
+    "an unknown scheme": (lambda engine: replace(engine, scheme="implicit"), {"interface": "assert 'implicit' in"}),
 }
 FIRST = ("nothing", "wrong stiffness", "wrong damping", "time shifted", "numbers of its own", "gravity of its own")
 
@@ -268,7 +267,7 @@ def test_a_faulty_adapter_fails_the_tests_that_name_its_fault(fault: str, mine: 
     STAND_INS["mine"] = change(mine)
     failed = failures_of((*QUICK, *red))
     assert set(failed) == set(red), failed
-    assert {name: text[-500:] for name, text in failed.items() if not re.search(red[name], text)} == {}
+    assert {name: text for name, text in failed.items() if not re.search(red[name], text)} == {}
 
 
 @pytest.mark.long

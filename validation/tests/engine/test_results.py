@@ -25,6 +25,7 @@ STABLE_SHARE = 0.98  # of the predicted limit: a step at which a run has to be s
 PRECOMPRESSION = ("chain.precompression=20 N", "run.duration=1 ms")  # closed contacts make the limit sharp
 COLLISION = ("gravity=", "tube=", "run.duration=0.4 ms", "run.time_step=0.02 us")
 IMPACTS = {"two beads": (*COLLISION, "chain.count=1", "wall="), "a bead on the wall": (*COLLISION, "chain.count=0")}
+LAWS = {"elastic": (), "damped": ("contact.restitution=0.9",)}
 RESTITUTIONS = (0.3, 0.8, 0.99)
 STEPS = (5, 10, 20)  # steps per sample for the order of convergence
 
@@ -38,12 +39,12 @@ def test_scene(candidate: Candidate, variant: dict[str, Any]) -> None:
     assert wrong == [], "\n".join(table(wrong))
 
 
-@pytest.mark.parametrize(("law", "settings"), [("elastic", ()), ("damped", ("contact.restitution=0.9",))])
-def test_order(candidate: Candidate, law: str, settings: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("law", LAWS)
+def test_order(candidate: Candidate, law: str) -> None:
     """Errors converge with the order of the scheme: two, or one with damping."""
     if not candidate.steps:
         pytest.skip("the engine has no time step")
-    case = case_with(*settings)
+    case = case_with(*LAWS[law])
     exact = exact_motion_of(case, finer=False).trace
     errors = [float(residual(candidate.run(case.at(steps)), exact).max()) for steps in STEPS]
     order, expected = log2(errors[1] / errors[2]), Motions(case, candidate.engine.shear).order
@@ -57,7 +58,7 @@ def test_restitution(candidate: Candidate, impact: str, wanted: float) -> None:
     case = case_with(*IMPACTS[impact], f"contact.restitution={wanted}")
     trace = candidate.run(case)
     assert trace.force_N.min() >= -1e-12 * trace.force_N.max(), "contacts pull"
-    error = abs(bounced(case, trace) / wanted - 1) / (1 - wanted)  # over the loss
+    error = abs(bounced(case, trace) / wanted - 1) / (1 - wanted)  # as a part of the loss
     assert error <= tolerance("kit", "restitution" if candidate.steps else "restitution_exact").limit
 
 

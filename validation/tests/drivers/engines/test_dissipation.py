@@ -21,13 +21,13 @@ from drivers.limits.refusal import inability
 from drivers.limits.stable_step import linear_limit, predicted_limit
 from drivers.run.guard import energy_error, reason_to_fail
 from postproc.read.observables import observe, of_kind
+from validation.accuracy.budget import budget_of
 from validation.accuracy.exact_motion import exact_motion_of
-from validation.compare.comparison import compare_case
-from validation.compare.verdict import PASS
-from validation.kit.physics_checks import bounced
+from validation.checks import PASS
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
 from validation.stability.measured_limits import MAX_RATIO, Subject, measure_limits
+from validation.tests.engine.test_results import bounced
 from validation.tests.helpers.runs import assessed, finished, need
 from validation.tests.helpers.scenes import case_of
 
@@ -85,9 +85,9 @@ def test_codes_have_the_law_of_the_in_repo_scheme(scene: str, given: str, shared
         assert run.trace.force_N.min() >= -1e-12 * run.trace.force_N.max()  # nothing pulls
         assert energy_error(case.chain, run.trace).max() < 1e-12
         assert observe(run.layout, run.trace)["energy_lost_J"] > 0.3 * run.trace.total_energy_J[0]
-    verdicts = compare_case(case, runs, {})
-    assert {verdict.verdict for verdict in verdicts} == {PASS}
-    model = [each for each in verdicts if each.quantity == "force against verlet"]
+    checks = [check for engine, run in runs.items() for check in budget_of(case, engine, run.trace).checks]
+    assert {check.verdict for check in checks} == {PASS}
+    model = [check for check in checks if check.quantity == "model: force" and check.engine in codes()]
     stated = tolerance("model", "force").limit
     # the sphere that replaces a damped flat face has larger rounding errors
     assert len(model) == len(codes())

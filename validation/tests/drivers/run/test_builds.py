@@ -14,7 +14,7 @@ from drivers.base.processes import run_command
 from drivers.engines import codes, engine_names, installed, installed_codes, load_engine
 from drivers.run.build import build_of
 from drivers.run.run import run_case
-from validation.compare.departure import deviation
+from postproc.read.residual import residual
 from validation.tests.drivers.batch.test_batch import batch, stored
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
@@ -44,8 +44,8 @@ def test_a_wrong_build_of_the_same_version_gets_its_own_run(
     assert wrong.record.engine_version == right.record.engine_version
     assert wrong.record.build_sha256 != right.record.build_sha256
     assert wrong.record.executable == str(tmp_path / "bin" / engine)
-    assert deviation(right.trace, verlet.trace).share < 1e-9
-    assert deviation(wrong.trace, verlet.trace).share > 1e-6
+    assert residual(right.trace, verlet.trace).max() < 1e-9
+    assert residual(wrong.trace, verlet.trace).max() > 1e-6
     done = command_line("validation", "compare", tmp_path / "scene.toml", "--runs", runs)
     assert done.returncode == 1
     assert re.search(rf"{engine} .*fail", done.stdout), done.stdout

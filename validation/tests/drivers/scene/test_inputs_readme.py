@@ -24,8 +24,8 @@ from validation.calibration import data_sets, free, laws
 from validation.claims.claim import ClaimsFile, read_claims
 from validation.elements.switches import Elements
 from validation.independent.posed_cases import MEASURES, Independent, read_independent
-from validation.kit.candidate import KitFile
 from validation.stability.extremes import Extreme
+from validation.tests.engine.candidate import case_with, kit
 from validation.tests.helpers.readme import command_lines, parse
 
 README = paths.INPUTS / "README.md"
@@ -205,7 +205,9 @@ def test_every_key_of_the_other_files_has_a_row() -> None:
     elements = {key for key in keys(Elements) if not key.startswith(tuple(sides))} | sides
     assert listed["elements.toml"] == elements
     assert listed["extremes.toml"] == {*keys(Extreme, "extreme.")}
-    assert listed["kit.toml"] == {*keys(KitFile)} - {"change"} | {"change.NAME"}
+    assert listed["kit.toml"] == {*kit()} - {"change", "variant"} | {"change.NAME"} | {
+        f"variant.{key}" for each in kit()["variant"] for key in each
+    }
     assert set(re.findall(r"`([^`]+)`", SECTIONS["Costs"])) >= {*Cost.__dataclass_fields__}
     assert all(f"`{name}`" in SECTIONS["Independent cases"] for name in MEASURES)
 
@@ -260,7 +262,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "inputs/calibration.toml": read_calibration,
     "inputs/elements.toml": read_as(Elements),
     "inputs/extremes.toml": lambda path: read_entries(path, "extreme", Extreme),
-    "inputs/kit.toml": read_as(KitFile),
+    "inputs/kit.toml": lambda path: [case_with(*each["set"]) for each in read_toml(path)["variant"]],
     "inputs/costs.toml": lambda path: [Cost(**each) for each in read_toml(path).values()],
 }
 BLOCKS = re.findall(r"^```toml\n# ([^\n]*)\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)

@@ -18,7 +18,7 @@ from postproc.paper.simulate import exact
 from postproc.read.observables import observe
 from postproc.read.sensors import high_passed, sensor_signals
 from postproc.read.signals import Peak, envelope, peaks, train_envelope
-from validation.accuracy.budget import error_budget
+from validation.accuracy.budget import budget_of
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.tests.helpers.runs import assessed
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
@@ -201,8 +201,8 @@ def test_exact_motion_and_run_are_filtered_alike(scene_file: SceneWriter) -> Non
     whole = {}
     for tau in ("", "0.1 ms"):
         case = small(scene_file, *([f"sensor.time_constant={tau}"] if tau else []))
-        parts, _ = error_budget(case, "verlet", verlet_of(case))
-        whole[tau] = {part["quantity"]: part["whole"] for part in parts}
+        rows = budget_of(case, "verlet", verlet_of(case)).rows
+        whole[tau] = {row["quantity"]: row["whole"] for row in rows}
     assert whole[""].keys() == whole["0.1 ms"].keys()
     assert 0 < abs(whole["0.1 ms"]["wall_peak"]) < 1e-4
     assert whole[""]["wall_peak"] != whole["0.1 ms"]["wall_peak"]

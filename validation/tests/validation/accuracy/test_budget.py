@@ -93,7 +93,7 @@ def test_faultless_runs_pass_and_their_parts_add_up(settings: tuple[str, ...]) -
 @pytest.mark.parametrize("number", range(12))
 @pytest.mark.parametrize("law", [(), ("contact.dissipation=power", "contact.gamma=0.05", "contact.alpha=2.5")])
 def test_right_runs_of_random_scenes_are_right_at_any_sampling(number: int, law: tuple[str, ...]) -> None:
-    """Neither forces that jump, nor flat maxima, nor coarse samples make a difference by rounding a fault."""
+    """Forces that jump, flat maxima and coarse samples make no difference by rounding a fault."""
     case = random_case(number, accuracy=1e-4)
     if law:
         case = replace(case, chain=replace(case.chain, damping_ratio=0.0, gamma=0.05, alpha=2.5))

@@ -13,8 +13,7 @@ from drivers.engines import engine_names
 from drivers.limits.refusal import beyond_rounding, refuse_beyond_rounding
 from drivers.limits.stable_step import linear_limit
 from drivers.run.finished import RunRecord
-from validation.accuracy.baseline import baseline_of
-from validation.accuracy.budget import parts_of
+from validation.accuracy.budget import budget_of
 from validation.accuracy.exact_motion import errors_of, exact_motion_of
 from validation.accuracy.plan import cheapest
 from validation.tests.helpers import high_precision
@@ -132,8 +131,8 @@ def test_a_wrong_law_shows_as_model_error(shared_runs: Path) -> None:
     case = case_of("fig4")
     run = finished(case, "verlet", shared_runs)
     wrong = type(run.trace)(**(vars(run.trace) | {"force_N": run.trace.force_N * 1.001}))
-    parts, _ = parts_of(baseline_of(case), "liggghts", wrong)
-    assert abs(parts[0]["model"]) == pytest.approx(1e-3, rel=0.1)
+    rows = budget_of(case, "liggghts", wrong).rows
+    assert abs(rows[0]["model"]) == pytest.approx(1e-3, rel=0.1)
 
 
 def test_a_miss_is_a_failure_of_the_command(shared_runs: Path) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -55,7 +56,7 @@ def test_good_motions_of_random_scenes_differ_in_nothing(number: int) -> None:
         assert differing(case, trace, step_s) == set()
 
 
-def changed(case: Case, **arrays: Array) -> Trace:
+def changed(case: Case, **arrays: Any) -> Trace:
     return verlet_in_heights(replace(case, chain=replace(case.chain, **arrays)))
 
 

@@ -25,7 +25,7 @@ PAIRS = (
 LAW = "model"  # the run is done, and its model is red
 
 # engine, fault: file, pattern, replacement, reason of the failed run (or LAW), sentence on the measured law
-NAMED = {
+FAULTS = {
     ("yade", "the default wall law"): (
         YADE, r"Ig2_Wall_Sphere_ScGeom\(hertzian=True\)", "Ig2_Wall_Sphere_ScGeom()", "force below",
         r"contact 1 \(ptfe with brass\) 0\.707107 times as stiff, as with YADE's default law of a wall$",
@@ -170,12 +170,12 @@ FAILED = {("lammps", fault): change for fault, change in OF_THE_FAMILY.items()} 
 
 
 @pytest.mark.parametrize(
-    ("engine", "fault"), [pytest.param(*key, marks=() if key in QUICK else pytest.mark.long) for key in NAMED]
+    ("engine", "fault"), [pytest.param(*key, marks=() if key in QUICK else pytest.mark.long) for key in FAULTS]
 )
 def test_a_sabotaged_deck_is_red_and_named(
     engine: str, fault: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path, shared_runs: Path
 ) -> None:
-    file, good, bad, reason, sentence = NAMED[engine, fault]
+    file, good, bad, reason, sentence = FAULTS[engine, fault]
     scene = scene_file(top=GRAVITY, chain=SENSOR)
     for name in ("reference", "verlet"):  # the same for every deck
         run = finished(case_of(scene), name, shared_runs).folder

@@ -18,8 +18,8 @@ from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import refuse
 from drivers.limits.stable_step import linear_limit, linear_sideways_limit, predicted_limit
 from postproc.read.residual import residual
-from validation.accuracy.baseline import Baseline
-from validation.accuracy.budget import error_budget, warnings_of
+from validation.accuracy.budget import budget_of
+from validation.accuracy.motions import Motions
 from validation.reference.hertz_chain import TubeMotion
 from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import integrate_verlet
@@ -118,27 +118,27 @@ def test_the_horizon_ends_where_rounding_separates_two_runs() -> None:
         'run.sample_interval="20 us"',
         'run.time_step="1 us"',
     )
-    baseline = Baseline(case, TOTAL)
-    assert 1 < baseline.samples < case.scene.samples
+    motions = Motions(case, TOTAL)
+    assert 1 < motions.samples < case.scene.samples
     chain = tube_arrays_of(case.chain)
     nudged = replace(chain, place_m=np.nextafter(chain.place_m, np.inf))
     timing = (case.scene.time_step_s, case.scene.steps_per_sample, case.scene.samples)
     apart = np.abs(integrate_tube(nudged, *timing).force_N - integrate_tube(chain, *timing).force_N).max(axis=1)
-    share = apart / np.abs(baseline.in_overlaps.force_N).max()
-    assert share[: baseline.samples].max() < 1e-5 < share.max()
+    share = apart / np.abs(motions.plain.force_N).max()
+    assert share[: motions.samples].max() < 1e-5 < share.max()
 
 
 def test_the_budget_adds_up_and_names_what_it_omits() -> None:
     case = sideways(*STICKY)
     for engine in ("liggghts", "yade"):
         law = load_engine(engine).shear
-        parts, note = error_budget(case, engine, verlet_of(case, law))
-        force = parts[0]
+        budget = budget_of(case, engine, verlet_of(case, law))
+        force = budget.rows[0]
         assert force["whole"] == pytest.approx(
             force["model"] + force["rounding"] + force["truncation"] + force["sampling"], abs=1e-15
         )
-        assert "order of convergence" in note
-        assert "sampling not measured" in note
+        assert "order of convergence" in budget.note
+        assert "sampling not measured" in budget.note
         fine = verlet_of(case, law, 16)
         true = residual(verlet_of(case, law), fine).max()
         assert abs(force["truncation"]) == pytest.approx(true, rel=0.1)
@@ -146,7 +146,7 @@ def test_the_budget_adds_up_and_names_what_it_omits() -> None:
 
 def test_a_run_with_the_other_law_gets_a_warning() -> None:
     case = sideways(*STICKY)
-    found = warnings_of(case, "yade", verlet_of(case, TOTAL))
+    found = budget_of(case, "yade", verlet_of(case, TOTAL)).warnings
     assert len(found) == 1
     assert "did not run the scene as written" in found[0]
 

@@ -267,8 +267,8 @@ def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_pat
     assert everywhere.returncode == 0, everywhere.stderr
     assert "not run on liggghts" in everywhere.stderr
     assert len(everywhere.stdout.split()) == len(installed(engine_names())) - 1
-    verdicts = run_and_compare(path, far, tmp_path).verdicts
-    assert {v.verdict for v in verdicts if v.engine == "liggghts"} == {"not run"}
+    checks = run_and_compare(path, far, tmp_path).checks
+    assert {check.verdict for check in checks if check.engine == "liggghts"} == {"not run"}
     assert inability(case_of(path), "liggghts") is None
 
 
