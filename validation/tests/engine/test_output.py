@@ -76,7 +76,7 @@ def test_damaged_output(candidate: Candidate) -> None:
             if not (same and any(contents.values())) and not may_differ:
                 problems.append(f"{words}: read without an error")
         shutil.rmtree(place)
-    assert problems == []
+    assert not problems, "\n".join(problems)
 
 
 def _damages(candidate: Candidate, output: Output) -> Iterator[tuple[str, Mapping[str, bytes | None], bool]]:

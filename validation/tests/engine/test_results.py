@@ -102,4 +102,4 @@ def test_changed_decks(candidate: Candidate) -> None:
                 continue
             if not share > limit:
                 unseen[change] = share
-    assert unseen == {}
+    assert not unseen, f"not noticed: {unseen}"

@@ -80,7 +80,7 @@ def test_counts_are_those_of_the_files() -> None:
 @pytest.mark.parametrize(
     ("settings", "stated"),
     [
-        ((), "3.0e-5 on Fig. 4 at 0.1 µs"),
+        ((), "3.0e-5 elastic"),
         (("contact.restitution=0.9",), "1.0e-3 at e = 0.9"),
         (("contact.dissipation=power", "contact.gamma=3"), "5.2e-3 at gamma = 3"),
     ],

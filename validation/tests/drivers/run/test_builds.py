@@ -37,7 +37,7 @@ def test_a_wrong_build_of_the_same_version_gets_its_own_run(
     need(engine)
     case, runs = case_of(scene_file(duration="0.1 ms")), tmp_path / "runs"
     right, verlet = finished(case, engine, runs), finished(case, "verlet", runs)
-    softer = "for deck in chain.*; do [ -e $deck ] && sed -i s/1460000000/1459900000/ $deck; done"
+    softer = "for deck in chain.*; do [ -e $deck ] && sed -i s/1460000000/1459990000/ $deck; done"
     stand_in(engine, f'{softer}\nexec {shutil.which(engine)} "$@"\n')
     wrong = run_case(case, engine, runs)
     assert wrong.folder != right.folder

@@ -17,9 +17,15 @@ Count = Callable[[], list[float]]
 @pytest.fixture(autouse=True)
 def _kept_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(paths, "CACHE", tmp_path / "kept")
-    module._program.cache_clear()
+    _forget()
     yield
+    _forget()
+
+
+def _forget() -> None:
+    """Digests are computed once in a process."""
     module._program.cache_clear()
+    module.digest_of_sources.cache_clear()
 
 
 @pytest.fixture
@@ -55,7 +61,7 @@ def test_other_sources_and_inputs_compute_again(tmp_path: Path, monkeypatch: pyt
         kept([], count)
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("k = 1")
-        module._program.cache_clear()
+        _forget()
         assert len(kept([], count)) == number
 
 
