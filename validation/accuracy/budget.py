@@ -126,10 +126,14 @@ def apart(one: Array, other: Array, scale: float) -> Array:
     return np.nan_to_num(np.abs(one[:samples] - other[:samples]) / scale, nan=np.inf)
 
 
-def largest(share: Array) -> tuple[int, int]:
-    """Sample and column of the largest value. Shape (samples, columns)."""
-    sample, column = np.unravel_index(int(np.argmax(share)), share.shape)
-    return int(sample), int(column)
+def largest_difference(quantity: str, trace: Trace, right: Trace, scale: float) -> tuple[float, tuple[int, int], str]:
+    """Largest difference of two motions over their common samples: its size over a scale, sample and column, place."""
+    has, expected = field_of(trace, quantity), field_of(right, quantity)
+    share = apart(has, expected, scale)
+    sample, column = map(int, np.unravel_index(int(np.argmax(share)), share.shape))
+    size = float(share[sample, column])
+    remark = static_load_remark(size, expected) if quantity == FORCE else ""
+    return size, (sample, column), place_of(quantity, right.time_s, (sample, column)) + remark
 
 
 def place_of(quantity: str, time_s: Array, place: tuple[int, int]) -> str:
@@ -150,12 +154,9 @@ def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, A
 
     rows = []
     for quantity in (FORCE, *FIELDS):
-        scale, fields = (full or motions).scale(quantity), [field_of(stage, quantity) for stage in stages]
-        share = apart(fields[0], fields[-1], scale)
-        place = largest(share)
-        remark = static_load_remark(float(share[place]), exact.force_N) if quantity == FORCE else ""
-        where = place_of(quantity, trace.time_s, place) + remark
-        rows.append(_row(quantity, [float(field[place]) / scale for field in fields], where))
+        scale = (full or motions).scale(quantity)
+        _, place, where = largest_difference(quantity, trace, stages[-1], scale)
+        rows.append(_row(quantity, [float(field_of(stage, quantity)[place]) / scale for stage in stages], where))
 
     observed = [quantities(motions.case, stage) for stage in stages[:3]] + motions.values
     observed += [full.values[1]] if full else []
@@ -186,13 +187,9 @@ def _model_checks(case: Case, engine: str, trace: Trace) -> Iterator[Check]:
     motions = motions_of(case, engine)
     scheme = until(motions.scheme_of(engine), motions.samples)
     for quantity in (FORCE, *FIELDS):
-        right = field_of(scheme, quantity)
-        share = apart(field_of(trace, quantity), right, motions.scale(quantity))
-        place = largest(share)
-        remark = static_load_remark(float(share[place]), right) if quantity == FORCE else ""
-        where = place_of(quantity, trace.time_s, place) + remark + motions.until_horizon
-        name = f"{MODEL}: {quantity}"
-        yield judged(case.scene.name, engine, name, float(share[place]), motions.explained(quantity), where)
+        size, _, where = largest_difference(quantity, trace, scheme, motions.scale(quantity))
+        limit, where = motions.explained(quantity), where + motions.until_horizon
+        yield judged(case.scene.name, engine, f"{MODEL}: {quantity}", size, limit, where)
     if load_engine(engine).in_repository:
         yield from _law_check(case, engine)
 

@@ -1,13 +1,13 @@
 """``python -m validation compare RUN RUN``: differences of two runs at their common sample times.
 
-The table is the error budget with the other run in the place of the scheme: the difference of a quantity, less the
-difference of the schemes of the two engines at their time steps, has to be within what rounding explains. Runs of one
-scheme at one step have no difference of schemes.
+The table is the error budget with the other run in the place of the scheme: its forces, energy and momentum, plus the
+difference of the schemes of the two engines at their time steps, if they have two, have to be those of the second run
+within what rounding explains.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from math import isclose
+from dataclasses import dataclass, replace
+from math import isclose, nan
 from pathlib import Path
 from typing import Any
 
@@ -28,15 +28,13 @@ from drivers.scene.settings import differences, setting_text
 from postproc.read.error_bounds import bounds_on_observables
 from postproc.read.motion import chain_of
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
-from postproc.read.residual import static_load_remark
 from validation.accuracy.budget import (
     BUDGET_WORDS,
     PARTS,
     apart,
     budget_lines,
-    field_of,
     first_departure,
-    largest,
+    largest_difference,
     place_of,
 )
 from validation.accuracy.motions import FIELDS, Motions, force_tolerance, motions_of
@@ -157,22 +155,26 @@ def compare_pair(one: PairedRun, other: PairedRun) -> Pair:
         motions[1] = Motions(one.case.at(other.case.scene.steps_per_sample), motions[1].law)
     known = motions[0].straight or not any(each.why_unknown for each in motions)
     samples = min(each.samples for each in motions) if known else len(one.trace.time_s)
-    first, second = (until(each.trace, samples) for each in (one, other))
-    schemes = [first, first]
+    expected = until(one.trace, samples)
     if known and not same_scheme(one, other):
-        pairs = zip(motions, (one, other), strict=True)
-        schemes = [until(each.scheme_of(run.engine), samples) for each, run in pairs]
-        samples = min(samples, *(len(scheme.time_s) for scheme in schemes))
-        first, second, *schemes = (until(trace, samples) for trace in (first, second, *schemes))
-    scale_N = motions[0].scale(FORCE)
-    share = apart(other.trace.force_N, one.trace.force_N, scale_N)
+        expected = _with_other_scheme(expected, motions[0].scheme_of(one.engine), motions[1].scheme_of(other.engine))
+    share = apart(other.trace.force_N, one.trace.force_N, motions[0].scale(FORCE))
     return Pair(
         first=one,
         second=other,
-        checks=[*_checks(one, other, motions, (first, second, schemes[0], schemes[1]), known=known)],
+        checks=[*_checks(one, other, motions, expected, known=known)],
         until=max((each.until_horizon for each in motions), key=len) if known else "",
         parted={level: _first_beyond(share, one.trace, level) for level in LEVELS},
     )
+
+
+def _with_other_scheme(trace: Trace, scheme: Trace, other: Trace) -> Trace:
+    """A run, changed by the difference of the other scheme from its own."""
+    samples = min(len(each.time_s) for each in (trace, scheme, other))
+    trace, scheme, other = (until(each, samples) for each in (trace, scheme, other))
+    columns = ("force_N", *FIELDS.values())
+    changed = {name: getattr(trace, name) + getattr(other, name) - getattr(scheme, name) for name in columns}
+    return replace(trace, **changed)
 
 
 def same_scheme(one: PairedRun, other: PairedRun) -> bool:
@@ -199,36 +201,30 @@ def _allowed(one: PairedRun, other: PairedRun, motions: list[Motions], quantity:
 
 
 def _checks(
-    one: PairedRun, other: PairedRun, motions: list[Motions], traces: tuple[Trace, ...], *, known: bool
+    one: PairedRun, other: PairedRun, motions: list[Motions], expected: Trace, *, known: bool
 ) -> Iterator[Check]:
-    """Checks of forces, energy, momentum and observables of the second run, less the difference of the schemes.
+    """Checks of forces, energy, momentum and observables of the second run.
 
     The limit of an observable is the largest change that an allowed difference of forces can make.
     """
-    scene, engines, first = other.case.scene.name, f"{other.engine} against {one.engine}", traces[0]
-    for quantity in (FORCE, *FIELDS):
-        fields, scale = [field_of(trace, quantity) for trace in traces], motions[0].scale(quantity)
-        share = apart(fields[1] - fields[0], fields[3] - fields[2], scale)
-        place = largest(share)
-        where = place_of(quantity, first.time_s, place)
-        if quantity == FORCE:
-            where += static_load_remark(float(share[place]), fields[0])
-        limit = _allowed(one, other, motions, quantity, known=known)
-        yield judged(scene, engines, quantity, float(share[place]), limit, where)
+    scene, engines = other.case.scene.name, f"{other.engine} against {one.engine}"
+    second = until(other.trace, len(expected.time_s))
+    limits = {name: _allowed(one, other, motions, name, known=known) for name in (FORCE, *FIELDS)}
+    for quantity, limit in limits.items():
+        size, _, where = largest_difference(quantity, second, expected, motions[0].scale(quantity))
+        yield judged(scene, engines, quantity, size, limit, where)
 
-    force = _allowed(one, other, motions, FORCE, known=known)
-    layouts = (one.run.layout, other.run.layout, one.run.layout, one.run.layout)
-    seen = [observe(layout, trace) for layout, trace in zip(layouts, traces, strict=True)]
-    bounds = bounds_on_observables(one.run.layout, first, seen[0], force.limit * motions[0].scale(FORCE))
-    for name in of_kind(seen[0], *KINDS):
-        if name not in seen[1] or not np.isfinite([seen[0][name], seen[1][name]]).any():
-            continue
-        scale = scale_of(name, seen[0]) or 1.0
-        expected = seen[3][name] - seen[2][name] if seen[2] is not seen[3] else 0.0
-        error = abs(seen[1][name] - seen[0][name] - expected) / scale
-        limit = Tolerance(bounds[name] / scale, f"the change that a difference of forces of {force.limit:.2g} can make")
-        values = f"{seen[0][name]:.7g} against {seen[1][name]:.7g} {describe(name).unit}"
-        yield judged(scene, engines, without_unit(name), float(error), limit, values)
+    force, layout = limits[FORCE].limit, one.run.layout
+    reason = f"the change that a difference of forces of {force:.2g} can make"
+    has, right = observe(other.run.layout, second), observe(layout, expected)
+    first = observe(layout, until(one.trace, len(expected.time_s)))
+    bounds = bounds_on_observables(layout, expected, right, force * motions[0].scale(FORCE))
+    for name in of_kind(right, *KINDS):
+        if name in has and np.isfinite([has[name], right[name]]).any():
+            scale = scale_of(name, right) or 1.0
+            error, limit = abs(has[name] - right[name]) / scale, Tolerance(bounds[name] / scale, reason)
+            values = f"{first.get(name, nan):.7g} against {has[name]:.7g} {describe(name).unit}"
+            yield judged(scene, engines, without_unit(name), float(error), limit, values)
 
 
 def _first_beyond(share: np.ndarray, trace: Trace, level: float) -> str:
