@@ -16,7 +16,7 @@ from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 
 @pytest.mark.parametrize(
-    "engine", [pytest.param(name, marks=pytest.mark.long if name == "yade" else ()) for name in (*codes(), VERLET)]
+    "engine", [pytest.param(name, marks=() if name == VERLET else pytest.mark.long) for name in (*codes(), VERLET)]
 )
 def test_a_served_run_equals_one_in_its_own_process(engine: str, scene_file: SceneWriter, tmp_path: Path) -> None:
     need(engine)

@@ -25,6 +25,7 @@ from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
 from validation.reference.velocity_verlet import integrate_verlet
 from validation.stability.measured_limits import random_case
+from validation.tests.helpers.draws import draws
 from validation.tests.helpers.runs import blown_up, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
@@ -90,7 +91,7 @@ def test_faultless_runs_pass_and_their_parts_add_up(settings: tuple[str, ...]) -
         assert values_of(budget)["error: force"] == pytest.approx(error, rel=1e-9, abs=1e-15)
 
 
-@pytest.mark.parametrize("number", range(12))
+@pytest.mark.parametrize("number", draws(12))
 @pytest.mark.parametrize("law", [(), ("contact.dissipation=power", "contact.gamma=0.05", "contact.alpha=2.5")])
 def test_right_runs_of_random_scenes_are_right_at_any_sampling(number: int, law: tuple[str, ...]) -> None:
     """Forces that jump, flat maxima and coarse samples make no difference by rounding a fault."""

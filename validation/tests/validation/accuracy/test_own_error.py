@@ -10,6 +10,7 @@ from postproc.read.residual import largest_change_N
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.tests.helpers import high_precision
 from validation.tests.helpers.adversarial import adversarial_case
+from validation.tests.helpers.draws import draws
 
 SAMPLES = 30
 DRAWN = [
@@ -56,7 +57,7 @@ def test_the_stated_error_is_no_less_than_the_true_one(kind: str, number: int, d
     assert true <= stated
 
 
-@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("number", draws(6))
 def test_a_static_load_makes_the_stated_error_no_smaller(number: int) -> None:
     true, stated = true_and_stated(pressed_case(number))
     assert true <= stated <= 30 * max(true, 1e-13)

@@ -11,6 +11,7 @@ import pytest
 from drivers.chain.case import Case
 from drivers.chain.schemes import exact_of, verlet_of
 from validation.accuracy.exact_motion import exact_motion_of, quantities
+from validation.tests.helpers.draws import draws
 from validation.tests.helpers.scenes import case_of
 
 TRUE_FACTOR = 128
@@ -79,7 +80,7 @@ def errors(case: Case, found: dict[str, float], true: dict[str, float]) -> dict[
     return {name: abs(found[name] - true[name]) / own_scale(name, true) for name in found.keys() & true.keys()}
 
 
-@pytest.mark.parametrize("number", range(9))
+@pytest.mark.parametrize("number", draws(9))
 def test_the_sampling_error_stated_is_the_true_one(number: int, tmp_path: Path) -> None:
     path, step_us = trains(number, tmp_path)
     case = case_of(path, f"run.time_step={step_us:.6g} us")
@@ -93,7 +94,7 @@ def test_the_sampling_error_stated_is_the_true_one(number: int, tmp_path: Path) 
     assert {name: stated[name] for name in seen} == pytest.approx(seen, rel=0.1)
 
 
-@pytest.mark.parametrize("number", [0, 1, 2, *(pytest.param(number, marks=pytest.mark.long) for number in range(3, 9))])
+@pytest.mark.parametrize("number", draws(9))
 def test_every_planned_accuracy_is_kept_relative_to_its_own_quantity(number: int, tmp_path: Path) -> None:
     path, step_us = trains(number, tmp_path)
     given = case_of(path, f"run.time_step={step_us:.6g} us")

@@ -16,6 +16,7 @@ from validation.accuracy.exact_motion import exact_motion_of
 from validation.accuracy.measured_law import law_deviation, measure_law
 from validation.compare.law_sentence import SAME, law_sentence
 from validation.stability.measured_limits import random_case
+from validation.tests.helpers.draws import draws
 from validation.tests.helpers.scenes import case_of
 
 GOOD = [
@@ -49,7 +50,7 @@ def test_good_motions_differ_in_nothing(settings: tuple[str, ...]) -> None:
         assert differing(case, trace, step_s) == set()
 
 
-@pytest.mark.parametrize("number", range(10))
+@pytest.mark.parametrize("number", draws(10))
 def test_good_motions_of_random_scenes_differ_in_nothing(number: int) -> None:
     case = random_case(number, accuracy=1e-4)
     for trace, step_s in motions(case):
@@ -64,7 +65,7 @@ def one(values: Array, place: int, factor: float) -> Array:
     return np.where(np.arange(len(values)) == place, factor * values, values)
 
 
-@pytest.mark.parametrize("number", range(12))
+@pytest.mark.parametrize("number", draws(12))
 def test_one_fault_in_a_random_scene_is_measured(number: int) -> None:
     case, draw = random_case(number, accuracy=1e-4), np.random.default_rng(number)
     chain, step_s = case.chain, case.scene.time_step_s

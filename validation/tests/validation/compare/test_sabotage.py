@@ -194,7 +194,9 @@ def test_a_sabotaged_deck_is_red_and_named(
     assert re.match(sentence, compared.diagnoses[engine]), compared.diagnoses[engine]
 
 
-@pytest.mark.parametrize(("engine", "fault"), [*FAILED])
+@pytest.mark.parametrize(
+    ("engine", "fault"), [pytest.param(*key, marks=pytest.mark.long if key[0] == "yade" else ()) for key in FAILED]
+)
 def test_a_sabotaged_deck_that_stops_or_blows_up_fails_with_the_reason(
     engine: str, fault: str, stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
 ) -> None:
