@@ -141,11 +141,11 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def _study(arguments: argparse.Namespace) -> int:
-    from validation.studies import Options, load_study, run_study
+    from validation.chapters import Options, load_chapter, run_chapter
 
     given = {key: value for key, value in vars(arguments).items() if value is not None}
     options = Options(**{field.name: given[field.name] for field in fields(Options) if field.name in given})
-    return run_study(load_study(arguments.command), options)
+    return run_chapter(load_chapter(arguments.command), options)
 
 
 def _fit(arguments: argparse.Namespace) -> int:

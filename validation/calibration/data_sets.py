@@ -5,29 +5,27 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-from pydantic import Field
+from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.messages import validate
 from drivers.chain.case import Case, build_case
 from drivers.engines import REFERENCE
 from drivers.limits.refusal import inability
-from drivers.scene.model import MeasuredEntry, Part, Scene
+from drivers.scene.model import MeasuredEntry, Scene
 from drivers.scene.read_scene import apply_setting, find_scene, make_scene, read_scene, read_toml
 from drivers.scene.settings import look_up, unit_of
 from postproc.paper.quoted import force_accuracy, quoted
 from postproc.paper.simulate import exact
 from postproc.read.measured import entries_of, read_measured, read_quoted
 from postproc.read.sensors import gauges_of
+from validation.calibration.calibration_file import QuotedNumber, calibration_file
 from validation.calibration.free import GAIN, TRIGGER, Free, around, bounds_in
 from validation.calibration.records import LEEWAY, Record, record_of
 
 
 @dataclass(frozen=True)
-class Number:
+class MeasuredNumber:
     """A measured number.
 
     Attributes:
@@ -64,14 +62,14 @@ class DataSet:
     source: str
     tables: dict[str, Any]
     where: str
-    numbers: tuple[Number, ...] = ()
+    numbers: tuple[MeasuredNumber, ...] = ()
     own: tuple[str, ...] = ()
     records: tuple[Record, ...] = ()
     entries: Mapping[str, MeasuredEntry] = field(default_factory=dict)
 
     @property
     def lines(self) -> int:
-        """Number of coefficients of the base lines fitted to the traces."""
+        """MeasuredNumber of coefficients of the base lines fitted to the traces."""
         return sum(record.lines * len(record.measured.reading) for record in self.records)
 
     def text(self, key: str, value: float) -> Any:
@@ -91,53 +89,13 @@ def library() -> dict[str, Any]:
     return read_toml(paths.MATERIALS)
 
 
-class QuotedNumber(Part):
-    """A number of ``inputs/paper/quoted.toml`` as a datum; ``scale`` converts it to the observable's unit."""
-
-    observable: str
-    quoted: str
-    scale: float = 1.0
-    error: Literal["force", "speed"] | Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    fitted: bool = True
-    because: str = ""
-
-
-class QuotedSet(Part):
-    """Quoted data of a scene; a list of numbers gives one data set per row.
-
-    ``also`` maps a data set to the row with the same experiment; this row is left out if both are fitted.
-    """
-
-    name: str
-    scene: str
-    set: tuple[str, ...] = Field(default=(), strict=False)
-    own: tuple[str, ...] = Field(default=(), strict=False)
-    also: dict[str, int] = Field(default_factory=dict)
-    number: Annotated[tuple[QuotedNumber, ...], Field(strict=False, min_length=1)]
-
-
-class _Sets(Part):
-    set: Annotated[tuple[QuotedSet, ...], Field(strict=False, min_length=1)]
-
-
-@cache
-def quoted_sets() -> dict[str, QuotedSet]:
-    """Quoted data of ``inputs/calibration.toml``, by name.
-
-    Raises:
-        InputError: the file has errors.
-    """
-    tables = {"set": read_toml(paths.CALIBRATION).get("set", [])}
-    return {each.name: each for each in validate(_Sets, tables, paths.shown(paths.CALIBRATION)).set}
-
-
 def paper_data(names: Sequence[str], settings: Sequence[str]) -> list[DataSet]:
     """Quoted data sets, with settings applied to their scenes.
 
     Raises:
         InputError: a data set or setting is unknown.
     """
-    known, found = quoted_sets(), list[DataSet]()
+    known, found = {each.name: each for each in calibration_file().set}, list[DataSet]()
     for name in names:
         if name not in known:
             raise InputError("--quoted", "", name, f"comma-separated names from {', '.join(known)}")
@@ -154,7 +112,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str]) -> list[DataSet]:
     return found
 
 
-def _column(number: QuotedNumber) -> list[Number]:
+def _column(number: QuotedNumber) -> list[MeasuredNumber]:
     """Numbers of a list in ``quoted.toml``, or its single number."""
     stored = look_up(quoted(), number.quoted)
     values = stored if isinstance(stored, tuple) else (stored,)
@@ -163,7 +121,7 @@ def _column(number: QuotedNumber) -> list[Number]:
             paths.shown(paths.CALIBRATION), "quoted", number.quoted, "a number of inputs/paper/quoted.toml"
         )
     return [
-        Number(
+        MeasuredNumber(
             number.observable,
             value * number.scale,
             abs(value * number.scale) * _share(number.error, value),
@@ -205,12 +163,12 @@ def scene_data(source: str, settings: Sequence[str], file: Path | None) -> DataS
     entries, folder, source_of_data = entries_of(scene, file, where)
     simulation = exact(_case(scene))
     gauges, names = gauges_of(simulation.case.layout), [*simulation.values]
-    numbers, records = list[Number](), list[Record]()
+    numbers, records = list[MeasuredNumber](), list[Record]()
     for key, entry in entries.items():
         if entry.file is not None:
             records.append(record_of(key, read_measured(entry, folder, gauges, source_of_data, key), simulation))
         for observable, (value, error_share) in read_quoted(entry, names, source_of_data, key).items():
-            numbers.append(Number(observable, value, abs(value) * error_share, gain=key))
+            numbers.append(MeasuredNumber(observable, value, abs(value) * error_share, gain=key))
     tables.pop("measured", None)
     if any(record.measured.trigger_s is None for record in records):
         apply_setting(tables, f"run.duration={(1 + LEEWAY) * scene.run.duration!r} s")

@@ -24,9 +24,9 @@ from validation.calibration.free import GAIN, TRIGGER, Free
 from validation.calibration.outcome import Outcome, interval_text, solve, value_text
 from validation.calibration.problem import Problem, pose
 from validation.calibration.rows import DatumRow, Parameter, datum_rows, parameter_rows
+from validation.chapters import write_table
 from validation.compare.compare_command import compare_scenes
 from validation.compare.selection import EngineSelection
-from validation.studies import write_table
 
 MEASURED = "measured"
 

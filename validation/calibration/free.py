@@ -1,33 +1,18 @@
 """Free parameters: keys of a scene with bounds and a coordinate from 0 to 1."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from math import exp, log
-from typing import Annotated
-
-from pydantic import Field
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError
-from drivers.base.messages import validate
-from drivers.scene.model import Part, Scene
-from drivers.scene.read_scene import read_toml
+from drivers.scene.model import Scene
 from drivers.scene.settings import look_up, unit_of
+from validation.calibration.calibration_file import Range, calibration_file
 
 MIN_LOG_RATIO = 10.0  # of positive bounds; from here on the coordinate is logarithmic
 FACTOR = 10.0  # from a value to its bounds if ``inputs/calibration.toml`` has none
 GAIN, TRIGGER = "gain", "trigger"  # keys of a [[measured]] table
 NUMERICAL_KEYS = ("run", "seed", "title")  # not physical parameters
-
-
-class Range(Part):
-    """Range of a parameter in ``inputs/calibration.toml``; quantities are text such as "1 GPa"."""
-
-    low: str | float
-    high: str | float
-    start: str | float | None = None
-    because: str
 
 
 @dataclass(frozen=True)
@@ -143,15 +128,5 @@ def _number(text: object, unit: str, where: str, key: str) -> float:
 
 
 def _range_of(key: str) -> Range | None:
-    return _ranges().get(key) or _ranges().get(key.rpartition(".")[2])
-
-
-class _Ranges(Part):
-    range: dict[Annotated[str, Field(min_length=1)], Range]
-
-
-@cache
-def _ranges() -> Mapping[str, Range]:
-    """Ranges by key, or by the last part of a key."""
-    table = {"range": read_toml(paths.CALIBRATION).get("range", {})}
-    return validate(_Ranges, table, paths.shown(paths.CALIBRATION)).range
+    ranges = calibration_file().range
+    return ranges.get(key) or ranges.get(key.rpartition(".")[2])

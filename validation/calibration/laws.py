@@ -4,23 +4,16 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from functools import cache
 from math import nan
 from multiprocessing import active_children, get_context
-from typing import Annotated
 
-from pydantic import Field
-
-from drivers.base import paths
-from drivers.base.messages import validate
 from drivers.base.progress import counted
-from drivers.scene.model import Part
-from drivers.scene.read_scene import read_toml
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation
 from postproc.read.observables import LATER_PROMINENCE
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import incident_pulse, peaks, train_envelope
+from validation.calibration.calibration_file import Law, calibration_file
 from validation.calibration.data_sets import paper_data
 from validation.calibration.outcome import Outcome, solve
 from validation.calibration.problem import motion_values, own_values, pose, simulated
@@ -30,22 +23,6 @@ MAXIMA = (2, 3, 4)  # numbers of maxima for an envelope
 TOP = "chain.sensors=[{ from_wall = 11 }, { from_wall = 10 }]"  # Fig. 5, sensors where the pulse enters
 NOT_QUOTED = "no error is quoted"
 REFLECTED = "run.duration=1.6 ms"  # Fig. 4, long enough for the reflected wave
-
-
-class Law(Part):
-    """A contact law, given by settings, and its free parameters."""
-
-    name: str
-    set: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    free: Annotated[tuple[str, ...], Field(strict=False)]
-
-
-class Plan(Part):
-    """Fits of the study; the short study fits the ``quick`` laws to the first and last selection."""
-
-    selections: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
-    quick: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
-    law: Annotated[tuple[Law, ...], Field(strict=False, min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -71,20 +48,9 @@ class Remark:
 Rows = tuple[list[Parameter], list[DatumRow], list[Point], list[Remark]]
 
 
-@cache
-def plan() -> Plan:
-    """The fits listed in ``inputs/calibration.toml``.
-
-    Raises:
-        InputError: the file has errors.
-    """
-    tables = {key: value for key, value in read_toml(paths.CALIBRATION).items() if key in Plan.model_fields}
-    return validate(Plan, tables, paths.shown(paths.CALIBRATION))
-
-
 def fit_all(*, quick: bool = False) -> Rows:
     """Runs all fits in parallel; rows are in the order of the file."""
-    asked = plan()
+    asked = calibration_file()
     laws = [law for law in asked.law if not quick or law.name in asked.quick]
     selections = asked.selections[:: len(asked.selections) - 1] if quick else asked.selections
     jobs = [(law, data, quick) for law in laws for data in selections]

@@ -14,7 +14,7 @@ from drivers.chain.chain import Array
 from drivers.scene.read_scene import make_scene, set_value
 from postproc.paper.simulate import Simulation, exact
 from postproc.read.observables import describe
-from validation.calibration.data_sets import DataSet, Number, gauge_parameters, library
+from validation.calibration.data_sets import DataSet, MeasuredNumber, gauge_parameters, library
 from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
 from validation.calibration.records import Record, residual_of
 
@@ -38,7 +38,7 @@ class Datum:
     data_set: str
     name: str
     rows: range
-    number: Number | None = None
+    number: MeasuredNumber | None = None
 
     @property
     def label(self) -> str:
@@ -61,7 +61,7 @@ class Problem:
 
     @property
     def rows(self) -> int:
-        """Number of residuals."""
+        """MeasuredNumber of residuals."""
         return sum(len(datum.rows) for datum in self.data)
 
     def values(self, place: Array) -> dict[str, float]:
@@ -187,7 +187,7 @@ def _of_set(data: DataSet, values: tuple[tuple[str, float], ...]) -> Array:
     return np.concatenate([offs, *(_of_record(data, record, known) for record in data.records)])
 
 
-def predicted_number(data: DataSet, number: Number, values: Mapping[str, float]) -> float:
+def predicted_number(data: DataSet, number: MeasuredNumber, values: Mapping[str, float]) -> float:
     """Prediction of a measured number at given parameter values; NaN if it is missing from the motion.
 
     A force is divided by the gain of its gauge if the gain is a parameter.

@@ -6,7 +6,7 @@ from math import nan
 
 from postproc.read.observables import describe
 from validation.calibration.certainty import RISES
-from validation.calibration.data_sets import Number
+from validation.calibration.data_sets import MeasuredNumber
 from validation.calibration.outcome import Outcome
 
 
@@ -72,7 +72,7 @@ def parameter_rows(law: str, data: str, outcome: Outcome) -> Iterator[Parameter]
 def datum_rows(law: str, data: str, outcome: Outcome) -> Iterator[DatumRow]:
     """A row for each datum; for traces and prior knowledge only the deviation in standard errors."""
     for line in outcome.predictions:
-        name, number = line.datum.name, line.datum.number or Number(line.datum.name, nan, nan)
+        name, number = line.datum.name, line.datum.number or MeasuredNumber(line.datum.name, nan, nan)
         yield DatumRow(
             law, data, line.datum.data_set, name, describe(name).unit, number.value, number.error, line.fitted,
             line.error, line.off, line.without, line.without_error, line.without_off, number.fitted, number.because,

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from postproc.read.sensors import sensor_signals
-from validation.elements.switches import FRICTIONLESS, Found, Side, Subject, seeded, spread_of
+from validation.elements.switches import FRICTIONLESS, Found, Side, SwitchedScene, Variant, seeded, spread_of
 
 RESTITUTION = "contact.restitution=0.9"
 GAUGE = "sensor.time_constant=1 ms"  # RC of about 1e3 us, as the paper has it
@@ -28,7 +27,7 @@ RANGES = {
 
 
 @dataclass(frozen=True)
-class Number:
+class StepRow:
     """One observable after one step, or at one value of a parameter; mean and standard deviation over the seeds."""
 
     scene: str
@@ -38,16 +37,6 @@ class Number:
     mean: float
     spread: float
     seeds: int
-
-
-@dataclass(frozen=True)
-class Variant:
-    """A scene after one step, or at one value of a parameter; one case per seed."""
-
-    scene: str
-    step: str
-    value: str
-    cases: list[Case]
 
 
 @dataclass(frozen=True)
@@ -67,24 +56,24 @@ class GaugeSignals:
     values: dict[str, Array]
 
     @property
-    def numbers(self) -> Iterator[Number]:
+    def numbers(self) -> Iterator[StepRow]:
         """The observables as rows."""
         for name, values in self.values.items():
-            yield Number(self.scene, self.step, self.value, name, *spread_of(values), len(values))
+            yield StepRow(self.scene, self.step, self.value, name, *spread_of(values), len(values))
 
 
-def add_steps(subject: Subject, seeds: int) -> Iterator[Variant]:
+def add_steps(subject: SwitchedScene, seeds: int) -> Iterator[Variant]:
     """Variants of a scene, one per step; the elastic line does not depend on the seed."""
     for step, side in STEPS.items():
-        yield Variant(subject.name, step, "", seeded(subject, side, seeds if side.tube else 1))
+        yield Variant(subject.name, step, seeded(subject, side, seeds if side.tube else 1))
 
 
-def vary(subject: Subject, seeds: int) -> Iterator[Variant]:
+def vary(subject: SwitchedScene, seeds: int) -> Iterator[Variant]:
     """Variants of a scene, one per value of each parameter."""
     for name, (step, settings, values) in RANGES.items():
         for value in values:
             cases = seeded(subject, STEPS[step], seeds, *(setting.format(value) for setting in settings))
-            yield Variant(subject.name, name, f"{value:g}", cases)
+            yield Variant(subject.name, name, cases, f"{value:g}")
 
 
 def read_gauges(variant: Variant, engine: str, found: Found) -> GaugeSignals:

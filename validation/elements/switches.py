@@ -57,7 +57,7 @@ class Element(Part):
     only: tuple[str, ...] = Field(default=(), strict=False)
 
 
-class Subject(Part):
+class SwitchedScene(Part):
     """A scene with its sensors and the scatter of its masses; in a tube the scene is ``NAME-tube``."""
 
     name: str
@@ -70,7 +70,7 @@ class Elements(Part):
 
     seeds: int
     quick_seeds: int
-    scene: tuple[Subject, ...] = Field(strict=False)
+    scene: tuple[SwitchedScene, ...] = Field(strict=False)
     element: tuple[Element, ...] = Field(strict=False)
 
 
@@ -96,12 +96,18 @@ TUBES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
-    """Cases without and with an element, for one seed."""
+class Variant:
+    """Cases of a scene that are looked at together.
+
+    Attributes:
+        step: switched element, with a case without and a case with it; or step to the experiment, with a case per seed.
+        value: value of a varied parameter; empty without one.
+    """
 
     scene: str
-    element: str
-    cases: tuple[Case, ...]
+    step: str
+    cases: Sequence[Case]
+    value: str = ""
 
 
 @dataclass(frozen=True)
@@ -133,10 +139,12 @@ def read_elements() -> Elements:
     return validate(Elements, read_toml(paths.ELEMENTS), paths.shown(paths.ELEMENTS))
 
 
-def pairs_of(elements: Elements, seeds: int) -> list[Pair]:
+def pairs_of(elements: Elements, seeds: int) -> list[Variant]:
     """Pairs of cases for all elements, scenes and seeds; seeds count from 1."""
     return [
-        Pair(subject.name, switch.name, tuple(case_on(subject, side, seed) for side in (switch.without, switch.with_)))
+        Variant(
+            subject.name, switch.name, tuple(case_on(subject, side, seed) for side in (switch.without, switch.with_))
+        )
         for subject in elements.scene
         for switch in elements.element
         if not switch.only or subject.name in switch.only
@@ -145,14 +153,14 @@ def pairs_of(elements: Elements, seeds: int) -> list[Pair]:
 
 
 @cache
-def case_on(subject: Subject, side: Side, seed: int, *more: str) -> Case:
+def case_on(subject: SwitchedScene, side: Side, seed: int, *more: str) -> Case:
     """Case of a scene with the settings of one side."""
     settings = [setting.replace(f"={SCATTER}", f"={subject.scatter}") for setting in side.set]
     source = f"{subject.name}-tube" if side.tube else subject.name
     return case_of(source, f"chain.sensors={subject.gauges}", f"seed={seed}", *settings, *more)
 
 
-def seeded(subject: Subject, side: Side, seeds: int, *more: str) -> list[Case]:
+def seeded(subject: SwitchedScene, side: Side, seeds: int, *more: str) -> list[Case]:
     """Cases of one side, for the seeds from 1 to ``seeds``."""
     return [case_on(subject, side, seed, *more) for seed in range(1, seeds + 1)]
 
@@ -174,13 +182,13 @@ def spread_of(values: Array) -> tuple[float, float]:
     return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else nan
 
 
-def measure_effects(pairs: Sequence[Pair], engines: Iterable[str], repeats: int, found: Found) -> Iterator[Effect]:
+def measure_effects(pairs: Sequence[Variant], engines: Iterable[str], repeats: int, found: Found) -> Iterator[Effect]:
     """Effects of all elements on all codes that can model them."""
     for engine in engines:
         own = taken_by(engine, pairs)
         costs = _costs([pair for pair in own if pair.scene == pairs[0].scene], engine, repeats, found)
-        for scene, element in dict.fromkeys((pair.scene, pair.element) for pair in own):
-            group = [pair for pair in own if (pair.scene, pair.element) == (scene, element)]
+        for scene, element in dict.fromkeys((pair.scene, pair.step) for pair in own):
+            group = [pair for pair in own if (pair.scene, pair.step) == (scene, element)]
             for word, name in observables_of(group[0].cases[0]).items():
                 sides = np.array([[found[case, engine].values[name] for case in pair.cases] for pair in group])
                 change, spread = spread_of(sides[:, 1] / sides[:, 0] - 1)
@@ -191,18 +199,18 @@ def measure_effects(pairs: Sequence[Pair], engines: Iterable[str], repeats: int,
                 )  # fmt: skip
 
 
-def taken_by(engine: str, pairs: Iterable[Pair]) -> list[Pair]:
+def taken_by(engine: str, pairs: Iterable[Variant]) -> list[Variant]:
     """Pairs that an engine can run on both sides."""
     return [pair for pair in pairs if not any(inability(case, engine) for case in pair.cases)]
 
 
-def _costs(pairs: Sequence[Pair], engine: str, repeats: int, found: Found) -> dict[str, tuple[float, ...]]:
+def _costs(pairs: Sequence[Variant], engine: str, repeats: int, found: Found) -> dict[str, tuple[float, ...]]:
     """Loop time in ns per body and step without and with each element: the least of all seeds and repetitions.
 
     The runs of the study are parallel; the repetitions, of the first seed, run one after the other.
     """
     loops_s = {case: found[case, engine].loop_s for pair in pairs for case in pair.cases}
-    repeated = {case for pair in {pair.element: pair for pair in reversed(pairs)}.values() for case in pair.cases}
+    repeated = {case for pair in {pair.step: pair for pair in reversed(pairs)}.values() for case in pair.cases}
     with serving(engine) as session:
         what = f"costs on {engine}, one run after the other"
         for case in following([*repeated] * repeats, what, len(repeated) * repeats):
@@ -210,7 +218,7 @@ def _costs(pairs: Sequence[Pair], engine: str, repeats: int, found: Found) -> di
     least: dict[str, list[float]] = {}
     for pair in pairs:
         own = [loops_s[case] / (case.chain.bodies * case.scene.steps) * 1e9 for case in pair.cases]
-        least[pair.element] = [*map(min, own, least.get(pair.element, own))]
+        least[pair.step] = [*map(min, own, least.get(pair.step, own))]
     return {element: tuple(own) for element, own in least.items()}
 
 
@@ -269,12 +277,12 @@ class Between:
     same: float = nan
 
 
-def straight(subject: Subject) -> list[Case]:
+def straight(subject: SwitchedScene) -> list[Case]:
     """The scene as it is, and with the elements that straight chains always omit."""
     return [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
 
 
-def omitted_effects(subjects: Iterable[Subject], engines: Iterable[str], found: Found) -> Iterator[Omitted]:
+def omitted_effects(subjects: Iterable[SwitchedScene], engines: Iterable[str], found: Found) -> Iterator[Omitted]:
     """Effects of the elements that straight chains always omit."""
     for engine, subject in product(engines, subjects):
         one, other = (found[case, engine].trace for case in straight(subject))
@@ -296,12 +304,14 @@ def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[
             yield KeptAccuracy(accuracy, engine, names, step, worst, kept[worst]["asked"], kept[worst]["measured"])
 
 
-def in_tube(subject: Subject, seeds: int) -> dict[str, list[Case]]:
+def in_tube(subject: SwitchedScene, seeds: int) -> dict[str, list[Case]]:
     """Cases of the scene in the tube, by friction."""
     return {friction: seeded(subject, side, seeds) for friction, side in TUBES.items()}
 
 
-def compare_codes(subjects: Iterable[Subject], seeds: int, codes: Sequence[str], found: Found) -> Iterator[Between]:
+def compare_codes(
+    subjects: Iterable[SwitchedScene], seeds: int, codes: Sequence[str], found: Found
+) -> Iterator[Between]:
     """Comparison of every two codes on all scenes in the tube."""
     if len(codes) < 2:
         yield Between("any", "any", " ".join(codes), 0)

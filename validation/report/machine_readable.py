@@ -86,7 +86,7 @@ def as_json(
     unmet: Mapping[str, str],
     to_come: Sequence[str],
 ) -> str:
-    """Report as JSON, with the names of studies still to come; NaN and infinities become null."""
+    """Report as JSON, with the names of chapters still to come; NaN and infinities become null."""
     data = {
         "schema_version": SCHEMA,
         "made_with": made,

@@ -21,6 +21,7 @@ from drivers.engines import in_order
 from drivers.scene.read_scene import read_scene
 from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
+from validation.chapters import CHAPTERS, Options, load_chapter, named, read_section, up_to_date, write_chapter
 from validation.checks import FAIL, NOT_RUN, PASS, short
 from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
@@ -35,12 +36,11 @@ from validation.report.scene_section import (
     section_of,
     tolerances,
 )
-from validation.studies import STUDIES, Options, load_study, named, read_section, up_to_date, write_study
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 MAKE_COMMAND = "make report"
 POWER = re.compile(r"\d[\d.]*e[+-]?\d+")  # number with a power of ten
-NO_SHORT_FORM = ("independent", "claims")  # studies that are always made in full
+NO_SHORT_FORM = ("independent", "claims")  # chapters that are always made in full
 
 # link and heading of each section, by the name of its template, table and ``make`` target
 SECTIONS = {
@@ -53,18 +53,18 @@ SECTIONS = {
     "elements": ("Elements", "Effects of the modelled elements"),
     "calibration": ("Calibration", "Parameters fitted to the experiments"),
 }
-READERS = {"table1": read_table1, "figures": read_figures}  # sections that belong to no study
+READERS = {"table1": read_table1, "figures": read_figures}  # sections that belong to no chapter
 
 
 def report(
     sources: list[str], out: Path | None, runs: Path | None, asked: EngineSelection, *, studies: bool = False
 ) -> int:
-    """Run and compare scenes, and write the report; with ``studies`` also make those that are not up to date.
+    """Run and compare scenes, and write the report; with ``studies`` also make the chapters that are not up to date.
 
-    Studies are made in their short form, claims and independent cases in full; existing tables of other studies are
-    kept. Without named scenes the report is on the paper's scenes, with sections on the studies; a report on named
-    scenes has no such sections unless ``studies`` are asked for. The exit code is 1 if a verdict fails, a study misses
-    a requirement, or a required engine did not run.
+    Chapters are made in their short form, claims and independent cases in full; existing tables of other chapters are
+    kept. Without named scenes the report is on the paper's scenes, with its chapters; a report on named scenes has
+    none unless ``studies`` are asked for. The exit code is 1 if a verdict fails, a chapter misses a requirement, or a
+    required engine did not run.
 
     Raises:
         InputError: a scene is wrong, two scenes have one name, or the page has the name of a JSON file.
@@ -79,7 +79,7 @@ def report(
     for scene in scenes:
         if scene.measured:  # report wrong files before any run
             read_traces(scene, gauges_of(build_case(scene).layout))
-    to_come = [name for name in STUDIES if studies and not _made(name, page.parent)]
+    to_come = [name for name in CHAPTERS if studies and not _made(name, page.parent)]
     steps, command = 1 + len(to_come), _command(sources, out, runs, asked, studies=studies)
     sections = tuple(SECTIONS) if studies or not sources else ()
     with step("scenes on all engines, compared", 1, steps):
@@ -90,31 +90,31 @@ def report(
     _announce(page, counts, to_come)
     failed = False
     for number, name in enumerate([*to_come], 2):
-        study, options = load_study(name), Options(page.parent, folder, quick=name not in NO_SHORT_FORM)
-        with step(named(study.title, options), number, steps):
+        chapter, options = load_chapter(name), Options(page.parent, folder, quick=name not in NO_SHORT_FORM)
+        with step(named(chapter.title, options), number, steps):
             try:
-                write_study(study, study.measure(options), page.parent)
-            except RunError as error:  # continue with the other studies
+                write_chapter(chapter, chapter.measure(options), page.parent)
+            except RunError as error:  # continue with the other chapters
                 say(f"{name}: {error}")
                 failed = True
             to_come.remove(name)
             counts = write_report(compared, page, command, runs, unmet, to_come, sections)
         _announce(page, counts, to_come)
-    missed = [line for name in STUDIES if studies for line in _missed(name, page.parent)]
+    missed = [line for name in CHAPTERS if studies for line in _missed(name, page.parent)]
     for line in missed:
         say(line)
     return 1 if print_unmet(unmet) or counts[FAIL] or missed or failed else 0
 
 
 def _made(name: str, results: Path) -> bool:
-    """True if a study is up to date; an existing table counts for a study with a short form."""
-    study = load_study(name)
-    return up_to_date(study, results) if name in NO_SHORT_FORM else (results / f"{study.main_table}.csv").exists()
+    """True if a chapter is up to date; an existing table counts for a chapter with a short form."""
+    chapter = load_chapter(name)
+    return up_to_date(chapter, results) if name in NO_SHORT_FORM else (results / f"{chapter.main_table}.csv").exists()
 
 
 def _missed(name: str, results: Path) -> Sequence[str]:
-    study = load_study(name)
-    return study.missed(study.read(results)) if (results / f"{study.main_table}.csv").exists() else ()
+    chapter = load_chapter(name)
+    return chapter.missed(chapter.read(results)) if (results / f"{chapter.main_table}.csv").exists() else ()
 
 
 def _announce(page: Path, counts: Counter[str], to_come: Sequence[str]) -> None:
@@ -146,11 +146,11 @@ def write_report(
 
     Args:
         scenes: compared scenes; each has a section.
-        path: of the page; studies are read from tables in its folder.
+        path: of the page; chapters are read from tables in its folder.
         command: makes the page again.
         runs: folder of the run folders if not the default.
         unmet: messages on required engines without a run.
-        to_come: names of studies that are being made.
+        to_come: names of chapters that are being made.
         sections: names of the sections that follow the scenes.
 
     Returns:
@@ -161,7 +161,7 @@ def write_report(
     """
     results = path.parent
     made = made_with(scenes, command)
-    shown: dict[str, Any] = {name: {} for name in sections}  # a study to come is not read: its tables are outdated
+    shown: dict[str, Any] = {name: {} for name in sections}  # a chapter to come is not read: its tables are outdated
     for name in (name for name in shown if name not in to_come):
         shown[name] = READERS[name](results) if name in READERS else read_section(name, results)
     rows = [scene_row(scene, runs) for scene in scenes]
@@ -211,7 +211,7 @@ def unbroken(text: str) -> Markup:
 
 
 def claim_counts(claims: Mapping[str, Any]) -> dict[str, int]:
-    """Numbers of the paper's statements that are reproduced, differ and are not tested; empty without the study."""
+    """Numbers of the paper's statements that are reproduced, differ and are not tested; empty without the chapter."""
     if not claims:
         return {}
     counts = {verdict: len(rows) for verdict, rows in claims["rows"].items()}

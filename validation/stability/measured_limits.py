@@ -56,7 +56,7 @@ JUDGED_GROUPS = (SHIPPED, RANDOM)
 
 
 @dataclass(frozen=True)
-class Subject:
+class MeasuredChain:
     """A chain to measure.
 
     Attributes:
@@ -69,13 +69,13 @@ class Subject:
     value: float = nan
 
 
-def shipped() -> Iterator[Subject]:
+def shipped() -> Iterator[MeasuredChain]:
     """The paper's scenes and two more."""
     for name in (*PAPER, "low-amplitude", "steel-chain"):
-        yield Subject(SHIPPED, name, case_of(name))
+        yield MeasuredChain(SHIPPED, name, case_of(name))
 
 
-def sweeps() -> Iterator[Subject]:
+def sweeps() -> Iterator[MeasuredChain]:
     """Sweeps of one parameter each, over decades."""
     for group, (key, unit, values) in SWEEPS.items():
         for value in values:
@@ -86,23 +86,23 @@ def sweeps() -> Iterator[Subject]:
             interval = duration / 800
             timing = (f"run.duration={duration:.6g} s", f"run.sample_interval={interval:.6g} s")
             case = case_of(BASE, setting, *timing, f"run.time_step={interval:.6g} s")
-            yield Subject(group, f"{BASE} {setting}", case, value / BEAD_KG if unit == "kg" else float(value))
+            yield MeasuredChain(group, f"{BASE} {setting}", case, value / BEAD_KG if unit == "kg" else float(value))
 
 
-def bouncing() -> Iterator[Subject]:
+def bouncing() -> Iterator[MeasuredChain]:
     """A bead that bounces on the wall: errors of impacts add up."""
     for duration_ms in (5, 50, 500):
         settings = ("chain.count=0", "chain.sensors=[]", "gravity=981 m/s^2", "striker.speed=0.5 m/s")
         case = case_of(BASE, *settings, f"run.duration={duration_ms} ms", "run.time_step=1 us")
         duration_s = float(case.sample_times_s[-1])
         impacts = impacts_counted(case.chain, reached(case.chain, duration_s), duration_s)
-        yield Subject(BOUNCING, f"a bead that bounces {impacts:.0f} times", case, impacts)
+        yield MeasuredChain(BOUNCING, f"a bead that bounces {impacts:.0f} times", case, impacts)
 
 
-def at_random(count: int) -> Iterator[Subject]:
+def at_random(count: int) -> Iterator[MeasuredChain]:
     """The first random scenes, by number."""
     for number in range(count):
-        yield Subject(RANDOM, f"random {number}", random_case(number, accuracy=0.1))
+        yield MeasuredChain(RANDOM, f"random {number}", random_case(number, accuracy=0.1))
 
 
 def random_case(number: int, **run: Any) -> Case:
@@ -175,7 +175,7 @@ class Limit:
     steps: float
 
 
-def measure_limits(subjects: Sequence[Subject], names: Sequence[str] | None = None) -> list[Limit]:
+def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | None = None) -> list[Limit]:
     """Limits of all subjects by Verlet and by codes, all installed ones by default; the codes run in parallel.
 
     Verlet is scanned. A code runs at the step where Verlet blows up and at the step before; it is scanned itself only
@@ -207,7 +207,7 @@ def gain(case: Case, trace: Trace) -> float:
 
 
 def _by_code(
-    name: str, subjects: Sequence[Subject], by_verlet: Sequence[Limit], count: Callable[[], None]
+    name: str, subjects: Sequence[MeasuredChain], by_verlet: Sequence[Limit], count: Callable[[], None]
 ) -> list[Limit]:
     limits = []
     with serving(name) as session:
@@ -239,7 +239,7 @@ def _gain_in(session: Session, case: Case) -> float:
 
 
 def _scan(
-    subject: Subject, method: str, predicted_s: float, gain_at: Callable[[Case], float], lowest: float = LOWEST
+    subject: MeasuredChain, method: str, predicted_s: float, gain_at: Callable[[Case], float], lowest: float = LOWEST
 ) -> Limit:
     """Tries increasing steps until the energy blows up; a whole scan also finds the step where it is bad."""
     case, measured_s, bad_s = subject.case, nan, nan

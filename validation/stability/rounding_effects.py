@@ -20,9 +20,9 @@ from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
 from postproc.read.residual import largest_residual
 from validation.accuracy.exact_motion import exact_motion_of
+from validation.chapters import ADAPTIVE, ORDER_4
 from validation.reference.symplectic import integrate_symplectic
 from validation.served_runs import left_out_if_failed, serve, serving
-from validation.studies import ADAPTIVE, ORDER_4
 
 # five beads that bounce under gravity, and five that are pressed together so that no contact opens
 FIVE_BEADS = (

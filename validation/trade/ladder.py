@@ -31,11 +31,11 @@ from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from validation.accuracy.costs import cost_on
 from validation.accuracy.exact_motion import ENERGY, ExactMotion, errors_of, exact_motion_of, momentum_error
+from validation.chapters import ADAPTIVE, DONE, NOT_RUN, ORDER_4
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
 from validation.served_runs import Served, serve, serving
-from validation.studies import ADAPTIVE, DONE, NOT_RUN, ORDER_4
 
 SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")
 SHORT_SCENES = SCENES[:-1]  # without the thousand beads, which take half of the time

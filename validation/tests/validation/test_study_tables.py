@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base.errors import InputError
-from validation.studies import frame_of, read_table, rows_in, write_table
+from validation.chapters import frame_of, read_table, rows_in, write_table
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from drivers.limits.stable_step import predicted_limit
 from postproc.paper.calibrated import calibrated
 from validation.accuracy.exact_motion import errors_of, exact_motion_of
 from validation.accuracy.plan import planned_case
+from validation.chapters import CHAPTERS, load_chapter
 from validation.claims.claim import read_claims
 from validation.independent.posed_cases import read_independent
 from validation.reference.travelling_wave import solve_travelling_wave
 from validation.stability.extremes import extremes
-from validation.studies import STUDIES, load_study
 from validation.tests.engine.candidate import kit
 from validation.tests.helpers.readme import command_lines, parse
 from validation.trade.ladder import SCENES, SHARES
@@ -43,14 +43,14 @@ def test_named_files_exist() -> None:
 
 
 def test_named_tables_are_written_by_studies() -> None:
-    tables = {f"{name}.csv" for study in STUDIES for name in load_study(study).tables}
+    tables = {f"{name}.csv" for study in CHAPTERS for name in load_chapter(study).tables}
     named = set(re.findall(r"([\w-]+\.csv)`", TEXT)) - {"fit-SCENE.csv", "-data.csv"}
     assert named <= tables
 
 
 def test_targets_are_those_of_make() -> None:
     known = re.findall(r"^\.PHONY: (.*)$", (paths.ROOT / "Makefile").read_text(), re.MULTILINE)
-    targets = {*" ".join(known).split(), *STUDIES}
+    targets = {*" ".join(known).split(), *CHAPTERS}
     assert set(re.findall(r"(?:^|`)make ([\w-]+)", TEXT, re.MULTILINE)) <= targets
 
 
@@ -71,7 +71,7 @@ def test_counts_are_those_of_the_files() -> None:
     assert f"{len(claims.untested)} statements are not tested" in TEXT
     assert f"holds {len(extremes())} extreme scenes" in TEXT
     assert f"{len(kit()['variant'])} scenes" in TEXT
-    assert f"of the six studies ({', '.join(STUDIES)})" in TEXT
+    assert f"of the six studies ({', '.join(CHAPTERS)})" in TEXT
     assert len(SCENES) == 7
     assert min(SHARES) == pytest.approx(1e-4)
     assert "two-glass-spheres" in [case.id for case in read_independent()]

@@ -26,7 +26,7 @@ from validation.accuracy.exact_motion import exact_motion_of
 from validation.checks import PASS
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
-from validation.stability.measured_limits import MAX_RATIO, Subject, measure_limits
+from validation.stability.measured_limits import MAX_RATIO, MeasuredChain, measure_limits
 from validation.tests.engine.test_results import bounced
 from validation.tests.helpers.runs import assessed, finished, need
 from validation.tests.helpers.scenes import case_of
@@ -169,7 +169,7 @@ def test_late_damping_lowers_the_limit_of_an_oscillator(ratio: float) -> None:
 def test_limits_of_damped_chains(ratio: float) -> None:
     given = f"contact.damping_ratio={ratio}"
     pressed = case_of("fig4", "chain.precompression=20 N", given)  # stiff all the time: the limit is sharp
-    subjects = [Subject("damped", "struck", case_of("fig5", given)), Subject("damped", "pressed", pressed)]
+    subjects = [MeasuredChain("damped", "struck", case_of("fig5", given)), MeasuredChain("damped", "pressed", pressed)]
     names = codes() if ratio == 0.6 else ()
     limits = measure_limits(subjects, [name for name in names if load_engine(name).find()])
     for subject in subjects:

@@ -19,7 +19,7 @@ from validation.accuracy.exact_motion import exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
-from validation.stability.measured_limits import RANDOM, Subject, measure_limits, random_case
+from validation.stability.measured_limits import RANDOM, MeasuredChain, measure_limits, random_case
 from validation.tests.helpers import high_precision
 from validation.tests.helpers.by_power import Array, forces_at
 from validation.tests.helpers.runs import assessed, finished, need
@@ -202,7 +202,9 @@ def random_limits(numbers: range) -> list[float]:
         speed = np.abs(chain.velocity_m_s).max()
         impact_N = (1.25 * chain.reduced_mass_kg.min() * speed**2) ** 0.6 * chain.stiffness.max() ** 0.4
         gamma = float(impact_N * 10 ** draw.uniform(-3, 0.3) / speed**alpha)
-        subjects.append(Subject(RANDOM, case.scene.name, replace(case, chain=replace(chain, gamma=gamma, alpha=alpha))))
+        subjects.append(
+            MeasuredChain(RANDOM, case.scene.name, replace(case, chain=replace(chain, gamma=gamma, alpha=alpha)))
+        )
     return [limit.ratio for limit in measure_limits(subjects, ())]
 
 

@@ -20,7 +20,7 @@ from drivers.scene import model
 from drivers.scene.read_scene import make_scene, read_entries, read_scene, read_toml
 from drivers.scene.settings import unit_of
 from validation.accuracy.costs import Cost
-from validation.calibration import data_sets, free, laws
+from validation.calibration.calibration_file import CalibrationFile, Range
 from validation.claims.claim import ClaimsFile, read_claims
 from validation.elements.switches import Elements
 from validation.independent.posed_cases import MEASURES, Independent, read_independent
@@ -194,8 +194,9 @@ def test_every_key_of_the_other_files_has_a_row() -> None:
     assert key_cells("Independent cases") == {*keys(Independent, "case.")}
     claims = {key for key in keys(ClaimsFile) if not key.startswith("readings.")}
     assert key_cells("The paper") == claims | {"claim.readings", "claim.shared_readings"}
-    ranges = {f"range.KEY.{key}" for key in free.Range.model_fields}
-    assert key_cells("Calibration") == ranges | {*keys(laws.Plan), *keys(data_sets._Sets)}
+    ranges = {f"range.KEY.{key}" for key in Range.model_fields}
+    fits = {key for key in keys(CalibrationFile) if not key.startswith("range")}
+    assert key_cells("Calibration") == ranges | fits
     rows = tables(SECTIONS["Elements, extremes and kit"])[0]
     file, listed = "", dict[str, set[str]]()
     for row in rows:
@@ -235,13 +236,6 @@ def read_as(kind: type[BaseModel]) -> Callable[[Path], object]:
     return lambda path: validate(kind, read_toml(path), path.name)
 
 
-def read_calibration(path: Path) -> None:
-    tables = read_toml(path)
-    validate(laws.Plan, {name: tables[name] for name in laws.Plan.model_fields}, path.name)
-    validate(data_sets._Sets, {"set": tables["set"]}, path.name)
-    validate(free._Ranges, {"range": tables["range"]}, path.name)
-
-
 def read_fragment(path: Path) -> None:
     """Read part of a scene file; the other tables come from the shipped scene ``example-measured``."""
     tables = read_toml(paths.SCENES / "example-measured.toml") | read_toml(path)
@@ -259,7 +253,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     ],
     "my-cases.toml": read_independent,
     "inputs/paper/claims.toml": read_claims,
-    "inputs/calibration.toml": read_calibration,
+    "inputs/calibration.toml": read_as(CalibrationFile),
     "inputs/elements.toml": read_as(Elements),
     "inputs/extremes.toml": lambda path: read_entries(path, "extreme", Extreme),
     "inputs/kit.toml": lambda path: [case_with(*each["set"]) for each in read_toml(path)["variant"]],

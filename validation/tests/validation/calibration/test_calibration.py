@@ -6,23 +6,26 @@ from pathlib import Path
 import pytest
 
 from postproc.paper.calibrated import calibrated
-from validation.calibration import calibration_study
-from validation.calibration.calibration_study import DATA, MAIN, PROFILES, REMARKS, STUDY, missed, sentences
+from validation.calibration import calibration_chapter
+from validation.calibration.calibration_chapter import CHAPTER, DATA, MAIN, PROFILES, REMARKS, missed, sentences
+from validation.calibration.calibration_file import calibration_file
 from validation.calibration.data_sets import paper_data
-from validation.calibration.laws import fit_one, plan
+from validation.calibration.laws import fit_one
 from validation.calibration.problem import MISSING_RESIDUAL, jacobian, pose, residual
 from validation.calibration.rows import Parameter
-from validation.studies import frame_of, read_section, write_study
+from validation.chapters import frame_of, read_section, write_chapter
 
 
 def test_fits_to_fig_4_give_tables_sentences_and_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = plan()
-    monkeypatch.setattr(calibration_study, "plan", lambda: whole.model_copy(update={"selections": ("fig4",)}))
+    whole = calibration_file()
+    monkeypatch.setattr(
+        calibration_chapter, "calibration_file", lambda: whole.model_copy(update={"selections": ("fig4",)})
+    )
     laws = [law for law in whole.law if law.name in ("elastic theory", "viscoelastic")]
     parts = zip(*(fit_one(law, "fig4", False) for law in laws), strict=True)
-    rows = {name: [row for each in part for row in each] for name, part in zip(STUDY.tables, parts, strict=True)}
+    rows = {name: [row for each in part for row in each] for name, part in zip(CHAPTER.tables, parts, strict=True)}
     assert [*rows] == [MAIN, DATA, PROFILES, REMARKS]
-    theory, fitted = sentences(write_study(STUDY, rows, tmp_path))
+    theory, fitted = sentences(write_chapter(CHAPTER, rows, tmp_path))
     assert "deviations in standard errors: fig4: force +9.2, fig4: speed +2.7" in theory
     assert "ptfe.youngs_modulus 1.01 ± 0.29 GPa (95 %: 0.54 .. 1.70 GPa); contact.restitution 0.729 ± 0.096" in fitted
     section = read_section("calibration", tmp_path)
@@ -50,7 +53,7 @@ def test_every_quoted_number_has_an_error_with_a_reason() -> None:
 @pytest.mark.long
 def test_dissipation_and_a_softer_bead_explain_all_quoted_data() -> None:
     """The best fit lies where the third maximum at the wall is about to vanish; a descent alone ends above it."""
-    (law,) = [law for law in plan().law if law.name == "viscoelastic"]
+    (law,) = [law for law in calibration_file().law if law.name == "viscoelastic"]
     parameters, data, _, remarks = fit_one(law, "fig4, table1, fig5", True)
     assert parameters[0].chi_square == pytest.approx(7.54, abs=0.1)
     assert parameters[0].value == pytest.approx(0.785e9, rel=0.02)

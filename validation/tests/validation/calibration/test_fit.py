@@ -15,7 +15,7 @@ from postproc.paper.simulate import Simulation, case_of, exact
 from postproc.read.alignment import averaged
 from postproc.read.sensors import sensor_signals
 from validation.calibration.certainty import RISES, Certainty, predictions, profile
-from validation.calibration.data_sets import DataSet, Number, gauge_parameters, paper_data, scene_data
+from validation.calibration.data_sets import DataSet, MeasuredNumber, gauge_parameters, paper_data, scene_data
 from validation.calibration.fit import fit, fitted_at
 from validation.calibration.fit_command import LEGEND, FitRequest, lines, write_fitted
 from validation.calibration.free import Free, free_parameter
@@ -143,11 +143,11 @@ def test_one_trace_barely_distinguishes_gain_modulus_and_strike(tmp_path: Path) 
 
 def test_a_datum_does_not_affect_the_prediction_without_it() -> None:
     (data,) = paper_data(["fig4"], ())
-    numbers = [Number("bead_9_amplitude_N", 2.0, 0.1), Number("speed_9_to_5_m_s", 152.0, 5.0)]
-    numbers.append(Number("bead_5_duration_4pct_s", 164e-6, 8e-6))
+    numbers = [MeasuredNumber("bead_9_amplitude_N", 2.0, 0.1), MeasuredNumber("speed_9_to_5_m_s", 152.0, 5.0)]
+    numbers.append(MeasuredNumber("bead_5_duration_4pct_s", 164e-6, 8e-6))
 
     def prediction_without(speed: float) -> tuple[float, float]:
-        numbers[1] = Number("speed_9_to_5_m_s", speed, 5.0)
+        numbers[1] = MeasuredNumber("speed_9_to_5_m_s", speed, 5.0)
         sets = [DataSet("fig4", "fig4", data.tables, "here", tuple(numbers))]
         _, line, _ = predictions(fit(pose(sets, (MODULUS, RESTITUTION))))
         return line.without, line.fitted

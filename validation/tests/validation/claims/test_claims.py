@@ -14,9 +14,10 @@ from drivers.base.errors import InputError
 from drivers.engines import codes
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS
+from validation.chapters import frame_of, read_section, read_table, rows_in, write_table
 from validation.checks import Check
 from validation.claims.claim import KINDS, MODULES, Claim, Reading, read_claims
-from validation.claims.claims_study import checks_in
+from validation.claims.claims_chapter import checks_in
 from validation.claims.judged import (
     DIFFERS,
     REPRODUCED,
@@ -28,7 +29,6 @@ from validation.claims.judged import (
     judge_all,
 )
 from validation.report.write_report import write_report
-from validation.studies import frame_of, read_section, read_table, rows_in, write_table
 from validation.tests.helpers.runs import need
 
 pytestmark = pytest.mark.long

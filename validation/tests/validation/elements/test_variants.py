@@ -1,8 +1,8 @@
 """Uncertainty of an effect: variants of an element, in addition to the spread over seeds."""
 
-from validation.elements.elements_study import STUDY, sentences
+from validation.chapters import frame_of
+from validation.elements.elements_chapter import CHAPTER, sentences
 from validation.elements.switches import Effect, read_elements
-from validation.studies import frame_of
 
 
 def test_variants_are_of_an_existing_element() -> None:
@@ -22,7 +22,7 @@ def test_effects_are_given_with_their_spread_and_their_variants() -> None:
         for name, change in changes.items()
         for engine in ("one", "other")
     ]
-    tables = {name: frame_of(kind, rows if name == "elements" else []) for name, kind in STUDY.tables.items()}
+    tables = {name: frame_of(kind, rows if name == "elements" else []) for name, kind in CHAPTER.tables.items()}
     said = next(line for line in sentences(tables) if line.startswith("fig4, tube:"))
     assert "by -8 %, with a spread over seeds of 0.05 %" in said
     assert said.endswith("-23 (tube of 5.2 mm), -3 (tube of 4.9 mm).")

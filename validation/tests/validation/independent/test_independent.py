@@ -14,11 +14,11 @@ from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import codes
 from postproc.paper.simulate import exact
+from validation.chapters import read_section, read_table, rows_in, write_table
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, without_run
-from validation.independent.independent_study import IN_REPO, judge_all
+from validation.independent.independent_chapter import IN_REPO, judge_all
 from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
 from validation.report.write_report import write_report
-from validation.studies import read_section, read_table, rows_in, write_table
 from validation.tests.helpers.commands import assert_in_order, command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import EnginesWriter, StandIn

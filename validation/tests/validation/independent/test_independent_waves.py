@@ -20,7 +20,7 @@ from drivers.run.run import run_case
 from drivers.scene.read_scene import read_scene
 from postproc.read.motion import trace_with_state
 from validation.independent import linear, weak
-from validation.independent.independent_study import IN_REPO
+from validation.independent.independent_chapter import IN_REPO
 from validation.independent.posed_cases import MEASURES, Independent, pose, read_independent
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of

@@ -11,10 +11,10 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import RunError
+from validation.chapters import Chapter, Options
 from validation.compare.selection import EngineSelection
 from validation.report import write_report
 from validation.report.write_report import report
-from validation.studies import Options, Study
 from validation.tests.helpers.scenes import SceneWriter
 
 Grow = Callable[..., int]
@@ -36,14 +36,14 @@ class Studies:
         self.instead: dict[str, Callable[[], None]] = {}
         self.missed: list[str] = []
 
-    def load(self, name: str) -> Study:
+    def load(self, name: str) -> Chapter:
         def measure(options: Options) -> Mapping[str, Any]:
             self.pages.append((options.results / "report.html").read_text())
             self.instead.get(name, lambda: None)()
             self.made.append(name)
             return {name: [Row(1.0)]}
 
-        return Study(
+        return Chapter(
             name, f"about {name}", {name: Row}, measure, lambda _: [f"{name} says so"], lambda _: {},
             missed=lambda _: self.missed,
         )  # fmt: skip
@@ -52,8 +52,8 @@ class Studies:
 @pytest.fixture
 def studies(monkeypatch: pytest.MonkeyPatch) -> Studies:
     own = Studies()
-    monkeypatch.setattr(write_report, "STUDIES", ("claims", "trade"))
-    monkeypatch.setattr(write_report, "load_study", own.load)
+    monkeypatch.setattr(write_report, "CHAPTERS", ("claims", "trade"))
+    monkeypatch.setattr(write_report, "load_chapter", own.load)
     monkeypatch.setattr(write_report, "read_section", lambda *_: {})
     return own
 

@@ -17,11 +17,11 @@ from drivers.engines import engine_names
 from drivers.run.finished import EndedRun
 from validation.accuracy.budget import first_departure
 from validation.accuracy.motions import motions_of
+from validation.chapters import write_table
 from validation.checks import FAIL, PASS, Check
 from validation.compare.comparison import ComparedScene, run_and_compare
 from validation.independent.posed_cases import read_independent
 from validation.report.write_report import write_report
-from validation.studies import write_table
 from validation.tests.helpers.browser import (
     PRINTED_HIGH_PX,
     PRINTED_PX,

@@ -14,6 +14,7 @@ import pytest
 
 from drivers.base import decks as deck
 from postproc.draw.style import pyplot, svg_of
+from validation.chapters import write_table
 from validation.checks import FAIL, NOT_RUN, PASS, Check, without_run
 from validation.compare.comparison import ComparedScene
 from validation.independent.posed_cases import read_independent
@@ -21,7 +22,6 @@ from validation.report.charts import PLACES, chart_of
 from validation.report.machine_readable import cpu_name
 from validation.report.page_figures import image_of
 from validation.report.write_report import write_report
-from validation.studies import write_table
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import checks_of, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of

@@ -22,6 +22,7 @@ from drivers.limits.stable_step import predicted_limit
 from drivers.run.guard import reason_to_fail
 from drivers.run.run import run_case
 from validation.accuracy.plan_report import plan_report
+from validation.chapters import read_section, write_chapter
 from validation.checks import FAIL, NOT_RUN, PASS
 from validation.compare.comparison import run_and_compare
 from validation.report.write_report import write_report
@@ -33,7 +34,7 @@ from validation.stability.measured_limits import (
     PAPER,
     RANDOM,
     SHIPPED,
-    Subject,
+    MeasuredChain,
     at_random,
     bouncing,
     gain,
@@ -42,8 +43,7 @@ from validation.stability.measured_limits import (
     sweeps,
 )
 from validation.stability.rounding_effects import SIGNIFICANCE, by_code, energy_of, in_repo, pressed
-from validation.stability.stability_study import STUDY, missed
-from validation.studies import read_section, write_study
+from validation.stability.stability_chapter import CHAPTER, missed
 from validation.tests.helpers.adversarial import KINDS, adversarial_case
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import finished, need
@@ -56,7 +56,7 @@ QUICK = {each.name: each for each in extremes(quick=True)}
 
 
 def test_predictions_are_right_on_the_papers_scenes_and_at_random() -> None:
-    subjects = [*(Subject(RANDOM, name, case_of(name)) for name in PAPER), *at_random(20)]
+    subjects = [*(MeasuredChain(RANDOM, name, case_of(name)) for name in PAPER), *at_random(20)]
     for limit in measure_limits(subjects, names=()):
         assert 1 <= limit.ratio <= MAX_RATIO, limit
 
@@ -64,7 +64,7 @@ def test_predictions_are_right_on_the_papers_scenes_and_at_random() -> None:
 def test_codes_blow_up_where_the_in_repo_scheme_does() -> None:
     for name in codes():
         need(name)
-    subjects = [Subject(RANDOM, "fig5", case_of("fig5")), *at_random(2)]
+    subjects = [MeasuredChain(RANDOM, "fig5", case_of("fig5")), *at_random(2)]
     limits = measure_limits(subjects, names=codes())
     for subject in subjects:
         own = {limit.method: limit for limit in limits if limit.scene == subject.name}
@@ -76,7 +76,7 @@ def test_codes_blow_up_where_the_in_repo_scheme_does() -> None:
 
 @pytest.mark.parametrize("times", [0.97, 1.05])
 def test_a_code_that_blows_up_elsewhere_is_scanned_itself(times: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    subjects = [Subject(RANDOM, "fig5", case_of("fig5"))]
+    subjects = [MeasuredChain(RANDOM, "fig5", case_of("fig5"))]
     (scheme,) = measure_limits(subjects, names=())
     elsewhere_s = times * scheme.measured_s
     monkeypatch.setattr(measured_limits, "serving", lambda _: nullcontext())
@@ -107,7 +107,9 @@ def test_many_impacts_lower_the_limit() -> None:
     # the bound is of the unluckiest phases of the impacts: of some it has to be near
     settings = ("chain.count=0", "chain.sensors=[]", "gravity=981 m/s^2", "run.duration=25 ms", "run.time_step=1 us")
     speeds = [(*settings, f"striker.speed={speed} m/s") for speed in np.linspace(0.4, 0.6, 8)]
-    ratios = [limit.ratio for limit in measure_limits([Subject(RANDOM, "", case_of("fig4", *s)) for s in speeds], ())]
+    ratios = [
+        limit.ratio for limit in measure_limits([MeasuredChain(RANDOM, "", case_of("fig4", *s)) for s in speeds], ())
+    ]
     assert 1 <= min(ratios) <= MAX_RATIO
 
 
@@ -327,7 +329,7 @@ def test_heights_round_and_overlaps_do_not() -> None:
 
 
 def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) -> None:
-    chosen = [Subject(SHIPPED, "fig5", case_of("fig5")), *sweeps()][::4]
+    chosen = [MeasuredChain(SHIPPED, "fig5", case_of("fig5")), *sweeps()][::4]
     edge = Extreme(name="beads <b>", scene="fig4", set=COARSE)
     (tmp_path / "stability-energy.csv").write_text("of an earlier study\n")
     (tmp_path / "stability-horizons.svg").write_text("of an earlier study\n")
@@ -335,7 +337,7 @@ def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) ->
         "stability": measure_limits(chosen, names=()),
         "stability-extremes": [*run_all([edge], shared_runs)],
     }
-    tables = write_study(STUDY, rows, tmp_path)
+    tables = write_chapter(CHAPTER, rows, tmp_path)
     assert missed(tables) == []
     written = ["stability-extremes.csv", "stability-limits.png", "stability-limits.svg", "stability.csv"]
     assert sorted(path.name for path in tmp_path.iterdir()) == written

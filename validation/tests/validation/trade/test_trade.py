@@ -8,13 +8,13 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.limits.criteria import rayleigh_time
-from validation.studies import frame_of, read_section, write_study
+from validation.chapters import frame_of, read_section, write_chapter
 from validation.tests.helpers.commands import command_line
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 from validation.trade.ladder import LadderRun, Rung, affordable, at_step, run_ladder
 from validation.trade.levers import rayleigh, sampling, softened
-from validation.trade.trade_study import STUDY, advice, front, orders
+from validation.trade.trade_chapter import CHAPTER, advice, front, orders
 
 
 def table(errors: list[float], shares: list[float]) -> pd.DataFrame:
@@ -98,8 +98,8 @@ def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     assert np.ptp(same["force"].to_numpy()) < 1e-9
 
     measured = [*sampling(), *rayleigh(), *softened()]
-    write_study(
-        STUDY,
+    write_chapter(
+        CHAPTER,
         {"trade": rows, "trade-levers": measured, "trade-advice": [*advice(found)], "trade-orders": [*orders(found)]},
         tmp_path,
     )

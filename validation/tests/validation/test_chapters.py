@@ -18,18 +18,18 @@ from drivers.engines import installed_codes, load_engine
 from drivers.run.run import run_all_done
 from postproc.paper.simulate import Simulation, run_codes
 from validation.__main__ import COMMANDS
-from validation.elements import elements_study, gauge_steps, switches
-from validation.elements.elements_study import missed
+from validation.chapters import CHAPTERS, Options, frame_of, load_chapter, read_section, write_chapter
+from validation.elements import elements_chapter, gauge_steps, switches
+from validation.elements.elements_chapter import missed
 from validation.elements.switches import read_elements
 from validation.stability.extremes import Extreme, run_all
-from validation.stability.measured_limits import SHIPPED, Subject, measure_limits, sweeps
-from validation.stability.stability_study import STUDY as STABILITY
-from validation.studies import STUDIES, Options, frame_of, load_study, read_section, write_study
+from validation.stability.measured_limits import SHIPPED, MeasuredChain, measure_limits, sweeps
+from validation.stability.stability_chapter import CHAPTER as STABILITY
 from validation.tests.helpers.scenes import case_of
 from validation.trade.ladder import LadderRun, run_ladder
 from validation.trade.levers import Lever, rayleigh, sampling, softened
-from validation.trade.trade_study import STUDY as TRADE
-from validation.trade.trade_study import advice, orders
+from validation.trade.trade_chapter import CHAPTER as TRADE
+from validation.trade.trade_chapter import advice, orders
 
 ADAPTER = """
 from dataclasses import replace
@@ -66,11 +66,11 @@ def levers() -> list[Lever]:
 
 
 def test_studies_are_those_of_the_command_line_and_of_make() -> None:
-    assert set(STUDIES) <= set(COMMANDS)
-    assert [load_study(name).name for name in STUDIES] == list(STUDIES)
+    assert set(CHAPTERS) <= set(COMMANDS)
+    assert [load_chapter(name).name for name in CHAPTERS] == list(CHAPTERS)
     measured = re.search(r"^MEASURED := (.*)$", (paths.ROOT / "Makefile").read_text(), re.MULTILINE)
     assert measured
-    assert set(STUDIES) == set(measured[1].split())
+    assert set(CHAPTERS) == set(measured[1].split())
 
 
 @pytest.mark.long
@@ -81,7 +81,7 @@ def test_trade_takes_any_number_of_codes(count: int, install: Installer, levers:
     found = frame_of(LadderRun, rows)
     assert {*names, "verlet", "order 4", "adaptive"} == set(found["method"])
     derived: dict[str, list[Any]] = {"trade-advice": list(advice(found)), "trade-orders": list(orders(found))}
-    write_study(TRADE, {"trade": rows, "trade-levers": levers, **derived}, tmp_path / "results")
+    write_chapter(TRADE, {"trade": rows, "trade-levers": levers, **derived}, tmp_path / "results")
     section = read_section("trade", tmp_path / "results")
     assert {cell[0] for line in section["table"] for cell in line["cells"] if cell} <= set(names or found["method"])
     for name in names:
@@ -93,10 +93,10 @@ def test_trade_takes_any_number_of_codes(count: int, install: Installer, levers:
 @pytest.mark.long
 def test_stability_takes_any_number_of_codes(count: int, install: Installer, tmp_path: Path) -> None:
     names = install(count)
-    subjects = [Subject(SHIPPED, "fig5", case_of("fig5")), *{each.group: each for each in sweeps()}.values()]
+    subjects = [MeasuredChain(SHIPPED, "fig5", case_of("fig5")), *{each.group: each for each in sweeps()}.values()]
     edge = [*run_all([Extreme(name="as it is", scene="fig5")], tmp_path / "runs")]
     assert [each.engine for each in edge] == ["reference", "verlet", *sorted(names)]
-    write_study(STABILITY, {"stability": measure_limits(subjects), "stability-extremes": edge}, tmp_path / "results")
+    write_chapter(STABILITY, {"stability": measure_limits(subjects), "stability-extremes": edge}, tmp_path / "results")
     section = read_section("stability", tmp_path / "results")
     assert section["methods"] == ["verlet", *sorted(names)]
     assert len(section["limits"][0]["measured"]) == 1 + len(names)
@@ -112,7 +112,7 @@ def on_verlet(monkeypatch: pytest.MonkeyPatch, shared_runs: Path) -> None:
         done = {name: run_codes({"verlet": own}, shared_runs)["verlet"] for name, own in cases.items()}
         return {name: [replace(run, engine=name) for run in own] for name, own in done.items()}
 
-    monkeypatch.setattr(elements_study, "run_codes", run_all)
+    monkeypatch.setattr(elements_chapter, "run_codes", run_all)
     monkeypatch.setattr(
         switches, "run_all_done", lambda jobs, _: run_all_done([(case, "verlet") for case, _ in jobs], shared_runs)
     )
@@ -130,9 +130,11 @@ def test_elements_takes_any_number_of_codes(
     chosen = ("gravity", "scatter of masses")
     few = tuple(element for element in asked.element if element.name in chosen)
     fewer = asked.model_copy(update={"element": few, "quick_seeds": 2})
-    monkeypatch.setattr(elements_study, "read_elements", lambda: fewer)
+    monkeypatch.setattr(elements_chapter, "read_elements", lambda: fewer)
     results = tmp_path / "results"
-    tables = write_study(elements_study.STUDY, elements_study.measure(Options(quick=True, runs=tmp_path)), results)
+    tables = write_chapter(
+        elements_chapter.CHAPTER, elements_chapter.measure(Options(quick=True, runs=tmp_path)), results
+    )
     assert set(tables["elements"]["element"]) == {"gravity", "scatter of masses"}
     assert list(tables["elements"]["engine"].unique()) == (names or ["verlet"])
     in_tubes = [name for name in names if load_engine(name).models >= SIDEWAYS]

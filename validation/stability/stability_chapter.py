@@ -14,6 +14,7 @@ from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import FORCE
 from postproc.draw.style import COLUMN_IN, GREY, marker_of, pyplot
 from validation.accuracy.budget import ERROR, MODEL
+from validation.chapters import Chapter, Options, Picture, Tables, named
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, short
 from validation.stability import measured_limits, rounding_effects
 from validation.stability.extremes import extremes, run_all
@@ -26,7 +27,6 @@ from validation.stability.measured_limits import (
     SWEEPS,
     Limit,
 )
-from validation.studies import Options, Picture, Study, Tables, named
 
 RANDOM_SCENES = 100
 LONG_PARTS: dict[str, tuple[str, Callable[[], Iterable[Any]]]] = {
@@ -266,7 +266,7 @@ def _cell(checks: pd.DataFrame) -> tuple[str, str, list[str]]:
     return _outcome(checks), missing.iloc[0] if len(missing) else "", numbers
 
 
-STUDY = Study(
+CHAPTER = Chapter(
     name="stability",
     title="limits of stability",
     tables={"stability": Limit, "stability-extremes": Check} | dict(zip(LONG_PARTS, LONG_PART_ROWS, strict=True)),

@@ -1,7 +1,7 @@
-"""Frame of the studies: each measures, writes tables and figures, states its findings, and has a section in the report.
+"""Chapters of the report: each measures, writes tables and figures, states its findings, and has a section in the page.
 
-The study of the folder ``validation/<name>`` is ``STUDY`` in its module ``<name>_study``. A table holds the rows of a
-frozen dataclass as CSV, read back bit for bit with the types of the fields: ``str``, ``int``, ``float`` (NaN is an
+The chapter of the folder ``validation/<name>`` is ``CHAPTER`` in its module ``<name>_chapter``. A table holds the rows
+of a frozen dataclass as CSV, read back bit for bit with the types of the fields: ``str``, ``int``, ``float`` (NaN is an
 empty cell) or ``bool``. A field annotated as a mapping becomes one column of numbers per key.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 Row = TypeVar("Row", bound="DataclassInstance")
-STUDIES = ("independent", "claims", "trade", "stability", "elements", "calibration")
+CHAPTERS = ("independent", "claims", "trade", "stability", "elements", "calibration")
 ORDER_4, ADAPTIVE = "order 4", "adaptive"  # in-repo methods that are no engines
 DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # status of a run
 SKIPPED_FOLDERS = {"__pycache__", "tests"}  # tables do not depend on them
@@ -102,12 +102,12 @@ def _is_mapping(annotation: Any) -> bool:
 
 @dataclass(frozen=True)
 class Options:
-    """Options of the command; each study takes some of them.
+    """Options of the command; each chapter takes some of them.
 
     Attributes:
         file: file of the independent cases.
-        quick: True for the short study.
-        budget_s: engine time of all runs in s; None for the default of the study.
+        quick: True for the short form.
+        budget_s: engine time of all runs in s; None for the default of the chapter.
     """
 
     results: Path = paths.RESULTS
@@ -119,7 +119,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Picture:
-    """Figure of a study, stored as SVG and PNG.
+    """Figure of a chapter, stored as SVG and PNG.
 
     Attributes:
         title: heading in the report; empty for a figure that the report leaves out.
@@ -133,18 +133,18 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Study:
-    """A study, from its runs to its section of the report; tables and figures have the names of their files.
+class Chapter:
+    """A chapter, from its runs to its section of the report; tables and figures have the names of their files.
 
     Attributes:
-        title: subject of the study in a few words, for progress lines.
+        title: subject of the chapter in a few words, for progress lines.
         tables: dataclass of the rows of each table; the section exists if the first table does.
         measure: runs everything; returns rows by table, and figures that cannot be drawn from the tables.
         sentences: findings, computed from the tables.
         section: values for the report's template, in addition to sentences and figures.
         figures: pictures by name.
         missed: requirements that are not met, one line each.
-        optional: tables that the short study does not write.
+        optional: tables that the short form does not write.
     """
 
     name: str
@@ -168,21 +168,21 @@ class Study:
         return {name: read_table(results / f"{name}.csv", self.tables[name], self.name) for name in there}
 
 
-def load_study(name: str) -> Study:
-    """Study of a folder of this package."""
-    study = import_module(f"validation.{name}.{name}_study").STUDY
-    assert isinstance(study, Study)
-    return study
+def load_chapter(name: str) -> Chapter:
+    """Chapter of a folder of this package."""
+    chapter = import_module(f"validation.{name}.{name}_chapter").CHAPTER
+    assert isinstance(chapter, Chapter)
+    return chapter
 
 
-def run_study(study: Study, options: Options) -> int:
+def run_chapter(chapter: Chapter, options: Options) -> int:
     """Measures, writes tables and figures, prints the findings; the exit code is 1 if a requirement is not met."""
-    with step(named(study.title, options)):
-        tables = write_study(study, study.measure(options), options.results)
-    for line in study.sentences(tables):
+    with step(named(chapter.title, options)):
+        tables = write_chapter(chapter, chapter.measure(options), options.results)
+    for line in chapter.sentences(tables):
         print(line)
-    print(f"{paths.shown(options.results / study.main_table)}.csv: {len(tables[study.main_table])} rows")
-    missed = study.missed(tables)
+    print(f"{paths.shown(options.results / chapter.main_table)}.csv: {len(tables[chapter.main_table])} rows")
+    missed = chapter.missed(tables)
     for line in missed:
         say(line)
     if missing_codes():
@@ -195,47 +195,47 @@ def named(what: str, options: Options) -> str:
     return f"{what}, short study" if options.quick else what
 
 
-def up_to_date(study: Study, results: Path) -> bool:
+def up_to_date(chapter: Chapter, results: Path) -> bool:
     """True if the first table exists and is newer than all sources of the project and of its engines."""
-    table = results / f"{study.main_table}.csv"
+    table = results / f"{chapter.main_table}.csv"
     folders = (paths.ROOT / name for name in ("inputs", "templates", "drivers", "postproc", "validation"))
     sources = [file for folder in folders for file in folder.rglob("*.*") if not SKIPPED_FOLDERS & {*file.parts}]
     newest = max(file.stat().st_mtime for file in (*sources, *entry_files()))
     return table.exists() and table.stat().st_mtime > newest
 
 
-def write_study(study: Study, measured: Mapping[str, Any], results: Path) -> Tables:
-    """Writes tables and figures, deletes files of earlier studies that are no longer made, and returns the tables."""
-    rows = {name: list(measured[name]) for name in study.tables if name in measured}
-    for name, kind in study.tables.items():
+def write_chapter(chapter: Chapter, measured: Mapping[str, Any], results: Path) -> Tables:
+    """Writes tables and figures, deletes files of earlier runs that are no longer made, and returns the tables."""
+    rows = {name: list(measured[name]) for name in chapter.tables if name in measured}
+    for name, kind in chapter.tables.items():
         if name in rows:
             write_table(results / f"{name}.csv", kind, rows[name])
         else:
             (results / f"{name}.csv").unlink(missing_ok=True)
-    tables = study.read(results)
-    pictures = study.figures(tables)
+    tables = chapter.read(results)
+    pictures = chapter.figures(tables)
     for name, picture in pictures.items():
         write_figure(picture.draw() if picture.draw else measured[name], name, results)
         if picture.numbers is not None:
             write_frame(results / f"{name}.csv", picture.numbers)
-    for path in (*results.glob(f"{study.name}-*.svg"), *results.glob(f"{study.name}-*.png")):
+    for path in (*results.glob(f"{chapter.name}-*.svg"), *results.glob(f"{chapter.name}-*.png")):
         if path.stem not in pictures:
             path.unlink()
     return tables
 
 
 def read_section(name: str, results: Path) -> dict[str, Any]:
-    """Values of a study's section in the report; empty if the study has no tables yet."""
-    study = load_study(name)
-    main = results / f"{study.main_table}.csv"
+    """Values of a chapter's section in the report; empty if the chapter has no tables yet."""
+    chapter = load_chapter(name)
+    main = results / f"{chapter.main_table}.csv"
     if not main.exists():
         return {}
-    tables = study.read(results)
+    tables = chapter.read(results)
     with refused_if_damaged(main, name):
         figures = []
-        for stem, picture in study.figures(tables).items():
+        for stem, picture in chapter.figures(tables).items():
             stored = results / f"{stem}.svg"
             image = stored_or_drawn(stored, main, picture.draw) if picture.draw else read_image(stored)
             if picture.title and image:
                 figures.append((picture.title, image))
-        return {"sentences": list(study.sentences(tables)), "figures": figures, **study.section(tables)}
+        return {"sentences": list(chapter.sentences(tables)), "figures": figures, **chapter.section(tables)}

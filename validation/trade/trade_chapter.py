@@ -16,7 +16,7 @@ from drivers.chain.chain import Array
 from drivers.engines import VERLET, codes, engine_names, in_order
 from postproc.draw.style import COLUMN_IN, line_of, marker_of, pyplot
 from validation import studies
-from validation.studies import ADAPTIVE, DONE, ORDER_4, Options, Picture, Study, Tables
+from validation.chapters import ADAPTIVE, DONE, ORDER_4, Chapter, Options, Picture, Tables
 from validation.trade.ladder import BUDGET_S, SCENES, SHORT_BUDGET_S, SHORT_SCENES, LadderRun, run_ladder
 from validation.trade.levers import Lever, measure_levers
 
@@ -301,7 +301,7 @@ def _time(seconds: float) -> str:
     return EngFormatter("s")(float(f"{seconds:.2g}"))
 
 
-STUDY = Study(
+CHAPTER = Chapter(
     name="trade",
     title="cost of accuracy",
     tables={"trade": LadderRun, "trade-levers": Lever, "trade-advice": Advice, "trade-orders": Order},

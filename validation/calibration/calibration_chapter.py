@@ -8,11 +8,12 @@ from typing import Any
 from drivers.base import paths
 from postproc.draw.style import GREY, pyplot
 from postproc.paper.calibrated import calibrated
+from validation.calibration.calibration_file import calibration_file
 from validation.calibration.free import FACTOR, Free, known_range
-from validation.calibration.laws import Point, Remark, fit_all, plan
+from validation.calibration.laws import Point, Remark, fit_all
 from validation.calibration.outcome import interval_text, value_text
 from validation.calibration.rows import DatumRow, Parameter
-from validation.studies import Options, Picture, Study, Tables, rows_in
+from validation.chapters import Chapter, Options, Picture, Tables, rows_in
 
 MAIN, DATA, PROFILES, REMARKS = "calibration", "calibration-data", "calibration-profiles", "calibration-remarks"
 MIN_PROBABILITY = 0.05  # of chi-square; below it a law does not fit
@@ -131,7 +132,7 @@ def section(tables: Tables) -> Mapping[str, Any]:
 
 def _last(tables: Tables) -> list[DatumRow]:
     """Rows of data of the last selection, for all laws."""
-    return [row for row in rows_in(tables[DATA], DatumRow) if row.data == plan().selections[-1]]
+    return [row for row in rows_in(tables[DATA], DatumRow) if row.data == calibration_file().selections[-1]]
 
 
 def _order(row: DatumRow, rows: Sequence[DatumRow]) -> int:
@@ -150,7 +151,7 @@ def figures(tables: Tables) -> dict[str, Picture]:
 
 def _markers() -> dict[str, tuple[str, str]]:
     """Colour and marker by law."""
-    return dict(zip([law.name for law in plan().law], MARKERS, strict=False))
+    return dict(zip([law.name for law in calibration_file().law], MARKERS, strict=False))
 
 
 def draw_data(tables: Tables) -> Any:
@@ -215,7 +216,7 @@ def draw_profiles(tables: Tables) -> Any:
     return figure
 
 
-STUDY = Study(
+CHAPTER = Chapter(
     MAIN,
     "parameters fitted to the paper's experiments",
     {MAIN: Parameter, DATA: DatumRow, PROFILES: Point, REMARKS: Remark},

@@ -19,10 +19,10 @@ from drivers.run.finished import EndedRun
 from drivers.run.run import refuse_all, run_many
 from postproc.paper.simulate import exact
 from postproc.read.motion import trace_with_state
+from validation.chapters import Chapter, Options, Tables, rows_in
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, judged, pass_or_fail, table, without_run
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
 from validation.independent.posed_cases import MEASURES, Expectation, Posed, pose, read_independent, unit_of
-from validation.studies import Options, Study, Tables, rows_in
 
 IN_REPO: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, VERLET: verlet_of}
 
@@ -168,4 +168,6 @@ def _by_quantity(checks: Iterable[Check]) -> dict[str, dict[str, Check]]:
     return rows
 
 
-STUDY = Study("independent", "independent cases", {"independent": Check}, measure, sentences, section, missed=missed)
+CHAPTER = Chapter(
+    "independent", "independent cases", {"independent": Check}, measure, sentences, section, missed=missed
+)

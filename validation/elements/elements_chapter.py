@@ -18,10 +18,10 @@ from postproc.draw.style import GREY, line_of, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of, run_codes
 from validation.accuracy.costs import cost_on
+from validation.chapters import Chapter, Options, Picture, Tables
 from validation.elements import gauge_steps, switches
 from validation.elements.gauge_steps import STEPS, GaugeSignals
 from validation.elements.switches import read_elements
-from validation.studies import Options, Picture, Study, Tables
 
 REPEATS = 3  # further runs for costs, except in the short study
 ROUNDING = 1e-6  # of a mean: a smaller spread counts as none
@@ -312,7 +312,7 @@ def _cell(change: float, spread: float) -> str:
     return f"{100 * change:+.3g}" + (f" ± {100 * spread:.1g}" if pd.notna(spread) else "")
 
 
-STUDY = Study(
+CHAPTER = Chapter(
     name="elements",
     title="effects of elements",
     tables={
@@ -320,8 +320,8 @@ STUDY = Study(
         "elements-nothing": switches.Omitted,
         "elements-accuracies": switches.KeptAccuracy,
         "elements-between": switches.Between,
-        "oscilloscope": gauge_steps.Number,
-        "oscilloscope-ranges": gauge_steps.Number,
+        "oscilloscope": gauge_steps.StepRow,
+        "oscilloscope-ranges": gauge_steps.StepRow,
     },
     measure=measure,
     sentences=sentences,

@@ -12,6 +12,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, in_order
+from validation.chapters import Chapter, Options, Tables, rows_in
 from validation.checks import Check, table
 from validation.claims.claim import KINDS, Claim, read_claims
 from validation.claims.judged import (
@@ -25,7 +26,6 @@ from validation.claims.judged import (
     judge_all,
     quantity_of,
 )
-from validation.studies import Options, Study, Tables, rows_in
 
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 
@@ -124,4 +124,4 @@ def _cells(claim: Claim, checks: list[Check]) -> dict[str, Any]:
     }
 
 
-STUDY = Study("claims", "statements of the paper", {"claims": Check}, measure, sentences, section, missed=missed)
+CHAPTER = Chapter("claims", "statements of the paper", {"claims": Check}, measure, sentences, section, missed=missed)
