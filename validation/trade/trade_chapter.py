@@ -15,7 +15,7 @@ from drivers.base.progress import step
 from drivers.chain.chain import Array
 from drivers.engines import VERLET, codes, engine_names, in_order
 from postproc.draw.style import COLUMN_IN, line_of, marker_of, pyplot
-from validation import studies
+from validation import chapters
 from validation.chapters import ADAPTIVE, DONE, ORDER_4, Chapter, Options, Picture, Tables
 from validation.trade.ladder import BUDGET_S, SCENES, SHORT_BUDGET_S, SHORT_SCENES, LadderRun, run_ladder
 from validation.trade.levers import Lever, measure_levers
@@ -177,11 +177,11 @@ def measure(options: Options) -> dict[str, Any]:
     """Measures ladder and levers; derives advice and orders."""
     short = options.quick
     budget_s, scenes = (SHORT_BUDGET_S, SHORT_SCENES) if short else (BUDGET_S, SCENES)
-    with step(studies.named("the ladder of time steps", options), 1, 2):
+    with step(chapters.named("the ladder of time steps", options), 1, 2):
         rows = run_ladder(options.budget_s or budget_s, scenes, short=short)
-    with step(studies.named("other ways to save time or error", options), 2, 2):
+    with step(chapters.named("other ways to save time or error", options), 2, 2):
         levers = [*measure_levers(short=short)]
-    table = studies.frame_of(LadderRun, rows)
+    table = chapters.frame_of(LadderRun, rows)
     return {"trade": rows, "trade-levers": levers, "trade-advice": advice(table), "trade-orders": orders(table)}
 
 
@@ -191,7 +191,7 @@ def sentences(tables: Tables) -> list[str]:
 
 
 def _on_extent(rows: pd.DataFrame) -> str:
-    left, unstable = (rows[rows["status"] == status] for status in (studies.NOT_RUN, studies.FAILED))
+    left, unstable = (rows[rows["status"] == status] for status in (chapters.NOT_RUN, chapters.FAILED))
     said = f"{len(rows) - len(left)} of {len(rows)} runs were done"
     if not left.empty:
         said += f"; {len(left)} did not fit the time budget, most of them of {left['scene'].mode()[0]}"

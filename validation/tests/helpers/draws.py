@@ -1,4 +1,4 @@
-"""Numbers of random scenes: a few in the tests that run at once, the rest in the long ones."""
+"""Numbers of random scenes: a few in the quick tests, the rest in the long ones."""
 
 from typing import Any
 
