@@ -20,7 +20,7 @@ from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import Engine, load_engine
 from validation.tests.engine.candidate import MINE, STAND_INS
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import command_line, command_process
 from validation.tests.helpers.scenes import EnginesWriter
 
 RUN = ("start", "scene[base]", "scene[damped]", "order[elastic]", "blow_up")  # all fail if the guard fails a run
@@ -272,7 +272,7 @@ def test_a_faulty_adapter_fails_the_tests_that_name_its_fault(fault: str, mine: 
 
 @pytest.mark.long
 def test_an_adapter_outside_the_tree_passes_on_the_command_line(mine: Engine, tmp_path: Path) -> None:
-    done = command_line("validation", "engine", "mine", "--results", tmp_path)
+    done = command_process("validation", "engine", "mine", "--results", tmp_path)
     assert done.returncode == 0, done.stdout
     assert (tmp_path / "engine-mine.xml").exists()
     assert "refused: " in done.stdout

@@ -17,7 +17,7 @@ from drivers.batch.store import Store
 from drivers.engines import installed
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import command_line, command_process
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StudyWriter, case_of
 
@@ -184,17 +184,17 @@ def test_a_failure_is_charged_to_its_case(
     meddler.chmod(0o755)
     where = {"PATH": f"{programs}:{os.environ['PATH']}"}
     words = ("drivers", "batch", path, "--runs", runs, "--results", results_of(runs), "--workers", "1")
-    done = command_line(*words, **where)
+    done = command_process(*words, **where)
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()
     assert reason in last[-2]
     assert last[-1] == "1 failed; --retry runs them again"
     failed = table(runs)
     assert list(failed["status"]) == ["done", status, "done", "done"]
-    assert command_line(*words, **where).returncode == 1  # a failure stays one, and is not run again
+    assert command_process(*words, **where).returncode == 1  # a failure stays one, and is not run again
     assert set(stored(runs).values()) == {1}
     meddler.write_text(f'#!/bin/sh\nexec {shutil.which("liggghts")} "$@"\n')
-    again = command_line(*words, "--retry", **where)
+    again = command_process(*words, "--retry", **where)
     assert again.returncode == 0, again.stderr
     good = [0, 2, 3]
     assert failed.iloc[good].equals(table(runs).iloc[good])
@@ -219,7 +219,7 @@ def test_an_unstable_case_is_refused_or_fails_alone(study_file: StudyWriter, tmp
 
 def test_a_missing_engine_is_a_failure_and_the_others_run(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet", "yade"), tmp_path / "runs"
-    done = command_line("drivers", "batch", path, "--runs", runs, "--results", results_of(runs), PATH="/usr/none")
+    done = command_process("drivers", "batch", path, "--runs", runs, "--results", results_of(runs), PATH="/usr/none")
     assert (done.returncode, "yade       2 not installed" in done.stdout) == (1, True)
     assert list(table(runs)["status"]) == ["done", "not installed"] * 2
 

@@ -10,7 +10,7 @@ from drivers.base.errors import InputError
 from drivers.batch.study import column_name, read_study, select, value_at
 from drivers.batch.study_commands import Where, batch
 from drivers.engines import engine_names
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import command_line, command_process
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
 
@@ -226,7 +226,7 @@ def test_all_problems_of_a_study_are_listed(study_file: StudyWriter) -> None:
 def test_no_dask(study_file: StudyWriter, tmp_path: Path) -> None:
     (tmp_path / "distributed.py").write_text("raise ImportError")
     path, places = study_file("[[axis]]\nseeds = 3", "reference"), ("--runs", tmp_path / "runs", "--results", tmp_path)
-    done = command_line("drivers", "batch", path, "--dask", *places, PYTHONPATH=str(tmp_path))
+    done = command_process("drivers", "batch", path, "--dask", *places, PYTHONPATH=str(tmp_path))
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert "make cluster" in done.stderr
     assert not (tmp_path / "runs").exists()
@@ -237,13 +237,13 @@ def test_no_sbatch(scene_file: SceneWriter, tmp_path: Path) -> None:
     path = tmp_path / "study.toml"
     path.write_text('scene = "scene.toml"\nengines = ["reference"]\n[[axis]]\nseeds = 3')
     words = ("drivers", "batch", path, "--runs", tmp_path / "runs", "--slurm")
-    done = command_line(*words, PATH="/nowhere")
+    done = command_process(*words, PATH="/nowhere")
     assert (done.returncode, done.stderr) == (
         2,
         "--slurm: sbatch not found; run this on a machine that submits to Slurm\n",
     )
     lines = ("--slices", "2", "--slurm-line", "#SBATCH --time=10")
-    script, _, last = command_line(*words, "--dry-run", *lines, PATH="/nowhere").stdout.partition("\nsbatch ")
+    script, _, last = command_process(*words, "--dry-run", *lines, PATH="/nowhere").stdout.partition("\nsbatch ")
     assert "#SBATCH --array=1-2\n" in script
     assert "#SBATCH --time=10\n" in script
     assert last.splitlines()[0].endswith("study.sh")

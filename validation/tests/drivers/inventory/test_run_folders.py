@@ -12,7 +12,7 @@ from drivers.engines import REFERENCE, VERLET
 from drivers.inventory.run_folders import KeptRun, kept_runs, print_runs, run_folder, select
 from drivers.run.finished import FILE
 from drivers.run.run import run_case
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import command_line, command_process
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
 
 HEAVY = ("numba", "pandas", "pyarrow", "scipy", "pint")
@@ -227,7 +227,7 @@ def test_nothing_is_loaded_that_a_list_does_not_need(home: Path) -> None:
         "import sys; sys.argv = ['drivers', 'runs', '--runs', 'runs', '--set', 'striker.speed=1.5 m/s']\n"
         "from drivers.__main__ import main; main(); print([each for each in sys.modules])"
     )
-    ended = command_line("timeit", "-n1", "-r1", code)
+    ended = command_process("timeit", "-n1", "-r1", code)
     assert f"{VERLET}" in ended.stdout
     assert "'drivers.inventory.run_folders'" in ended.stdout
     assert [name for name in HEAVY if f"'{name}'" in ended.stdout] == []

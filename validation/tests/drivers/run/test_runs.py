@@ -17,7 +17,7 @@ from drivers.engines import load_engine, missing_codes
 from drivers.run.finished import open_run
 from drivers.run.run import run_case, run_many
 from validation.accuracy.assess import assess
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import command_line, command_process
 from validation.tests.helpers.runs import assessed, failing_run, finished, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
@@ -316,12 +316,12 @@ def test_a_missing_engine(scene_file: SceneWriter, tmp_path: Path, monkeypatch: 
     bare.mkdir()
     for tool in ("env", "git"):
         (bare / tool).symlink_to(f"/usr/bin/{tool}")
-    asked = command_line(
+    asked = command_process(
         "drivers", "run", scene_file(), "--runs", tmp_path / "runs", "--engine", "yade", PATH=str(bare)
     )
     assert asked.returncode == 1
     assert "yade: not installed" in asked.stderr
-    unasked = command_line("drivers", "run", scene_file(), "--runs", tmp_path / "runs", PATH=str(bare))
+    unasked = command_process("drivers", "run", scene_file(), "--runs", tmp_path / "runs", PATH=str(bare))
     assert unasked.returncode == 0
     monkeypatch.setenv("PATH", str(bare))
     absent = missing_codes()  # all but one that is next to the interpreter
