@@ -17,9 +17,10 @@ from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
 from drivers.scene.model import POWER, VISCOELASTIC
+from validation import reference
 from validation.reference.hertz_chain import TUBE_KEYS, Motion
 
-COMMAND = ("python", "-m", "validation.reference", "chain.json")
+COMMAND = ("python", "-m", reference.__name__, "chain.json")
 COLUMNS = 13  # three-dimensional chain: axial force; bore force, position, velocity and spin with three each
 
 

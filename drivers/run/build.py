@@ -89,11 +89,6 @@ def build_of(engine: Engine, home: Path) -> Build:
     return build
 
 
-def files_of(home: Path) -> list[Path]:
-    """Files in the digest of the build that is cached in the ``home`` of its engine."""
-    return [Path(file) for file in json.loads((home / BUILD_FILE).read_text())["key"]["files"]]
-
-
 def _key(engine: Engine, command: tuple[str, ...], files: Iterable[str]) -> dict[str, Any]:
     """Key of the cached build: command, variables and files, as JSON values."""
     stats = {file: Path(file).stat() for file in files}

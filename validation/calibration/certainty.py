@@ -1,4 +1,4 @@
-"""Uncertainty of fitted parameters: standard errors, correlations, undetermined directions, profiles, predictions."""
+"""Uncertainty of fitted parameters: standard errors, undetermined directions, profiles, predictions."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -62,12 +62,6 @@ class Certainty:
         """True for each parameter that the data do not bound within its range. Shape (parameters,)."""
         named = [np.abs(each) > MIN_COMPONENT * np.abs(each).max() for each in self.open_directions]
         return np.asarray(np.any(named, axis=0)) if named else np.zeros(len(self.fit.place), dtype=bool)
-
-    @property
-    def correlations(self) -> Array:
-        """Correlations of the parameters' errors. Shape (parameters, parameters)."""
-        spread = np.sqrt(np.diag(self.covariance))
-        return np.asarray(self.covariance / np.outer(spread, spread))
 
     @property
     def inflation(self) -> Array:

@@ -50,19 +50,6 @@ class ComparedScene:
         return [check for check in self.checks if check.engine == engine]
 
 
-def run_and_compare(
-    source: str | Path,
-    settings: tuple[str, ...] = (),
-    runs: Path = paths.RUNS,
-    asked: EngineSelection = ALL_ENGINES,
-    *,
-    unsafe: bool = False,
-) -> ComparedScene:
-    """Run and compare one scene, as ``run_and_compare_all``."""
-    (compared,) = run_and_compare_all([source], settings, runs, asked, unsafe=unsafe)
-    return compared
-
-
 def run_and_compare_all(
     sources: Sequence[str | Path],
     settings: tuple[str, ...] = (),

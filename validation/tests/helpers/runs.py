@@ -16,8 +16,22 @@ from drivers.run.run import run_case
 from validation.accuracy.assess import assess
 from validation.accuracy.budget import budget_of
 from validation.checks import Check
-from validation.compare.comparison import missing
+from validation.compare.comparison import ComparedScene, missing, run_and_compare_all
+from validation.compare.selection import ALL_ENGINES, EngineSelection
 from validation.tests.helpers.scenes import case_of
+
+
+def run_and_compare(
+    source: str | Path,
+    settings: tuple[str, ...] = (),
+    *,
+    runs: Path,
+    asked: EngineSelection = ALL_ENGINES,
+    unsafe: bool = False,
+) -> ComparedScene:
+    """Compared runs of one scene."""
+    (compared,) = run_and_compare_all([source], settings, runs, asked, unsafe=unsafe)
+    return compared
 
 
 def need(engine: str) -> None:

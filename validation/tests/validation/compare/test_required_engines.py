@@ -11,8 +11,8 @@ from drivers.engines import REFERENCE, VERLET, codes, installed_codes
 from validation.__main__ import main
 from validation.checks import NOT_RUN
 from validation.compare.compare_command import compare_scenes
-from validation.compare.comparison import run_and_compare
 from validation.compare.selection import EngineSelection
+from validation.tests.helpers.runs import run_and_compare
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter
 
 Command = Callable[..., int]

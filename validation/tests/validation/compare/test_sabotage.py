@@ -9,10 +9,10 @@ import pytest
 
 from drivers.engines import load_engine
 from validation.checks import FAIL
-from validation.compare.comparison import REFUSED, run_and_compare
+from validation.compare.comparison import REFUSED
 from validation.compare.selection import EngineSelection
 from validation.tests.helpers.commands import command_line
-from validation.tests.helpers.runs import failing_run, finished, need
+from validation.tests.helpers.runs import failing_run, finished, need, run_and_compare
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 DECK, YADE, DATA = "chain.in", "chain.py", "chain.data"

@@ -19,7 +19,7 @@ from validation.accuracy.budget import first_departure
 from validation.accuracy.motions import motions_of
 from validation.chapters import write_table
 from validation.checks import FAIL, PASS, Check
-from validation.compare.comparison import ComparedScene, run_and_compare
+from validation.compare.comparison import ComparedScene
 from validation.independent.posed_cases import read_independent
 from validation.report.write_report import write_report
 from validation.tests.helpers.browser import (
@@ -38,7 +38,7 @@ from validation.tests.helpers.browser import (
     view,
 )
 from validation.tests.helpers.commands import command_line
-from validation.tests.helpers.runs import blown_up, checks_of, finished
+from validation.tests.helpers.runs import blown_up, checks_of, finished, run_and_compare
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
 
 pytestmark = pytest.mark.page

@@ -24,7 +24,6 @@ from drivers.run.run import run_case
 from validation.accuracy.plan_report import plan_report
 from validation.chapters import read_section, write_chapter
 from validation.checks import FAIL, NOT_RUN, PASS
-from validation.compare.comparison import run_and_compare
 from validation.report.write_report import write_report
 from validation.stability import measured_limits
 from validation.stability.extremes import Extreme, extremes, run_all
@@ -46,7 +45,7 @@ from validation.stability.rounding_effects import SIGNIFICANCE, by_code, energy_
 from validation.stability.stability_chapter import CHAPTER, missed
 from validation.tests.helpers.adversarial import KINDS, adversarial_case
 from validation.tests.helpers.commands import command_line
-from validation.tests.helpers.runs import finished, need
+from validation.tests.helpers.runs import finished, need, run_and_compare
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 TOO_LARGE = ("--set", "run.time_step=20 us", "--set", "run.sample_interval=20 us")
@@ -240,7 +239,7 @@ def test_warnings_are_printed_and_in_the_report(shared_runs: Path, tmp_path: Pat
     said = command_line("drivers", "run", "fig4", *words, "--engine", "verlet", "--runs", shared_runs)
     assert said.returncode == 0
     assert "fig4: verlet warning: error of the force up to 0.2" in said.stderr
-    write_report([run_and_compare("fig4", COARSE, shared_runs)], tmp_path / "report.html")
+    write_report([run_and_compare("fig4", COARSE, runs=shared_runs)], tmp_path / "report.html")
     assert "error of the force up to 0.2" in (tmp_path / "report.html").read_text()
 
 
@@ -269,7 +268,7 @@ def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_pat
     assert everywhere.returncode == 0, everywhere.stderr
     assert "not run on liggghts" in everywhere.stderr
     assert len(everywhere.stdout.split()) == len(installed(engine_names())) - 1
-    checks = run_and_compare(path, far, tmp_path).checks
+    checks = run_and_compare(path, far, runs=tmp_path).checks
     assert {check.verdict for check in checks if check.engine == "liggghts"} == {"not run"}
     assert inability(case_of(path), "liggghts") is None
 
