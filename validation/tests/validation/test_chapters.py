@@ -95,7 +95,7 @@ def test_stability_takes_any_number_of_codes(count: int, install: Installer, tmp
     names = install(count)
     subjects = [MeasuredChain(SHIPPED, "fig5", case_of("fig5")), *{each.group: each for each in sweeps()}.values()]
     edge = [*run_all([Extreme(name="as it is", scene="fig5")], tmp_path / "runs")]
-    assert [each.engine for each in edge] == ["reference", "verlet", *sorted(names)]
+    assert [*dict.fromkeys(each.engine for each in edge)] == ["reference", "verlet", *sorted(names)]
     write_chapter(STABILITY, {"stability": measure_limits(subjects), "stability-extremes": edge}, tmp_path / "results")
     section = read_section("stability", tmp_path / "results")
     assert section["methods"] == ["verlet", *sorted(names)]

@@ -16,7 +16,7 @@ from drivers.run.build import build_of
 from drivers.run.run import run_case
 from postproc.read.residual import residual
 from validation.tests.drivers.batch.test_batch import batch, stored
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import command_line, command_process
 from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import SPEEDS, EnginesWriter, SceneWriter, StandIn, StudyWriter, case_of
 
@@ -180,14 +180,14 @@ def test_an_adapter_from_elsewhere_is_an_engine_everywhere(
     assert (load_engine("mine").program, load_engine("yade").program) == (load_engine("verlet").program, "yade")
     words = ("validation", "compare", tmp_path / "scene.toml", "--engine", "mine", "--engines", path, "--runs")
     study, runs = study_file(SPEEDS.format(3), "verlet"), tmp_path / "runs"
-    done = command_line(*words, runs)
+    done = command_process(*words, runs)
     assert done.returncode == 0, done.stderr
     assert re.search(r"^scene +mine .*pass", done.stdout, re.MULTILINE)
     assert batch(study, runs, "--engine", "mine").returncode == 0
     before = set(stored(runs))
     later = "\nENGINE = replace(ENGINE, read=lambda case, folder: 1 / 0)\n"
     (tmp_path / "yade.py").write_text(f"{OWN_ADAPTER}{later}")
-    done = command_line(*words, runs)
+    done = command_process(*words, runs)
     assert done.returncode == 1
     assert re.search(r"^scene +mine .*fail: .*yade.py:8: ZeroDivisionError", done.stdout, re.MULTILINE)
     assert "Traceback" not in done.stderr
