@@ -15,6 +15,7 @@ from drivers.base import command_line, paths
 from drivers.base.command_line import Command, Options, argument
 from drivers.base.errors import InputError, RunError
 from drivers.base.progress import step
+from drivers.base.text_table import text_table
 from postproc.figures import captions, make_figure
 
 if TYPE_CHECKING:
@@ -49,11 +50,9 @@ def _observables(arguments: argparse.Namespace) -> Iterable[Path]:
         print(json.dumps(values, indent=2))
         return ()
     errors = {part["quantity"]: f"{abs(part['whole']):.1e}" for part in run.record.error_budget or ()}
-    width = max(map(len, values))
-    print(f"{'observable':<{width}}  {'value':<12}  relative error")
-    for name, value in values.items():
-        shown = "not seen" if value is None else format(value, ".6g")
-        print(f"{name:<{width}}  {shown:<12}  {errors.get(without_unit(name), '')}".rstrip())
+    shown = {name: "not seen" if value is None else f"{value:.6g}" for name, value in values.items()}
+    rows = [(name, value, errors.get(without_unit(name), "")) for name, value in shown.items()]
+    print(*text_table([("observable", "value", "relative error"), *rows]), sep="\n")
     return ()
 
 
@@ -151,10 +150,7 @@ def _overlay(arguments: argparse.Namespace) -> Iterable[Path]:
     entries, folder, where = entries_of(scene, arguments.measured, arguments.run)
     curves, found = lay_over(entries, folder, where, layout, trace)
     written = _write(arguments, draw_overlay(layout, trace, engine, curves, found), name) if curves else ()
-    rows = [HEADINGS, *misfit_rows(found)]
-    widths = [max(len(row[place]) for row in rows) for place in range(len(HEADINGS))]
-    for row in rows:
-        print("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+    print(*text_table([HEADINGS, *misfit_rows(found)]), sep="\n")
     return written
 
 

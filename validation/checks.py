@@ -8,11 +8,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan
 
+from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance
 
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
 RUN = "run"  # quantity of a check without a measurement
-NAME_WIDTHS = (12, 10, 24)  # smallest widths of the columns scene, engine and quantity in a terminal
 
 
 @dataclass(frozen=True)
@@ -87,26 +87,13 @@ def summary(checks: Sequence[Check]) -> str:
     return f"{FAIL.upper()}: {len(failed)} of {count} checks ({', '.join(failed)}){skipped}"
 
 
-def widths_of(rows: Iterable[tuple[str, ...]]) -> list[int]:
-    """Widths of the columns scene, engine and quantity that hold all rows."""
-    columns = zip(*rows, NAME_WIDTHS, strict=True)
-    return [max([least, *map(len, names)]) for *names, least in columns]
-
-
-def table(checks: Sequence[Check], widths: Sequence[int] = ()) -> list[str]:
-    """Table of checks for a terminal, with a heading; ``widths`` as from ``widths_of``."""
-    widths = widths or widths_of((check.scene, check.engine, check.quantity) for check in checks)
-    lines = [f"{in_columns(widths, 'scene', 'engine', 'quantity')} {'error':>9} {'allowed':>9}  verdict"]
+def table(checks: Iterable[Check]) -> list[str]:
+    """Table of checks for a terminal, with a heading."""
+    rows = [("scene", "engine", "quantity", "error", "allowed", "verdict")]
     for check in checks:
-        numbers = " " * 19 if check.quantity == RUN else f"{check.value:9.2e} {check.limit:9.2e}"
-        names = in_columns(widths, check.scene, check.engine, check.quantity)
-        lines.append(f"{names} {numbers}  {check.verdict}: {check.where}")
-    return lines
-
-
-def in_columns(widths: Sequence[int], *names: str) -> str:
-    """Names in the first columns of a table."""
-    return " ".join(f"{name:<{width}}" for name, width in zip(names, widths, strict=False))
+        numbers = ("", "") if check.quantity == RUN else (f"{check.value:.2e}", f"{check.limit:.2e}")
+        rows.append((check.scene, check.engine, check.quantity, *numbers, f"{check.verdict}: {check.where}"))
+    return text_table(rows, right=(3, 4))
 
 
 def short(value: float) -> str:

@@ -14,6 +14,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.processes import cores
 from drivers.base.progress import counted, in_words, say
+from drivers.base.text_table import text_table
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import WORK, Store, StudyRow
 from drivers.batch.study import Selection, read_study, select
@@ -258,14 +259,16 @@ def _print_plan(found: _Batch, todo: dict[str, list[int]], where: Where) -> int:
     workers = 1 if where.slurm or where.dask not in (None, "local") else where.workers
     cases = len(found.selection.numbers)
     print(f"{found.setup.study.name}: {cases} case{'s' * (cases != 1)}, all valid")
+    rows: list[tuple[str, str]] = []
     for name in found.selection.engines:
         if name not in todo:
-            print(f"  {name:<10} not installed")
+            rows.append((f"  {name}", "not installed"))
             continue
         some = todo[name]
         time_s = expected_s(found.plan, found.store, {name: some})
         expected = "cost not measured yet" if time_s is None else f"about {in_words(time_s / workers)}"
-        print(f"  {name:<10} {cases - len(some)} done, {len(some)} to do" + (f", {expected}" if some else ""))
+        rows.append((f"  {name}", f"{cases - len(some)} done, {len(some)} to do" + (f", {expected}" if some else "")))
+    print(*text_table(rows), sep="\n")
     numbers = sorted({number for some in todo.values() for number in some})
     if where.slurm and numbers:
         script = _job_script(found, todo, numbers, where)
@@ -285,9 +288,10 @@ def _print_end(found: _Batch) -> int:
     limit, numbers = tolerance("warning", "force").limit, found.selection.numbers
     failures: list[str] = []
     code = 0
+    done: list[tuple[str, str]] = []
     for name, states in found.states().items():
         counts = Counter(states[number] for number in numbers)
-        print(f"{name:<10} {', '.join(f'{counts[state]} {state}' for state in STATES if counts[state])}")
+        done.append((name, ", ".join(f"{counts[state]} {state}" for state in STATES if counts[state])))
         code = code if counts["done"] == len(numbers) else 1
         rows = found.plan.rows_of(found.store, name)
         failed = [(number, row) for number in numbers if (row := rows[number - 1]) and not row.done]
@@ -296,6 +300,7 @@ def _print_end(found: _Batch) -> int:
         if useless:
             words = f"{name} warning: {useless} rows have force errors above a tenth of the largest force"
             print(f"{words} (force_error_share)", file=sys.stderr)
+    print(*text_table(done), sep="\n", flush=True)
     for line in failures:
         print(line, file=sys.stderr)
     if failures:

@@ -17,6 +17,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, one_line
+from drivers.base.text_table import text_table
 from drivers.base.units import to_si
 from drivers.batch.store import ENDING, WORK, Store
 from drivers.chain.trace import FORCES
@@ -250,14 +251,12 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
             time.strftime("%Y-%m-%d %H:%M", time.localtime(run.ended)),
             size_text(run.size),
             run.record.status if run.record else "damaged",
-            "; ".join(filter(None, (_difference(run, bases[run.scene]), run.trouble))),
+            one_line("; ".join(filter(None, (_difference(run, bases[run.scene]), run.trouble)))),
         )
         for run in chosen
     ]
-    widths = [max((len(row[i]) for row in rows), default=0) for i in range(6)]
-    for row in rows:
-        cells = [f"{cell:<{width}}" for cell, width in zip(row, widths, strict=False)]
-        print("  ".join((*cells, one_line(row[6]))).rstrip())
+    for line in text_table(rows):
+        print(line)
     states = Counter(row[5] for row in rows)
     counts = ", ".join(f"{count} {state}" for state, count in sorted(states.items()))
     print(f"{len(rows)} runs{f' ({counts})' * bool(counts)}: {size_text(sum(run.size for run in chosen))}")

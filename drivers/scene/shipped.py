@@ -1,6 +1,7 @@
 """Shipped scenes, studies and materials."""
 
 from drivers.base import paths
+from drivers.base.text_table import text_table
 from drivers.scene.read_scene import read_toml
 
 
@@ -12,5 +13,4 @@ def print_shipped() -> None:
 
 
 def _print(what: str, lines: dict[str, str]) -> None:
-    width = max(map(len, lines))
-    print(f"{what}:", *(f"  {name:<{width}}  {text}".rstrip() for name, text in lines.items()), sep="\n")
+    print(f"{what}:", *(f"  {line}" for line in text_table(lines.items())), sep="\n")

@@ -354,13 +354,13 @@ def _warnings(
         )
 
 
-def budget_lines(rows: Iterable[dict[str, Any]]) -> Iterator[tuple[str, str]]:
-    """Lines of the error budget for a terminal, forces, energy, momentum and peaks only: quantity and numbers.
+def printed_budget(rows: Iterable[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
+    """Rows of the error budget for a terminal, of forces, energy, momentum and peaks: quantity and its parts.
 
-    Lines with missing parts, in records of other versions, are left out.
+    Rows with missing parts, in records of other versions, are left out.
     """
     for row in rows:
         quantity = row["quantity"]
         if (quantity in (FORCE, *FIELDS) or of_kind([quantity], "peak")) and set(PARTS) <= row.keys():
             parts = [*PARTS, *([ELEMENTS] if ELEMENTS in row else [])]
-            yield quantity, " ".join(f"{row[part]:10.1e}" for part in parts)
+            yield quantity, *(f"{row[part]:.1e}" for part in parts)

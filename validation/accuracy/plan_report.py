@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.base.errors import InputError
 from drivers.base.kept import kept
+from drivers.base.text_table import text_table
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_of
@@ -151,15 +152,15 @@ def _chosen(label: str, chooser: Chooser, asked: dict[str, float], factor: float
 
 def _table(rows: list[Row]) -> Iterator[str]:
     names = capable_engines(next(case for _, case, *_ in rows if case))
-    yield f"{'':<22}{'time step':>12}{'error':>10}" + "".join(f"{name:>12}" for name in names)
-    for label, case, errors, why in rows:
-        if case is None:
-            yield f"{label:<22}not computed: {why}"
-            continue
-        worst = max(errors.values())
-        seconds = "".join(f"{cost_on(name).run_s(case):>10.2f} s" for name in names)
-        error = f"{worst:.1e}" if worst < MAX_ERROR else "blows up"
-        yield f"{label:<22}{_us(case.scene.time_step_s):>12}{error:>10}{seconds}"
+    cells = [["", "time step", "error", *names]]
+    for label, case, errors, _ in rows:
+        if case:
+            worst = max(errors.values())
+            error = f"{worst:.1e}" if worst < MAX_ERROR else "blows up"
+            costs = [f"{cost_on(name).run_s(case):.2f} s" for name in names]
+            cells.append([label, _us(case.scene.time_step_s), error, *costs])
+    yield from text_table(cells, right=range(1, len(cells[0])))
+    yield from (f"{label}: not computed: {why}" for label, case, _, why in rows if case is None)
 
 
 def _engines(case: Case) -> Iterator[str]:

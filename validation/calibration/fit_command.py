@@ -12,6 +12,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.base.progress import step
+from drivers.base.text_table import text_table
 from drivers.base.units import quantity
 from drivers.chain.case import build_case
 from drivers.engines import codes
@@ -142,13 +143,10 @@ def lines(outcome: Outcome) -> Iterator[str]:
     yield from outcome.sentences()
 
 
-def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a table; columns without an entry are left out."""
     shown = [place for place in range(len(heading)) if any(row[place] for row in rows)]
-    table = [[row[place] for place in shown] for row in (heading, *rows)]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    for row in table:
-        yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+    return text_table([row[place] for place in shown] for row in (heading, *rows))
 
 
 def _datum_cells(line: Prediction) -> list[str]:

@@ -6,18 +6,17 @@ from pathlib import Path
 
 from drivers.base import paths
 from drivers.base.progress import step
+from drivers.base.text_table import text_table
 from drivers.engines import in_order
-from validation.accuracy.budget import BUDGET_WORDS, PARTS, budget_lines
+from validation.accuracy.budget import BUDGET_WORDS, PARTS, printed_budget
 from validation.checks import (
     FAIL,
     NOT_RUN,
     RUN,
     Check,
-    in_columns,
     outcome,
     summary,
     table,
-    widths_of,
     without_run,
     worst_of,
 )
@@ -98,25 +97,21 @@ def _brief_lines(compared: ComparedScene) -> Iterator[str]:
 def _lines(compared: ComparedScene, asked: EngineSelection) -> Iterator[str]:
     """Lines on a scene: summary, checks, first departures, diagnoses, error budgets."""
     name = compared.case.scene.name
-    budgets = {engine: [*budget_lines(run.record.error_budget or ())] for engine, run in compared.runs.items()}
-    rows = [(check.scene, check.engine, check.quantity) for check in compared.checks]
-    rows += [(name, engine, quantity) for engine, lines in budgets.items() for quantity, _ in lines]
-    widths = widths_of(rows)
     yield f"{name}: {_headline(compared, asked)}"
     yield " ".join(answer([compared]))
     yield "model: difference from velocity Verlet at the same step; error: difference from the exact motion;"
     yield "both relative to the largest change of force, unless stated otherwise\n"
-    yield from table(compared.checks, widths)
-    yield ""
-    for engine in in_order({*compared.departures, *compared.diagnoses}):
-        for sentence in (compared.departures.get(engine), compared.diagnoses.get(engine)):
-            if sentence:
-                yield f"{in_columns(widths, name, engine)} {sentence}"
+    yield from table(compared.checks)
+    engines = in_order({*compared.departures, *compared.diagnoses})
+    found = [(engine, each.get(engine)) for engine in engines for each in (compared.departures, compared.diagnoses)]
+    sentences = [(name, engine, sentence) for engine, sentence in found if sentence]
+    yield from ("", *text_table(sentences)) if sentences else ()
     yield f"\nerror budget: {BUDGET_WORDS}"
-    yield f"{in_columns(widths, 'scene', 'engine', 'quantity')} " + " ".join(f"{part:>10}" for part in PARTS)
+    budget: list[tuple[str, ...]] = [("scene", "engine", "quantity", *PARTS)]
+    notes: list[tuple[str, ...]] = []
     for engine, run in compared.runs.items():
-        for quantity, numbers in budgets[engine]:
-            yield f"{in_columns(widths, name, engine, quantity)} {numbers}"
-        notes = [f"warning: {warning}" for warning in run.record.warnings or ()]
-        for line in filter(None, [*notes, run.record.error_note]):
-            yield f"{in_columns(widths, name, engine)} {line}"
+        budget += [(name, engine, *row) for row in printed_budget(run.record.error_budget or ())]
+        lines = [*(f"warning: {warning}" for warning in run.record.warnings or ()), run.record.error_note]
+        notes += [(name, engine, line) for line in lines if line]
+    yield from text_table(budget, right=range(3, 9))
+    yield from text_table(notes)

@@ -9,8 +9,10 @@ from pathlib import Path
 from drivers.base import paths
 from drivers.base.command_line import engines_again
 from drivers.base.errors import InputError
+from drivers.base.progress import following
+from drivers.base.text_table import text_table
 from drivers.inventory.run_folders import KeptRun, kept_runs
-from validation.checks import FAIL, NOT_RUN, RUN, Check, table, widths_of, without_run
+from validation.checks import FAIL, NOT_RUN, RUN, Check, table, without_run
 from validation.compare.pair import LEVELS, compare_pair, different_keys, open_pair
 from validation.compare.selection import EngineSelection, print_unmet
 
@@ -58,28 +60,30 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSe
         for side in found
     )
     either = second | first
+    builds: list[tuple[str, str]] = []
     for engine in sorted({engine for engine, _ in either}):
         of_engine = ({run.build for run in side.values() if run.engine == engine} for side in (first, second))
         one, other = (" and ".join(sorted(builds)) or "no run" for builds in of_engine)
-        print(f"{engine:<10} {one} {'on both sides' if one == other else f'against {other}'}")
+        builds.append((engine, f"{one} {'on both sides' if one == other else f'against {other}'}"))
+    print(*text_table(builds), sep="\n")
     compared, failed, again = 0, 0, []
     alike = Counter((run.scene, run.engine) for run in either.values())
     labels = {  # with other settings, a scene and engine have several runs
         key: run.scene if alike[run.scene, run.engine] == 1 else run.folder.name for key, run in either.items()
     }
-    widths = widths_of((labels[key], run.engine, "") for key, run in either.items())
-    print("", *table([], widths), sep="\n")
-    for key, run in sorted(either.items(), key=lambda item: (item[1].scene, item[0])):
+    checks: list[Check] = []
+    in_order = sorted(either.items(), key=lambda item: (item[1].scene, item[0]))
+    for key, run in following(in_order, "compared", len(in_order), "pair"):
         if key in first and key in second and not (first[key].trouble or second[key].trouble):
             rows = moved(first[key].folder, second[key].folder)
         else:
             rows = [_unpaired(key, {old: first, new: second}, asked)]
-        named = [replace(check, scene=labels[key], engine=run.engine) for check in rows]
-        print(*table(named, widths)[1:], sep="\n", flush=True)
+        checks += [replace(check, scene=labels[key], engine=run.engine) for check in rows]
         compared += rows[0].quantity != RUN
         if any(check.verdict == FAIL for check in rows):
             failed += 1
             again += [(first[key].folder, second[key].folder)] if rows[0].quantity != RUN else []
+    print("", *table(checks), sep="\n")
     print(f"\n{len(either)} runs: {compared} compared, {failed} failed, missing or changed by more than allowed")
     print_commands(again)
     return 1 if print_unmet(asked.unmet(engine for engine, _ in first.keys() & second.keys())) or failed else 0

@@ -16,6 +16,7 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import sha256_of
+from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.batch.store import ENDING
 from drivers.chain.case import Case
@@ -32,10 +33,10 @@ from validation.accuracy.budget import (
     BUDGET_WORDS,
     PARTS,
     apart,
-    budget_lines,
     first_departure,
     largest_difference,
     place_of,
+    printed_budget,
 )
 from validation.accuracy.motions import FIELDS, Motions, force_tolerance, motions_of
 from validation.checks import FAIL, Check, judged, table
@@ -286,15 +287,12 @@ def _times(pair: Pair) -> Iterator[str]:
 
 def _budgets(*both: tuple[str, PairedRun]) -> Iterator[str]:
     """Lines with the error budgets, as signed parts that add up to the whole, and with warnings."""
-    budgets = {name: dict(budget_lines(each.run.record.error_budget or ())) for name, each in both}
-    quantities = dict.fromkeys(quantity for budget in budgets.values() for quantity in budget)
-    if quantities:
+    rows = [(name, *row) for name, each in both for row in printed_budget(each.run.record.error_budget or ())]
+    if rows:
         yield f"\nerror budget: {BUDGET_WORDS}"
-        yield f"{'quantity':<24} {'run':<7} " + " ".join(f"{part:>10}" for part in PARTS)
-    for quantity in quantities:
-        for name, budget in budgets.items():
-            if quantity in budget:
-                yield f"{quantity:<24} {name:<7} {budget[quantity]}"
+        quantities = [*dict.fromkeys(quantity for _, quantity, *_ in rows)]
+        rows.sort(key=lambda row: quantities.index(row[1]))
+        yield from text_table([("run", "quantity", *PARTS), *rows], right=range(2, 8))
     for name, each in both:
         if each.run.record.error_note:
             yield f"{name:<7} {each.run.record.error_note}"

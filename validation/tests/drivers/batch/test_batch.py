@@ -76,7 +76,7 @@ def test_an_unfinished_table_replaces_none_with_more_rows(study_file: StudyWrite
     path, runs = study_file(SPEEDS.format(3), "verlet", top='figure = ["wall_peak_N"]'), tmp_path / "runs"
     other = ("--only", "*=0.5*")
     part = batch(path, runs, *other)
-    assert part.stdout.splitlines()[-2:] == ["verlet     1 done", "1 of 3 rows done"]
+    assert part.stdout.splitlines()[-2:] == ["verlet  1 done", "1 of 3 rows done"]
     done = batch(path, runs)
     assert done.stdout.splitlines()[-1] == "3 of 3 rows done"
     draw = next(line for line in done.stdout.splitlines() if line.startswith("to draw the table: python -m "))
@@ -85,7 +85,7 @@ def test_an_unfinished_table_replaces_none_with_more_rows(study_file: StudyWrite
     complete = table_bytes(runs)
     words = ("drivers", "batch", path, "--runs", tmp_path / "others", *other)
     kept = command_line(*words, "--results", results_of(runs))
-    assert (kept.returncode, kept.stdout) == (1, "verlet     1 done\n1 of 3 rows done\n")
+    assert (kept.returncode, kept.stdout) == (1, "verlet  1 done\n1 of 3 rows done\n")
     assert kept.stderr == (
         f"table {results_of(runs) / 'study.csv'} kept: it has 3 rows done, this batch 1 of 3; "
         "--results DIR writes another table\n"
@@ -100,7 +100,7 @@ def test_an_unfinished_table_replaces_none_with_more_rows(study_file: StudyWrite
 def test_what_is_done_is_not_run_again(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(4), "verlet"), tmp_path / "runs"
     plan = batch(path, runs, "--dry-run")
-    assert "verlet     0 done, 4 to do, cost not measured yet" in plan.stdout
+    assert "verlet  0 done, 4 to do, cost not measured yet" in plan.stdout
     assert not stored(runs)
     assert batch(path, runs, "--only", "striker.speed=0.5*").returncode == 0
     assert list(table(runs)["status"]) == ["done", "to do", "to do", "to do"]
@@ -114,7 +114,7 @@ def test_what_is_done_is_not_run_again(study_file: StudyWriter, tmp_path: Path) 
     assert set(stored(runs).values()) == {1}
     copy = path.with_name("renamed.toml")  # the same cases under another name, and more of them
     copy.write_text(path.read_text() + '[[axis]]\nkey = "wall.material"\nvalues = ["brass", "steel"]')
-    assert "verlet     4 done, 4 to do" in batch(copy, runs, "--dry-run").stdout
+    assert "verlet  4 done, 4 to do" in batch(copy, runs, "--dry-run").stdout
 
 
 @pytest.mark.long
@@ -221,7 +221,7 @@ def test_an_unstable_case_is_refused_or_fails_alone(study_file: StudyWriter, tmp
 def test_a_missing_engine_is_a_failure_and_the_others_run(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet", "yade"), tmp_path / "runs"
     done = command_process("drivers", "batch", path, "--runs", runs, "--results", results_of(runs), PATH="/usr/none")
-    assert (done.returncode, "yade       2 not installed" in done.stdout) == (1, True)
+    assert (done.returncode, "yade    2 not installed" in done.stdout) == (1, True)
     assert list(table(runs)["status"]) == ["done", "not installed"] * 2
 
 
@@ -244,24 +244,24 @@ def test_rows_of_a_changed_deck_build_or_source_are_stale(
         return done.stdout
 
     asked("batch", "--results", tmp_path / "results")
-    assert asked("status") == "verlet     2 done\nyade       2 done\n"
+    assert asked("status") == "verlet  2 done\nyade    2 done\n"
     template = checkout / "templates" / "yade" / "chain.py.j2"
     template.write_text(template.read_text() + "# another line\n")
-    assert asked("status") == "verlet     2 done\nyade       2 stale\n"
+    assert asked("status") == "verlet  2 done\nyade    2 stale\n"
     asked("batch", "--results", tmp_path / "results")
-    assert asked("status") == "verlet     2 done\nyade       2 done\n"
+    assert asked("status") == "verlet  2 done\nyade    2 done\n"
     note = runs / "yade" / ".build.json"
     note.write_text(note.read_text().replace('"version": "', '"version": "1'))
-    assert asked("status") == "verlet     2 done\nyade       2 stale\n"
+    assert asked("status") == "verlet  2 done\nyade    2 stale\n"
     source = checkout / "postproc" / "read" / "signals.py"
     source.write_text(source.read_text() + "# another line\n")
-    assert asked("status") == "verlet     2 stale\nyade       2 stale\n"
+    assert asked("status") == "verlet  2 stale\nyade    2 stale\n"
     asked("batch", "--results", tmp_path / "results")
     scene_file(chain="bead = [{ from_wall = 4, gap_below = '1 um' }]")  # a scene that only the longer chain can have
     path.write_text(path.read_text().replace("values = [3, 4]", "values = [4, 5]"))
-    assert "verlet     1 stale, 1 to do\n" in asked("status")
+    assert "verlet  1 stale, 1 to do\n" in asked("status")
     scene_file()
-    assert "verlet     1 done, 1 to do\n" in asked("status")
+    assert "verlet  1 done, 1 to do\n" in asked("status")
 
 
 @pytest.mark.long
@@ -311,7 +311,7 @@ def test_damaged_files_do_not_count(study_file: StudyWriter, tmp_path: Path) -> 
         file.write_text(file.read_text().replace("1", "2", 1))
     status = command_line("drivers", "status", path, "--runs", runs)
     assert "damaged file" in status.stderr
-    assert status.stdout == "verlet     4 to do\n"
+    assert status.stdout == "verlet  4 to do\n"
     assert batch(path, runs).returncode == 0
     assert table_bytes(runs) == first
 
@@ -355,5 +355,5 @@ def test_status_lists_cases(study_file: StudyWriter, tmp_path: Path) -> None:
     assert status.splitlines() == [
         "1: striker.speed=0.5 m/s: verlet to do",
         "2: striker.speed=2.0 m/s: verlet done",
-        "verlet     1 done, 1 to do",
+        "verlet  1 done, 1 to do",
     ]

@@ -231,4 +231,4 @@ def test_a_study_of_time_constants(study_file: StudyWriter, tmp_path: Path, caps
     assert table["force_error_share"].nunique() == 1, "the forces are the same"
     capsys.readouterr()
     assert batch(request_of(path, runs), results, Where(1), dry_run=True) == 0
-    assert "verlet     3 done, 0 to do" in capsys.readouterr().out
+    assert "verlet  3 done, 0 to do" in capsys.readouterr().out
