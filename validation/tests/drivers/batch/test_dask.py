@@ -73,7 +73,7 @@ def test_a_worker_killed_in_the_middle(cluster: Cluster, study_file: StudyWriter
     assert 0 < rows < 600
     printed, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
-    assert "verlet  300 done" in printed
+    assert "verlet     300 done" in printed
     assert command_line("drivers", "batch", path, "--runs", here, "--results", here).returncode == 0
     assert (tmp_path / "study.parquet").read_bytes() == (here / "study.parquet").read_bytes()
 
