@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_origin
 
@@ -21,6 +22,7 @@ from drivers.base.progress import say, step
 from drivers.engines import missing_codes
 from drivers.engines._entries import entry_files
 from postproc.draw.product import write_figure
+from validation.checks import FAIL, Check, table
 from validation.report.page_figures import read_image, stored_or_drawn
 
 if TYPE_CHECKING:
@@ -143,7 +145,7 @@ class Chapter:
         sentences: findings, computed from the tables.
         section: values for the report's template, in addition to sentences and figures.
         figures: pictures by name.
-        missed: requirements that are not met, one line each.
+        judge: checks computed from the tables, besides the checks that tables hold.
         optional: tables that the short form does not write.
     """
 
@@ -154,7 +156,7 @@ class Chapter:
     sentences: Callable[[Tables], Sequence[str]]
     section: Callable[[Tables], Mapping[str, Any]]
     figures: Callable[[Tables], Mapping[str, Picture]] = lambda tables: {}
-    missed: Callable[[Tables], Sequence[str]] = lambda tables: ()
+    judge: Callable[[Tables], Iterable[Check]] = lambda tables: ()
     optional: frozenset[str] = frozenset()
 
     @property
@@ -167,6 +169,11 @@ class Chapter:
         there = [name for name in self.tables if name not in self.optional or (results / f"{name}.csv").exists()]
         return {name: read_table(results / f"{name}.csv", self.tables[name], self.name) for name in there}
 
+    def failed(self, tables: Tables) -> list[Check]:
+        """Failed checks of the chapter."""
+        held = (rows_in(tables[name], Check) for name, kind in self.tables.items() if kind is Check)
+        return [check for check in (*chain.from_iterable(held), *self.judge(tables)) if check.verdict == FAIL]
+
 
 def load_chapter(name: str) -> Chapter:
     """Chapter of a folder of this package."""
@@ -176,18 +183,18 @@ def load_chapter(name: str) -> Chapter:
 
 
 def run_chapter(chapter: Chapter, options: Options) -> int:
-    """Measures, writes tables and figures, prints the findings; the exit code is 1 if a requirement is not met."""
+    """Measures, writes tables and figures, prints findings and failed checks; the exit code is 1 if a check fails."""
     with step(named(chapter.title, options)):
         tables = write_chapter(chapter, chapter.measure(options), options.results)
     for line in chapter.sentences(tables):
         print(line)
     print(f"{paths.shown(options.results / chapter.main_table)}.csv: {len(tables[chapter.main_table])} rows")
-    missed = chapter.missed(tables)
-    for line in missed:
+    failed = chapter.failed(tables)
+    for line in table(failed) if failed else ():
         say(line)
     if missing_codes():
         say(f"not installed, and left out: {', '.join(missing_codes())}")
-    return 1 if missed else 0
+    return 1 if failed else 0
 
 
 def named(what: str, options: Options) -> str:

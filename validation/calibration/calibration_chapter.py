@@ -6,6 +6,7 @@ from math import isfinite, isnan, nan
 from typing import Any
 
 from drivers.base import paths
+from drivers.base.tolerances import tolerance
 from postproc.draw.style import GREY, pyplot
 from postproc.paper.calibrated import calibrated
 from validation.calibration.calibration_file import calibration_file
@@ -14,11 +15,11 @@ from validation.calibration.laws import Point, Remark, fit_all
 from validation.calibration.outcome import interval_text, value_text
 from validation.calibration.rows import DatumRow, Parameter
 from validation.chapters import Chapter, Options, Picture, Tables, rows_in
+from validation.checks import FAIL, Check, judged, without_run
 
 MAIN, DATA, PROFILES, REMARKS = "calibration", "calibration-data", "calibration-profiles", "calibration-remarks"
 MIN_PROBABILITY = 0.05  # of chi-square; below it a law does not fit
 MAX_DEVIATION = 2.0  # standard errors; data with larger deviations are listed
-MAX_DRIFT = 0.1  # standard errors between the fit and inputs/paper/calibrated.toml
 MARKERS = (("#555555", "v"), ("#999933", "s"), ("#0072b2", "o"), ("#56b4e9", "P"), ("#d55e00", "^"), ("#cc79a7", "D"))
 STYLES = ("-", "--", ":")  # line styles of selections
 FORCE, SPEED, DURATION = "bead_9_amplitude_N", "speed_9_to_5_m_s", "bead_5_duration_4pct_s"
@@ -85,20 +86,20 @@ def sentences(tables: Tables) -> Iterator[str]:
         yield f"{rows[0].law} on {rows[0].data}: {'; '.join(parts)}"
 
 
-def missed(tables: Tables) -> list[str]:
-    """A line for each parameter of the figures' dissipative chains that differs from the fit."""
+def judge(tables: Tables) -> Iterator[Check]:
+    """Are the parameters of the figures' dissipative chains those of the fit?"""
     file, where = calibrated(), paths.shown(paths.CALIBRATED)
     rows = rows_in(tables[MAIN], Parameter)
     fitted = {row.parameter: row for row in rows if (row.law, row.data) == (file.law, file.data)}
-    lines = []
     for each in file.parameter:
         row = fitted.get(each.key)
         if row is None:
-            lines.append(f"{where}: {each.key}: no fit of the law {file.law} to {file.data}")
-        elif not max(abs(row.value - each.value), abs(row.error - each.error)) <= MAX_DRIFT * each.error:
-            found, kept = (f"{one.value:.5g} ± {one.error:.3g} {each.unit}".rstrip() for one in (row, each))
-            lines.append(f"{where}: {each.key}: {kept}; the fit gives {found}")
-    return lines
+            yield without_run(where, file.law, f"{each.key}: no fit to {file.data}", FAIL)
+            continue
+        drift = max(abs(row.value - each.value), abs(row.error - each.error)) / each.error
+        found, stored = (f"{one.value:.5g} ± {one.error:.3g} {each.unit}".rstrip() for one in (row, each))
+        place = f"{stored}; the fit gives {found}"
+        yield judged(where, file.law, each.key, drift, tolerance("calibration", "stored"), place)
 
 
 def section(tables: Tables) -> Mapping[str, Any]:
@@ -224,5 +225,5 @@ CHAPTER = Chapter(
     lambda tables: list(sentences(tables)),
     section,
     figures,
-    missed,
+    judge,
 )

@@ -7,13 +7,15 @@ is judged, and the reference computes the others as well.
 """
 
 from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, in_order
 from validation.chapters import Chapter, Options, Tables, rows_in
-from validation.checks import Check, table
+from validation.checks import FAIL, Check, table
 from validation.claims.claim import KINDS, Claim, read_claims
 from validation.claims.judged import (
     DIFFERS,
@@ -84,10 +86,11 @@ def _counts(judged: list[tuple[Claim, list[Check]]]) -> list[tuple[str, int, int
     return [(words, counts[kind, REPRODUCED], counts[kind, DIFFERS]) for kind, words in KINDS.items()]
 
 
-def missed(tables: Tables) -> list[str]:
-    """Claims with an unexplained difference, an unneeded explanation, or engines that disagree."""
-    faults = ((claim.id, fault_of(claim, checks)) for claim, checks in checks_in(tables))
-    return [f"{name}: {fault}" for name, fault in faults if fault]
+def judge(tables: Tables) -> Iterator[Check]:
+    """Failures: claims with an unexplained difference, an unneeded explanation, or engines that disagree."""
+    for claim, checks in checks_in(tables):
+        if fault := fault_of(claim, checks):
+            yield replace(favoured(claim, checks)[REFERENCE], where=fault, verdict=FAIL)
 
 
 def section(tables: Tables) -> dict[str, Any]:
@@ -124,4 +127,4 @@ def _cells(claim: Claim, checks: list[Check]) -> dict[str, Any]:
     }
 
 
-CHAPTER = Chapter("claims", "statements of the paper", {"claims": Check}, measure, sentences, section, missed=missed)
+CHAPTER = Chapter("claims", "statements of the paper", {"claims": Check}, measure, sentences, section, judge=judge)

@@ -18,7 +18,8 @@ from postproc.draw.style import GREY, line_of, pyplot
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of, run_codes
 from validation.accuracy.costs import cost_on
-from validation.chapters import Chapter, Options, Picture, Tables
+from validation.chapters import Chapter, Options, Picture, Tables, rows_in
+from validation.checks import Check, judged, summary
 from validation.elements import gauge_steps, switches
 from validation.elements.gauge_steps import STEPS, GaugeSignals
 from validation.elements.switches import read_elements
@@ -92,8 +93,10 @@ def measure(options: Options) -> dict[str, Any]:
     shown = {name: [gauge_steps.read_gauges(each, fastest, found) for each in own] for name, own in steps.items()}
     return {
         "elements": [*switches.measure_effects(pairs, engines, 0 if options.quick else REPEATS, found)],
-        "elements-nothing": switches.omitted_effects(scenes, in_tubes or [VERLET], found),
-        "elements-accuracies": [*switches.accuracies_kept(scenes[0].name, engines, runs)],
+        "elements-checks": [
+            *switches.omitted_effects(scenes, in_tubes or [VERLET], found),
+            *switches.accuracies_kept(scenes[0].name, engines, runs),
+        ],
         "elements-between": switches.compare_codes(scenes, seeds, in_tubes, found),
         "oscilloscope": [number for own in shown.values() for each in own for number in each.numbers],
         "oscilloscope-ranges": [n for each in varied for n in gauge_steps.read_gauges(each, fastest, found).numbers],
@@ -103,42 +106,26 @@ def measure(options: Options) -> dict[str, Any]:
 
 def sentences(tables: Tables) -> list[str]:
     """Findings; the effects themselves are in the table."""
-    rule = _on_rule(tables["elements-nothing"], tables["elements-accuracies"])
     gaps = (_on_gap(quote, tables["oscilloscope"], tables["oscilloscope-ranges"]) for quote in quotes())
     return [
-        *rule,
+        f"Elements that straight chains omit, and those that an accuracy omits: {summary(_checks(tables))}.",
         *_on_variants(tables["elements"]),
         *_on_codes(tables["elements-between"]),
         *chain.from_iterable(gaps),
     ]
 
 
-def missed(tables: Tables) -> list[str]:
-    """Omitted elements with an effect, missed accuracies, and codes that differ without friction."""
-    limit, codes = tolerance("elements", "nothing").limit, tolerance("elements", "codes").limit
-    nothing, accuracies, between = tables["elements-nothing"], tables["elements-accuracies"], tables["elements-between"]
+def judge(tables: Tables) -> Iterator[Check]:
+    """Do the codes agree in the tube without friction, until the wave reaches the wall?"""
+    between = tables["elements-between"]
     without_friction = between[between["friction"] == switches.WITHOUT_FRICTION].drop_duplicates(["scene", "codes"])
-    return [
-        *(f"{row['scene']} on {row['engine']}: omitted elements change forces by {row['change']:.2g}, allowed"
-          f" {limit:g}" for _, row in nothing[~(nothing["change"] <= limit)].iterrows()),
-        *(f"accuracy {row['accuracy']} on {row['engine']}: {row['quantity']} error {row['error']:.2g}, allowed"
-          f" {row['asked']:g}" for _, row in accuracies[~(accuracies["error"] <= accuracies["asked"])].iterrows()),
-        *(f"{row['scene']} in its tube without friction: {row['codes'].replace(' ', ' and ')} differ by"
-          f" {row['before_wall']:.2g} before the wave reaches the wall, allowed {codes:g}"
-          for _, row in without_friction[~(without_friction["before_wall"] <= codes)].iterrows()),
-    ]  # fmt: skip
+    for row in without_friction.to_dict("records"):
+        codes, limit = str(row["codes"]).replace(" ", " and "), tolerance("elements", "codes")
+        yield judged(row["scene"], codes, "forces in the tube", row["before_wall"], limit, "before the wall")
 
 
-def _on_rule(nothing: pd.DataFrame, accuracies: pd.DataFrame) -> list[str]:
-    equal = int((nothing["change"] == 0).sum())
-    kept = accuracies[accuracies["error"] <= accuracies["asked"]]
-    most = accuracies["left_out"].map(lambda names: len(names.split(", ")) if names else 0).max()
-    return [
-        "Straight chains omit lateral motion, rotation and friction: with them forces change by"
-        f" {nothing['change'].max():.1e} of the largest at most (bit-identical runs: {equal} of {len(nothing)}).",
-        f"Runs without the elements that an accuracy omits (up to {most}) keep the accuracy: {len(kept)} of"
-        f" {len(accuracies)} runs.",
-    ]
+def _checks(tables: Tables) -> list[Check]:
+    return rows_in(tables["elements-checks"], Check)
 
 
 def _on_variants(effects: pd.DataFrame) -> Iterator[str]:
@@ -317,8 +304,7 @@ CHAPTER = Chapter(
     title="effects of elements",
     tables={
         "elements": switches.Effect,
-        "elements-nothing": switches.Omitted,
-        "elements-accuracies": switches.KeptAccuracy,
+        "elements-checks": Check,
         "elements-between": switches.Between,
         "oscilloscope": gauge_steps.StepRow,
         "oscilloscope-ranges": gauge_steps.StepRow,
@@ -327,5 +313,5 @@ CHAPTER = Chapter(
     sentences=sentences,
     figures=figures,
     section=section,
-    missed=missed,
+    judge=judge,
 )

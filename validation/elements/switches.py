@@ -20,6 +20,7 @@ from scipy.stats import ks_2samp
 from drivers.base import paths
 from drivers.base.messages import validate
 from drivers.base.progress import following
+from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.limits.refusal import inability
@@ -30,6 +31,7 @@ from postproc.paper.simulate import Simulation, case_of
 from postproc.read.residual import largest_residual, residual
 from validation.accuracy.assess import assess
 from validation.accuracy.plan import planned_case
+from validation.checks import Check, judged
 from validation.served_runs import serve, serving
 
 SCATTER = "scatter"  # in a setting: replaced by the scene's value
@@ -86,6 +88,7 @@ ACCURACIES = (
 )
 OMISSIBLE = ("chain.mass_scatter=0.0008 g", "contact.restitution=0.995", "chain.precompression=1 mN")
 
+OMITTED = "elements that straight chains omit"
 DIFFERENCE_LEVEL = 1e-2  # of the largest change
 WITHOUT_FRICTION = "without friction"
 TUBES = {
@@ -223,35 +226,6 @@ def _costs(pairs: Sequence[Variant], engine: str, repeats: int, found: Found) ->
 
 
 @dataclass(frozen=True)
-class Omitted:
-    """Effect of the always omitted elements on a straight chain, over the largest change of force."""
-
-    scene: str
-    engine: str
-    change: float
-
-
-@dataclass(frozen=True)
-class KeptAccuracy:
-    """Elements that an accuracy omits, and the error of the run.
-
-    Attributes:
-        left_out: names of the omitted elements.
-        quantity: the quantity whose error is the largest share of its accuracy.
-        asked: accuracy of this quantity.
-        error: error of this quantity against the exact motion of the scene with all elements.
-    """
-
-    accuracy: str
-    engine: str
-    left_out: str
-    time_step_s: float
-    quantity: str
-    asked: float
-    error: float
-
-
-@dataclass(frozen=True)
 class Between:
     """Two codes on a scene in the tube; one row without seeds if fewer than two codes model tubes.
 
@@ -282,15 +256,16 @@ def straight(subject: SwitchedScene) -> list[Case]:
     return [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
 
 
-def omitted_effects(subjects: Iterable[SwitchedScene], engines: Iterable[str], found: Found) -> Iterator[Omitted]:
-    """Effects of the elements that straight chains always omit."""
+def omitted_effects(subjects: Iterable[SwitchedScene], engines: Iterable[str], found: Found) -> Iterator[Check]:
+    """Do straight chains omit only what has no effect? Differences over the largest change of force."""
     for engine, subject in product(engines, subjects):
         one, other = (found[case, engine].trace for case in straight(subject))
-        yield Omitted(subject.name, engine, float(residual(other, one).max()))
+        change, place = float(residual(other, one).max()), "straight chain against one with lateral freedom in its tube"
+        yield judged(subject.name, engine, OMITTED, change, tolerance("elements", "nothing"), place)
 
 
-def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[KeptAccuracy]:
-    """Omitted elements and errors of runs, for several accuracies of a scene with all elements."""
+def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[Check]:
+    """Do runs keep the accuracies that omit elements? Errors against the exact motion with all elements."""
     for accuracy in following(ACCURACIES, "accuracies", len(ACCURACIES)):
         case = planned_case(scene, *OMISSIBLE, "run.time_step=", f"run.accuracy={accuracy}")
         jobs = [(case, engine) for engine in engines]
@@ -299,9 +274,10 @@ def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[
             assert kept is not None
             worst = max(kept, key=lambda name: kept[name]["measured"] / kept[name]["asked"])
             omitted = (each for each in case.elements if not each.modelled and each.reason.startswith("left out"))
-            names = ", ".join(each.name for each in omitted)
-            step = case.scene.time_step_s
-            yield KeptAccuracy(accuracy, engine, names, step, worst, kept[worst]["asked"], kept[worst]["measured"])
+            names = ", ".join(each.name for each in omitted) or "nothing"
+            asked = Tolerance(kept[worst]["asked"], f"accuracy {accuracy}")
+            place = f"accuracy {accuracy}, without {names}, at {case.scene.time_step_s * 1e6:.4g} µs"
+            yield judged(scene, engine, worst, kept[worst]["measured"], asked, place)
 
 
 def in_tube(subject: SwitchedScene, seeds: int) -> dict[str, list[Case]]:

@@ -20,7 +20,7 @@ from drivers.run.run import refuse_all, run_many
 from postproc.paper.simulate import exact
 from postproc.read.motion import trace_with_state
 from validation.chapters import Chapter, Options, Tables, rows_in
-from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, judged, pass_or_fail, table, without_run
+from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, judged, pass_or_fail, without_run
 from validation.compare.comparison import NOT_INSTALLED, REFUSED
 from validation.independent.posed_cases import MEASURES, Expectation, Posed, pose, read_independent, unit_of
 
@@ -116,12 +116,6 @@ def sentences(tables: Tables) -> list[str]:
     return [f"{counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"]
 
 
-def missed(tables: Tables) -> list[str]:
-    """Numbers with errors beyond their tolerance, and failed runs."""
-    failed = [check for check in rows_in(tables["independent"], Check) if check.verdict == FAIL]
-    return table(failed)[1:]
-
-
 def checks_in(tables: Tables) -> list[Check]:
     """Checks of the shipped cases.
 
@@ -168,6 +162,4 @@ def _by_quantity(checks: Iterable[Check]) -> dict[str, dict[str, Check]]:
     return rows
 
 
-CHAPTER = Chapter(
-    "independent", "independent cases", {"independent": Check}, measure, sentences, section, missed=missed
-)
+CHAPTER = Chapter("independent", "independent cases", {"independent": Check}, measure, sentences, section)

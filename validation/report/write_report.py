@@ -22,7 +22,7 @@ from drivers.scene.read_scene import read_scene
 from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
 from validation.chapters import CHAPTERS, Options, load_chapter, named, read_section, up_to_date, write_chapter
-from validation.checks import FAIL, NOT_RUN, PASS, short
+from validation.checks import FAIL, NOT_RUN, PASS, Check, short, table
 from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
@@ -100,8 +100,8 @@ def report(
             to_come.remove(name)
             counts = write_report(compared, page, command, runs, unmet, to_come, sections)
         _announce(page, counts, to_come)
-    missed = [line for name in CHAPTERS if studies for line in _missed(name, page.parent)]
-    for line in missed:
+    missed = [check for name in CHAPTERS if studies for check in _failed(name, page.parent)]
+    for line in table(missed) if missed else ():
         say(line)
     return 1 if print_unmet(unmet) or counts[FAIL] or missed or failed else 0
 
@@ -112,9 +112,9 @@ def _made(name: str, results: Path) -> bool:
     return up_to_date(chapter, results) if name in NO_SHORT_FORM else (results / f"{chapter.main_table}.csv").exists()
 
 
-def _missed(name: str, results: Path) -> Sequence[str]:
+def _failed(name: str, results: Path) -> Sequence[Check]:
     chapter = load_chapter(name)
-    return chapter.missed(chapter.read(results)) if (results / f"{chapter.main_table}.csv").exists() else ()
+    return chapter.failed(chapter.read(results)) if (results / f"{chapter.main_table}.csv").exists() else ()
 
 
 def _announce(page: Path, counts: Counter[str], to_come: Sequence[str]) -> None:

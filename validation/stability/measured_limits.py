@@ -51,8 +51,7 @@ LOWEST, HIGHEST = 0.15, 2.5  # scanned range, over the predicted limit
 CODE_LOWEST = 0.9  # start of the scan of a code that does not blow up where Verlet does
 SHARES = np.exp(np.arange(np.log(LOWEST), np.log(HIGHEST), np.log1p(FINENESS)))
 CRITERION_KEYS = ("rayleigh_s", "hertz_s", "p_wave_s")
-MAX_RATIO = 1.25  # largest measured over predicted limit of the judged groups; for all groups the smallest is 1
-JUDGED_GROUPS = (SHIPPED, RANDOM)
+JUDGED_GROUPS = (SHIPPED, RANDOM)  # their predicted limits have to be close to the measured ones
 
 
 @dataclass(frozen=True)

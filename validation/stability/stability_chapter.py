@@ -9,20 +9,20 @@ import numpy as np
 import pandas as pd
 
 from drivers.base.progress import step
+from drivers.base.tolerances import tolerance
 from drivers.engines import VERLET, codes
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import FORCE
 from postproc.draw.style import COLUMN_IN, GREY, marker_of, pyplot
 from validation.accuracy.budget import ERROR, MODEL
-from validation.chapters import Chapter, Options, Picture, Tables, named
-from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, short
+from validation.chapters import Chapter, Options, Picture, Tables, named, rows_in
+from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, judged, short
 from validation.stability import measured_limits, rounding_effects
-from validation.stability.extremes import extremes, run_all
+from validation.stability.extremes import NOT_ACCURATE, extremes, run_all
 from validation.stability.measured_limits import (
     BOUNCING,
     CRITERION_KEYS,
     JUDGED_GROUPS,
-    MAX_RATIO,
     SHIPPED,
     SWEEPS,
     Limit,
@@ -75,16 +75,15 @@ def sentences(tables: Tables) -> list[str]:
     return [line for name, write in said.items() if name in tables for line in write(tables[name])]
 
 
-def missed(tables: Tables) -> list[str]:
-    """Limits outside the allowed range, and extreme scenes that failed or are not right."""
-    limits, edge = tables["stability"], tables["stability-extremes"]
-    wrong = limits[(limits["ratio"] < 1) | limits["group"].isin(JUDGED_GROUPS) & ~(limits["ratio"] <= MAX_RATIO)]
-    failed = edge[(edge["verdict"] == FAIL) & ~edge["quantity"].str.startswith(ERROR)]
-    return [
-        *(f"{row['scene']} by {row['method']}: unstable from {row['ratio']:.3f} of the predicted limit on; allowed 1 to"
-          f" {MAX_RATIO}" for _, row in wrong.iterrows()),
-        *(f"{row['scene']} on {row['engine']}: {row['quantity']}: {row['where']}" for _, row in failed.iterrows()),
-    ]  # fmt: skip
+def judge(tables: Tables) -> Iterator[Check]:
+    """Are predicted limits of the time step safe, and for the judged groups close to the measured ones?"""
+    safe, close = tolerance("stability", "predicted"), tolerance("stability", "measured")
+    for row in rows_in(tables["stability"], Limit):
+        where = f"unstable from {row.ratio:.3f} of the predicted limit on" if row.ratio > 0 else "never unstable"
+        name = row.scene, row.method
+        yield judged(*name, "limit: predicted / measured", 1 / row.ratio if row.ratio > 0 else 0.0, safe, where)
+        if row.group in JUDGED_GROUPS:
+            yield judged(*name, "limit: measured / predicted", row.ratio, close, where)
 
 
 def _on_limits(limits: pd.DataFrame) -> Iterator[str]:
@@ -119,11 +118,11 @@ def _on_extremes(edge: pd.DataFrame) -> Iterator[str]:
 
 
 def _outcome(checks: pd.DataFrame) -> str:
-    """Outcome of a scene on an engine: not run, failed, not right, not accurate (by the general ceilings), or pass."""
-    red = checks[checks["verdict"] == FAIL]["quantity"]
-    if red.empty:
-        return str(NOT_RUN if (checks["verdict"] == NOT_RUN).any() else PASS)
-    return "not accurate" if red.str.startswith(ERROR).all() else "failed" if (red == RUN).any() else "not right"
+    """Outcome of a scene on an engine: failed, not right, not run, not accurate (by the general ceilings), or pass."""
+    found = {*checks["verdict"]}
+    if FAIL in found:
+        return "failed" if (checks["quantity"] == RUN).any() else "not right"
+    return next((verdict for verdict in (NOT_RUN, NOT_ACCURATE) if verdict in found), PASS)
 
 
 def _on_energy(energy: pd.DataFrame) -> Iterator[str]:
@@ -274,6 +273,6 @@ CHAPTER = Chapter(
     sentences=sentences,
     figures=figures,
     section=section,
-    missed=missed,
+    judge=judge,
     optional=frozenset(LONG_PARTS),
 )

@@ -26,7 +26,7 @@ from validation.accuracy.exact_motion import exact_motion_of
 from validation.checks import PASS
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
-from validation.stability.measured_limits import MAX_RATIO, MeasuredChain, measure_limits
+from validation.stability.measured_limits import MeasuredChain, measure_limits
 from validation.tests.engine.test_results import bounced
 from validation.tests.helpers.runs import assessed, finished, need
 from validation.tests.helpers.scenes import case_of
@@ -176,7 +176,7 @@ def test_limits_of_damped_chains(ratio: float) -> None:
         own = [limit for limit in limits if limit.scene == subject.name]
         assert len({limit.measured_s for limit in own}) == 1
         # the striker's contact has its largest stiffness for a moment only
-        assert 1 <= own[0].ratio <= (MAX_RATIO if subject.name == "pressed" else 1.5)
+        assert 1 <= own[0].ratio <= (tolerance("stability", "measured").limit if subject.name == "pressed" else 1.5)
         duration = float(subject.case.sample_times_s[-1])
         limit = predicted_limit(subject.case.chain, duration)
         assert not certainly_stable(subject.case.chain, duration, 1.0001 * limit)

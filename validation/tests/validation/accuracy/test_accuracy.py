@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
 from drivers.engines import codes
 from postproc.read.residual import residual
 from validation.accuracy.exact_motion import exact_motion_of
-from validation.stability.measured_limits import MAX_RATIO, at_random, measure_limits, random_case, shipped
+from validation.stability.measured_limits import at_random, measure_limits, random_case, shipped
 from validation.tests.helpers.runs import finished
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -84,5 +85,5 @@ def test_all_codes_keep_it(number: int, shared_runs: Path) -> None:
 def test_limits_are_predicted_on_the_papers_scenes_and_100_random_ones() -> None:
     limits = measure_limits([*shipped(), *at_random(100)])
     assert {limit.method for limit in limits} >= {"verlet"}
-    outside = [limit for limit in limits if not 1 <= limit.ratio <= MAX_RATIO]
+    outside = [limit for limit in limits if not 1 <= limit.ratio <= tolerance("stability", "measured").limit]
     assert outside == []

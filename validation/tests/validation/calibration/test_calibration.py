@@ -1,19 +1,27 @@
 """The calibration study: laws fitted to the quoted data, its tables, sentences, figures and section."""
 
+import re
+from collections.abc import Mapping
 from math import inf, nan
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from postproc.paper.calibrated import calibrated
 from validation.calibration import calibration_chapter
-from validation.calibration.calibration_chapter import CHAPTER, DATA, MAIN, PROFILES, REMARKS, missed, sentences
+from validation.calibration.calibration_chapter import CHAPTER, DATA, MAIN, PROFILES, REMARKS, judge, sentences
 from validation.calibration.calibration_file import calibration_file
 from validation.calibration.data_sets import paper_data
 from validation.calibration.laws import fit_one
 from validation.calibration.problem import MISSING_RESIDUAL, jacobian, pose, residual
 from validation.calibration.rows import Parameter
 from validation.chapters import frame_of, read_section, write_chapter
+from validation.checks import FAIL, Check
+
+
+def failed(tables: Mapping[str, pd.DataFrame]) -> list[Check]:
+    return [check for check in judge(tables) if check.verdict == FAIL]
 
 
 def test_fits_to_fig_4_give_tables_sentences_and_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,14 +67,14 @@ def test_dissipation_and_a_softer_bead_explain_all_quoted_data() -> None:
     assert parameters[0].value == pytest.approx(0.785e9, rel=0.02)
     assert all(abs(row.off) < 2 for row in data if row.counts)
     assert any("lies at this edge" in remark.sentence for remark in remarks)
-    assert missed({MAIN: frame_of(Parameter, parameters)}) == []  # the figures are drawn with this fit
+    assert failed({MAIN: frame_of(Parameter, parameters)}) == []  # the figures are drawn with this fit
 
 
 def test_a_fit_that_differs_from_the_parameters_of_the_figures_is_a_failure() -> None:
     """Differences above a tenth of the error in value or error fail, and so does a missing fit."""
     file = calibrated()
 
-    def changed(**by_errors: float) -> list[str]:
+    def changed(**by_errors: float) -> list[Check]:
         fits = (
             Parameter(
                 file.law, file.data, each.key, each.unit, each.value + by_errors.get("value", 0.0) * each.error,
@@ -74,22 +82,22 @@ def test_a_fit_that_differs_from_the_parameters_of_the_figures_is_a_failure() ->
             )
             for each in file.parameter
         )  # fmt: skip
-        return missed({MAIN: frame_of(Parameter, fits)})
+        return failed({MAIN: frame_of(Parameter, fits)})
 
     assert changed(value=0.09) == changed(error=-0.09) == []
-    for lines in (
+    for checks in (
         changed(value=0.11),
         changed(value=-0.11),
         changed(error=0.11),
         changed(value=nan),
         changed(error=inf),
     ):
-        assert len(lines) == len(file.parameter)
-    assert changed(value=0.11)[0].startswith(
-        "inputs/paper/calibrated.toml: materials.ptfe.youngs_modulus: 7.845e+08 ± "
-    )
-    assert changed(value=0.11)[0].endswith("Pa; the fit gives 7.9178e+08 ± 6.62e+07 Pa")
-    assert "no fit of the law viscoelastic to fig4, table1, fig5" in missed({MAIN: frame_of(Parameter, ())})[0]
+        assert len(checks) == len(file.parameter)
+    check = changed(value=0.11)[0]
+    assert (check.scene, check.quantity) == ("inputs/paper/calibrated.toml", "materials.ptfe.youngs_modulus")
+    assert re.match(r"7.845e\+08 ± .* Pa; the fit gives 7.9178e\+08 ± 6.62e\+07 Pa", check.where)
+    check = failed({MAIN: frame_of(Parameter, ())})[0]
+    assert (check.engine, check.where) == ("viscoelastic", f"{file.parameter[0].key}: no fit to fig4, table1, fig5")
 
 
 def test_a_missing_number_counts_ten_standard_errors_and_has_no_slope() -> None:

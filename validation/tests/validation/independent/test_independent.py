@@ -158,7 +158,7 @@ def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path
     ]
     assert {(line.scene, line.quantity) for line in red} == {("two-glass-spheres", "peak_force_N against quoted")}
     assert {line.engine for line in red} == set(per_engine)
-    assert len(done.stderr.strip().splitlines()) == len(red)
+    assert len(done.stderr.strip().splitlines()) == 1 + len(red)  # with the heading
     assert "found 10696.889 N, expected 10698 N" in done.stderr
     assert {path: path.stat().st_mtime_ns for path in sorted(shared_runs.rglob("run.json"))} == changed, "ran again"
 

@@ -12,6 +12,7 @@ import pytest
 from drivers.base import paths
 from drivers.base.errors import RunError
 from validation.chapters import Chapter, Options
+from validation.checks import FAIL, Check, without_run
 from validation.compare.selection import EngineSelection
 from validation.report import write_report
 from validation.report.write_report import report
@@ -34,7 +35,7 @@ class Studies:
         self.made: list[str] = []
         self.pages: list[str] = []
         self.instead: dict[str, Callable[[], None]] = {}
-        self.missed: list[str] = []
+        self.failed: list[Check] = []
 
     def load(self, name: str) -> Chapter:
         def measure(options: Options) -> Mapping[str, Any]:
@@ -45,7 +46,7 @@ class Studies:
 
         return Chapter(
             name, f"about {name}", {name: Row}, measure, lambda _: [f"{name} says so"], lambda _: {},
-            missed=lambda _: self.missed,
+            judge=lambda _: self.failed,
         )  # fmt: skip
 
 
@@ -149,7 +150,7 @@ def test_a_study_that_fails_leaves_the_others_and_the_page(
 def test_every_call_reports_a_missed_requirement(
     studies: Studies, grow: Grow, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    studies.missed = ["the limit is wrong"]
+    studies.failed = [without_run("fig4", "yade", "the limit is wrong", FAIL)]
     for _ in range(2):
         assert grow() == 1
         assert capsys.readouterr().err.count("the limit is wrong") == 2  # once for each study
