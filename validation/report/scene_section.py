@@ -21,15 +21,16 @@ from drivers.engines import REFERENCE, in_order, load_engine
 from drivers.limits.refusal import FORCE
 from drivers.run.finished import EndedRun
 from drivers.scene.model import Scene
+from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces, failed_label
 from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
 from postproc.draw.product import draw_spacetime
 from postproc.draw.style import svg_of
 from postproc.read.misfit import lay_over
 from postproc.read.observables import observe
+from postproc.read.sensors import gauges_of
 from validation.accuracy.budget import ERROR, PARTS
 from validation.checks import FAIL, Check, outcome, short, worst_of
 from validation.compare.comparison import ComparedScene
-from validation.report.charts import MAX_GAUGES, Chart, chart_of, failed_label
 from validation.report.page_figures import Image, image_of
 
 EXACT_FORCE = f"{ERROR}: {FORCE}"  # quantity of a check
@@ -185,8 +186,9 @@ class SceneSection:
         runs: finished runs by engine.
         timing: time step, samples and stability in a sentence.
         judged: quantity, and the check of each finished run or None.
-        chart: gauge forces and differences; None without a trace, or without both a gauge and a second engine.
+        forces: forces on the gauges and differences; None without a trace, or without both a gauge and a second engine.
         brief: the same with the gauge closest to the wall alone, for the first screen.
+        left_out: number of gauges without a panel.
         overlay: measured traces over the exact motion, or over the first engine without it; None without traces.
         chain: forces of all contacts in space and time; None if no run finished.
         departures: engines, and when their runs first depart from their schemes.
@@ -200,8 +202,9 @@ class SceneSection:
     runs: Mapping[str, EndedRun]
     timing: str
     judged: list[tuple[str, list[Any]]]
-    chart: Chart | None
-    brief: Chart | None
+    forces: Image | None
+    brief: Image | None
+    left_out: int
     overlay: MeasuredOverlay | None
     chain: Image | None
     departures: list[tuple[str, str]]
@@ -218,8 +221,8 @@ def section_of(scene: ComparedScene, row: ReportRow) -> SceneSection:
     names = list(next(iter(observed.values()), {}))
     traces = {engine: scene.runs[engine].trace for engine in engines}
     refused = {engine: part_in_range(case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
-    drawn = bool(traces or refused)
-    chart, brief = (chart_of(case.layout, traces, refused, gauges=n) if drawn else None for n in (MAX_GAUGES, 1))
+    drawn = (draw_gauge_forces(case.layout, traces, refused, n) for n in (MAX_GAUGES, 1) if traces or refused)
+    pictures = [image_of(svg_of(figure)) if figure else None for figure in drawn] or [None, None]
     shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
     checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in engines}
     budget = [
@@ -238,8 +241,9 @@ def section_of(scene: ComparedScene, row: ReportRow) -> SceneSection:
         runs={engine: scene.runs[engine] for engine in engines},
         timing=timing,
         judged=[(name, [checks.get((name, e)) for e in engines]) for name in dict.fromkeys(name for name, _ in checks)],
-        chart=chart if chart and chart.panels else None,
-        brief=brief if brief and brief.panels else None,
+        forces=pictures[0],
+        brief=pictures[1],
+        left_out=max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
         overlay=overlay_of(case, shown, traces[shown]) if traces and case.scene.measured else None,
         chain=image_of(svg_of(draw_spacetime({shown: traces[shown]}).figure)) if traces else None,
         departures=_departures(scene),

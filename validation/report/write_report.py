@@ -26,7 +26,6 @@ from validation.checks import FAIL, NOT_RUN, PASS, Check, short, table
 from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
-from validation.report.charts import PLACES
 from validation.report.machine_readable import as_json, made_with, when_made
 from validation.report.page_figures import read_figures, read_table1
 from validation.report.scene_section import (
@@ -192,7 +191,6 @@ def write_report(
         short=short,
         unbroken=unbroken,
         shown=paths.shown,
-        places=PLACES,
     )
     texts = {
         path: page,

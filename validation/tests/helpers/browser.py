@@ -11,9 +11,6 @@ from typing import Any
 
 import pytest
 from selenium.webdriver import Chrome, ChromeOptions, ChromeService
-from selenium.webdriver.common.actions.action_builder import ActionBuilder
-from selenium.webdriver.common.actions.interaction import POINTER_TOUCH
-from selenium.webdriver.common.actions.pointer_input import PointerInput
 
 PAGE_SCRIPT = (Path(__file__).parent / "page.js").read_text()
 MAX_SCREENSHOT_PX = 16_000  # larger screenshots are blank
@@ -78,16 +75,6 @@ def ask(driver: Chrome, question: str, *arguments: Any) -> Any:
     """Answer of a function in ``page.js`` on the current page."""
     names = ", ".join(f"arguments[{i}]" for i in range(len(arguments)))
     return driver.execute_script(f"{PAGE_SCRIPT}\nreturn {question}({names});", *arguments)
-
-
-def point(driver: Chrome, x: float, y: float, kind: str = "mouse") -> None:
-    """Move the mouse to a point, or tap it (``kind`` touch)."""
-    pointer = PointerInput(kind, kind)
-    actions = ActionBuilder(driver, mouse=pointer, duration=0)
-    actions.pointer_action.move_to_location(round(x), round(y))
-    if kind == POINTER_TOUCH:
-        actions.pointer_action.pointer_down().pointer_up()
-    actions.perform()
 
 
 def said(driver: Chrome) -> list[str]:

@@ -95,7 +95,7 @@ function colliding() {
   for (const picture of elements("svg")) {
     const texts = [...picture.querySelectorAll("text")].filter(visible).filter((each) => Math.abs(each.getScreenCTM().b) < 1e-6).map((each) => [each.textContent.trim(), boxes(each)]);
     texts.forEach(([words, ones], i) => {
-      if (ones.some((one) => one.right > document.scrollingElement.clientWidth + 1 || one.left < -1)) wrong.push(`${words} past the edge`);
+      if (!picture.closest(".broad") && ones.some((one) => one.right > document.scrollingElement.clientWidth + 1 || one.left < -1)) wrong.push(`${words} past the edge`);
       for (const [others, other] of texts.slice(i + 1)) {
         if (ones.some((one) => other.some((box) => overlap(one, box)))) wrong.push(`${words} on ${others}`);
       }
@@ -144,52 +144,6 @@ function touchAll() {
       }
     }
   }
-}
-
-const chartOf = (chart) => document.querySelector(`figure[data-chart="${CSS.escape(chart)}"]`);
-
-// one pair of axes of a chart, scrolled into view: its edges on the screen, and the drawn values of each curve
-function panel(chart, index, shares) {
-  const axis = chartOf(chart).querySelectorAll("path.axis")[index];
-  axis.scrollIntoView({ block: "center", behavior: "instant" });
-  const { left, right, top, bottom } = axis.getBoundingClientRect();
-  const inside = (element) => {
-    const box = element.getBoundingClientRect();
-    return box.top >= top - 1 && box.bottom <= bottom + 1;
-  };
-  const scale = [...chartOf(chart).querySelectorAll("path.grid")]
-    .filter((line) => inside(line) && line.getBBox().height === 0)
-    .map((line) => [line.getBoundingClientRect().top, line.nextElementSibling.textContent]);
-  const heightAt = (curve, x) => {
-    const toScreen = curve.getScreenCTM();
-    let [low, high] = [0, curve.getTotalLength()];
-    const at = (length) => curve.getPointAtLength(length).matrixTransform(toScreen);
-    for (let i = 0; i < 40; i += 1) {
-      const middle = (low + high) / 2;
-      if (at(middle).x < x) low = middle; else high = middle;
-    }
-    return at(high).y;
-  };
-  const drawn = [...chartOf(chart).querySelectorAll("path.curve")].filter(inside).map((curve) =>
-    [curve.dataset.label, shares.map((share) => heightAt(curve, left + share * (right - left)))]);
-  return { left, right, top, bottom, scale, drawn: Object.fromEntries(drawn) };
-}
-
-function charts() {
-  return [...document.querySelectorAll("figure[data-chart]")].map((each) => each.dataset.chart);
-}
-
-// the values that a chart shows, or null: the time, the whole text, and the value of each curve by its label
-function readout(chart) {
-  const box = chartOf(chart).querySelector(".readout");
-  if (!visible(box)) return null;
-  const lines = [...box.querySelectorAll("[data-value]")];
-  return {
-    time: Number(box.querySelector("[data-time]").dataset.time),
-    words: box.innerText,
-    values: Object.fromEntries(lines.map((line) => [line.textContent.split(":")[0], Number(line.dataset.value)])),
-    shown: Object.fromEntries(lines.map((line) => [line.textContent.split(":")[0], parseFloat(line.textContent.split(":")[1])])),
-  };
 }
 
 // short words that are broken

@@ -1,20 +1,16 @@
 """The report page in headless Chromium: ``make test-page``, with screenshots in ``results/page``."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pytest
-from selenium.webdriver import Chrome, Keys
+from selenium.webdriver import Chrome
 
 from drivers.base import paths
 from drivers.chain.trace import until
 from drivers.engines import engine_names
-from drivers.run.finished import EndedRun
 from validation.accuracy.budget import first_departure
 from validation.accuracy.motions import motions_of
 from validation.chapters import write_table
@@ -32,7 +28,6 @@ from validation.tests.helpers.browser import (
     keep_screenshot,
     nameless_pictures,
     need_browser,
-    point,
     requests,
     said,
     view,
@@ -45,8 +40,6 @@ pytestmark = pytest.mark.page
 
 WIDTHS_PX = (1280, 390)
 SCHEMES = ("light", "dark")
-SINGLE = 2.0**-24  # rounding of the page's values, in single precision
-DIGITS = 5e-5  # the page shows at least five digits
 MIN_CONTRAST = 4.5  # of text, WCAG 2.2, 1.4.3
 HOSTILE = """</script><img src=x onerror="throw 1"><script>throw 2</script>' & \\" {{ 3 }}"""
 MAX_PRINTED_PAGES = 15
@@ -246,7 +239,7 @@ def test_the_print_is_short_and_complete(page: Shown) -> None:
     assert ask(page.driver, "torn") == []
     assert ask(page.driver, "breakable", "figure, tr") == []
     assert ask(page.driver, "tallerThan", PRINTED_HIGH_PX) == []
-    unfolded = "main :is(p:not(.readout), table, figure, pre, li, .claims small:not(.how)):not(details:not([open]) *)"
+    unfolded = "main :is(p, table, figure, pre, li, .claims small:not(.how)):not(details:not([open]) *)"
     assert ask(page.driver, "hidden", unfolded) == []
     assert [kind for kind in ask(page.driver, "contrasts") if kind[1] < MIN_CONTRAST] == []
 
@@ -256,120 +249,11 @@ def test_it_reads_without_scripts(page: Shown) -> None:
     try:
         allow_scripts(page.driver, allowed=False)
         page.load()
-        page.driver.find_element("css selector", "figure[data-chart] svg").send_keys(Keys.ARROW_RIGHT)
-        assert not page.driver.find_elements("css selector", ".readout:not([hidden])"), "a script has run"
         assert ask(page.driver, "hidden", "section, section > :is(h2, p, table, figure), table.verdicts tr") == []
         assert ask(page.driver, "text") == with_scripts
         keep_screenshot(page.driver, SCREENSHOTS / f"{page.name}-without-scripts.png", whole=True)
     finally:
         allow_scripts(page.driver, allowed=True)
-
-
-def contact(run: EndedRun, j: int) -> np.ndarray:
-    """Force in a contact, from the run's file."""
-    return np.asarray(pd.read_parquet(run.folder / "forces.parquet")[f"contact_{j}_N"])
-
-
-def of_panels(runs: dict[str, EndedRun]) -> list[dict[str, np.ndarray]]:
-    """Values of the curves of Fig. 4's chart by panel: gauges at beads 9 and 5 (Eq. 5), wall, differences."""
-    beads = [{engine: (contact(run, j) + contact(run, j + 1)) / 2 for engine, run in runs.items()} for j in (9, 5)]
-    wall = {engine: contact(run, 1) for engine, run in runs.items()}
-    forces = {engine: np.column_stack([contact(run, j + 1) for j in range(22)]) for engine, run in runs.items()}
-    changes = {engine: np.abs(force - force[0]).max() for engine, force in forces.items()}
-    differences = {
-        f"{engine} − {other}": np.abs(forces[engine] - forces[other]).max(axis=1) / changes[other]
-        for other in ("reference", "verlet")
-        for engine in runs
-        if engine not in (other, "reference")
-    }
-    return [*beads, wall, differences]
-
-
-def fig4(shown: Shown) -> ComparedScene:
-    """Fig. 4 with its run folders."""
-    if not shown.scenes:
-        pytest.skip("only for the page made by this test")
-    return shown.scenes[0]
-
-
-@pytest.mark.parametrize("kind", ["mouse", "touch"])
-def test_the_readout_shows_the_values_of_the_runs(page: Shown, kind: str) -> None:
-    runs = fig4(page).runs
-    driver, spacing_us = page.driver, 1.0
-    view(driver, WIDTHS_PX[kind == "touch"])
-    for index, curves in enumerate(of_panels(runs)):
-        assert ask(driver, "readout", "fig4") is None
-        for share in (0.07, 0.5, 0.93):
-            edges = ask(driver, "panel", "fig4", index, [])
-            width_px = edges["right"] - edges["left"]
-            point(driver, edges["left"] + share * width_px, (edges["top"] + edges["bottom"]) / 2, kind)
-            found = ask(driver, "readout", "fig4")
-            assert found["time"] == pytest.approx(share * 800, abs=spacing_us / 2 + 800 / width_px)
-            sample = round(found["time"] / spacing_us)
-            assert found["time"] == pytest.approx(sample * spacing_us, abs=1e-9 * 800)
-            values = {label: force[sample] for label, force in curves.items()}
-            assert found["values"] == pytest.approx(values, rel=SINGLE, abs=0)
-            assert found["shown"] == pytest.approx(values, rel=DIGITS, abs=0)
-            assert f"{sample} µs" in found["words"]
-            assert ask(driver, "tooWide", WIDTHS_PX[kind == "touch"]) == []
-        point(driver, 2, 2, kind)
-    assert ask(driver, "readout", "fig4") is None
-
-
-def test_curves_are_drawn_at_their_values(page: Shown) -> None:
-    samples = [120, 400, 555, 690]
-    for index, curves in enumerate(of_panels(fig4(page).runs)):
-        found = ask(page.driver, "panel", "fig4", index, [sample / 800 for sample in samples])
-        ticks = [(height, float(words)) for height, words in found["scale"]]
-        convert = np.log10 if index == 3 else np.asarray
-        heights, numbers = np.array([t[0] for t in ticks]), convert(np.array([t[1] for t in ticks]))
-        slope, offset = np.polyfit(numbers, heights, 1)
-        assert set(found["drawn"]) == set(curves)
-        for label, force in curves.items():
-            near = np.array([convert(force[s - 1 : s + 2]) for s in samples]) * slope + offset
-            drawn = np.array(found["drawn"][label])
-            assert np.all(near.min(axis=1) - 1 < drawn), label
-            assert np.all(drawn < near.max(axis=1) + 1), label
-
-
-def test_arrow_keys_move_the_readout(page: Shown) -> None:
-    fig4(page)
-    chart = page.driver.find_element("css selector", 'figure[data-chart="fig4"] svg')
-    times = []
-    for keys in (Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_LEFT):
-        chart.send_keys(keys)
-        times.append(ask(page.driver, "readout", "fig4")["time"])
-    assert times == [1, 2, 1]
-    chart.send_keys(Keys.ESCAPE)
-    assert ask(page.driver, "readout", "fig4") is None
-
-
-def test_every_chart_has_a_readout(page: Shown) -> None:
-    charts = ask(page.driver, "charts")
-    assert charts
-    for chart in charts:
-        edges = ask(page.driver, "panel", chart, 0, [])
-        point(page.driver, (edges["left"] + edges["right"]) / 2, edges["top"] + 5)
-        found = ask(page.driver, "readout", chart)
-        assert all(math.isfinite(value) for value in found["values"].values())
-        point(page.driver, 2, 2)
-        assert ask(page.driver, "readout", chart) is None
-
-
-def test_the_partial_trace_of_a_failed_run_has_a_readout(page: Shown) -> None:
-    fig4(page)  # of the page made here
-    driver, trace = page.driver, page.scenes[1].refused["yade"]
-    edges = ask(driver, "panel", "small", 0, [])
-    for sample in (40, 250):  # before it blows up, and after
-        x = edges["left"] + sample / 300 * (edges["right"] - edges["left"])
-        point(driver, x, (edges["top"] + edges["bottom"]) / 2)
-        found = ask(driver, "readout", "small")
-        own = found["values"]["yade (failed)"]
-        near = round(found["time"])
-        shown = float(trace.force_N[near, 3] + trace.force_N[near, 4]) / 2
-        assert own == pytest.approx(shown, rel=SINGLE) if sample == 40 else own is None
-    assert "yade (failed): –" in found["words"]
-    point(driver, 2, 2)
 
 
 def test_the_checks_find_faults(driver: Chrome, tmp_path: Path) -> None:

@@ -12,13 +12,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from drivers.base import decks as deck
 from postproc.draw.style import pyplot, svg_of
 from validation.chapters import write_table
 from validation.checks import FAIL, NOT_RUN, PASS, Check, without_run
 from validation.compare.comparison import ComparedScene
 from validation.independent.posed_cases import read_independent
-from validation.report.charts import PLACES, chart_of
 from validation.report.machine_readable import cpu_name
 from validation.report.page_figures import image_of
 from validation.report.write_report import write_report
@@ -104,23 +102,11 @@ def test_the_same_verdicts_in_both(written: tuple[str, dict[str, Any]]) -> None:
 
 def test_hostile_texts_stay_texts(written: tuple[str, dict[str, Any]]) -> None:
     page, data = written
-    assert Table(page).tags["script"] == 2  # the values of the chart, and the script that shows them
+    assert Table(page).tags["script"] == 1  # the script that opens folded parts
     assert "<script>throw" not in page
     assert "</script><b>" not in page
     assert "49" not in re.findall(r"<h2>(.*?)</h2>", page)[0]
     assert data["scenes"][0]["engines"]["yade"]["diagnosis"] == f"matches {HOSTILE}"
-
-
-def test_hostile_texts_stay_in_the_data_of_a_chart(hostile: ComparedScene) -> None:
-    traces = {engine: run.trace for engine, run in hostile.runs.items()}
-    chart = chart_of(hostile.case.layout, traces)
-    odd = replace(chart, panels=[replace(panel, title=HOSTILE) for panel in chart.panels])
-    text = deck.render("report/chart.html.j2", name=HOSTILE, chart=odd, places=PLACES, label=HOSTILE)
-    tags = Table(text).tags
-    assert (tags["script"], tags["b"]) == (1, 0)
-    found = re.search(r"<script[^>]*>(.*?)</script>", text, re.DOTALL)
-    assert found
-    assert json.loads(found[1])["panels"][0]["title"] == HOSTILE
 
 
 def test_the_json_has_its_provenance(written: tuple[str, dict[str, Any]]) -> None:
@@ -173,7 +159,7 @@ def test_a_hostile_figure_is_bytes_in_the_page(tmp_path: Path) -> None:
     (tmp_path / "fig4.svg").write_text(hostile)
     write_report([], tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
-    assert Table(text).tags["script"] == 1  # the script that shows the values of charts
+    assert Table(text).tags["script"] == 1  # the script that opens folded parts
     assert Table(text).tags["img"] == 1
     assert "throw" not in text
 
