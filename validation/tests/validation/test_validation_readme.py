@@ -71,7 +71,7 @@ def test_counts_are_those_of_the_files() -> None:
     assert f"{len(claims.untested)} statements are not tested" in TEXT
     assert f"holds {len(extremes())} extreme scenes" in TEXT
     assert f"{len(kit()['variant'])} scenes" in TEXT
-    assert f"of the six studies ({', '.join(CHAPTERS)})" in TEXT
+    assert f"of the report's six chapters ({', '.join(CHAPTERS)})" in TEXT
     assert len(SCENES) == 7
     assert min(SHARES) == pytest.approx(1e-4)
     assert "two-glass-spheres" in [case.id for case in read_independent()]
