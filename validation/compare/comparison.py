@@ -22,7 +22,7 @@ from validation.compare.selection import ALL_ENGINES, EngineSelection
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # accepted reasons for a missing run
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ComparedScene:
     """A scene with its runs and checks.
 

@@ -5,6 +5,7 @@ import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -187,7 +188,6 @@ class SceneSection:
         timing: time step, samples and stability in a sentence.
         judged: quantity, and the check of each finished run or None.
         forces: forces on the gauges and differences; None without a trace, or without both a gauge and a second engine.
-        brief: the same with the gauge closest to the wall alone, for the first screen.
         left_out: number of gauges without a panel.
         overlay: measured traces over the exact motion, or over the first engine without it; None without traces.
         chain: forces of all contacts in space and time; None if no run finished.
@@ -203,7 +203,6 @@ class SceneSection:
     timing: str
     judged: list[tuple[str, list[Any]]]
     forces: Image | None
-    brief: Image | None
     left_out: int
     overlay: MeasuredOverlay | None
     chain: Image | None
@@ -220,10 +219,7 @@ def section_of(scene: ComparedScene, row: ReportRow) -> SceneSection:
     observed = {engine: observe(scene.runs[engine].layout, scene.runs[engine].trace) for engine in engines}
     names = list(next(iter(observed.values()), {}))
     traces = {engine: scene.runs[engine].trace for engine in engines}
-    refused = {engine: part_in_range(case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
-    drawn = (draw_gauge_forces(case.layout, traces, refused, n) for n in (MAX_GAUGES, 1) if traces or refused)
-    pictures = [image_of(svg_of(figure)) if figure else None for figure in drawn] or [None, None]
-    shown = REFERENCE if REFERENCE in traces else next(iter(traces), "")
+    shown = _shown(scene)
     checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in engines}
     budget = [
         (part["quantity"], engine, [short(part[key]) for key in PARTS])
@@ -241,11 +237,10 @@ def section_of(scene: ComparedScene, row: ReportRow) -> SceneSection:
         runs={engine: scene.runs[engine] for engine in engines},
         timing=timing,
         judged=[(name, [checks.get((name, e)) for e in engines]) for name in dict.fromkeys(name for name, _ in checks)],
-        forces=pictures[0],
-        brief=pictures[1],
+        forces=forces_picture(scene),
         left_out=max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
         overlay=overlay_of(case, shown, traces[shown]) if traces and case.scene.measured else None,
-        chain=image_of(svg_of(draw_spacetime({shown: traces[shown]}).figure)) if traces else None,
+        chain=_chain_picture(scene),
         departures=_departures(scene),
         budget=sorted(budget, key=lambda line: order.index(line[0])),
         observables=[(name, [number(observed[engine][name], 6) for engine in engines]) for name in names],
@@ -256,6 +251,29 @@ def section_of(scene: ComparedScene, row: ReportRow) -> SceneSection:
             for file, text in _written_deck(case, engine).files.items()
         ],
     )
+
+
+def _shown(scene: ComparedScene) -> str:
+    """Engine whose run is shown alone: the exact motion, else the first engine; empty if no run finished."""
+    return REFERENCE if REFERENCE in scene.runs else next(iter(in_order(scene.runs)), "")
+
+
+@cache  # the page is written after each chapter
+def forces_picture(scene: ComparedScene, gauges: int = MAX_GAUGES) -> Image | None:
+    """Forces on the gauges and differences; None without a trace, or without both a gauge and a second engine."""
+    traces = {engine: scene.runs[engine].trace for engine in in_order(scene.runs)}
+    refused = {engine: part_in_range(scene.case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
+    if not (traces or refused):
+        return None
+    figure = draw_gauge_forces(scene.case.layout, traces, refused, gauges)
+    return image_of(svg_of(figure)) if figure else None
+
+
+@cache
+def _chain_picture(scene: ComparedScene) -> Image | None:
+    """Forces of all contacts in space and time; None if no run finished."""
+    shown = _shown(scene)
+    return image_of(svg_of(draw_spacetime({shown: scene.runs[shown].trace}).figure)) if shown else None
 
 
 def _written_deck(case: Case, name: str) -> Deck:

@@ -31,6 +31,7 @@ from validation.report.page_figures import read_figures, read_table1
 from validation.report.scene_section import (
     case_rows,
     counted,
+    forces_picture,
     scene_row,
     section_of,
     tolerances,
@@ -186,6 +187,7 @@ def write_report(
         case_checks=sum(len(cell.checks) for row in cases for cell in row.cells.values()),
         tolerances=tolerances(scenes),
         scenes=[section_of(scene, row) for scene, row in zip(scenes, rows, strict=True)],
+        brief=forces_picture(scenes[0], gauges=1) if scenes else None,
         sections=[(name, *SECTIONS[name], section) for name, section in shown.items()],
         dates=when_made(results),
         short=short,

@@ -22,7 +22,8 @@ def command_line(*words: str | Path) -> subprocess.CompletedProcess[str]:
     """
     module, *given = map(str, words)
     out, err, code = StringIO(), StringIO(), None
-    with patch.object(sys, "argv", [module, *given]), redirect_stdout(out), redirect_stderr(err):
+    argv, same_environment = patch.object(sys, "argv", [module, *given]), patch.dict(os.environ)
+    with argv, same_environment, redirect_stdout(out), redirect_stderr(err):
         try:
             run_main(import_module(f"{module}.__main__").main)
         except SystemExit as end:

@@ -25,8 +25,7 @@ ENGINES = ("reference", "verlet", "liggghts", "yade")
 
 
 def batch(study: Path, runs: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
-    """Batch in a process of its own, since workers know the engines of the process in which they began."""
-    return command_process("drivers", "batch", study, "--runs", runs, "--results", results_of(runs), *words)
+    return command_line("drivers", "batch", study, "--runs", runs, "--results", results_of(runs), *words)
 
 
 def results_of(runs: Path) -> Path:

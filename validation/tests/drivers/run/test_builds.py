@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from drivers.engines import codes, engine_names, installed, installed_codes, loa
 from drivers.run.build import build_of
 from drivers.run.run import run_case
 from postproc.read.residual import residual
-from validation.tests.drivers.batch.test_batch import batch, stored
+from validation.tests.drivers.batch.test_batch import results_of, stored
 from validation.tests.helpers.commands import command_line, command_process
 from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import SPEEDS, EnginesWriter, SceneWriter, StandIn, StudyWriter, case_of
@@ -27,6 +28,11 @@ from drivers.engines import load_engine
 
 ENGINE = replace(load_engine("verlet"), in_repository=False, version=lambda command: "mine 1.0", style=None)
 """
+
+
+def batch(study: Path, runs: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
+    """Batch in a process of its own, since workers know the engines of the process in which they began."""
+    return command_process("drivers", "batch", study, "--runs", runs, "--results", results_of(runs), *words)
 
 
 @pytest.mark.parametrize("engine", ["liggghts", pytest.param("yade", marks=pytest.mark.long)])

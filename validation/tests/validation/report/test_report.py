@@ -113,7 +113,6 @@ def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp
     sick = replace(compared, absent=absent, checks=checks, departures=departures, refused=refused)
     section = section_of(sick, scene_row(sick))
     assert section.forces
-    assert section.brief
     words = dict(section.departures)
     assert words == {"yade (failed)": departures["yade"]}
     assert {engine for engine, _, _ in section.decks} == {"yade", "liggghts"}
