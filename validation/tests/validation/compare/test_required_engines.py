@@ -52,8 +52,7 @@ def test_without_a_code_nothing_passes(name: str, command: Command, capsys: pyte
 
 
 @pytest.mark.usefixtures("without_codes")
-@pytest.mark.parametrize("name", COMMANDS)
-@pytest.mark.parametrize("code", codes())
+@pytest.mark.parametrize(("code", "name"), [*((code, "compare") for code in codes()), (codes()[0], "report")])
 def test_an_engine_that_is_required_and_missing_is_a_failure(
     code: str, name: str, command: Command, capsys: pytest.CaptureFixture[str]
 ) -> None:
