@@ -100,7 +100,7 @@ def budget_of(case: Case, engine: str, trace: Trace) -> Budget:
         departure = first_departure(motions, engine, trace)
         checks = [*_model_checks(case, engine, trace), *_error_checks(case, engine, trace, rows)]
         known = not motions.why_unknown and motions.straight
-        samples = len(motions.exact.time_s) if known else 0
+        samples = motions.known if known else 0
         return Budget(
             rows=rows,
             checks=checks,
@@ -126,11 +126,17 @@ def apart(one: Array, other: Array, scale: float) -> Array:
     return np.nan_to_num(np.abs(one[:samples] - other[:samples]) / scale, nan=np.inf)
 
 
-def largest_difference(quantity: str, trace: Trace, right: Trace, scale: float) -> tuple[float, tuple[int, int], str]:
-    """Largest difference of two motions over their common samples: its size over a scale, sample and column, place."""
+def largest_difference(
+    quantity: str, trace: Trace, right: Trace, scale: float, limits: Array | None = None
+) -> tuple[float, tuple[int, int], str]:
+    """Largest difference of two motions over their common samples: its size over a scale, sample and column, place.
+
+    With limits at each sample, shape (samples,), the difference closest to its limit.
+    """
     has, expected = field_of(trace, quantity), field_of(right, quantity)
     share = apart(has, expected, scale)
-    sample, column = map(int, np.unravel_index(int(np.argmax(share)), share.shape))
+    of_limit = share if limits is None else share / limits[: len(share), np.newaxis]
+    sample, column = map(int, np.unravel_index(int(np.argmax(of_limit)), of_limit.shape))
     size = float(share[sample, column])
     remark = static_load_remark(size, expected) if quantity == FORCE else ""
     return size, (sample, column), place_of(quantity, right.time_s, (sample, column)) + remark
@@ -183,12 +189,13 @@ def _row(quantity: str, shares: list[float], where: str = "") -> dict[str, Any]:
 
 
 def _model_checks(case: Case, engine: str, trace: Trace) -> Iterator[Check]:
-    """Is it the right computation? Largest difference from the engine's scheme until the horizon."""
+    """Is it the right computation? Difference from the engine's scheme that is closest to its limit at its sample."""
     motions = motions_of(case, engine)
     scheme = until(motions.scheme_of(engine), motions.samples)
     for quantity in (FORCE, *FIELDS):
-        size, _, where = largest_difference(quantity, trace, scheme, motions.scale(quantity))
-        limit, where = motions.explained(quantity), where + motions.until_horizon
+        scale, limits = motions.scale(quantity), motions.explained(quantity)
+        size, (sample, _), where = largest_difference(quantity, trace, scheme, scale, limits)
+        limit, where = motions.tolerance_at(quantity, sample), where + motions.until_horizon
         yield judged(case.scene.name, engine, f"{MODEL}: {quantity}", size, limit, where)
     if load_engine(engine).in_repository:
         yield from _law_check(case, engine)
@@ -236,13 +243,11 @@ def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, An
 
 def until_known(motions: Motions) -> str:
     """End of a sentence: until when the exact motion is known; empty if to the end."""
-    samples, case = len(motions.exact.time_s), motions.case
-    if samples >= case.scene.samples:
+    if motions.known >= motions.case.scene.samples:
         return ""
-    if not motions.straight:
-        return motions.until_horizon
-    until_us = case.sample_times_s[samples] * 1e6
-    return f"; judged until {until_us:g} µs, where the error of the exact motion exceeds {HORIZON:g}"
+    until_us = motions.case.sample_times_s[motions.known] * 1e6
+    what = "the error of the exact motion" if motions.straight else "rounding alone"
+    return f"; judged until {until_us:g} µs, where {what} exceeds {HORIZON:g}"
 
 
 def measured_errors(case: Case, trace: Trace, names: Collection[str]) -> dict[str, float]:
@@ -261,8 +266,8 @@ def first_departure(motions: Motions, engine: str, trace: Trace) -> str:
     scheme = until(motions.scheme_of(engine), samples)
     for quantity in (FORCE, *FIELDS):
         has, right, scale = field_of(trace, quantity)[:samples], field_of(scheme, quantity), motions.scale(quantity)
-        share, allowed = apart(has, right, scale), motions.explained(quantity).limit
-        beyond = share.max(axis=1) > allowed
+        share, allowed = apart(has, right, scale), motions.explained(quantity)
+        beyond = share.max(axis=1) > allowed[: len(share)]
         if not beyond.any():
             continue
         sample = int(np.argmax(beyond))
@@ -273,7 +278,7 @@ def first_departure(motions: Motions, engine: str, trace: Trace) -> str:
         when = "from the start" if sample == 0 else f"from {place.rpartition('at ')[2]}"
         if sample and quantity == FORCE:
             change = np.abs(right[: sample + 1, column] - right[0, column]).max() / scale
-            when += ", before any wave arrives" if change <= allowed else ", in the wave"
+            when += ", before any wave arrives" if change <= allowed[sample] else ", in the wave"
         name = f"the force in contact {column + 1}" if quantity == FORCE else f"the {quantity}"
         return f"departs from its scheme {when}: {name} is {one} {unit}, by its scheme {other} {unit}"
     return ""
@@ -290,20 +295,20 @@ def _notes(motions: Motions, engine: str) -> Iterator[str]:
     if motions.straight:
         if not motions.exact_to_end.sampling_known:
             yield "sampling not measured: too many samples"
-        if load_engine(engine).scheme == EXACT or len(motions.exact.time_s) < case.scene.samples:
+        if load_engine(engine).scheme == EXACT or motions.known < case.scene.samples:
             yield exactness_note(motions)
         return
     yield f"truncation extrapolated from half and a quarter of the step (order of convergence {motions.order:.2g})"
-    yield f"rounding is included in model: at most {motions.rounding_bound[motions.samples - 1]:.1g} of the force"
+    yield f"rounding is included in model: at most {motions.rounding_bound[motions.known - 1]:.1g} of the force"
     yield "sampling not measured"
-    if motions.samples < case.scene.samples:
-        end = case.sample_times_s[motions.samples - 1]
+    if motions.known < case.scene.samples:
+        end = case.sample_times_s[motions.known - 1]
         yield f"measured until t = {end:g} s; later rounding alone separates two runs"
 
 
 def exactness_note(motions: Motions) -> str:
     """Sentence on the error of the exact motion of a straight chain."""
-    samples, times = len(motions.exact.time_s), motions.case.sample_times_s
+    samples, times = motions.known, motions.case.sample_times_s
     if samples == len(times):
         return f"exact to {motions.exact_error[-1]:.0e} of the largest change, measured by a run at another tolerance"
     return (

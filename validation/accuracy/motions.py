@@ -5,8 +5,8 @@
 * ``exact``: the exact motion. Straight chains: adaptive integration, until its own measured error exceeds ``HORIZON``.
   Three dimensions: extrapolated from half and a quarter of the step, until rounding alone separates two runs.
 
-Differences that rounding explains are bounded here, by ``ROUNDING_MARGIN`` times the difference of ``rounded`` and
-``plain``, until the horizon, where this difference exceeds ``HORIZON``.
+Differences that rounding explains are bounded here at each sample, by ``ROUNDING_MARGIN`` times the largest difference
+of ``rounded`` and ``plain`` until then. Runs are compared until the horizon, where this bound exceeds ``AGREEMENT``.
 """
 
 from dataclasses import dataclass, replace
@@ -33,7 +33,8 @@ ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: 
 ROUNDING_REASON = (
     f"{ROUNDING_MARGIN:g} times the effect of rounding absolute coordinates, measured in-repo on this scene"
 )
-HORIZON = 1e-6  # of the largest change; pointwise comparison ends where rounding or the exact motion's error exceeds it
+HORIZON = 1e-6  # of the largest change: error beyond which the exact motion counts as not known
+AGREEMENT = 1e-2  # of the largest change: runs that differ by more do not agree at all
 MAX_BODIES = 20_000
 TOO_LARGE = f"not measured: the exact motion is too expensive for more than {MAX_BODIES} bodies"
 MAX_WORK = 20_000_000  # bodies times steps of the finest three-dimensional run, about ten seconds
@@ -110,14 +111,13 @@ class Motions:
     def exact(self) -> Trace:
         """Exact motion at the samples at which it is known; in three dimensions ``plain`` with extrapolated columns."""
         if self.straight:
-            known = max(1, int(np.searchsorted(self.exact_error, HORIZON, side="right")))
-            return self.exact_to_end.first(known).trace
-        half, quarter = (until(trace, self.samples) for trace in (self.half, self.quarter))
+            return self.exact_to_end.first(self.known).trace
+        half, quarter = (until(trace, self.known) for trace in (self.half, self.quarter))
         columns = ("force_N", "kinetic_energy_J", *FIELDS.values())
         values: dict[str, Any] = {
             name: np.asarray(self.at_zero(getattr(half, name), getattr(quarter, name))) for name in columns
         }
-        return replace(until(self.plain, self.samples), **values)
+        return replace(until(self.plain, self.known), **values)
 
     @cached_property
     def values(self) -> list[dict[str, float]]:
@@ -126,9 +126,9 @@ class Motions:
         In three dimensions both are extrapolated.
         """
         if self.straight:
-            known = self.exact_to_end.first(len(self.exact.time_s))
+            known = self.exact_to_end.first(self.known)
             return [known.sampled, known.true]
-        half, quarter = (quantities(self.case, until(trace, self.samples)) for trace in (self.half, self.quarter))
+        half, quarter = (quantities(self.case, until(trace, self.known)) for trace in (self.half, self.quarter))
         return [{name: self.at_zero(half[name], quarter[name]) for name in half if name in quarter}] * 2
 
     @cached_property
@@ -141,7 +141,7 @@ class Motions:
         """Order of convergence of the scheme; in three dimensions measured at the whole, half and quarter step."""
         if self.straight:
             return 1.0 if self.case.chain.damped else 2.0
-        steps = [until(trace, self.samples).force_N for trace in (self.plain, self.half, self.quarter)]
+        steps = [until(trace, self.known).force_N for trace in (self.plain, self.half, self.quarter)]
         apart = [float(np.abs(coarse - fine).max()) for coarse, fine in pairwise(steps)]
         if not (all(apart) and np.isfinite(apart).all()):
             return 2.0
@@ -157,7 +157,7 @@ class Motions:
         if self.case.reference_tolerance == MIN_TOLERANCE:
             return self.exact
         motion = exact_motion_of(self.case, self.case.reference_tolerance, finer=False)
-        return until(motion.trace, len(self.exact.time_s))
+        return until(motion.trace, self.known)
 
     def scheme_of(self, engine: str) -> Trace:
         """Motion of a faultless run of an engine, except the order of additions."""
@@ -183,23 +183,36 @@ class Motions:
         return ROUNDING_MARGIN * self.rounding
 
     @cached_property
+    def known(self) -> int:
+        """Number of samples at which the exact motion is known: by its error, in three dimensions by rounding."""
+        error = self.exact_error if self.straight else self.rounding
+        return max(1, int(np.searchsorted(error, HORIZON, side="right")))
+
+    @cached_property
     def samples(self) -> int:
         """Horizon: number of samples before rounding alone separates two runs."""
-        return max(1, int(np.searchsorted(self.rounding, HORIZON, side="right")))
+        return max(1, int(np.searchsorted(self.rounding_bound, AGREEMENT, side="right")))
 
-    def explained(self, quantity: str) -> Tolerance:
-        """Tolerance of the difference of a run from its scheme until the horizon, by rounding.
+    def explained(self, quantity: str) -> Array:
+        """Limits of the difference of a run from its scheme at each sample until the horizon. Shape (samples,).
 
         Args:
             quantity: ``force``, ``energy`` or ``momentum``, over their scales.
         """
-        least = tolerance("model", force_tolerance(self.case) if quantity == FORCE else "motion")
-        bound = float(self.rounding_bound[self.samples - 1])
+        bound, least = self.rounding_bound[: self.samples], self._least(quantity).limit
         if quantity != FORCE:
-            least = max(least, self.explained(FORCE), key=lambda each: each.limit)
             one, other = (getattr(trace, FIELDS[quantity])[: self.samples] for trace in (self.rounded, self.plain))
-            bound = ROUNDING_MARGIN * float(np.abs(one - other).max()) / self.scale(quantity)
-        return least if bound <= least.limit else Tolerance(bound, ROUNDING_REASON)
+            own = np.maximum.accumulate(np.abs(one - other)) / self.scale(quantity)
+            bound = np.maximum(ROUNDING_MARGIN * own, self.explained(FORCE))
+        return np.asarray(np.maximum(bound, least))
+
+    def tolerance_at(self, quantity: str, sample: int) -> Tolerance:
+        """Limit of ``explained`` at a sample, with its reason."""
+        limit, least = float(self.explained(quantity)[sample]), self._least(quantity)
+        return least if limit <= least.limit else Tolerance(limit, ROUNDING_REASON)
+
+    def _least(self, quantity: str) -> Tolerance:
+        return tolerance("model", force_tolerance(self.case) if quantity == FORCE else "motion")
 
     def scale(self, quantity: str) -> float:
         """Scale of errors: largest change of force in N, largest kinetic energy in J, largest momentum in N s.
@@ -222,7 +235,7 @@ class Motions:
         if self.samples >= self.case.scene.samples:
             return ""
         until_us = self.case.sample_times_s[self.samples] * 1e6
-        return f"; judged until {until_us:g} µs, where rounding alone exceeds {HORIZON:g}"
+        return f"; judged until {until_us:g} µs, where rounding alone explains differences of {AGREEMENT:g}"
 
 
 def force_tolerance(case: Case) -> str:
@@ -239,7 +252,7 @@ def predicted_error(case: Case, engine: str) -> Array:
     motions = motions_of(case, engine)
     with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
         if not motions.why_unknown:
-            error = residual(until(motions.scheme_of(engine), len(motions.exact.time_s)), motions.exact)
+            error = residual(until(motions.scheme_of(engine), motions.known), motions.exact)
         elif load_engine(engine).scheme == EXACT:
             error = np.zeros(case.scene.samples)
         else:  # second order in the step; first order with damping

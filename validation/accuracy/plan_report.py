@@ -23,7 +23,7 @@ from postproc.read.residual import is_at_rest
 from validation.accuracy.budget import AT_REST_NOTE
 from validation.accuracy.costs import cost_on
 from validation.accuracy.exact_motion import errors_of
-from validation.accuracy.motions import HORIZON, ROUNDING_MARGIN, motions_of, predicted_error
+from validation.accuracy.motions import AGREEMENT, ROUNDING_MARGIN, motions_of, predicted_error
 from validation.accuracy.plan import capable_engines, cheapest, planned_case, requested_accuracy
 from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 
@@ -31,7 +31,6 @@ TENFOLD = 10.0
 MAX_WORK = 5e7  # bodies times steps, for the rows of other accuracies
 MAX_ERROR = 100.0  # larger errors are printed as "blows up"
 AS_GIVEN = ", as given in the scene"
-AGREEMENT = 1e-2  # of the largest change: runs that differ by more do not agree at all
 
 
 Row = tuple[str, Case | None, dict[str, float], str]  # label, case and its errors, or no case and the reason
@@ -176,18 +175,17 @@ def _engines(case: Case) -> Iterator[str]:
 def _horizon(case: Case, share: Array) -> str:
     """Sentence on the horizon, from the bound on rounding errors until each sample."""
     ms = 1e3 * case.sample_times_s
-    if share[-1] <= HORIZON:
+    if share[-1] <= AGREEMENT:
         return (
             f"engines can be compared point by point to the end ({ms[-1]:.4g} ms): rounding stays below"
             f" {share[-1]:.0e} of the largest change"
         )
-    if share[0] > HORIZON:
+    if share[0] > AGREEMENT:
         return "engines cannot be compared point by point: heights this far from 0 lose too many digits to rounding"
-    until, later_until = (ms[max(int(np.argmax(share > level)) - 1, 0)] for level in (HORIZON, AGREEMENT))
-    later = f", to {AGREEMENT:g} until {later_until:.4g} ms" if share[-1] > AGREEMENT else ""
+    until_ms = ms[int(np.argmax(share > AGREEMENT)) - 1]
     return (
-        f"engines can be compared point by point to {HORIZON:g} until {until:.4g} ms{later}; beyond, compare energy,"
-        " mean forces and other statistics"
+        f"engines can be compared point by point until {until_ms:.4g} ms, where rounding alone explains differences of"
+        f" {AGREEMENT:g}; beyond, compare energy, mean forces and other statistics"
     )
 
 

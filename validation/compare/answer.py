@@ -9,6 +9,7 @@ from validation.checks import FAIL, NOT_RUN, Check, outcome, short
 from validation.compare.comparison import ComparedScene
 
 Outcomes = Mapping[str, Mapping[str, str]]  # verdicts by scene or case, and by engine
+INACCURATE = "inaccurate"  # the right computation, with larger errors than allowed
 
 
 def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> list[str]:
@@ -19,11 +20,14 @@ def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> li
         cases: verdicts of independent cases, by case and engine.
     """
     rows = {scene.case.scene.name: _outcomes(scene) for scene in scenes}
-    checks = [check for scene in scenes for check in scene.checks if rows[check.scene][check.engine] != FAIL]
+    checks = [c for scene in scenes for c in scene.checks if rows[c.scene][c.engine] not in (FAIL, INACCURATE)]
     ran = {name for scene in scenes for name in scene.runs}
     codes = [name for name in in_order({check.engine for check in checks} & ran) if not _in_repository(name)]
-    failures = _by_engine(rows | dict(cases or {}), FAIL, "fails")
-    missing = _by_engine(rows, NOT_RUN, "did not run")
+    failures = [
+        *_by_engine(rows | dict(cases or {}), FAIL, "fails", "fail"),
+        *_by_engine(rows, INACCURATE, "is right but not accurate enough", "are right but not accurate enough"),
+    ]
+    missing = _by_engine(rows, NOT_RUN, "did not run", "did not run")
     warned = [scene.case.scene.name for scene in scenes if any(run.record.warnings for run in scene.runs.values())]
     remarks = [f"{'; '.join(missing)}."] if missing else []
     remarks += [f"Runs of {listed(warned)} have warnings."] if warned else []
@@ -67,17 +71,25 @@ def _agreement(scenes: Sequence[ComparedScene], checks: Iterable[Check], engines
 
 def _outcomes(scene: ComparedScene) -> dict[str, str]:
     """Verdict of each engine on a scene."""
-    return {name: outcome(scene.of_engine(name)) for name in in_order([*scene.runs, *scene.absent])}
+    found = {}
+    for name in in_order([*scene.runs, *scene.absent]):
+        checks = scene.of_engine(name)
+        failed = [check.quantity.partition(":")[0] for check in checks if check.verdict == FAIL]
+        found[name] = INACCURATE if {*failed} == {ERROR} else outcome(checks)
+    return found
 
 
-def _by_engine(rows: Outcomes, verdict: str, verb: str) -> list[str]:
-    """Clauses such as "YADE fails on fig4 and fig5", one for each engine with that verdict."""
+def _by_engine(rows: Outcomes, verdict: str, one: str, several: str) -> list[str]:
+    """Clauses such as "YADE fails on fig4 and fig5", one for all engines that have that verdict on the same scenes."""
     found: dict[str, list[str]] = {}
     for row, cells in rows.items():
         for engine, cell in cells.items():
             if cell == verdict:
                 found.setdefault(engine, []).append(row)
-    return [f"{display_name(engine)} {verb} on {listed(names)}" for engine, names in found.items()]
+    alike: dict[str, list[str]] = {}
+    for engine, names in found.items():
+        alike.setdefault(listed(names), []).append(display_name(engine))
+    return [f"{listed(names)} {one if len(names) == 1 else several} on {where}" for where, names in alike.items()]
 
 
 def _in_repository(engine: str) -> bool:

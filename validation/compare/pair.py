@@ -20,6 +20,7 @@ from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.batch.store import ENDING
 from drivers.chain.case import Case
+from drivers.chain.chain import Array
 from drivers.chain.elements import choose_elements
 from drivers.chain.trace import FORCES, Trace, part_of, until
 from drivers.engines import EXACT, load_engine
@@ -185,20 +186,26 @@ def same_scheme(one: PairedRun, other: PairedRun) -> bool:
     return all(exact) or (not any(exact) and same_step)
 
 
-def _allowed(one: PairedRun, other: PairedRun, motions: list[Motions], quantity: str, *, known: bool) -> Tolerance:
-    """Tolerance of the forces, the energy or the momentum: what rounding explains, twice for two schemes."""
+def _allowed(
+    one: PairedRun, other: PairedRun, motions: list[Motions], quantity: str, samples: int, *, known: bool
+) -> tuple[Array, str]:
+    """Limits of the forces, the energy or the momentum at each sample, and their reason.
+
+    Runs differ by what rounding explains, twice for two schemes; if that is not known, by a general tolerance.
+    """
     laws = {load_engine(each.engine).shear for each in (one, other)}
     if len(laws) > 1 and one.case.chain.lateral is not None and one.case.chain.slips:
-        return tolerance("model", "sides")
-    if not known:
-        return (
-            tolerance("model", force_tolerance(one.case)) if same_scheme(one, other) else tolerance("truncation", FORCE)
-        )
-    if same_scheme(one, other):
+        general = tolerance("model", "sides")
+    elif not known:
+        same = same_scheme(one, other)
+        general = tolerance("model", force_tolerance(one.case)) if same else tolerance("truncation", FORCE)
+    elif same_scheme(one, other):
         others = [motions_of(other.case, other.engine)] if one.case.scene != other.case.scene else []
-        explained = max((each.explained(quantity) for each in (motions[0], *others)), key=lambda each: each.limit)
-        return Tolerance(explained.limit, f"{SAME}; {explained.reason}")
-    return Tolerance(sum(each.explained(quantity).limit for each in motions), OTHER)
+        limits = [each.explained(quantity)[:samples] for each in (motions[0], *others)]
+        return np.max([each[: min(map(len, limits))] for each in limits], axis=0), SAME
+    else:
+        return np.sum([each.explained(quantity)[:samples] for each in motions], axis=0), OTHER
+    return np.full(samples, general.limit), general.reason
 
 
 def _checks(
@@ -210,12 +217,13 @@ def _checks(
     """
     scene, engines = other.case.scene.name, f"{other.engine} against {one.engine}"
     second = until(other.trace, len(expected.time_s))
-    limits = {name: _allowed(one, other, motions, name, known=known) for name in (FORCE, *FIELDS)}
-    for quantity, limit in limits.items():
-        size, _, where = largest_difference(quantity, second, expected, motions[0].scale(quantity))
-        yield judged(scene, engines, quantity, size, limit, where)
+    samples = len(expected.time_s)
+    allowed = {name: _allowed(one, other, motions, name, samples, known=known) for name in (FORCE, *FIELDS)}
+    for quantity, (limits, why) in allowed.items():
+        size, (sample, _), where = largest_difference(quantity, second, expected, motions[0].scale(quantity), limits)
+        yield judged(scene, engines, quantity, size, Tolerance(float(limits[sample]), why), where)
 
-    force, layout = limits[FORCE].limit, one.run.layout
+    force, layout = float(allowed[FORCE][0].max()), one.run.layout
     reason = f"the change that a difference of forces of {force:.2g} can make"
     has, right = observe(other.run.layout, second), observe(layout, expected)
     first = observe(layout, until(one.trace, len(expected.time_s)))

@@ -121,6 +121,13 @@ def test_a_millionth_more_stiffness_or_less_mass_and_a_step_twice_as_long_are_wr
     assert {"model: force", "model: energy", "model: momentum"} <= red(budget_of(case, A_CODE, coarse))
 
 
+@pytest.mark.parametrize(("scene", "factor"), [("small-signal", 1.01), ("deep-chain", 1.05)])
+def test_a_wrong_mass_is_red_in_a_wave_that_is_small_against_its_static_load(scene: str, factor: float) -> None:
+    case = case_of(scene)
+    assert not red(budget_of(case, A_CODE, as_code(case)))
+    assert "model: force" in red(budget_of(case, A_CODE, as_code(case, mass_kg=times(factor, case.chain.bodies // 2))))
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

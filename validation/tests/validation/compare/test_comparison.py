@@ -62,7 +62,24 @@ def test_the_first_sentence_answers_the_question(compared: ComparedScene) -> Non
     first, second = sentences({"liggghts": "failed: exit code 1"})
     assert first == "No: LIGGGHTS fails on scene."
     assert second.startswith("Otherwise, the forces of YADE agree with the same scheme to 0.0")
+    first, second = sentences({"liggghts": "failed: exit code 1", "lammps": "failed: exit code 1"})
+    assert first == "No: LAMMPS and LIGGGHTS fail on scene."
     first, second, _ = sentences({"liggghts": "not installed"}, code=False)
     assert first == "Not known: no code ran."
     assert second.startswith(f"In this repository, the forces of verlet agree {end}")
     assert answer([]) == ["Not known: no code ran."]
+
+
+@pytest.mark.parametrize(
+    ("failed", "words"),
+    [
+        ({"error: force"}, "verlet is right but not accurate enough on scene"),
+        ({"model: force", "error: force"}, "YADE and verlet fail on scene"),
+    ],
+)
+def test_the_first_sentence_tells_wrong_from_inaccurate(compared: ComparedScene, failed: set[str], words: str) -> None:
+    checks = [
+        replace(check, verdict=FAIL) if check.engine == "verlet" and check.quantity in failed else check
+        for check in compared.checks
+    ]
+    assert words in answer([replace(compared, checks=checks)])[0]
