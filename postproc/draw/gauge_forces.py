@@ -7,11 +7,12 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET
-from postproc.draw.stack import GAUGE_IN, gauge_title, residuals
+from postproc.draw.stack import gauge_title, residuals
 from postproc.draw.style import GREY, MICRO, drawing_order, line_of, pyplot
 from postproc.read.sensors import sensor_signals
 
 WIDTH_IN = 4.2  # legible on a phone
+PANEL_IN = 0.92  # two panels, text and verdicts fit on the first screen of the report
 MAX_GAUGES = 4  # panels; the table of observables has all gauges
 LEGEND_COLUMNS = 3
 NO_TRACES: Mapping[str, Trace] = {}
@@ -43,7 +44,7 @@ def draw_gauge_forces(
     count = len(names) + bool(found)
     if not count:
         return None
-    size = (WIDTH_IN, GAUGE_IN * count + 0.7)
+    size = (WIDTH_IN, PANEL_IN * count + 0.7)
     figure, grid = pyplot().subplots(count, 1, sharex=True, figsize=size, squeeze=False, layout="constrained")
     time_us = next(iter(everything.values())).time_s * MICRO
     for axis, name in zip(grid[:, 0], names, strict=False):
@@ -84,4 +85,5 @@ def _draw_differences(
                 color=GREY,
             )  # fmt: skip
     axis.set_yscale("log", nonpositive="mask")
+    axis.margins(y=0.25)  # space for words above the highest line
     axis.set_title("largest force difference of any contact / largest change", loc="left")
