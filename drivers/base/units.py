@@ -10,7 +10,7 @@ from decimal import Decimal
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, ValidationInfo
 
 from drivers.base.kept import kept
 
@@ -21,6 +21,7 @@ NUMBER_AND_UNIT = re.compile(
     r" *([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?) *([A-Za-zµμ][\w*/^() .·-]*?) *"
 )
 PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+SI = "SI"  # context of a validation whose quantities are numbers in SI units, as in a run record
 PREFIXED = ("m", "s", "N", "Pa", "m/s")
 LARGEST, SMALLEST = (
     Decimal("1e30"),
@@ -100,13 +101,16 @@ def _quantity(what: str, unit: str, example: str, least: float, most: float, *, 
     allowed = f'{what} with its unit, such as "{example}"'
     bounds = f"{'0, or ' * zero}from {least:g} to {most:g} {unit}"
 
-    def read(value: object) -> float:
-        if not isinstance(value, str):
+    def read(value: object, info: ValidationInfo) -> float:
+        if isinstance(value, float) and info.context == SI:
+            number = value
+        elif isinstance(value, str):
+            try:
+                number = to_si(value, unit)
+            except ValueError as error:
+                raise NotAllowedError(bounds if isinstance(error, NotAllowedError) else allowed) from error
+        else:
             raise NotAllowedError(allowed)
-        try:
-            number = to_si(value, unit)
-        except ValueError as error:
-            raise NotAllowedError(bounds if isinstance(error, NotAllowedError) else allowed) from error
         if not (least <= number <= most or (zero and number == 0)):
             raise NotAllowedError(allowed if number <= 0 < least else bounds)
         return number

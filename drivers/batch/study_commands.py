@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.base import paths
-from drivers.base.errors import InputError
+from drivers.base.errors import InputError, RunError
 from drivers.base.processes import cores
 from drivers.base.progress import counted, in_words, say
 from drivers.base.text_table import text_table
@@ -127,7 +127,7 @@ def batch(request: Request, results: Path, where: Where, *, dry_run: bool = Fals
         if where.slurm and not where.wait:
             print("when the jobs have ended, the same command without --slurm writes the table")
             return 0
-    from drivers.batch.study_table import TableKeptError, unmatched, write_tables
+    from drivers.batch.study_table import unmatched, write_tables
 
     kept = None
     try:
@@ -137,7 +137,7 @@ def batch(request: Request, results: Path, where: Where, *, dry_run: bool = Fals
             place = ["--results", paths.shown(results)] if results != paths.RESULTS else []
             draw = ["python", "-m", "postproc", "study", str(found.request.source), *place]
             print(f"to draw the table: {shlex.join(draw)}")
-    except TableKeptError as error:
+    except RunError as error:
         kept = error
     code = _print_end(found)
     print(found.progress())

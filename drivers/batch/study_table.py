@@ -24,10 +24,6 @@ COSTS = (
 FINISHED = ("done", "failed", "timeout")  # states of a row that has been run
 
 
-class TableKeptError(RunError):
-    """An unfinished table would replace a table with more rows done."""
-
-
 def tables(study: Study, plan: StudyPlan, store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Table of the numbers, which depend on the study only, and table of the costs, which vary between runs."""
     by_engine = {name: plan.rows_of(store, name) for name in study.engines}
@@ -65,7 +61,7 @@ def write_tables(study: Study, plan: StudyPlan, store: Store, results: Path) -> 
     """Write the tables ``STUDY`` and ``STUDY-cost`` as ``.parquet`` and ``.csv``, each atomically.
 
     Raises:
-        TableKeptError: rows are to do or not installed, and the existing table has more rows done.
+        RunError: rows are to do or not installed, and the existing table has more rows done.
     """
     results.mkdir(parents=True, exist_ok=True)
     made, written = tables(study, plan, store), []
@@ -73,7 +69,7 @@ def write_tables(study: Study, plan: StudyPlan, store: Store, results: Path) -> 
     done, done_before = _rows_done(made[0]), _rows_done(_read_table(results / f"{study.name}.parquet"))
     if unfinished and done < done_before:
         place = paths.shown(results / f"{study.name}.csv")
-        raise TableKeptError(
+        raise RunError(
             f"table {place} kept: it has {done_before} rows done, this batch {done} of {len(made[0])}; "
             "--results DIR writes another table"
         )

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -41,7 +41,7 @@ EXIT_LIMIT_S = 10.0  # for workers that are asked to end
 LIBRARIES = ("scipy.interpolate", "scipy.signal")  # imported once for all workers
 WARNING_FILTER = "ignore:resource_tracker"  # after a kill, Python would warn of leaked semaphores
 MAX_DEATHS = 5  # of workers in a row, without a finished row
-PLAN_CHUNK = 250
+PLAN_CHUNK = 25  # facts of so many cases fit into one write; a worker killed between two writes would block the batch
 MIN_PARALLEL_CASES = 500  # from this number on, workers share the planning
 
 _work: tuple[Setup, Store, Any]  # of a worker process; the last is the number of cases taken by all workers
@@ -269,11 +269,23 @@ def worker_pool(workers: int, setup: Setup, store: Store) -> Iterator[ProcessPoo
         for process in processes:
             process.join(EXIT_LIMIT_S)
         # after the workers have ended: one that is stopped while it reads from the pool's queue would damage the queue
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(cancel_futures=True)
         if isinstance(error, (BrokenProcessPool, EOFError, ConnectionError)):
             raise WorkersKilledError("workers were killed; finished rows are kept") from error
         raise
     pool.shutdown()
+
+
+def _submitted(
+    pool: ProcessPoolExecutor, function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]]
+) -> list[Future[Any]]:
+    """Futures of a function for several tuples of its arguments.
+
+    Workers start in another thread, since a signal interrupts the main thread: a worker that gets half of its setup
+    prints a traceback.
+    """
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(lambda: [pool.submit(function, *task) for task in tasks]).result()
 
 
 def plan_side_by_side(setup: Setup, store: Store, workers: int) -> StudyPlan:
@@ -282,7 +294,9 @@ def plan_side_by_side(setup: Setup, store: Store, workers: int) -> StudyPlan:
     if len(numbers) < MIN_PARALLEL_CASES or workers == 1:
         return plan_of(setup, (facts_of(setup, number) for number in numbers))
     with worker_pool(workers, setup, store) as pool:
-        facts = pool.map(_facts, numbers, chunksize=PLAN_CHUNK)
+        parts = [(numbers[start : start + PLAN_CHUNK],) for start in range(0, len(numbers), PLAN_CHUNK)]
+        futures = _submitted(pool, _facts, parts)
+        facts = (found for future in futures for found in future.result())
         return plan_of(setup, following(facts, "cases validated", len(numbers), "case"))
 
 
@@ -300,7 +314,7 @@ def run_locally(
         known = len(store.rows)
         try:
             with worker_pool(workers, setup, store) as pool:
-                futures = [pool.submit(_run, numbers, workers, engines, retry_before) for _ in range(workers)]
+                futures = _submitted(pool, _run, [(numbers, workers, engines, retry_before)] * workers)
                 yield from waiting_for_all(futures)
             numbers = [number for future in futures for number in future.result()]
             if numbers:  # another batch works on them
@@ -324,14 +338,13 @@ def waiting_for_all(futures: list[Future[Any]]) -> Iterator[None]:
 
 
 def _begin(setup: Setup, runs: Path, taken: Any) -> None:
-    """Initialize a worker: it ignores Ctrl-C, ends in order at SIGTERM, and dies with the batch."""
+    """Initialize a worker: it ignores Ctrl-C, and dies at SIGTERM or with the batch."""
     global _work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
     _work = setup, Store(runs), taken
-    signal.signal(signal.SIGTERM, _end)  # last: nothing to clean up before
 
 
 def _end_with(sentinel: int) -> None:
@@ -341,13 +354,15 @@ def _end_with(sentinel: int) -> None:
 
 
 def _end(*_: object) -> None:
-    """Leave all contexts, so that engines are ended and rows stored."""
+    """Leave all contexts, so that engines are ended and rows stored; the pool may send SIGTERM again meanwhile."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise SystemExit
 
 
 def _run(numbers: Sequence[int], workers: int, engines: Sequence[str], retry_before: float) -> list[int]:
-    """Run chunks of the shared numbers; return the numbers left to another batch."""
+    """Run chunks of the shared numbers; return the numbers left to another batch. It ends in order at SIGTERM."""
     setup, store, taken = _work
+    signal.signal(signal.SIGTERM, _end)
     try:
         return run_cases(setup, _chunks(numbers, workers, taken), engines, store, retry_before)
     except SystemExit:
@@ -366,5 +381,5 @@ def _chunks(numbers: Sequence[int], workers: int, taken: Any) -> Iterator[Sequen
         yield numbers[start : start + size]
 
 
-def _facts(number: int) -> tuple[list[str], int, list[Any]]:
-    return facts_of(_work[0], number)
+def _facts(numbers: Sequence[int]) -> list[tuple[list[str], int, list[Any]]]:
+    return [facts_of(_work[0], number) for number in numbers]

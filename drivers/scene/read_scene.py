@@ -9,25 +9,10 @@ from typing import Any, TypeVar
 
 from pydantic import Field, create_model
 
-from drivers.base import paths
+from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, refuse_any
 from drivers.base.messages import keys_at, shorten, validate
-from drivers.scene.model import (
-    RIGID,
-    Bead,
-    ChainTable,
-    Contact,
-    Gauge,
-    Material,
-    Part,
-    Run,
-    Scene,
-    SceneFile,
-    Sensor,
-    Striker,
-    Tube,
-    Wall,
-)  # fmt: skip
+from drivers.scene.model import RIGID, Material, Part, Scene, SceneFile
 from drivers.scene.scene_rules import contradictions, problems_of_alternatives
 
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
@@ -35,7 +20,6 @@ STEP_TOLERANCE = 1e-9  # relative; accepts steps written with ten digits
 MAX_STEPS = 2**31 - 1  # LIGGGHTS counts steps in 32 bits
 MAX_VALUES = 200_000_000  # samples x contacts: 1.6 GB of doubles
 Entry = TypeVar("Entry", bound=Part)
-PARTS: dict[str, type[Part]] = {"striker": Striker, "wall": Wall, "tube": Tube, "contact": Contact, "sensor": Gauge}
 
 
 def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
@@ -97,25 +81,13 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
 
 
 def stored_scene(stored: dict[str, Any]) -> Scene:
-    """Scene stored in ``run.json``, in SI units, without validation.
+    """Scene stored in ``run.json``, in SI units.
 
     Raises:
-        TypeError, KeyError, AttributeError: the record contains no complete scene.
+        ValueError, TypeError, AttributeError: the record contains no complete scene.
     """
-    chain = dict(stored["chain"])
-    chain["sensors"] = tuple(Sensor.model_construct(**sensor) for sensor in chain.get("sensors", ()))
-    chain["bead"] = tuple(Bead.model_construct(**bead) for bead in chain.get("bead", ()))
-    run = stored["run"]
-    tables: dict[str, Any] = {
-        name: part.model_construct(**stored[name]) for name, part in PARTS.items() if name in stored
-    }
-    tables |= {
-        "chain": ChainTable.model_construct(**chain),
-        "run": Run.model_construct(**(run | {"record": tuple(run["record"])})),
-        "materials": {name: Material.model_construct(**own) for name, own in stored["materials"].items()},
-    }
     kept = {name: value for name, value in stored.items() if name != "units"}
-    return Scene.model_construct(**(kept | tables | {"file": stored["name"]}))
+    return Scene.model_validate(kept | {"file": stored.get("name")}, context=units.SI)
 
 
 def apply_setting(data: dict[str, Any], setting: str) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.batch.worker import EXIT_LIMIT_S
 from validation.tests.drivers.batch.test_batch import batch, stored, table_bytes
 from validation.tests.helpers.commands import without_progress
 from validation.tests.helpers.runs import need
@@ -65,11 +66,11 @@ def _processes_of(leader: int, folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("request_to_end", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("early", [True, pytest.param(False, marks=pytest.mark.long)])
+@pytest.mark.parametrize("helpers", [1, 3, pytest.param(None, marks=pytest.mark.long)])
 def test_helpers_do_not_outlive_a_killed_batch(
-    request_to_end: signal.Signals, early: bool, study_file: StudyWriter, tmp_path: Path
+    request_to_end: signal.Signals, helpers: int | None, study_file: StudyWriter, tmp_path: Path
 ) -> None:
-    """Workers, their engines and their fork server, also while it still imports modules."""
+    """The fork server, also while it still imports modules; workers, also while they plan; and their engines."""
     path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
     words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
     process = subprocess.Popen(
@@ -77,11 +78,11 @@ def test_helpers_do_not_outlive_a_killed_batch(
     )
     until = time.monotonic() + 60
     while time.monotonic() < until and not (
-        "forkserver" in "".join(_processes_of(process.pid, runs)) if early else stored(runs)
+        sum("forkserver" in each for each in _processes_of(process.pid, runs)) >= helpers if helpers else stored(runs)
     ):
         time.sleep(0.05)
     process.send_signal(request_to_end)  # to it alone, not its group
-    process.wait()
+    process.wait(timeout=EXIT_LIMIT_S)  # a worker that has to be waited for takes longer
     until = time.monotonic() + 5  # a fork server notices the end when its imports are done
     while _processes_of(process.pid, runs) and time.monotonic() < until:
         time.sleep(0.05)
