@@ -132,7 +132,7 @@ def _keep_talking() -> None:
 
 
 def in_words(seconds: float) -> str:
-    """Duration as text, such as ``20 s``, ``5 min``, ``2.0 h``."""
-    if seconds < 100:
-        return f"{seconds:.2g} s"
+    """Duration as text, such as ``12 ms``, ``20 s``, ``5 min``, ``2.0 h``."""
+    if seconds < 99.5:
+        return f"{seconds:.2g} s" if seconds >= 0.0995 else f"{1e3 * seconds:.2g} ms"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

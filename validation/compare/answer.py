@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from drivers.base.progress import in_words
 from drivers.engines import VERLET, in_order, load_engine
 from drivers.limits.refusal import FORCE
 from validation.accuracy.budget import ERROR, MODEL
@@ -65,7 +66,7 @@ def _agreement(scenes: Sequence[ComparedScene], checks: Iterable[Check], engines
     where = f"on {number} scenes " if (number := len({check.scene for check in forces})) > 1 else ""
     loops = [scene.runs[name].record.loop_s for scene in scenes for name in engines if name in scene.runs]
     known = [loop_s for loop_s in loops if loop_s is not None]
-    cost = f", for {'at most ' if len(known) > 1 else ''}{max(known):.2g} s of computing per run" if known else ""
+    cost = f", for {'at most ' if len(known) > 1 else ''}{in_words(max(known))} of computing per run" if known else ""
     return f"{where}the forces of {listed([*map(display_name, engines)])} agree {listed(parts)}{cost}."
 
 

@@ -15,6 +15,7 @@ from drivers.base import paths
 from drivers.base.command_line import engines_again
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError
+from drivers.base.progress import in_words
 from drivers.chain.case import Case
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
@@ -66,8 +67,8 @@ class Cell:
     @property
     def cost(self) -> str:
         """Times of the run and of its loop; empty without a run."""
-        loop = f", loop {1e3 * self.loop_s:.0f} ms" if self.loop_s is not None else ""
-        return f"run {self.run_s:.2f} s{loop}" if self.run_s is not None else ""
+        loop = f", loop {in_words(self.loop_s)}" if self.loop_s is not None else ""
+        return f"run {in_words(self.run_s)}{loop}" if self.run_s is not None else ""
 
     @property
     def misses(self) -> list[Check]:

@@ -15,7 +15,7 @@ from drivers.base import paths
 from drivers.base.command_line import engines_again
 from drivers.base.errors import InputError, RunError
 from drivers.base.files import whole_file
-from drivers.base.progress import say, step
+from drivers.base.progress import in_words, say, step
 from drivers.chain.case import build_case
 from drivers.engines import in_order
 from drivers.scene.read_scene import read_scene
@@ -191,6 +191,7 @@ def write_report(
         sections=[(name, *SECTIONS[name], section) for name, section in shown.items()],
         dates=when_made(results),
         short=short,
+        in_words=in_words,
         unbroken=unbroken,
         shown=paths.shown,
     )

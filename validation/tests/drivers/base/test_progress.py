@@ -10,6 +10,17 @@ import pytest
 from drivers.base import progress
 
 
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (0.00065, "0.65 ms"), (0.0994, "99 ms"), (0.0997, "0.1 s"), (12.3, "12 s"), (99.6, "2 min"), (300, "5 min"),
+        (7200, "2.0 h"),
+    ],
+)  # fmt: skip
+def test_a_duration_has_two_digits(seconds: float, words: str) -> None:
+    assert progress.in_words(seconds) == words
+
+
 def test_each_of_several_steps_has_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     with progress.step("waves counted", 2, 3):
         pass

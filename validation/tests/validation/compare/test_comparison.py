@@ -55,7 +55,7 @@ def test_the_first_sentence_answers_the_question(compared: ComparedScene) -> Non
     end = f"with the exact motion to {short(exact)} at this time step"
     (first,) = sentences({})
     assert first.startswith(f"Yes: the forces of YADE agree with the same scheme to 0.0 and {end}, for ")
-    assert first.endswith(" s of computing per run.")
+    assert first.endswith("s of computing per run.")
     first, last = sentences({"liggghts": "not installed"})
     assert first.startswith("Yes: the forces of YADE agree")
     assert last == "LIGGGHTS did not run on scene."
