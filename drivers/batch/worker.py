@@ -362,8 +362,8 @@ def _end(*_: object) -> None:
 def _run(numbers: Sequence[int], workers: int, engines: Sequence[str], retry_before: float) -> list[int]:
     """Run chunks of the shared numbers; return the numbers left to another batch. It ends in order at SIGTERM."""
     setup, store, taken = _work
-    signal.signal(signal.SIGTERM, _end)
     try:
+        signal.signal(signal.SIGTERM, _end)
         return run_cases(setup, _chunks(numbers, workers, taken), engines, store, retry_before)
     except SystemExit:
         os._exit(1)  # everything is closed: the pool must not submit more, or print

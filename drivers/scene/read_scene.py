@@ -81,13 +81,12 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
 
 
 def stored_scene(stored: dict[str, Any]) -> Scene:
-    """Scene stored in ``run.json``, in SI units.
+    """Scene stored in ``run.json``, in SI units; keys of other versions are ignored.
 
     Raises:
         ValueError, TypeError, AttributeError: the record contains no complete scene.
     """
-    kept = {name: value for name, value in stored.items() if name != "units"}
-    return Scene.model_validate(kept | {"file": stored.get("name")}, context=units.SI)
+    return Scene.model_validate(stored | {"file": stored.get("name")}, extra="ignore", context=units.SI)
 
 
 def apply_setting(data: dict[str, Any], setting: str) -> None:

@@ -111,6 +111,21 @@ def test_a_damaged_record_is_a_line(home: Path, text: str, capsys: pytest.Captur
     assert "run.time_step=x" in row or (row[7] == "damaged" and total[2:6] == ["(1", "damaged,", "2", "done):"])
 
 
+def test_a_record_of_another_version_is_read(home: Path) -> None:
+    """A run whose scene has keys that exist no more is not damaged: ``prune`` would remove it."""
+    before = kept_runs(home / "runs")
+    for run in before:
+        path = run.folder / FILE
+        record = json.loads(path.read_text())
+        record["scene"] |= {"former": 1, "wall": record["scene"]["wall"] | {"former": 1}}
+        when = path.stat().st_mtime
+        path.write_text(json.dumps(record))
+        os.utime(path, (when, when))
+    found = kept_runs(home / "runs")
+    assert [run.trouble for run in found] == [run.trouble for run in before]
+    assert [run.resolved for run in found] == [run.resolved for run in before]
+
+
 def test_failed_runs_and_other_folders(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ended = run_case(case_of(home / "small.toml", "chain.count=4"), VERLET, home / "runs", limit_s=0.01)
     for other in ("verlet/notes", f"batch/x-{'0' * 12}", f"{VERLET}/.work@x", "empty"):
