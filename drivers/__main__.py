@@ -4,7 +4,6 @@
 import argparse
 import re
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -126,19 +125,20 @@ def request_of(
     study: str | Path, runs: Path, engines: Sequence[str] = (), patterns: Sequence[str] = (), *, retry: bool = False
 ) -> "Request":
     """Request for a study, with the functions of higher packages that a batch calls."""
-    from drivers.batch.study_cases import Request, Steps
+    from drivers.batch.study_cases import Request
     from drivers.engines._entries import entry_files
     from postproc.read.observables import observe
     from postproc.read.residual import residual
     from validation.accuracy.plan import plan_case
 
-    steps = Steps(plan_case, observe, residual)
-    return Request(study, runs, steps, tuple(engines), tuple(patterns), time.time() if retry else 0.0, entry_files())
+    chosen = (tuple(engines), tuple(patterns))
+    return Request(study, runs.absolute(), plan_case, observe, residual, *chosen, retry=retry, entries=entry_files())
 
 
 def _batch(arguments: argparse.Namespace) -> int:
     from drivers.base.processes import cores
-    from drivers.batch.study_commands import Where, batch, run_part
+    from drivers.batch.study_commands import JobArray, batch, run_part
+    from drivers.run.execute import Place
 
     for option in ("wait", "slices", "slurm_line"):
         if getattr(arguments, option) and not arguments.slurm:
@@ -150,15 +150,9 @@ def _batch(arguments: argparse.Namespace) -> int:
     request = request_of(arguments.study, arguments.runs, arguments.engine, arguments.only, retry=arguments.retry)
     if arguments.slice:
         return run_part(request, *arguments.slice)
-    where = Where(
-        arguments.workers or cores(),
-        arguments.dask,
-        arguments.slurm,
-        arguments.wait,
-        arguments.slices,
-        tuple(arguments.slurm_line),
-    )
-    return batch(request, arguments.results, where, dry_run=arguments.dry_run, yes=arguments.yes)
+    place = Place(arguments.workers or cores(), processes=not arguments.dask, dask=arguments.dask or "")
+    array = JobArray(arguments.wait, arguments.slices, tuple(arguments.slurm_line)) if arguments.slurm else None
+    return batch(request, arguments.results, place, array, dry_run=arguments.dry_run, yes=arguments.yes)
 
 
 def _status(arguments: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_origin
 import pandas as pd
 
 from drivers.base import paths
-from drivers.base.errors import InputError
+from drivers.base.errors import InputError, RunError
 from drivers.base.files import whole_file
 from drivers.base.progress import say, step
 from drivers.engines import missing_codes
@@ -195,6 +195,15 @@ def run_chapter(chapter: Chapter, options: Options) -> int:
     if missing_codes():
         say(f"not installed, and left out: {', '.join(missing_codes())}")
     return 1 if failed else 0
+
+
+@contextmanager
+def left_out_if_failed(what: str) -> Iterator[None]:
+    """Reports a failed run and continues the chapter without its row."""
+    try:
+        yield
+    except RunError as error:
+        say(f"{what} is left out: {error}")
 
 
 def named(what: str, options: Options) -> str:

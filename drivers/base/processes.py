@@ -10,11 +10,13 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
+
+import psutil
 
 from drivers.base import paths
 
@@ -26,7 +28,7 @@ COULD_NOT_START = 127  # as in a shell
 Stream = IO[bytes] | int
 
 _lock = threading.Lock()
-_running: set[int] = set()  # leaders of the running process groups
+_running: dict[object, Callable[[], None]] = {}  # work under way, with the function that ends it
 _stops = 0  # number of active all_stopped()
 
 
@@ -142,11 +144,7 @@ def start(
         pass_fds=kept_open,
         start_new_session=True,
     )
-    with _lock:
-        _running.add(process.pid)
-        stopped = _stops > 0
-    if stopped:
-        kill_group(process.pid)
+    _register(process.pid, lambda: kill_group(process.pid))
     return process
 
 
@@ -156,9 +154,7 @@ def reap(process: subprocess.Popen[bytes]) -> resource.struct_rusage:
     Raises:
         KeyboardInterrupt: all processes are being stopped.
     """
-    with _lock:
-        _running.discard(process.pid)
-        stopped = _stops > 0
+    stopped = _unregister(process.pid)
     kill_group(process.pid)
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
@@ -167,10 +163,41 @@ def reap(process: subprocess.Popen[bytes]) -> resource.struct_rusage:
     return usage
 
 
+@contextmanager
+def stoppable(stop: Callable[[], None]) -> Iterator[None]:
+    """Work of this process that ``stop`` ends: within ``all_stopped`` as any process.
+
+    Raises:
+        KeyboardInterrupt: all work is being stopped.
+    """
+    work = object()
+    _register(work, stop)
+    try:
+        yield
+    finally:
+        if _unregister(work):
+            raise KeyboardInterrupt
+
+
+def _register(work: object, stop: Callable[[], None]) -> None:
+    with _lock:
+        _running[work] = stop
+        stopped = _stops > 0
+    if stopped:
+        stop()
+
+
+def _unregister(work: object) -> bool:
+    """Forget a piece of work; True if all work is being stopped."""
+    with _lock:
+        _running.pop(work, None)
+        return _stops > 0
+
+
 def used_by(leader: int) -> tuple[float, int]:
     """CPU seconds of a process with its children, and the largest peak memory of one of them in bytes.
 
-    Zeros without ``/proc``.
+    Zeros without ``/proc``. psutil counts CPU time in hundredths of a second and knows no peak.
     """
     cpu_s, memory_bytes = 0.0, 0
     with suppress(OSError, IndexError, ValueError):
@@ -189,25 +216,30 @@ def reset_peak(leader: int) -> None:
             Path(f"/proc/{process}/clear_refs").write_text("5")
 
 
-def _family(process: int) -> Iterator[int]:
-    yield process
-    for child in Path(f"/proc/{process}/task/{process}/children").read_text().split():
-        yield from _family(int(child))
+def _family(process: int) -> list[int]:
+    with suppress(psutil.Error):
+        return [process, *(child.pid for child in psutil.Process(process).children(recursive=True))]
+    return []
+
+
+def own_memory_bytes() -> int:
+    """Memory of this process in bytes."""
+    return int(psutil.Process().memory_info().rss)
 
 
 def cores() -> int:
     """Number of cores available to this process."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return len(psutil.Process().cpu_affinity()) if psutil.LINUX else psutil.cpu_count() or 1
 
 
 @contextmanager
 def all_stopped() -> Iterator[None]:
-    """Kill all processes of other threads and any they start within this context; there they end as by Ctrl-C."""
+    """End the work of other threads and any they begin within this context; there it ends as by Ctrl-C."""
     global _stops
     with _lock:
         _stops += 1
-        for leader in _running:
-            kill_group(leader)
+        for stop in _running.values():
+            stop()
     try:
         yield
     finally:
@@ -256,7 +288,7 @@ def kill_group(leader: int) -> None:
     """Kill a process with its group and with the other groups of its session, which mpirun makes."""
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(leader, signal.SIGKILL)
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError, IndexError):
-            if stat.read_text(errors="replace").rpartition(")")[2].split()[3] == str(leader):
-                os.kill(int(stat.parent.name), signal.SIGKILL)
+    for process in psutil.pids():
+        with suppress(OSError):
+            if os.getsid(process) == leader:
+                os.kill(process, signal.SIGKILL)

@@ -70,7 +70,7 @@ def step(what: str, number: int = 1, of: int = 1, *, total: int | None = None, u
 
 
 @contextmanager
-def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[Callable[[], None]]:
+def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[Callable[..., None]]:
     """Show a task without a line at its start; yields a function that counts units."""
     global _last_line
     from tqdm import tqdm
@@ -86,9 +86,9 @@ def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[
         _under_way.append(task)
     _news.set()
 
-    def count() -> None:
-        task.done += 1
-        bar.update()
+    def count(units: int = 1) -> None:
+        task.done += units
+        bar.update(units)
 
     try:
         yield count

@@ -6,9 +6,11 @@ All identities of a study are computed once and kept until something that they d
 import hashlib
 import itertools
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +20,12 @@ from drivers.base.files import whole_file
 from drivers.base.kept import content_of, digest_of_sources
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import Store, StudyRow
-from drivers.batch.study import Study, column_name, value_at
+from drivers.batch.study import Selection, Study, column_name, read_study, select, value_at
 from drivers.chain.case import Case, Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, installed, load_engine
+from drivers.engines._entries import use_entries
 from drivers.limits.exactness import needed_tolerance
 from drivers.limits.refusal import inability, refuse
 from drivers.run.build import Build, build_of
@@ -33,58 +36,59 @@ PLANS = ".plans"
 MAX_PLANS = 20  # kept in a runs folder
 
 
-@dataclass(frozen=True)
-class Steps:
-    """Functions of higher packages that a batch calls; workers in other processes get them by their names.
-
-    Attributes:
-        plan: returns a case with the time step planned for its accuracy.
-        observe: observables by name, from a layout and a trace.
-        residual: largest force difference of two traces at each sample, divided by the largest change of force of the
-            second.
-    """
-
-    plan: Callable[[Case], Case]
-    observe: Callable[[Layout, Trace], Mapping[str, float]]
-    residual: Callable[[Trace, Trace], Array]
+Facts = tuple[list[str], int, list[Any]]  # of a case: identities by engine, work, varied values
 
 
 @dataclass(frozen=True)
 class Request:
-    """Request of a study, by a command line or a scheduler.
+    """Request of a study, by a command line or a scheduler; workers in other processes get it.
 
     Attributes:
         source: path of the study file, or name in ``inputs/studies``.
         runs: runs folder, the same for all workers.
-        steps: functions of other packages.
+        plan: function that returns a case with the time step planned for its accuracy.
+        observe: function that returns observables by name, from a layout and a trace.
+        residual: function that returns the largest force difference of two traces at each sample, divided by the
+            largest change of force of the second.
         engines: selected engines, also beyond the study; if empty, the engines of the study.
         patterns: patterns that select cases; if empty, all cases.
-        retry_before: failures that ended before this time are run again.
+        retry: True to run failures again that ended before ``asked``.
+        asked: time of the request, in seconds of Unix time.
         entries: ``engines.toml`` files, for workers in other folders or on other machines.
     """
 
     source: str | Path
     runs: Path
-    steps: Steps
-    engines: Sequence[str] = ()
-    patterns: Sequence[str] = ()
-    retry_before: float = 0.0
+    plan: Callable[[Case], Case]
+    observe: Callable[[Layout, Trace], Mapping[str, float]]
+    residual: Callable[[Trace, Trace], Array]
+    engines: tuple[str, ...] = ()
+    patterns: tuple[str, ...] = ()
+    retry: bool = False
+    asked: float = field(default_factory=time.time)
     entries: tuple[Path, ...] = ()
+
+    def is_to_run(self, store: Store, identity: str) -> bool:
+        """True if a row is missing, or is a failure to be run again."""
+        row = store.rows.get(identity)
+        return row is None or (self.retry and not row.done and row.ended < self.asked)
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Study with everything else that identifies its rows.
+    """Requested study with everything else that identifies its rows.
 
     Attributes:
+        request: the request.
         study: the study.
-        steps: functions of other packages.
+        selection: selected engines and cases.
         builds: builds of the installed engines and of the reference, by engine.
         readers: digests of everything that turns raw output into a row, by engine: sources, adapter, tolerances.
     """
 
+    request: Request
     study: Study
-    steps: Steps
+    selection: Selection
     builds: dict[str, Build]
     readers: dict[str, str]
 
@@ -95,7 +99,7 @@ class Setup:
             InputError: the scene is wrong, or an engine refuses the case (``drivers.limits.refusal``).
         """
         study, builds = self.study, self.builds
-        case = self.steps.plan(study.case(number))
+        case = self.request.plan(study.case(number))
         case = replace(case, reference_tolerance=needed_tolerance(case))
         # the exact motion, for errors, is known for straight chains only
         names = [name for name in builds if name in study.engines or inability(case, name) is None]
@@ -110,16 +114,27 @@ class Setup:
         return StudyCase(number, study.label(number), case, kept, runs, identities)
 
 
-def set_up(study: Study, engines: Iterable[str], runs: Path, steps: Steps) -> Setup:
-    """Setup of a study on the installed engines."""
+@lru_cache(maxsize=2)  # a request differs from all earlier ones by its time
+def opened(request: Request, *, whole: bool = False) -> tuple[Setup, Store]:
+    """Setup of a requested study on its installed engines, and the store of its rows.
+
+    ``whole`` includes the engines of the study that are not selected.
+
+    Raises:
+        InputError: anything wrong with the study, its base scene or the selection.
+    """
+    if request.entries:
+        use_entries(request.entries)
+    study, store = read_study(request.source, request.engines), Store(request.runs)
+    selection = select(study, request.engines, request.patterns)
     builds, readers = {}, {}
     guards = [tolerance("guard", each).limit for each in ("energy", "impacts", "rounding", "friction", "least")]
-    for name in dict.fromkeys((*installed(engines), REFERENCE)):
+    for name in dict.fromkeys((*installed(study.engines if whole else selection.engines), REFERENCE)):
         engine = load_engine(name)
-        builds[name] = build_of(engine, runs / name)
+        builds[name] = build_of(engine)
         adapter = content_of(_adapter_file(name))
         readers[name] = _digest(f"{digest_of_sources()}\0{adapter}\0{engine.server.sha256}\0{guards}")
-    return Setup(study, steps, builds, readers)
+    return Setup(request, study, selection, builds, readers), store
 
 
 @dataclass(frozen=True)
@@ -147,11 +162,6 @@ class StudyCase:
         """Engines whose rows have one of these identities."""
         return [name for name, identity in self.identities.items() if identity in identities]
 
-    @property
-    def work(self) -> int:
-        """Bodies times steps, to which the cost of a run is proportional."""
-        return self.case.chain.bodies * self.case.scene.steps
-
 
 @dataclass(frozen=True)
 class StudyPlan:
@@ -172,14 +182,14 @@ class StudyPlan:
         return [store.rows.get(identity) for identity in self.identities.get(engine, [""] * len(self.work))]
 
 
-def facts_of(setup: Setup, number: int) -> tuple[list[str], int, list[Any]]:
+def facts_of(setup: Setup, number: int) -> Facts:
     """Identities by engine, work and varied values of a case; raises as ``Setup.case``."""
     case = setup.case(number)
     identities = [case.identities.get(name, "") for name in setup.builds]  # empty if the engine cannot model the case
-    return identities, case.work, [value_at(case.case.scene, key) for key in setup.study.columns.values()]
+    return identities, case.case.work, [value_at(case.case.scene, key) for key in setup.study.columns.values()]
 
 
-def plan_of(setup: Setup, facts: Iterable[tuple[list[str], int, list[Any]]]) -> StudyPlan:
+def plan_of(setup: Setup, facts: Iterable[Facts]) -> StudyPlan:
     """Plan of a study from the facts of all its cases."""
     identities, work, values = zip(*facts, strict=True)
     columns = itertools.starmap(column_name, setup.study.columns.items())

@@ -1,11 +1,11 @@
 """Commands ``batch``, ``status`` and ``show``."""
 
-import itertools
 import shlex
 import shutil
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,14 +16,14 @@ from drivers.base.processes import cores
 from drivers.base.progress import counted, in_words, say
 from drivers.base.text_table import text_table
 from drivers.base.tolerances import tolerance
+from drivers.batch.job_array import JobScript, job_script, parts_for, submit, waiting_for
 from drivers.batch.store import WORK, Store, StudyRow
-from drivers.batch.study import Selection, read_study, select
-from drivers.batch.study_cases import Request, Setup, StudyPlan, keep_plan, kept_plan, set_up
-from drivers.batch.worker import get_ready, plan_side_by_side, run_locally, run_slice, to_run
+from drivers.batch.study_cases import Request, Setup, StudyPlan, keep_plan, kept_plan, opened
+from drivers.batch.study_rows import plan_side_by_side, run_all, run_rows, run_slice
+from drivers.run.execute import LOCAL, Place, check_dask, get_ready
 from drivers.run.workplaces import leased
 
 if TYPE_CHECKING:
-    from drivers.batch.on_clusters import JobScript
     from drivers.chain.case import Case
     from drivers.run.finished import EndedRun
 
@@ -33,21 +33,15 @@ STATES = ("done", "failed", "timeout", "stale", "claimed", "to do", "not install
 
 
 @dataclass(frozen=True)
-class Where:
-    """Options of a batch: workers, Dask or Slurm.
+class JobArray:
+    """Options of a Slurm job array.
 
     Attributes:
-        workers: number of processes on this machine.
-        dask: address of a Dask scheduler, or ``local``.
-        slurm: True for a Slurm job array.
         wait: True to wait for the job array.
-        parts: number of tasks of the job array; None for one by the expected time.
+        parts: number of tasks; None for one by the expected time.
         lines: lines of the job's script before its command.
     """
 
-    workers: int
-    dask: str | None = None
-    slurm: bool = False
     wait: bool = False
     parts: int | None = None
     lines: tuple[str, ...] = ()
@@ -55,21 +49,18 @@ class Where:
 
 @dataclass(frozen=True)
 class _Batch:
-    """Requested study with its plan, selection and stored rows."""
+    """Requested study with its plan and stored rows."""
 
-    request: Request
     setup: Setup
     plan: StudyPlan
-    selection: Selection
     store: Store
 
     def todo(self) -> dict[str, list[int]]:
         """Numbers of the selected cases to run, by engine."""
+        request, selection = self.setup.request, self.setup.selection
         return {
-            name: [
-                n for n in self.selection.numbers if to_run(self.store, identities[n - 1], self.request.retry_before)
-            ]
-            for name in self.selection.engines
+            name: [n for n in selection.numbers if request.is_to_run(self.store, identities[n - 1])]
+            for name in selection.engines
             if (identities := self.plan.identities.get(name)) is not None
         }
 
@@ -95,36 +86,57 @@ class _Batch:
             return "stale" if (self.setup.study.name, name, label(number)) in self.store.labels else "to do"
 
         numbers = range(1, self.setup.study.count + 1)
-        return {name: {number: state(name, number) for number in numbers} for name in self.selection.engines}
+        return {name: {number: state(name, number) for number in numbers} for name in self.setup.selection.engines}
 
 
-def batch(request: Request, results: Path, where: Where, *, dry_run: bool = False, yes: bool = False) -> int:
-    """Run the unfinished cases of a study and write its tables; returns the exit code."""
-    if where.slurm and not dry_run and shutil.which("sbatch") is None:
+def batch(
+    request: Request,
+    results: Path,
+    place: Place,
+    array: JobArray | None = None,
+    *,
+    dry_run: bool = False,
+    yes: bool = False,
+) -> int:
+    """Run the unfinished cases of a study and write its tables; returns the exit code.
+
+    Args:
+        request: the study.
+        results: folder of the tables.
+        place: worker processes of this machine, or a Dask cluster.
+        array: options of a Slurm job array, which runs the cases instead; None for none.
+        dry_run: True to plan only.
+        yes: True to accept a study of many cases.
+    """
+    if array and not dry_run and shutil.which("sbatch") is None:
         raise InputError("--slurm", "", "sbatch not found; run this on a machine that submits to Slurm")
-    if where.dask:
-        from drivers.batch.on_clusters import check_dask
-
-        check_dask(where.dask)
-    if not (where.dask or where.slurm or dry_run):
-        get_ready(request.steps)
-    found = _open(request, where.workers, yes=yes)
+    if place.dask:
+        check_dask(place.dask)
+    if not (place.dask or array or dry_run):
+        get_ready(run_rows, request.plan, request.observe, request.residual)
+    found = _open(request, place.workers, yes=yes)
     todo = found.todo()
     if dry_run:
-        return _print_plan(found, todo, where)
+        return _print_plan(found, todo, place, array)
     study = found.setup.study
     numbers = sorted({number for some in todo.values() for number in some})
     if numbers:
         awaited = {found.plan.identities[name][n - 1]: n for name, some in todo.items() for n in some}
         try:
-            _follow(_run(found, todo, numbers, where), found, awaited)
+            with _following(found, awaited) as tick:
+                if array:
+                    job = submit(_job_script(found, todo, numbers, array))
+                    for _ in waiting_for(job) if array.wait else ():
+                        tick()
+                else:
+                    run_all(replace(request, source=study.path), numbers, place, found.store, tick)
         except KeyboardInterrupt as interrupt:
             found.store.refresh()
             goes_on = "the same command continues"
-            if where.slurm:
+            if array:
                 goes_on = "the job continues; the same command without --slurm writes the table when it has ended"
             raise KeyboardInterrupt(f"{found.progress()}; {goes_on}") from interrupt
-        if where.slurm and not where.wait:
+        if array and not array.wait:
             print("when the jobs have ended, the same command without --slurm writes the table")
             return 0
     from drivers.batch.study_table import unmatched, write_tables
@@ -134,8 +146,8 @@ def batch(request: Request, results: Path, where: Where, *, dry_run: bool = Fals
         for path in write_tables(study, found.plan, found.store, results):
             print(paths.shown(path))
         if study.file.figure:
-            place = ["--results", paths.shown(results)] if results != paths.RESULTS else []
-            draw = ["python", "-m", "postproc", "study", str(found.request.source), *place]
+            there = ["--results", paths.shown(results)] if results != paths.RESULTS else []
+            draw = ["python", "-m", "postproc", "study", str(request.source), *there]
             print(f"to draw the table: {shlex.join(draw)}")
     except RunError as error:
         kept = error
@@ -152,7 +164,7 @@ def batch(request: Request, results: Path, where: Where, *, dry_run: bool = Fals
 
 def run_part(request: Request, part: int, parts: int) -> int:
     """Run part I of N of a study; returns the exit code."""
-    rows = run_slice(request, part, parts)
+    rows = run_slice(request, opened(request)[0].selection.slice_of(part, parts))
     failures = [row for row in rows if not row.done]
     print(f"slice {part}/{parts}: {len(rows) - len(failures)} rows done, {len(failures)} failed")
     for row in failures:
@@ -165,7 +177,7 @@ def status(request: Request, *, every: bool = False) -> int:
     found = _open(request, cores(), yes=True)
     if every:
         by_engine = found.states()
-        for number in found.selection.numbers:
+        for number in found.setup.selection.numbers:
             text = ", ".join(f"{name} {states[number]}" for name, states in by_engine.items())
             sys.stdout.write(f"{number}: {found.setup.study.label(number)}: {text}\n")
     _print_end(found)
@@ -180,20 +192,20 @@ def show(request: Request, number: int, assess: Callable[["EndedRun", "Case"], "
     from drivers.chain.trace import digest_of
     from drivers.run.run import run_case
 
-    study, runs = read_study(request.source, request.engines), request.runs
-    store, selection = Store(runs), select(study, request.engines, ())
+    setup, store = opened(request)
+    study = setup.study
     if not 1 <= number <= study.count:
         raise InputError(f"case {number}", "", f"{study.where} has cases 1 to {study.count}")
     store.refresh()
-    case = set_up(study, selection.engines, runs, request.steps).case(number)
+    case = setup.case(number)
     print(f"case {number}: {case.label}")
     code = 0
-    for name in selection.engines:
+    for name in setup.selection.engines:
         if name not in case.identities:
             print(f"{name}: not installed", file=sys.stderr)
             code = 1
             continue
-        ended = assess(run_case(case.case, name, runs, limit_s=study.file.limit), case.case)
+        ended = assess(run_case(case.case, name, request.runs, limit_s=study.file.limit), case.case)
         row = store.rows.get(case.identities[name])
         for warning in ended.record.warnings or ():
             print(f"{name} warning: {warning}", file=sys.stderr)
@@ -212,55 +224,35 @@ def show(request: Request, number: int, assess: Callable[["EndedRun", "Case"], "
 
 def _open(request: Request, workers: int, *, yes: bool) -> _Batch:
     """Read and plan a study; this validates every case."""
-    study, store = read_study(request.source, request.engines), Store(request.runs)
+    setup, store = opened(request, whole=True)
+    study = setup.study
     if study.count > MAX_CASES and not yes:
         raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
-    selection = select(study, request.engines, request.patterns)
-    setup = set_up(study, study.engines, request.runs, request.steps)
     plan = kept_plan(setup, store)
     if plan is None:
-        plan = plan_side_by_side(setup, store, workers)
+        plan = plan_side_by_side(setup, workers)
         keep_plan(plan, setup, store)
     store.refresh()
     if store.damaged:
         count = len(store.damaged)
         print(f"{count} damaged file{'s' * (count > 1)} in {paths.shown(store.folder)}: ignored", file=sys.stderr)
-    return _Batch(request, setup, plan, selection, store)
+    return _Batch(setup, plan, store)
 
 
-def _run(found: _Batch, todo: dict[str, list[int]], numbers: list[int], where: Where) -> Iterator[None]:
-    """Run cases at the requested place; yields repeatedly."""
-    setup, selection, store = found.setup, found.selection, found.store
-    if where.dask:
-        from drivers.batch.on_clusters import run_on_dask
-
-        request = replace(found.request, source=setup.study.path, runs=store.runs.resolve())
-        yield from run_on_dask(where.dask, request, selection, numbers, where.workers)
-    elif where.slurm:
-        from drivers.batch.on_clusters import submit, waiting_for
-
-        job = submit(_job_script(found, todo, numbers, where))
-        if where.wait:
-            yield from waiting_for(job)
-    else:
-        yield from run_locally(setup, numbers, selection.engines, store, where.workers, found.request.retry_before)
-
-
-def _job_script(found: _Batch, todo: dict[str, list[int]], numbers: list[int], where: Where) -> "JobScript":
+def _job_script(found: _Batch, todo: dict[str, list[int]], numbers: list[int], array: JobArray) -> JobScript:
     """Script of the Slurm job array for some cases."""
-    from drivers.batch.on_clusters import job_script, parts_for
-
-    selection, store = found.selection, found.store
-    parts = where.parts or parts_for(len(selection.numbers), expected_s(found.plan, store, todo))
-    return job_script(found.request, found.setup.study, selection, numbers, store, parts, where.lines)
+    cases = len(found.setup.selection.numbers)
+    parts = array.parts or parts_for(cases, expected_s(found.plan, found.store, todo))
+    return job_script(found.setup, found.store, numbers, parts, array.lines)
 
 
-def _print_plan(found: _Batch, todo: dict[str, list[int]], where: Where) -> int:
-    workers = 1 if where.slurm or where.dask not in (None, "local") else where.workers
-    cases = len(found.selection.numbers)
+def _print_plan(found: _Batch, todo: dict[str, list[int]], place: Place, array: JobArray | None) -> int:
+    elsewhere = place.dask not in ("", LOCAL)
+    workers = 1 if array or elsewhere else place.workers
+    cases = len(found.setup.selection.numbers)
     print(f"{found.setup.study.name}: {cases} case{'s' * (cases != 1)}, all valid")
     rows: list[tuple[str, str]] = []
-    for name in found.selection.engines:
+    for name in found.setup.selection.engines:
         if name not in todo:
             rows.append((f"  {name}", "not installed"))
             continue
@@ -270,14 +262,14 @@ def _print_plan(found: _Batch, todo: dict[str, list[int]], where: Where) -> int:
         rows.append((f"  {name}", f"{cases - len(some)} done, {len(some)} to do" + (f", {expected}" if some else "")))
     print(*text_table(rows), sep="\n")
     numbers = sorted({number for some in todo.values() for number in some})
-    if where.slurm and numbers:
-        script = _job_script(found, todo, numbers, where)
+    if array and numbers:
+        script = _job_script(found, todo, numbers, array)
         print(f"\n{script.text}\nsbatch --parsable {shlex.quote(str(script.path))}")
         print(f"job array of {script.tasks} task{'s' * (script.tasks != 1)} with one worker each; nothing submitted")
-    elif where.slurm:
+    elif array:
         print("no job; nothing submitted")
-    elif where.dask not in (None, "local"):
-        print(f"times of one worker; on the Dask cluster at {where.dask}; nothing has been run")
+    elif elsewhere:
+        print(f"times of one worker; on the Dask cluster at {place.dask}; nothing has been run")
     else:
         print(f"on {workers} worker{'s' * (workers != 1)}; nothing has been run")
     return 0
@@ -285,7 +277,7 @@ def _print_plan(found: _Batch, todo: dict[str, list[int]], where: Where) -> int:
 
 def _print_end(found: _Batch) -> int:
     """Print counts by engine, then failures; returns 1 unless all requested rows are done."""
-    limit, numbers = tolerance("warning", "force").limit, found.selection.numbers
+    limit, numbers = tolerance("warning", "force").limit, found.setup.selection.numbers
     failures: list[str] = []
     code = 0
     done: list[tuple[str, str]] = []
@@ -308,16 +300,24 @@ def _print_end(found: _Batch) -> int:
     return code
 
 
-def _follow(under_way: Iterator[None], found: _Batch, awaited: dict[str, int]) -> None:
-    """Show progress by the awaited rows (number of the case by identity), and failures on a terminal."""
+@contextmanager
+def _following(found: _Batch, awaited: dict[str, int]) -> Iterator[Callable[[], None]]:
+    """Yield a function that shows progress by the awaited rows (number of the case by identity).
+
+    On a terminal it prints failures at once.
+    """
     with counted(found.setup.study.name, len(awaited), "row") as count:
-        for _ in itertools.chain(under_way, [None]):
+
+        def tick() -> None:
             for row in found.store.refresh():
                 number = awaited.pop(row.identity, None)
                 if number is not None:
                     count()
                     if not row.done and sys.stderr.isatty():  # else printed at the end
                         say(failure_line(found.setup.study.label(number), row))
+
+        yield tick
+        tick()
 
 
 def failure_line(label: str, row: StudyRow) -> str:

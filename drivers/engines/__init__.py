@@ -27,6 +27,7 @@ from drivers.chain.elements import STRAIGHT
 from drivers.chain.trace import Trace
 from drivers.engines._entries import Entry, entries
 from drivers.scene.model import VISCOELASTIC
+from validation.reference.hertz_chain import Flag
 
 REFERENCE, VERLET = "reference", "verlet"  # in-repo engines: exact motion, and the scheme of the codes
 IN_HEIGHTS = "velocity Verlet in absolute heights"
@@ -97,7 +98,9 @@ class Engine:
             input. It may end on a deck that fails; the next deck gets a new process.
         request: function of a folder and a word that returns the input by which the server runs the deck of the
             folder and then prints the word on a line and flushes it; for an empty folder it prints the word only.
-        in_repository: True for ``verlet`` and ``reference``.
+        integrate: function of a case and a flag that integrates it in this process, for ``verlet`` and ``reference``;
+            returns the trace, equal bit for bit to that of the deck, and the seconds of the time loop. Setting the
+            flag ends it. None for a code.
         scheme: integration scheme, one of the constants above. Velocity Verlet uses the closing speed of half a step
             before for damping, and at time 0 the one of time 0.
         shear: ``TOTAL`` or ``INCREMENTAL`` friction in three dimensions.
@@ -123,7 +126,7 @@ class Engine:
     loop_pattern: str
     server: Deck
     request: Callable[[str, str], str] = lambda folder, word: f"{folder} {word}\n"
-    in_repository: bool = False
+    integrate: Callable[[Case, Flag], tuple[Trace, float]] | None = None
     scheme: str = IN_HEIGHTS
     shear: str = TOTAL
     dissipation: frozenset[str] = frozenset({VISCOELASTIC})
@@ -139,6 +142,11 @@ class Engine:
     libraries: Callable[[Path], Iterable[Path]] = lambda program: ()
     name: str = ""
     entry: Entry = field(default_factory=lambda: Entry("", ()))
+
+    @property
+    def in_repository(self) -> bool:
+        """True for an engine that is part of this repository."""
+        return self.integrate is not None
 
     def find(self) -> tuple[str, ...] | None:
         """Command that starts the build, with paths of its programs; None if it is not installed."""

@@ -1,7 +1,10 @@
-"""In-repo engines: their deck holds the chain's arrays, their program is ``validation.reference``."""
+"""In-repo engines: they integrate cases in this process; by hand ``validation.reference`` runs the same deck."""
 
 import hashlib
 import json
+import threading
+import time
+from collections.abc import Callable
 from importlib.metadata import version as package_version
 from pathlib import Path
 from typing import Any
@@ -18,10 +21,15 @@ from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
 from drivers.scene.model import POWER, VISCOELASTIC
 from validation import reference
-from validation.reference.hertz_chain import TUBE_KEYS, Motion
+from validation.reference.deck import integrate_deck
+from validation.reference.hertz_chain import TUBE_KEYS, Flag, Motion
 
 COMMAND = ("python", "-m", reference.__name__, "chain.json")
 COLUMNS = 13  # three-dimensional chain: axial force; bore force, position, velocity and spin with three each
+Values = dict[str, Any]  # of a deck, by key
+
+_loaded: set[str] = set()
+_loading = threading.Lock()
 
 
 def version(command: tuple[str, ...]) -> str:
@@ -33,8 +41,8 @@ def version(command: tuple[str, ...]) -> str:
     return f"source {digest.hexdigest()[:12]}, {libraries}"
 
 
-def render(case: Case, method: str, **timing: float) -> Deck:
-    """``chain.json``: the command, the method with its timing, and the chain's arrays."""
+def _values(case: Case, method: str, timing: Values) -> Values:
+    """Values of the deck: the command, the method with its timing, and the chain's arrays."""
     chain = case.chain
     values = {
         "command": " ".join(COMMAND),
@@ -55,35 +63,70 @@ def render(case: Case, method: str, **timing: float) -> Deck:
     if chain.lateral is not None:
         arrays = tube_arrays_of(chain)
         values |= {key: getattr(arrays, field) for field, key in TUBE_KEYS.items()}
-    lines = (f"{json.dumps(key)}: {json.dumps(value, default=np.ndarray.tolist)}" for key, value in values.items())
-    return Deck({"chain.json": "{" + ",\n".join(lines) + "}\n"}, COMMAND, raw=("chain.npy",))
+    return values
 
 
 def read(case: Case, folder: Path) -> Trace:
-    """Read the output array as a trace.
+    """Read the output array of a deck run by hand as a trace.
 
     Raises:
         RunError: the file is missing or incomplete.
     """
+    shape = (COLUMNS if case.chain.lateral else 3, case.scene.samples, case.chain.bodies)
+    return _trace(case, read_arrays(folder / "chain.npy", {"an array": shape})["an array"])
+
+
+def _trace(case: Case, columns: Any) -> Trace:
+    """Trace of the columns of an output."""
     chain, times = case.chain, case.sample_times_s
-    shape = (COLUMNS if chain.lateral else 3, case.scene.samples, chain.bodies)
-    columns = read_arrays(folder / "chain.npy", {"an array": shape})["an array"]
     if chain.lateral is None:
         return trace_of(case, times, Motion(*columns))
-    bore, place, velocity, spin = np.moveaxis(columns[1:].reshape(4, 3, *shape[1:]), 1, 3)
+    bore, place, velocity, spin = np.moveaxis(np.reshape(columns[1:], (4, 3, *columns[0].shape)), 1, 3)
     return make_trace(chain, times, columns[0], place, velocity, spin, bore)
 
 
-def in_repository_engine(kernels: str, **own: Any) -> Engine:
-    """Build an in-repo engine with ``own`` fields; its server loads the module ``kernels`` before the first case."""
+def _integrated(values: Values, stop: Flag) -> tuple[Any, float]:
+    """Columns of the output and the time of the loop in s, without that of loading or compiling it."""
+    kind = f"{values['method']} {'place_m' in values} {'alpha' in values}"
+    with _loading:
+        if kind not in _loaded:
+            integrate_deck(values | {"steps_per_sample": 1}, stop, samples=2)
+            _loaded.add(kind)
+    began = time.perf_counter()
+    columns = integrate_deck(values, stop)
+    return columns, time.perf_counter() - began
+
+
+def in_repository_engine(method: str, timing: Callable[[Case], Values], **own: Any) -> Engine:
+    """Build an in-repo engine with ``own`` fields.
+
+    Args:
+        method: integrator, as named in the deck.
+        timing: function that returns the time step or tolerance of a case, and the spacing of its samples, for the
+            deck.
+        own: further fields of ``Engine``.
+    """
+
+    def render(case: Case) -> Deck:
+        """Render ``chain.json``."""
+        values = _values(case, method, timing(case)).items()
+        lines = (f"{json.dumps(key)}: {json.dumps(value, default=np.ndarray.tolist)}" for key, value in values)
+        return Deck({"chain.json": "{" + ",\n".join(lines) + "}\n"}, COMMAND, raw=("chain.npy",))
+
+    def integrate(case: Case, stop: Flag) -> tuple[Trace, float]:
+        """Trace of a case, and the time of the loop in s."""
+        columns, loop_s = _integrated(_values(case, method, timing(case)), stop)
+        return _trace(case, columns), loop_s
+
     return Engine(
         how_to_get="nothing: it is part of this repository",
         program="python",
         version=version,
-        in_repository=True,
         variables={"PYTHONPATH": str(paths.ROOT)},
         dissipation=frozenset({VISCOELASTIC, POWER}),
-        server=Deck({}, (*COMMAND[:-1], "-", kernels), raw=()),  # reads requests from stdin
+        render=render,
+        integrate=integrate,
+        server=Deck({}, (*COMMAND[:-1], "-"), raw=()),  # reads requests from stdin
         read=read,
         loop_pattern=r"^completed \d+ samples in ([0-9.]+) s$",
         **own,

@@ -4,23 +4,23 @@ In three dimensions its friction stores the shear displacement, as in LIGGGHTS. 
 the present contact radius; YADE stores the shear force instead.
 """
 
-from drivers.base.decks import Deck
+from typing import Any
+
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.engines import IN_OVERLAPS, TOTAL, Style, _in_repo
 
 
-def render(case: Case) -> Deck:
-    """Render ``chain.json``."""
-    scene = case.scene
-    return _in_repo.render(case, "verlet", time_step_s=scene.time_step_s, steps_per_sample=scene.steps_per_sample)
+def _timing(case: Case) -> dict[str, Any]:
+    """Time step, and steps between samples."""
+    return {"time_step_s": case.scene.time_step_s, "steps_per_sample": case.scene.steps_per_sample}
 
 
 ENGINE = _in_repo.in_repository_engine(
-    "verlet_kernels",
+    "verlet",
+    _timing,
     scheme=IN_OVERLAPS,
     shear=TOTAL,
     models=STRAIGHT | SIDEWAYS,
-    render=render,
     style=Style("#009e73", 1.1, (0, (1, 2))),
 )

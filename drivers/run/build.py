@@ -16,6 +16,7 @@ from shutil import which
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from drivers.base import paths
 from drivers.base.errors import RunError
 from drivers.base.files import home_of, readable, sha256_of, whole_file
 from drivers.base.processes import UNKNOWN_VERSION
@@ -53,7 +54,7 @@ class Build:
         return "\0".join((*words, self.version, self.sha256))
 
 
-def build_of(engine: Engine, home: Path) -> Build:
+def build_of(engine: Engine, home: Path | None = None) -> Build:
     """Build that an engine starts; cached in the engine's ``home``, since finding the version starts the program.
 
     Raises:
@@ -64,6 +65,7 @@ def build_of(engine: Engine, home: Path) -> Build:
         raise RunError(engine.absence)
     if engine.in_repository:  # its version contains the digest of its sources
         return Build(command, engine.version_of(command), "")
+    home = home or paths.RUNS / engine.name
     note = home / BUILD_FILE
     with _probing:
         try:

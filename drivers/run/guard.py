@@ -32,7 +32,7 @@ def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Pat
         RunError: the run failed; with the partial trace if there is one.
     """
     if outcome.timed_out:
-        raise RunError(f"killed at the time limit of {outcome.limit_s:g} s", status="timeout")
+        raise timed_out(outcome.limit_s)
     if outcome.code != 0:
         stdout, stderr = ((folder / name).read_text(errors="replace") for name in ("stdout.txt", "stderr.txt"))
         ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
@@ -46,11 +46,25 @@ def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Pat
     except RunError as error:
         error.partial = engine.partial_trace(case, folder)
         raise
+    return checked(case, trace)
+
+
+def checked(case: Case, trace: Trace) -> Trace:
+    """Check a complete trace.
+
+    Raises:
+        RunError: it cannot be that of the case.
+    """
     reason = unstable(case, trace) or wrong_start(case, trace) or wrong_energy(case, trace)
     reason = reason or not_modelled(case.chain, trace)
     if reason:
         raise RunError(reason, partial=trace)
     return trace
+
+
+def timed_out(limit_s: float) -> RunError:
+    """Error of a run that was ended at its time limit."""
+    return RunError(f"killed at the time limit of {limit_s:g} s", status="timeout")
 
 
 def _failed_start(stdout: str, stderr: str) -> str:

@@ -3,45 +3,27 @@
 import hashlib
 import json
 import shutil
-import threading
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.files import sha256_of
-from drivers.base.kept import kept
-from drivers.base.processes import EndedProcess, all_stopped, cores, run_command
 from drivers.base.progress import following
-from drivers.chain.case import Case, build_case
-from drivers.chain.trace import FORCES, SENSORS, STATE, Trace, digest_of, write_forces, write_state
+from drivers.chain.case import Case
+from drivers.chain.trace import FORCES, SENSORS, STATE, write_forces, write_state
 from drivers.engines import Engine, load_engine
 from drivers.limits.refusal import refuse
 from drivers.run.build import Build, build_of
+from drivers.run.compute import Computed, compute
+from drivers.run.execute import execute
 from drivers.run.finished import NOT_ASSESSED, EndedRun, RunRecord, find_run, provenance, read_record
-from drivers.run.guard import checked_trace
-from drivers.run.session import lent
 from drivers.run.workplaces import workplace
-from drivers.scene.read_scene import read_scene
-
-PROBE = ("fig4", ("run.duration=20 us", "run.time_step=0.1 us"))  # short run that tests servers
-MIN_LIMIT_S = 60.0
-SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times the cost of the slowest engine
-
-
-_server_test = threading.Lock()
-
-
-def default_limit_s(case: Case, engine: Engine) -> float:
-    """Time limit of a run: given by the engine's entry, or in proportion to bodies times steps."""
-    return engine.entry.time_limit_s or MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.chain.bodies * case.scene.steps
 
 
 def run_case(
@@ -63,14 +45,14 @@ def run_case(
         engine_name: name of the engine.
         runs: folder of all run folders.
         rerun: True to run again even if a finished run exists.
-        limit_s: time limit in s; None for ``default_limit_s``.
-        served: True to use a process that runs many decks; a run that fails there is repeated in its own process.
+        limit_s: time limit in s; None for ``drivers.run.compute.default_limit_s``.
+        served: True to run a code on a server that runs many decks; else its deck runs as by hand.
 
     Raises:
         RunError: the engine is not installed.
     """
     engine, home = load_engine(engine_name), runs / engine_name
-    build = build_of(engine, home)
+    build = build_of(engine)
     deck = engine.render(case)
     identity = run_identity(engine_name, build, deck.sha256)
     layout = _description(case)["layout"]
@@ -79,22 +61,15 @@ def run_case(
     if found and not rerun and _is_complete(found, case):
         return refresh_record(found, case, target)
     with workplace(home) as place:
-        folder, limit_s = place / "run", limit_s or default_limit_s(case, engine)
+        folder = place / "run"
         folder.mkdir()
-        served = served and serves_alike(engine, build)
-        outcome, trace, fault = _tried(case, engine, build, deck, folder, limit_s, served=served)
-        if served and fault and fault.status != "timeout":
-            shutil.rmtree(folder)
-            folder.mkdir()
-            outcome, trace, fault = _tried(case, engine, build, deck, folder, limit_s, served=False)
-        record = _record(case, engine, build, deck, outcome, folder)
-        if fault:
-            record = replace(record, status=fault.status, reason=str(fault))
-        else:
-            assert trace is not None
-            write_forces(trace, folder / FORCES)
+        by_hand = not served and not engine.in_repository
+        ended = compute(case, engine_name, build=build, deck=deck, limit_s=limit_s, folder=folder, by_hand=by_hand)
+        record = _record(case, engine, build, deck, ended)
+        if ended.trace is not None:
+            write_forces(ended.trace, folder / FORCES)
             if "state" in case.scene.run.record:
-                write_state(trace, folder / STATE)
+                write_state(ended.trace, folder / STATE)
             record = replace(record, forces_sha256=sha256_of(folder / FORCES))
         for raw in (folder / name for name in deck.raw):
             if raw.is_dir():
@@ -110,67 +85,27 @@ def run_case(
         if kept:  # a failed run does not replace a finished one
             target = target.with_name(f"{target.name}-failed")
         _move_into_place(folder, target, own.folder if own and not kept else None)
-    return EndedRun(target, record, fault.partial if fault else None)
-
-
-def _tried(
-    case: Case, engine: Engine, build: Build, deck: Deck, folder: Path, limit_s: float, *, served: bool
-) -> tuple[EndedProcess, Trace | None, RunError | None]:
-    """Run a deck in a folder; return the end of its process, and the trace or the error."""
-    if served:
-        with lent(engine, build.command, build.sha256) as session:
-            outcome = session.run(engine.deck_by_hand(deck), limit_s)
-            for file in session.case.iterdir():
-                shutil.move(file, folder)
-    else:
-        engine.deck_by_hand(deck).write(folder)
-        outcome = run_command(engine.started(deck, build.command), folder, limit_s, **engine.environment)
-    try:
-        return outcome, checked_trace(case, engine, outcome, folder), None
-    except RunError as error:
-        return outcome, None, error
-
-
-def serves_alike(engine: Engine, build: Build) -> bool:
-    """True if a build as a server gives the same bits as alone, tested once for each build by a short run."""
-    if engine.in_repository:
-        return True
-    with _server_test:
-        return bool(kept(["serves alike", engine.name, build.identity], lambda: _same_when_served(engine, build)))
-
-
-def _same_when_served(engine: Engine, build: Build) -> bool:
-    case = build_case(read_scene(*PROBE))
-    deck, traces = engine.render(case), []
-    for served in (False, True):
-        with TemporaryDirectory() as folder:
-            limit_s = default_limit_s(case, engine)
-            _, trace, _ = _tried(case, engine, build, deck, Path(folder), limit_s, served=served)
-            traces.append(trace)
-    alone, other = traces
-    return alone is not None and other is not None and digest_of(alone) == digest_of(other)
+    return EndedRun(target, record, ended.fault.partial if ended.fault else None)
 
 
 def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, alone: bool = False) -> list[EndedRun]:
     """Run pairs of a case and an engine, or find finished runs; results in the order of ``jobs``.
 
-    Equal decks run once, and the largest cases run first. One process runs many decks, unless ``alone`` requires a
-    process for each run of a code, as started by hand.
+    Equal decks run once, and the largest cases run first.
+
+    Args:
+        jobs: cases with the names of their engines.
+        runs: folder of all run folders.
+        alone: True to start each deck of a code as by hand, in a process of its own.
 
     Raises:
         RunError: an engine is not installed.
     """
     keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
-    different = sorted(dict(zip(keys, jobs, strict=True)).items(), key=lambda each: -each[1][0].work)
-    with workers(cores()) as pool:
-        under_way = {
-            key: pool.submit(run_case, case, name, runs, served=not alone or load_engine(name).in_repository)
-            for key, (case, name) in different
-        }
-        bar = following(as_completed(under_way.values()), "engines", len(under_way))
-        for future in bar:
-            future.result()
-    ended = {key: future.result() for key, future in under_way.items()}
+    different = dict(zip(keys, jobs, strict=True))
+    largest_first = sorted(different, key=lambda key: -different[key][0].work)
+    under_way = execute(lambda key: run_case(*different[key], runs, served=not alone), largest_first)
+    ended = dict(following(under_way, "engines", len(different)))
     return [
         run_case(case, engine, runs) if run.done and run.layout != case.layout else run  # other gauges: found again
         for (case, engine), run in zip(jobs, map(ended.__getitem__, keys), strict=True)
@@ -206,24 +141,8 @@ def refuse_all(jobs: Sequence[tuple[Case, str]]) -> None:
         for engine in engines[case]:
             refuse(case, engine)
 
-    with workers(cores()) as pool:
-        for _ in following(pool.map(look_at, engines), "cases checked", len(engines), "case"):
-            pass
-
-
-@contextmanager
-def workers(count: int) -> Iterator[ThreadPoolExecutor]:
-    """Threads that wait for engines; an error lets running engines finish, an interrupt kills them."""
-    with ThreadPoolExecutor(max_workers=count) as pool:
-        try:
-            yield pool
-        except (KeyboardInterrupt, SystemExit):
-            with all_stopped():
-                pool.shutdown(cancel_futures=True)
-            raise
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    for _ in following(execute(look_at, engines), "cases checked", len(engines), "case"):
+        pass
 
 
 def run_identity(engine_name: str, build: Build, deck_sha256: str) -> str:
@@ -270,21 +189,21 @@ def _is_complete(found: EndedRun, case: Case) -> bool:
     return there and sha256_of(found.folder / FORCES) == found.record.forces_sha256
 
 
-def _record(case: Case, engine: Engine, build: Build, deck: Deck, outcome: EndedProcess, folder: Path) -> RunRecord:
+def _record(case: Case, engine: Engine, build: Build, deck: Deck, ended: Computed) -> RunRecord:
     return RunRecord(
         engine=engine.name,
         engine_version=build.version,
         executable=" ".join(build.command),
         build_sha256=build.sha256,
-        status="done",
-        reason="",
+        status=ended.fault.status if ended.fault else "done",
+        reason=str(ended.fault) if ended.fault else "",
         deck_sha256=deck.sha256,
         command=engine.command_by_hand(deck),
         bodies=case.chain.bodies,
-        wall_s=round(outcome.wall_s, 4),
-        cpu_s=round(outcome.cpu_s, 4),
-        loop_s=engine.loop_seconds((folder / "stdout.txt").read_text(errors="replace")),
-        memory_bytes=outcome.memory_bytes,
+        wall_s=round(ended.wall_s, 4),
+        cpu_s=round(ended.cpu_s, 4),
+        loop_s=ended.loop_s,
+        memory_bytes=ended.memory_bytes,
         forces_sha256="",
         **NOT_ASSESSED,
         **_description(case),

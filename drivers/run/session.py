@@ -9,14 +9,15 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing.util import Finalize
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import gettempdir, mkdtemp
 
 from drivers.base.decks import Deck
 from drivers.base.processes import COULD_NOT_START, EndedProcess, reap, reset_peak, start, used_by
-from drivers.engines import Engine, load_engine
+from drivers.engines import Engine
+from drivers.run.workplaces import workplace
 
 DONE = "the-case-has-ended"  # printed by the server after a deck
 MAX_START_S, MIN_START_S = 60.0, 10.0  # bounds of the time limit of a start, which is else the case's
@@ -34,25 +35,24 @@ class Session:
 
     Attributes:
         case: folder in which decks run.
-        measures: True if outcomes include CPU time and memory of the case, which takes half a millisecond.
         start_s: total waiting time for starts.
         served: number of cases of the present or last process.
     """
 
-    def __init__(self, engine: Engine, build: tuple[str, ...], folder: Path, *, measures: bool = False) -> None:
+    def __init__(self, engine: Engine, build: tuple[str, ...], folder: Path) -> None:
         self.engine = engine
         self.build = build
         self.folder = folder
         self.case = folder / "case"
-        self.measures = measures
         self.start_s = 0.0
         self.served = 0
         self._process: subprocess.Popen[bytes] | None = None
 
-    def run(self, deck: Deck, limit_s: float) -> EndedProcess:
+    def run(self, deck: Deck, limit_s: float, *, measured: bool = False) -> EndedProcess:
         """Run a deck in the folder ``case``; its output stays there until the next run.
 
         A case that ends the process has the same outcome as in its own process; the next case gets a new process.
+        ``measured`` includes CPU time and memory of the case in the outcome, which takes half a millisecond.
         """
         if self._process is None or not self.served:
             shutil.rmtree(self.case, ignore_errors=True)  # remove files of a failed case
@@ -69,12 +69,12 @@ class Session:
             (self.case / STDERR).write_text(f"cannot start: {error}\n")
             return EndedProcess(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
         if self.served == 0:
-            outcome = self._ask("", min(MAX_START_S, max(limit_s, MIN_START_S)))
+            outcome = self._ask("", min(MAX_START_S, max(limit_s, MIN_START_S)), measured=False)
             self.start_s += time.perf_counter() - began
             if self.ended:
                 return outcome
         self.served += 1
-        return self._ask(self.case.name, limit_s)
+        return self._ask(self.case.name, limit_s, measured=measured)
 
     def start(self) -> None:
         """Start the server if there is none, without waiting for it; OSError if it cannot be started."""
@@ -104,13 +104,13 @@ class Session:
         reap(process)
         return process.returncode
 
-    def _ask(self, name: str, limit_s: float) -> EndedProcess:
+    def _ask(self, name: str, limit_s: float, *, measured: bool) -> EndedProcess:
         """Send a request and wait for ``DONE``, the end of the process, or the time limit."""
         process = self._process
         assert process is not None
         assert process.stdin is not None
         before_s, before_bytes = 0.0, (self.folder / STDERR).stat().st_size
-        if self.measures:
+        if measured:
             reset_peak(process.pid)
             before_s, _ = used_by(process.pid)
         began = time.perf_counter()
@@ -124,20 +124,14 @@ class Session:
             _await_end(process)
         (self.case / STDERR).write_bytes((self.folder / STDERR).read_bytes()[before_bytes:])
         if state == "done":
-            after_s, memory_bytes = used_by(process.pid) if self.measures else (0.0, 0)
+            after_s, memory_bytes = used_by(process.pid) if measured else (0.0, 0)
             return EndedProcess(0, False, limit_s, wall_s, after_s - before_s, memory_bytes)
         return EndedProcess(self.close(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
 
 
-def served_by(name: str, folder: Path) -> closing[Session]:
-    """Session of an installed engine, closed at the end of its ``with`` block."""
-    engine = load_engine(name)
-    build = engine.find()
-    assert build is not None
-    return closing(Session(engine, build, folder))
-
-
 _idle: dict[tuple[object, ...], list[Session]] = defaultdict(list)  # by build; all end with this process
+_places = ExitStack()  # holds the workplace of the sessions
+_homes: list[Path] = []  # that workplace, once there is one
 _lending = threading.Lock()
 
 
@@ -147,7 +141,7 @@ def lent(engine: Engine, build: tuple[str, ...], sha256: str = "") -> Iterator[S
     key = (engine.server.sha256, build, sha256, *sorted(engine.environment.items()))
     with _lending:
         session = _idle[key].pop() if _idle[key] else None
-    session = session or Session(engine, build, Path(mkdtemp(prefix="bead-chains-")), measures=True)
+    session = session or Session(engine, build, _new_folder())
     try:
         yield session
     except BaseException:
@@ -158,13 +152,25 @@ def lent(engine: Engine, build: tuple[str, ...], sha256: str = "") -> Iterator[S
             _idle[key].append(session)
 
 
+def _new_folder() -> Path:
+    """Folder of a session, in this process' workplace; the next command removes that of a killed process."""
+    with _lending:
+        if not _homes:
+            _homes.append(_places.enter_context(workplace(Path(gettempdir(), f"bead-chains-{os.getuid()}"))))
+        return Path(mkdtemp(dir=_homes[0]))
+
+
 def end_all() -> None:
     """End all idle sessions."""
     with _lending:
         for session in (each for kept in _idle.values() for each in kept):
             session.close()
-            shutil.rmtree(session.folder, ignore_errors=True)
         _idle.clear()
+        home = _homes.pop().parent if _homes else None
+        _places.close()
+        if home:
+            with suppress(OSError):  # not empty: other processes work there
+                home.rmdir()
 
 
 Finalize(None, end_all, exitpriority=10)  # also at the end of a worker of multiprocessing

@@ -1,12 +1,11 @@
 """Workplaces: temporary folders of running processes, with the rows that the process has leased.
 
-A process holds a file lock in its workplace, which the kernel releases when the process ends in any way; then the
+A process holds a file lock in its workplace, which the system releases when the process ends in any way; then the
 workplace is removed. Locks of other machines may be invisible on a shared file system, so a workplace of another
 machine counts as alive as long as its process touches a file in it. In the worst case two batches run the same case,
 which costs time only.
 """
 
-import fcntl
 import json
 import os
 import platform
@@ -14,8 +13,10 @@ import shutil
 import time
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from drivers.base.files import whole_file
 
@@ -23,6 +24,7 @@ LEASE = "lease.json"
 ALIVE = "alive"
 ALIVE_S = 120.0  # a workplace of another machine is alive if touched within this time
 ABANDONED_S = 86400.0  # and abandoned if not touched for this time
+NO_LOCKS = (OSError, NotImplementedError)  # on a file system without locks
 
 
 @contextmanager
@@ -32,14 +34,16 @@ def workplace(home: Path) -> Iterator[Path]:
     leased(home)
     folder = home / f".{uuid.uuid4().hex[:12]}@{_machine()}"
     folder.mkdir()
-    with open(folder / "unlocked", "w") as alive:
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(alive.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    lock = FileLock(folder / "unlocked", timeout=0)
+    try:
+        with suppress(*NO_LOCKS):
+            lock.acquire()
+        (folder / "unlocked").touch()
         (folder / "unlocked").rename(folder / ALIVE)
-        try:
-            yield folder
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        lock.release(force=True)
 
 
 def show_alive(place: Path) -> None:
@@ -49,9 +53,9 @@ def show_alive(place: Path) -> None:
 
 def lease(place: Path, identities: set[str]) -> set[str]:
     """Lease the rows that no other live process has leased; replaces earlier leases of this workplace."""
-    with open(place.parent / "lock", "a") as file:
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(file.fileno(), fcntl.LOCK_EX)
+    with ExitStack() as stack:
+        with suppress(*NO_LOCKS):
+            stack.enter_context(FileLock(place.parent / "lock"))
         free = identities - leased(place.parent, place)
         with whole_file(place / LEASE) as draft:
             draft.write_text(json.dumps(sorted(free)))
@@ -84,11 +88,14 @@ def _alive(folder: Path) -> bool | None:
     age_s = time.time() - (folder / ALIVE).stat().st_mtime
     if not folder.name.endswith(f"@{_machine()}"):
         return True if age_s < ALIVE_S else False if age_s > ABANDONED_S else None
-    with open(folder / ALIVE, "r+") as alive:
-        try:
-            fcntl.flock(alive.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            return True
+    lock = FileLock(folder / ALIVE, timeout=0, is_singleton=False)
+    try:
+        lock.acquire()
+    except Timeout:
+        return True
+    except NO_LOCKS:
+        return None
+    lock.release(force=True)
     return False
 
 

@@ -3,11 +3,9 @@
 import json
 import sys
 import tomllib
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from drivers.base import paths
 from drivers.base.errors import RunError
@@ -15,7 +13,7 @@ from drivers.base.files import whole_file
 from drivers.chain.case import Case, build_case
 from drivers.engines import EXACT, Engine, load_engine
 from drivers.run.build import Build, build_of
-from drivers.run.session import Session
+from drivers.run.compute import compute
 from drivers.scene.read_scene import read_scene
 
 NOTE = ".cost.json"
@@ -98,30 +96,29 @@ def measured_cost(engine: Engine) -> Cost:
 
 
 def measure(engine: Engine, build: Build) -> Cost:
-    """Measure the cost of a build by a few short runs in one process, each the best of three; about two seconds.
+    """Measure the cost of a build by a few short runs, each the best of three; about two seconds.
 
     Raises:
         RunError: a run failed, or the output lacks the time in the loop.
     """
-    from validation.served_runs import serve  # slow imports
-
     scene, *settings = MEASURED_ON
     few = build_case(read_scene(scene, (*settings, "run.sample_interval=10 us")))
     many = build_case(read_scene(scene, (*settings, "run.sample_interval=0.1 us")))
-    with TemporaryDirectory() as folder, closing(Session(engine, build.command, Path(folder))) as session:
 
-        def best(case: Case) -> tuple[float, float]:
-            """Shortest times in the loop and outside it, in s."""
-            runs = [serve(session, case) for _ in range(REPEATS)]
-            if not all(run.loop_s for run in runs):
-                raise RunError("no line of the output matches loop_pattern")
-            return min(run.loop_s for run in runs), min(run.case_s - run.loop_s for run in runs)
+    def best(case: Case) -> float:
+        """Shortest time in the loop, in s."""
+        runs = [compute(case, engine.name, build=build) for _ in range(REPEATS)]
+        loops_s = [run.loop_s for run in runs if run.done and run.loop_s]
+        if len(loops_s) < REPEATS:
+            raise RunError("no line of the output matches loop_pattern")
+        return min(loops_s)
 
-        loop_s, outside_s = best(few)
-        factor = int(min(max(LOOP_S / loop_s, 2), MAX_FACTOR))
-        longer_s, _ = best(few.at(factor * few.scene.steps_per_sample))
-        sampled_s, _ = best(many)
-        start_s = session.start_s + outside_s
+    alone = compute(few, engine.name, build=build, by_hand=True)
+    start_s = alone.wall_s - (alone.loop_s or 0.0) if alone.done else 0.0
+    loop_s = best(few)
+    factor = int(min(max(LOOP_S / loop_s, 2), MAX_FACTOR))
+    longer_s = best(few.at(factor * few.scene.steps_per_sample))
+    sampled_s = best(many)
     per_step_s = (longer_s - loop_s) / (few.scene.steps * (factor - 1))
     per_sample_s = (sampled_s - loop_s) / (many.scene.samples - few.scene.samples)
     step_ns, sample_ns = (max(1e9 * each / few.chain.bodies, 0.0) for each in (per_step_s, per_sample_s))

@@ -1,13 +1,11 @@
 """The fits of ``make calibration``: each dissipation law fitted to each selection of the paper's quoted data."""
 
-import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from math import nan
-from multiprocessing import active_children, get_context
 
-from drivers.base.progress import counted
+from drivers.base.progress import following
+from drivers.run.execute import Place, execute
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation
 from postproc.read.observables import LATER_PROMINENCE
@@ -54,28 +52,15 @@ def fit_all(*, quick: bool = False) -> Rows:
     laws = [law for law in asked.law if not quick or law.name in asked.quick]
     selections = asked.selections[:: len(asked.selections) - 1] if quick else asked.selections
     jobs = [(law, data, quick) for law in laws for data in selections]
-    by_length = sorted(
-        range(len(jobs)), key=lambda place: (len(jobs[place][0].free), len(jobs[place][1])), reverse=True
-    )
-    found: dict[int, Rows] = {}
-    context = get_context("forkserver")
-    context.set_forkserver_preload([__name__])
-    pool = ProcessPoolExecutor(min(len(jobs), os.cpu_count() or 1), context)
-    try:
-        with counted("fits", len(jobs), "fit") as count:
-            places = {pool.submit(fit_one, *jobs[place]): place for place in by_length}
-            for future in as_completed(places):
-                found[places[future]] = future.result()
-                count()
-    except BaseException:
-        for process in active_children():  # otherwise an interrupt waits for running fits
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-    parts = zip(*(found[place] for place in range(len(jobs))), strict=True)
+    longest_first = sorted(jobs, key=lambda job: (len(job[0].free), len(job[1])), reverse=True)
+    found = dict(following(execute(_fit_job, longest_first, Place(processes=True)), "fits", len(jobs), "fit"))
+    parts = zip(*(found[job] for job in jobs), strict=True)
     parameters, data, points, remarks = ([row for rows in part for row in rows] for part in parts)
     return parameters, data, points, remarks
+
+
+def _fit_job(job: tuple[Law, str, bool]) -> Rows:
+    return fit_one(*job)
 
 
 def fit_one(law: Law, data: str, quick: bool) -> Rows:

@@ -11,7 +11,7 @@ import pandas as pd
 from drivers.base import paths
 from drivers.chain.case import Case
 from drivers.engines import REFERENCE
-from drivers.run.run import workers
+from drivers.run.execute import side_by_side
 from postproc.paper.simulate import Simulation, exact, run_codes_on
 from postproc.paper.strikes import READINGS, sensor_amplitude, solve_table1
 from validation.checks import Check
@@ -93,14 +93,17 @@ def judge_all(runs: Path = paths.RUNS) -> list[Check]:
         rest = {claim.id: {REFERENCE: _call(claim, claim.favoured)} for claim in claims if not takes(claim)}
         return rest, [check for claim in claims for check in _other_readings(claim)]
 
-    with workers(1) as pool:
-        tables = pool.submit(values_with, "table", solved)
-        found = {REFERENCE: values_with("run", noted)}
-        computed = tables.result()
-        reading = pool.submit(others)
-        for code, simulations in run_codes_on([*asked.values()], runs).items():
-            found[code] = values_with("run", partial(_done, dict(zip(asked, simulations, strict=True))))
-        rest, readings = reading.result()
+    def on_codes() -> dict[str, dict[str, Any]]:
+        """Values by code of the claims on simulated chains."""
+        return {
+            code: values_with("run", partial(_done, dict(zip(asked, simulations, strict=True))))
+            for code, simulations in run_codes_on([*asked.values()], runs).items()
+        }
+
+    first: dict[str, Any] = {"table": partial(values_with, "table", solved), "run": partial(values_with, "run", noted)}
+    second: dict[str, Any] = {"codes": on_codes, "others": others}
+    done = dict(side_by_side(first)) | dict(side_by_side(second))
+    computed, found, (rest, readings) = done["table"], {REFERENCE: done["run"]} | done["codes"], done["others"]
     simulated = {name: {engine: float(own[name]) for engine, own in found.items()} for name in found[REFERENCE]}
     values = computed | rest | simulated
     checks = []

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations, product
-from math import nan
+from math import inf, nan
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.limits.refusal import inability
+from drivers.run.compute import compute
 from drivers.run.run import run_all_done
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
@@ -32,7 +33,6 @@ from postproc.read.residual import largest_residual, residual
 from validation.accuracy.assess import assess
 from validation.accuracy.plan import planned_case
 from validation.checks import Check, judged
-from validation.served_runs import serve, serving
 
 SCATTER = "scatter"  # in a setting: replaced by the scene's value
 Found = Mapping[tuple[Case, str], Simulation]  # all runs of the study, by case and engine
@@ -214,10 +214,10 @@ def _costs(pairs: Sequence[Variant], engine: str, repeats: int, found: Found) ->
     """
     loops_s = {case: found[case, engine].loop_s for pair in pairs for case in pair.cases}
     repeated = {case for pair in {pair.step: pair for pair in reversed(pairs)}.values() for case in pair.cases}
-    with serving(engine) as session:
-        what = f"costs on {engine}, one run after the other"
-        for case in following([*repeated] * repeats, what, len(repeated) * repeats):
-            loops_s[case] = min(loops_s[case], serve(session, case).loop_s)
+    what = f"costs on {engine}, one run after the other"
+    for case in following([*repeated] * repeats, what, len(repeated) * repeats):
+        ended = compute(case, engine)
+        loops_s[case] = min(loops_s[case], ended.loop_s if ended.done and ended.loop_s else inf)
     least: dict[str, list[float]] = {}
     for pair in pairs:
         own = [loops_s[case] / (case.chain.bodies * case.scene.steps) * 1e9 for case in pair.cases]

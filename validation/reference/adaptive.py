@@ -17,6 +17,7 @@ from validation.reference.hertz_chain import (
     ENERGY_SHARE,
     EXPONENT,
     Array,
+    Flag,
     HertzChain,
     Motion,
     contact_force,
@@ -28,7 +29,9 @@ LOCAL_SHARE = 0.002  # local over requested tolerance: light or loose beads ampl
 FIRST_STEP = 1e-3  # share of the time scale
 
 
-def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = MIN_TOLERANCE) -> Motion:
+def integrate_adaptive(
+    chain: HertzChain, time_s: Array, tolerance: float = MIN_TOLERANCE, stop: Flag | None = None
+) -> Motion:
     """Integrates from time 0 and samples the motion at ``time_s``, which begins at 0.
 
     The largest force error over all contacts and samples stays below ``tolerance`` times the largest force if the
@@ -57,7 +60,8 @@ def integrate_adaptive(chain: HertzChain, time_s: Array, tolerance: float = MIN_
     if chain.alpha:
         bodies = (*bodies, float(chain.alpha), np.zeros(n))
     first = FIRST_STEP * overlap_scale / speed_scale
-    states, done = follow(start, time_s, bodies, LOCAL_SHARE * tolerance, scale, first)
+    stop = np.zeros(1, bool) if stop is None else stop
+    states, done = follow(start, time_s, bodies, LOCAL_SHARE * tolerance, scale, first, stop)
     if not done or not np.isfinite(states).all():
         raise ArithmeticError("the adaptive reference cannot integrate this motion: its steps become too small")
     overlap, velocity = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])

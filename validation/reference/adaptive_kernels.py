@@ -18,7 +18,7 @@ from validation.reference.dop853 import (
     step,
     step_factor,
 )
-from validation.reference.hertz_chain import Array
+from validation.reference.hertz_chain import Array, Flag
 from validation.reference.power_law_events import closing_speed, first_holds, first_power_event, passing
 
 DENSE_LIMIT = 1e-9  # local tolerance; below it damped forces rise too steeply to interpolate samples
@@ -42,7 +42,7 @@ def _root(elapsed: float, power: float) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow(
-    start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float
+    start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float, stop: Flag
 ) -> tuple[Array, bool]:
     """States of a chain at all times, shape (samples, 2 bodies), and True if the integration reached the end.
 
@@ -54,13 +54,14 @@ def follow(
     samples = np.empty((times.size, size))
     copy(start, samples[0])
     copy(start, state[0])
-    return samples, _fill(samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step)
+    done = _fill(samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step, stop)
+    return samples, done
 
 
 @njit(error_model="numpy")
 def _fill(
     samples: Array, state: Array, end: Array, work: Array, slopes: Array, spare: Array, dense: Array, times: Array,
-    bodies: Bodies, tolerance: float, scale: Array, first_step: float,
+    bodies: Bodies, tolerance: float, scale: Array, first_step: float, stop: Flag,
 ) -> bool:  # fmt: skip
     """Fills all samples after the first, which is the initial state; True if the integration reached the end."""
     power = 4.0 if bodies[2].size else 2.0
@@ -73,7 +74,7 @@ def _fill(
     s, h, sample, rejected, last = 0.0, _root(first_step, power), 1, 0, nobody
 
     while sample < times.size:
-        if rejected > MAX_REJECTED:
+        if rejected > MAX_REJECTED or stop[0]:
             return False
         elapsed, final = _raised(s, power), (times[-1] - since) - rest
         s_end = min(s + h, _root(final, power))

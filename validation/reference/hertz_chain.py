@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flag = NDArray[np.bool_]  # shape (1,); another thread sets it to end an integration, whose result then has no meaning
 EXPONENT = 3 / 2  # exponent of the overlap in Hertz's law
 ENERGY_SHARE = 1 / (1 + EXPONENT)  # elastic energy over force times overlap
 

@@ -17,13 +17,18 @@ from functools import partial
 
 import numpy as np
 
-from validation.reference.hertz_chain import Extremes, TubeChain, TubeMotion, check_timing
+from validation.reference.hertz_chain import Extremes, Flag, TubeChain, TubeMotion, check_timing
 
 TOTAL, INCREMENTAL = "total", "incremental"
 
 
 def integrate_tube(
-    chain: TubeChain, time_step_s: float, steps_per_sample: int, samples: int, law: str = TOTAL
+    chain: TubeChain,
+    time_step_s: float,
+    steps_per_sample: int,
+    samples: int,
+    law: str = TOTAL,
+    stop: Flag | None = None,
 ) -> TubeMotion:
     """Integrates from time 0 and samples the motion every ``steps_per_sample`` steps, beginning at time 0.
 
@@ -50,6 +55,7 @@ def integrate_tube(
     memory = (rows(), rows(), rows(), rows())
     forces, kept = np.empty((samples, n)), np.empty((4, samples, n, 3))
     timing = (law == INCREMENTAL, time_step_s, steps_per_sample)
-    run_tube(bodies, inertia, numbers, state, memory, marks, *timing, forces, kept)
+    stop = np.zeros(1, bool) if stop is None else stop
+    run_tube(bodies, inertia, numbers, state, memory, marks, *timing, forces, kept, stop)
     extremes = Extremes(marks[0], marks[1], marks[3], marks[4], marks[6])
     return TubeMotion(forces, kept[0], kept[1], kept[2], kept[3], extremes)

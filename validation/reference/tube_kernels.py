@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import damped_force, elastic_force
-from validation.reference.hertz_chain import Array
+from validation.reference.hertz_chain import Array, Flag
 
 Three = tuple[float, float, float]
 # mass, radius, stiffness, damping, shear, load; contact with the bore: stiffness, shear
@@ -24,7 +24,7 @@ Marks = tuple[Array, Array, Array, Array, Array, Array, Array]
 @njit(cache=True, nogil=True, error_model="numpy")
 def run_tube(
     bodies: Bodies, inertia: Array, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool,
-    dt: float, every: int, forces: Array, samples: Array,
+    dt: float, every: int, forces: Array, samples: Array, stop: Flag,
 ) -> None:  # fmt: skip
     """Runs the time loop; fills contact forces and, per body, bore force, place, velocity and spin."""
     mass = bodies[0]
@@ -35,6 +35,8 @@ def run_tube(
             velocity[j, axis] -= 0.5 * dt * force[j, axis] / mass[j]
             spin[j, axis] -= 0.5 * dt * torque[j, axis] / inertia[j]
     for step in range((len(forces) - 1) * every + 1):
+        if stop[0]:
+            return
         if step or incremental:  # LIGGGHTS: the first forces use the velocities at time 0 and zero shear
             _forces(bodies, numbers, state, memory, marks, incremental, dt, dt > 0.0)
         if step % every == 0:

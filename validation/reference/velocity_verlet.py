@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from validation.reference.hertz_chain import Array, HertzChain, Motion, check_timing, contact_force, displacements
+from validation.reference.hertz_chain import Array, Flag, HertzChain, Motion, check_timing, contact_force, displacements
 
 if TYPE_CHECKING:
     from validation.reference.verlet_kernels import Arrays
 
 
-def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int) -> Motion:
+def integrate_verlet(
+    chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int, stop: Flag | None = None
+) -> Motion:
     """Integrates from time 0 and samples the motion every ``steps_per_sample`` steps, beginning at time 0.
 
     Half kick, drift, new forces, half kick: ``v += a dt/2; x += v dt; a = a(x); v += a dt/2``.
@@ -28,7 +30,8 @@ def integrate_verlet(chain: HertzChain, time_step_s: float, steps_per_sample: in
     arrays, half_kick = _start(chain, time_step_s), 0.5 * time_step_s / chain.mass_kg
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
     kept = (motion.force_N, motion.displacement_m, motion.velocity_m_s)
-    fill_samples(arrays, time_step_s, steps_per_sample, half_kick, chain.load_N, *kept)
+    stop = np.zeros(1, bool) if stop is None else stop
+    fill_samples(arrays, time_step_s, steps_per_sample, half_kick, chain.load_N, *kept, stop)
     return Motion(motion.force_N, displacements(chain, motion.displacement_m), motion.velocity_m_s)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import copy, elastic_force, overlap_power, power_force
-from validation.reference.hertz_chain import Array
+from validation.reference.hertz_chain import Array, Flag
 
 # velocity, overlap, force (with a 0 above the chain); constants: stiffness, kick, drop, damping (empty for an elastic
 # chain), alpha (0 without the power law)
@@ -73,12 +73,14 @@ def _sweep_power(
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_samples(
     arrays: Arrays, dt: float, every: int, half_kick: Array, load: Array,
-    forces: Array, overlaps: Array, velocities: Array,
+    forces: Array, overlaps: Array, velocities: Array, stop: Flag,
 ) -> None:  # fmt: skip
     """Fills the samples, the first with the initial state; velocities are shifted to the time of the forces."""
     velocity, overlap, force, stiffness, kick, drop, damping, alpha = arrays
     for sample in range(len(forces)):
         for _ in range(every if sample else 0):
+            if stop[0]:
+                return
             if alpha > 0.0:
                 _sweep_power(velocity, overlap, force, stiffness, kick, drop, damping, alpha, dt)
             elif damping.size:

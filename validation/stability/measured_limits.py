@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from drivers.base import paths
-from drivers.base.errors import RunError
 from drivers.base.progress import counted, following
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import energy_put_in
@@ -25,12 +24,11 @@ from drivers.engines import VERLET, installed_codes
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.energy_bounds import at_most
 from drivers.limits.stable_step import impacts_counted, predicted_limit, reached, stable_step
-from drivers.run.run import default_limit_s, workers
-from drivers.run.session import Session
+from drivers.run.compute import compute
+from drivers.run.execute import execute
 from drivers.scene.read_scene import make_scene, read_toml
 from postproc.paper.simulate import case_of
 from validation.accuracy.plan import plan_case
-from validation.served_runs import serving
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
 SHIPPED, RANDOM, BOUNCING = "shipped scenes", "random scenes", "impacts"
@@ -188,11 +186,9 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
             zip(subjects, predicted_s, strict=True), "limits by verlet", len(subjects), "scene"
         )
     ]
-    limits = [*by_verlet]
-    with counted("limits by codes", len(subjects) * len(names), "scene") as count, workers(len(names) or 1) as pool:
-        for part in pool.map(lambda name: _by_code(name, subjects, by_verlet, count), names):
-            limits += part
-    return limits
+    with counted("limits by codes", len(subjects) * len(names), "scene") as count:
+        by_code = dict(execute(lambda name: _by_code(name, subjects, by_verlet, count), names))
+    return [*by_verlet, *(limit for name in names for limit in by_code[name])]
 
 
 def gain(case: Case, trace: Trace) -> float:
@@ -208,16 +204,14 @@ def gain(case: Case, trace: Trace) -> float:
 def _by_code(
     name: str, subjects: Sequence[MeasuredChain], by_verlet: Sequence[Limit], count: Callable[[], None]
 ) -> list[Limit]:
-    limits = []
-    with serving(name) as session:
-        gain_at = partial(_gain_in, session)
-        for subject, verlet in zip(subjects, by_verlet, strict=True):
-            if _passes(subject.case, verlet.measured_s, UNSTABLE_GAIN, gain_at):
-                bad_s = verlet.bad_s if _passes(subject.case, verlet.bad_s, BAD_GAIN, gain_at) else nan
-                limits.append(replace(verlet, method=name, bad_s=bad_s))
-            else:
-                limits.append(_scan(subject, name, verlet.predicted_s, gain_at, lowest=CODE_LOWEST))
-            count()
+    limits, gain_at = [], partial(_gain_on, name)
+    for subject, verlet in zip(subjects, by_verlet, strict=True):
+        if _passes(subject.case, verlet.measured_s, UNSTABLE_GAIN, gain_at):
+            bad_s = verlet.bad_s if _passes(subject.case, verlet.bad_s, BAD_GAIN, gain_at) else nan
+            limits.append(replace(verlet, method=name, bad_s=bad_s))
+        else:
+            limits.append(_scan(subject, name, verlet.predicted_s, gain_at, lowest=CODE_LOWEST))
+        count()
     return limits
 
 
@@ -228,13 +222,11 @@ def _passes(case: Case, step_s: float, share: float, gain_at: Callable[[Case], f
     return gain_at(case.sampled_at_every(step_s)) > share >= gain_at(case.sampled_at_every(step_s / (1 + FINENESS)))
 
 
-def _gain_in(session: Session, case: Case) -> float:
-    """Energy gain on a code; inf if the code lost a body before."""
-    outcome = session.run(session.engine.render(case), default_limit_s(case, session.engine))
-    try:
-        return gain(case, session.engine.read(case, session.case)) if outcome.code == 0 else inf
-    except RunError:
-        return inf
+def _gain_on(name: str, case: Case) -> float:
+    """Energy gain on a code, also of a run that the guard fails; inf if the code lost a body before."""
+    ended = compute(case, name)
+    trace = ended.fault.partial if ended.fault else ended.trace
+    return gain(case, trace) if trace is not None and len(trace.time_s) == case.scene.samples else inf
 
 
 def _scan(

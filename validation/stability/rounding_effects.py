@@ -3,9 +3,9 @@
 Forces at rest are compared with the exact ones: at time 0 the chain is in equilibrium under the load on its top bead.
 """
 
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -16,13 +16,14 @@ from drivers.chain.chain import Array, arrays_of, energy_put_in
 from drivers.chain.schemes import trace_of, verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, installed_codes
+from drivers.run.compute import compute
+from drivers.run.execute import side_by_side
 from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
 from postproc.read.residual import largest_residual
 from validation.accuracy.exact_motion import exact_motion_of
-from validation.chapters import ADAPTIVE, ORDER_4
+from validation.chapters import ADAPTIVE, ORDER_4, left_out_if_failed
 from validation.reference.symplectic import integrate_symplectic
-from validation.served_runs import left_out_if_failed, serve, serving
 
 # five beads that bounce under gravity, and five that are pressed together so that no contact opens
 FIVE_BEADS = (
@@ -126,21 +127,23 @@ def statistics() -> Iterator[Statistic]:
 
 
 def _by_all(case: Case, *, order_4: bool = False) -> Iterator[tuple[str, Trace]]:
-    """Traces of a case by the in-repo integrators and by every installed code; the codes run in parallel."""
-    with ThreadPoolExecutor() as pool:
-        traces = pool.map(lambda name: _by_code(case, name), names := installed_codes())
-        yield VERLET, verlet_of(case)
-        scene, arrays = case.scene, arrays_of(case.chain)
-        if order_4:
-            motion = integrate_symplectic(arrays, scene.time_step_s, scene.steps_per_sample, scene.samples)
-            yield ORDER_4, trace_of(case, case.sample_times_s, motion)
-        yield ADAPTIVE, exact_motion_of(case, finer=False).trace
-        yield from zip(names, traces, strict=True)
+    """Traces of a case by every installed code and by the in-repo integrators, in parallel."""
+
+    def symplectic() -> Trace:
+        scene = case.scene
+        timing = scene.time_step_s, scene.steps_per_sample, scene.samples
+        return trace_of(case, case.sample_times_s, integrate_symplectic(arrays_of(case.chain), *timing))
+
+    work: dict[str, Callable[[], Trace]] = {VERLET: partial(verlet_of, case)}
+    work |= {ORDER_4: symplectic} if order_4 else {}
+    work |= {ADAPTIVE: lambda: exact_motion_of(case, finer=False).trace}
+    work |= {name: partial(_by_code, case, name) for name in installed_codes()}
+    found = dict(side_by_side(work))
+    yield from ((method, found[method]) for method in work)
 
 
 def _by_code(case: Case, name: str) -> Trace:
-    with serving(name) as session:
-        return serve(session, case).trace
+    return compute(case, name).done
 
 
 def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
@@ -197,9 +200,8 @@ def in_repo(case: Case) -> Iterator[Rounded]:
 
 def by_code(engine: str, cases: list[Case]) -> Iterator[Rounded]:
     """Rounding errors of a code."""
-    with serving(engine) as session:
-        for case in cases:
-            yield _rounded(case, engine, serve(session, case).trace.force_N)
+    for case in cases:
+        yield _rounded(case, engine, compute(case, engine).done.force_N)
 
 
 def _rounded(case: Case, method: str, force_N: Array) -> Rounded:

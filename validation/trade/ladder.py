@@ -1,32 +1,28 @@
 """Ladder of time steps within a budget of engine time, from the stability limit down to 1e-4 of it."""
 
-import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from math import ceil, nan
-from pathlib import Path
 from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from drivers.base.errors import RunError
-from drivers.base.processes import cores
 from drivers.base.progress import counted
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of
 from drivers.chain.schemes import trace_of
 from drivers.chain.trace import Trace
-from drivers.engines import REFERENCE, VERLET, installed_codes, load_engine
+from drivers.engines import REFERENCE, VERLET, installed_codes
 from drivers.limits.refusal import FORCE
 from drivers.limits.stable_step import predicted_limit
-from drivers.run.run import run_case, workers
-from drivers.run.session import Session
+from drivers.run.compute import Computed, compute
+from drivers.run.execute import execute
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from validation.accuracy.costs import cost_on
@@ -35,7 +31,6 @@ from validation.chapters import ADAPTIVE, DONE, NOT_RUN, ORDER_4
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
-from validation.served_runs import Served, serve, serving
 
 SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")
 SHORT_SCENES = SCENES[:-1]  # without the thousand beads, which take half of the time
@@ -144,16 +139,13 @@ def run_ladder(budget_s: float, scenes: Sequence[str] = SCENES, *, short: bool =
     groups: dict[tuple[str, str], list[Rung]] = defaultdict(list)
     for rung in kept:
         groups[rung.scene, rung.method].append(rung)
-    longest_first = sorted(groups.values(), key=lambda rungs: -sum(rung.expected_s for rung in rungs))
+    longest_first = sorted(groups, key=lambda key: -sum(rung.expected_s for rung in groups[key]))
     engines = dict.fromkeys(PROCESS.get(rung.method, rung.method) for rung in kept)
     exact_motion = _exact_motions()
-    with counted("runs at all steps", len(kept)) as count, workers(cores()) as pool:
-        start_s = dict(zip(engines, pool.map(partial(start_up, case_of(scenes[0])), engines), strict=True))
-        rows = [
-            row
-            for part in pool.map(lambda own: [*_rows_of(own, start_s, exact_motion, count)], longest_first)
-            for row in part
-        ]
+    with counted("runs at all steps", len(kept)) as count:
+        start_s = dict(execute(partial(start_up, case_of(scenes[0])), engines))
+        under_way = execute(lambda key: [*_rows_of(groups[key], start_s, exact_motion, count)], longest_first)
+        rows = [row for _, part in under_way for row in part]
     methods = [*installed_codes(), VERLET, ORDER_4, ADAPTIVE]
     rows.sort(key=lambda row: (scenes.index(row.scene), methods.index(row.method)))
     return rows + [_row(rung, status=NOT_RUN, reason=f"its loop would take {rung.expected_s:.0f} s") for rung in left]
@@ -180,29 +172,24 @@ def _rows_of(
     exact_motion: Callable[[Rung], ExactMotion],
     count: Callable[[], None],
 ) -> Iterator[LadderRun]:
-    """Rows of one scene by one method, in one process."""
+    """Rows of one scene by one method, one run after the other."""
     method = rungs[0].method
-    with ExitStack() as stack:
-        run = _in_repo if method in PROCESS else partial(_served, stack.enter_context(serving(method)))
-        for rung in rungs:
-            try:
-                runs = [run(rung) for _ in range(REPEATS if rung.expected_s < SHORT_RUN_S else 1)]
-                loop_s, case_s = min(each.loop_s for each in runs), min(each.case_s for each in runs)
-                wall_s = start_s[PROCESS.get(method, method)] + case_s
-                times = {"loop_s": loop_s, "wall_s": wall_s, "in_session_s": case_s}
-                yield _row(rung, **times, **errors_by_group(rung.case, runs[-1].trace, exact_motion(rung)))
-            except RunError as error:
-                yield _row(rung, status=error.status, reason=str(error))
-            count()
+    for rung in rungs:
+        repeats = range(REPEATS if rung.expected_s < SHORT_RUN_S else 1)
+        runs = [_in_repo(rung) if method in PROCESS else compute(rung.case, method) for _ in repeats]
+        try:
+            trace = [run.done for run in runs][-1]
+            loop_s, case_s = min(run.loop_s or 0.0 for run in runs), min(run.wall_s for run in runs)
+            wall_s = start_s[PROCESS.get(method, method)] + case_s
+            times = {"loop_s": loop_s, "wall_s": wall_s, "in_session_s": case_s}
+            yield _row(rung, **times, **errors_by_group(rung.case, trace, exact_motion(rung)))
+        except RunError as error:
+            yield _row(rung, status=error.status, reason=str(error))
+        count()
 
 
-def _served(session: Session, rung: Rung) -> Served:
-    """Run in a session; RunError if it failed."""
-    return serve(session, rung.case)
-
-
-def _in_repo(rung: Rung) -> Served:
-    """Run by an in-repo integrator; RunError if it blew up."""
+def _in_repo(rung: Rung) -> Computed:
+    """Run by an in-repo integrator, without the guard."""
     case, chain, scene = rung.case, arrays_of(rung.case.chain), rung.case.scene
     began = time.perf_counter()
     if rung.method == ADAPTIVE:
@@ -210,9 +197,12 @@ def _in_repo(rung: Rung) -> Served:
     else:
         motion = FIXED_STEP[rung.method](chain, scene.time_step_s, scene.steps_per_sample, scene.samples)
     loop_s = time.perf_counter() - began
-    if not np.isfinite(motion.force_N).all():
-        raise RunError("the motion is not finite: the time step is too large")
-    return Served(trace_of(case, case.sample_times_s, motion), loop_s, loop_s)
+    fault, trace = None, None
+    if np.isfinite(motion.force_N).all():
+        trace = trace_of(case, case.sample_times_s, motion)
+    else:
+        fault = RunError("the motion is not finite: the time step is too large")
+    return Computed(trace, fault, loop_s, loop_s, 0, loop_s)
 
 
 def _row(rung: Rung, **measured: Any) -> LadderRun:
@@ -237,8 +227,6 @@ def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict
 
 
 def start_up(case: Case, name: str) -> float:
-    """Time of a process outside its loop, in s; in-repo the shorter of two, as the first may compile."""
-    times = 2 if load_engine(name).in_repository else 1
-    with tempfile.TemporaryDirectory() as folder:
-        records = [run_case(case, name, Path(folder), rerun=True).record for _ in range(times)]
-    return min(record.wall_s - (record.loop_s or 0.0) for record in records)
+    """Time of a process outside its loop, in s: the shorter of two, as the first may compile or load."""
+    runs = [compute(case, name, by_hand=True) for _ in range(2)]
+    return min(run.wall_s - (run.loop_s or 0.0) for run in runs)

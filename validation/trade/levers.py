@@ -1,26 +1,22 @@
 """Levers of the trade study: other ways to save time or error, each with its effect."""
 
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from math import nan
-from pathlib import Path
 
 from drivers.base.decks import Deck
-from drivers.base.errors import RunError
-from drivers.base.processes import run_command
 from drivers.base.progress import following
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
-from drivers.engines import Engine, installed_codes, load_engine
+from drivers.engines import installed_codes, load_engine
 from drivers.limits.criteria import rayleigh_time
-from drivers.run.run import default_limit_s
+from drivers.run.compute import compute
 from postproc.paper.simulate import case_of, exact
 from postproc.read.observables import of_kind
 from validation.accuracy.exact_motion import errors_of, exact_motion_of, quantities
-from validation.served_runs import left_out_if_failed
+from validation.chapters import left_out_if_failed
 
 SOFTENING_FACTORS = (10, 100, 1000)
 FRACTIONS = (0.1, 0.2, 0.4)
@@ -110,19 +106,14 @@ def two_cores(scenes: Sequence[str] = ON_TWO_CORES) -> Iterator[Lever]:
         if engine.on_two_cores and len(engine.find() or ()) == 1:  # the command does not set the number of cores
             with left_out_if_failed(f"{name}, two cores"):
                 deck = engine.render(case)
-                one, two = (_loop_s(case, engine, each) for each in (deck, engine.on_two_cores(deck)))
+                one, two = (_loop_s(case, name, each) for each in (deck, engine.on_two_cores(deck)))
                 yield Lever("two cores", scene, name, "2 cores", "loop", gain=one / two)
 
 
-def _loop_s(case: Case, engine: Engine, deck: Deck) -> float:
+def _loop_s(case: Case, name: str, deck: Deck) -> float:
     """Time of the loop in a process for this run alone, in s; RunError if it failed."""
-    command = engine.find()
-    assert command is not None
-    with tempfile.TemporaryDirectory() as folder:
-        deck.write(Path(folder))
-        run_command(engine.started(deck, command), Path(folder), default_limit_s(case, engine), **engine.environment)
-        stdout, stderr = (Path(folder, f"{name}.txt").read_text(errors="replace") for name in ("stdout", "stderr"))
-    loop_s = engine.loop_seconds(stdout)
-    if not loop_s:
-        raise RunError(engine.failure_reason(stdout, stderr))
-    return loop_s
+    ended = compute(case, name, deck=deck, by_hand=True)
+    if not ended.loop_s:
+        assert ended.fault is not None
+        raise ended.fault
+    return ended.loop_s

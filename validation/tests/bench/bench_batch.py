@@ -12,9 +12,10 @@ import pandas as pd
 
 from drivers.__main__ import request_of
 from drivers.base.processes import run_command
-from drivers.batch.study_commands import WORKER_COSTS, Where, batch, status
+from drivers.batch.study_commands import WORKER_COSTS, batch, status
 from drivers.chain.case import build_case
 from drivers.engines import installed_codes, load_engine
+from drivers.run.execute import Place
 from drivers.scene.read_scene import read_scene
 
 WORKERS = 2
@@ -98,6 +99,6 @@ def _study(home: Path, names: tuple[str, ...], cases: int) -> Path:
 
 def _quietly(study: Path, home: Path) -> None:
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
-        code = batch(request_of(study, home / "runs"), home, Where(WORKERS))
+        code = batch(request_of(study, home / "runs"), home, Place(WORKERS, processes=True))
     if code:
         raise RuntimeError("a case of the benchmark failed")

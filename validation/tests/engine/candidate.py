@@ -17,8 +17,8 @@ from drivers.chain.trace import Trace
 from drivers.engines import EXACT, Engine
 from drivers.limits.refusal import inability
 from drivers.run.build import Build
+from drivers.run.compute import default_limit_s
 from drivers.run.guard import checked_trace
-from drivers.run.run import default_limit_s
 from drivers.run.session import Session
 from validation.accuracy.plan import planned_case
 
@@ -35,7 +35,7 @@ from drivers.engines import load_engine
 
 ENGINE = replace(
     load_engine("verlet"),
-    in_repository=False,
+    integrate=None,
     version=lambda command: line_of(command, "--version", "Python"),
     models=STRAIGHT,
     style=None,

@@ -33,7 +33,7 @@ from validation.trade.trade_chapter import advice, orders
 ADAPTER = """
 from dataclasses import replace
 from drivers.engines.verlet import ENGINE as VERLET
-ENGINE = replace(VERLET, in_repository=False, style=None)
+ENGINE = replace(VERLET, integrate=None, style=None)
 """
 Installer = Callable[[int], list[str]]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.batch.worker import EXIT_LIMIT_S
+from drivers.run.execute import EXIT_LIMIT_S
 from validation.tests.drivers.batch.test_batch import batch, stored, table_bytes
 from validation.tests.helpers.commands import without_progress
 from validation.tests.helpers.runs import need

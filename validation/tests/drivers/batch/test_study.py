@@ -8,8 +8,9 @@ from drivers.__main__ import request_of
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.batch.study import column_name, read_study, select, value_at
-from drivers.batch.study_commands import Where, batch
+from drivers.batch.study_commands import batch
 from drivers.engines import engine_names
+from drivers.run.execute import Place
 from validation.tests.helpers.commands import command_line, command_process
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
@@ -180,7 +181,7 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     path = tmp_path / "study.toml"
     path.write_text(top + text)
     with pytest.raises(InputError) as refused:
-        batch(request_of(path, tmp_path / "runs"), tmp_path / "results", Where(1))
+        batch(request_of(path, tmp_path / "runs"), tmp_path / "results", Place(1, processes=True))
     assert words in str(refused.value)
     assert not list(tmp_path.glob("runs/batch/*.jsonl"))
     assert not (tmp_path / "results").exists()
@@ -261,5 +262,5 @@ def test_a_million_cases_by_accident(write: StudyWriter, tmp_path: Path) -> None
 @pytest.mark.long
 @pytest.mark.parametrize("path", sorted(paths.STUDIES.glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_studies_are_valid(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert batch(request_of(path, tmp_path / "runs"), tmp_path / "results", Where(1), dry_run=True) == 0
+    assert batch(request_of(path, tmp_path / "runs"), tmp_path / "results", Place(1, processes=True), dry_run=True) == 0
     assert "all valid" in capsys.readouterr().out

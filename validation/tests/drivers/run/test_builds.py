@@ -26,7 +26,7 @@ from dataclasses import replace
 
 from drivers.engines import load_engine
 
-ENGINE = replace(load_engine("verlet"), in_repository=False, version=lambda command: "mine 1.0", style=None)
+ENGINE = replace(load_engine("verlet"), integrate=None, version=lambda command: "mine 1.0", style=None)
 """
 
 

@@ -8,11 +8,12 @@ import pandas as pd
 import pytest
 
 from drivers.__main__ import request_of
-from drivers.batch.study_commands import Where, batch
+from drivers.batch.study_commands import batch
 from drivers.chain.case import Case, read_layout
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import engine_names, load_engine
+from drivers.run.execute import Place
 from drivers.run.finished import EndedRun, open_run
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
@@ -222,7 +223,7 @@ def test_a_study_of_time_constants(study_file: StudyWriter, tmp_path: Path, caps
     values = ", ".join(each or '""' for each in tables)
     path = str(study_file(f'[[axis]]\nkey = "sensor"\nname = "gauge"\nvalues = [{values}]', "verlet"))
     runs, results = tmp_path / "runs", tmp_path / "results"
-    assert batch(request_of(path, runs), results, Where(1)) == 0
+    assert batch(request_of(path, runs), results, Place(1, processes=True)) == 0
     table = pd.read_parquet(results / "study.parquet")
     cases = [case_of(tmp_path / "scene.toml", *([f"sensor={each}"] if each else [])) for each in tables]
     expected = [observe(case.layout, verlet_of(case))["wall_peak_N"] for case in cases]
@@ -230,5 +231,5 @@ def test_a_study_of_time_constants(study_file: StudyWriter, tmp_path: Path, caps
     assert list(table["wall_peak_N"]) == pytest.approx(expected, rel=1e-12)
     assert table["force_error_share"].nunique() == 1, "the forces are the same"
     capsys.readouterr()
-    assert batch(request_of(path, runs), results, Where(1), dry_run=True) == 0
+    assert batch(request_of(path, runs), results, Place(1, processes=True), dry_run=True) == 0
     assert "verlet  3 done, 0 to do" in capsys.readouterr().out

@@ -199,7 +199,7 @@ def test_a_list_of_scenes_and_engines(folders: tuple[Path, Path], compare: Compa
 
 ADAPTER = """from dataclasses import replace
 from drivers.engines.verlet import ENGINE as VERLET
-ENGINE = replace(VERLET, in_repository=False, version=lambda command: "twin 1.0")
+ENGINE = replace(VERLET, integrate=None, version=lambda command: "twin 1.0")
 """
 SOFTER_BUILD = """#!{python}
 import json, os, sys

@@ -1,7 +1,6 @@
 """The shipped oblique impact on each engine against its own tangential law, and friction between two free beads."""
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +11,7 @@ import pytest
 from drivers.chain.case import Case
 from drivers.chain.trace import Sideways, Trace
 from drivers.engines import INCREMENTAL, load_engine
-from drivers.run.guard import checked_trace
-from drivers.run.session import Session, served_by
+from drivers.run.compute import compute
 from validation.tests.helpers.oblique_impact import (
     LIGGGHTS,
     YADE_ONE_ARM,
@@ -37,20 +35,15 @@ Motion = tuple[float, float, float]  # velocity away from the plane, along it, a
 Runner = Callable[[str, Case], Trace]
 
 
-@pytest.fixture(scope="module")
-def traced(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runner]:
-    """Runner of cases in one process per engine, as in batches."""
-    with ExitStack() as stack:
-        sessions: dict[str, Session] = {}
+@pytest.fixture
+def traced() -> Runner:
+    """Runner of cases as in batches."""
 
-        def run(engine: str, case: Case) -> Trace:
-            need(engine)
-            if engine not in sessions:
-                sessions[engine] = stack.enter_context(served_by(engine, tmp_path_factory.mktemp(engine)))
-            session, code = sessions[engine], load_engine(engine)
-            return checked_trace(case, code, session.run(code.render(case), 60.0), session.case)
+    def run(engine: str, case: Case) -> Trace:
+        need(engine)
+        return compute(case, engine, limit_s=60.0).done
 
-        yield run
+    return run
 
 
 @dataclass(frozen=True)

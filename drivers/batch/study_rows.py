@@ -1,0 +1,204 @@
+"""Rows of a study: cases are run and their rows stored, by any number of processes, each of which may be killed."""
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryFile, gettempdir
+
+from drivers.base.errors import RunError
+from drivers.base.progress import counted
+from drivers.batch.store import WORK, Outbox, Store, StudyRow
+from drivers.batch.study_cases import Facts, Request, Setup, StudyCase, StudyPlan, facts_of, opened, plan_of
+from drivers.chain.trace import digest_of
+from drivers.engines import REFERENCE
+from drivers.run.compute import Computed, compute
+from drivers.run.execute import Place, WorkersKilledError, execute
+from drivers.run.workplaces import lease, workplace
+
+CHUNK = 64  # largest number of cases in a chunk
+PROBE_BYTES = 1 << 20
+RETRY_INTERVAL_S = 2.0  # while another batch works on the remaining cases
+MAX_DEATHS = 5  # of workers in a row, without a finished row
+PLAN_CHUNK = 25  # facts of so many cases fit into one write; a worker killed between two writes would block the batch
+MIN_PARALLEL_CASES = 500  # from this number on, workers share the planning
+
+
+def run_all(request: Request, numbers: Sequence[int], place: Place, store: Store, tick: Callable[[], None]) -> None:
+    """Run the unfinished rows of cases, until they are stored by this or another batch.
+
+    Args:
+        request: the study.
+        numbers: numbers of the cases.
+        place: worker processes or a Dask cluster.
+        store: store of the rows.
+        tick: function called several times a second.
+
+    Raises:
+        RunError: workers were killed repeatedly.
+        OSError: the disk is full or the runs folder cannot be written to.
+    """
+    deaths = 0
+    while numbers:
+        known = len(store.rows)
+        try:
+            under_way = execute(partial(run_rows, request), _chunks(numbers, place.workers), place, tick)
+            numbers = [number for _, left in under_way for number in left]
+            if numbers:  # another batch works on them
+                time.sleep(RETRY_INTERVAL_S)
+        except WorkersKilledError:
+            store.refresh()
+            deaths = 0 if len(store.rows) > known else deaths + 1
+            if deaths == MAX_DEATHS:
+                raise
+            time.sleep(RETRY_INTERVAL_S / 10)  # killed processes look alive for a moment
+
+
+def _chunks(numbers: Sequence[int], workers: int) -> Iterator[Sequence[int]]:
+    """Chunks that get smaller towards the end, so that all workers end at the same time."""
+    start = 0
+    while start < len(numbers):
+        size = max(1, min(CHUNK, (len(numbers) - start) // (4 * (workers or 1))))
+        yield numbers[start : start + size]
+        start += size
+
+
+def run_slice(request: Request, numbers: Sequence[int]) -> list[StudyRow]:
+    """Run the unfinished rows of some cases in this process and return all their rows.
+
+    Every case is validated first.
+
+    Raises:
+        InputError: the study or a case is wrong.
+        OSError: the disk is full or the runs folder cannot be written to.
+    """
+    setup, store = opened(request)
+    identities = [setup.case(number).identities for number in numbers]
+    left = list(numbers)
+    while left := run_rows(request, left):  # another process works on them
+        time.sleep(RETRY_INTERVAL_S)
+    store.refresh()
+    names = setup.selection.engines
+    return [row for name in names for each in identities if (row := store.rows.get(each.get(name, "")))]
+
+
+def run_rows(request: Request, numbers: Sequence[int]) -> list[int]:
+    """Run the unfinished rows of some cases of a study.
+
+    Cases are planned and leased in chunks. Engines that are not installed are skipped.
+
+    Returns:
+        Numbers of the cases with a row on which another process is working.
+
+    Raises:
+        OSError: the disk is full or the runs folder cannot be written to.
+    """
+    setup, store = opened(request)
+    left: list[int] = []
+    with workplace(store.folder / WORK) as place, Outbox(store.folder, place) as box:
+        exact: dict[str, Computed] = {}
+        for start in range(0, len(numbers), CHUNK):
+            cases = [setup.case(number) for number in numbers[start : start + CHUNK]]
+            store.refresh()
+            asked = {each.identities[name] for each in cases for name in setup.selection.engines if name in each.runs}
+            missing = {identity for identity in asked if request.is_to_run(store, identity)}
+            free = lease(place, missing) if missing else set()
+            store.refresh()  # rows finished by others before the lease
+            free = {identity for identity in free if request.is_to_run(store, identity)}
+            ran: set[str] = set()
+            for each in cases:
+                for name in each.wanted(free - ran):
+                    box.add(_row(setup, each, name, exact, place))
+                    ran.add(each.identities[name])
+            box.flush()  # before the lease ends
+            others = {each for each in missing - free if request.is_to_run(store, each)}
+            left += [each.number for each in cases if others & set(each.identities.values())]
+    return left
+
+
+def _row(setup: Setup, case: StudyCase, name: str, exact: dict[str, Computed], place: Path) -> StudyRow:
+    """Row of a case on an engine, with its error against the reference.
+
+    If the reference fails, the row fails, too. Three-dimensional cases have no reference and no error. ``exact`` holds
+    the last run of the reference, which consecutive rows may share.
+    """
+    began = time.perf_counter()
+    request, run = setup.request, case.runs.get(REFERENCE)
+    ended = _reference(setup, case, exact, place) if name == REFERENCE else _run(setup, case, name, place)
+    trace, fault, reference_s = ended.trace, ended.fault, 0.0
+    force_error = None
+    if name != REFERENCE and trace is not None and run is not None:
+        before = time.perf_counter()
+        truth = _reference(setup, case, exact, place)
+        reference_s = time.perf_counter() - before
+        if truth.trace is None:
+            assert truth.fault is not None
+            fault = RunError(f"the reference failed, so the error is unknown: {truth.fault}", truth.fault.status)
+        else:
+            force_error = float(request.residual(trace, truth.trace).max())
+    values = {} if trace is None else request.observe(case.case.layout, trace)
+    digest = "" if trace is None else digest_of(trace)
+    cost = {"start_s": ended.start_s, "engine_s": ended.wall_s, "loop_s": ended.loop_s, "reference_s": reference_s}
+    workflow_s = time.perf_counter() - began - ended.start_s - ended.wall_s - reference_s
+    return StudyRow(
+        identity=case.identities[name],
+        run=case.runs[name],
+        study=setup.study.name,
+        label=case.label,
+        engine=name,
+        status=fault.status if fault else "done",
+        reason=str(fault) if fault else "",
+        values={observable: float(value) for observable, value in values.items()},
+        force_error=force_error,
+        trace_sha256=digest,
+        work=case.case.work,
+        cost=cost | {"workflow_s": max(workflow_s, 0.0)},
+        ended=time.time(),
+    )
+
+
+def _reference(setup: Setup, case: StudyCase, exact: dict[str, Computed], place: Path) -> Computed:
+    run = case.runs[REFERENCE]
+    if run not in exact:
+        exact.clear()
+        exact[run] = _run(setup, case, REFERENCE, place)
+    return exact[run]
+
+
+def _run(setup: Setup, case: StudyCase, name: str, place: Path) -> Computed:
+    build, deck, limit_s = setup.builds[name], case.kept_decks.get(name), setup.study.file.limit
+    ended = compute(case.case, name, build=build, deck=deck, limit_s=limit_s)
+    if ended.fault:
+        for folder in (place, Path(gettempdir())):
+            _disk_has_room(folder)
+    return ended
+
+
+def _disk_has_room(folder: Path) -> None:
+    """Raise OSError if the disk is full, which is not a failure of the case."""
+    try:
+        with TemporaryFile(dir=folder) as probe:
+            os.posix_fallocate(probe.fileno(), 0, PROBE_BYTES)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(folder)) from error
+
+
+def plan_side_by_side(setup: Setup, workers: int) -> StudyPlan:
+    """Plan of the whole study, by several workers if it is large; InputError if a case is wrong or refused."""
+    numbers = range(1, setup.study.count + 1)
+    if len(numbers) < MIN_PARALLEL_CASES or workers == 1:
+        return plan_of(setup, (facts_of(setup, number) for number in numbers))
+    parts = [numbers[start : start + PLAN_CHUNK] for start in range(0, len(numbers), PLAN_CHUNK)]
+    under_way = execute(partial(_facts, setup.request), parts, Place(workers, processes=True))
+    facts: dict[Sequence[int], list[Facts]] = {}
+    with counted("cases validated", len(numbers), "case") as count:
+        for part, found in under_way:
+            facts[part] = found
+            count(len(part))
+    return plan_of(setup, (each for part in parts for each in facts[part]))
+
+
+def _facts(request: Request, numbers: Sequence[int]) -> list[Facts]:
+    setup, _ = opened(request, whole=True)
+    return [facts_of(setup, number) for number in numbers]

@@ -1,0 +1,212 @@
+"""A case on an engine: the only way in which a case becomes a trace.
+
+An in-repo engine integrates in this process. A code runs on a server process that runs one deck after another, since
+start-up dominates the cost of small cases; or by hand, in a process of its own, as its deck says.
+"""
+
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from drivers.base.decks import Deck
+from drivers.base.errors import RunError
+from drivers.base.kept import kept
+from drivers.base.processes import EndedProcess, own_memory_bytes, run_command, stoppable
+from drivers.chain.case import Case, build_case
+from drivers.chain.trace import Trace, digest_of
+from drivers.engines import Engine, load_engine
+from drivers.run.build import Build, build_of
+from drivers.run.guard import checked, checked_trace, timed_out
+from drivers.run.session import lent
+from drivers.scene.read_scene import read_scene
+from validation.reference.hertz_chain import Flag
+
+PROBE = ("fig4", ("run.duration=20 us", "run.time_step=0.1 us"))  # short run that tests servers
+MIN_LIMIT_S = 60.0
+SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times the cost of the slowest engine
+STDOUT, STDERR = "stdout.txt", "stderr.txt"
+
+_server_test = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Computed:
+    """End of a case on an engine.
+
+    Attributes:
+        trace: trace; None if the run failed.
+        fault: reason of a failure, with a partial trace if there is one; else None.
+        wall_s, cpu_s, memory_bytes: wall and CPU time of the case, and peak memory of its process; without a folder
+            CPU time and memory of a served case are not measured.
+        loop_s: time in the code's time loop; None if the run did not finish.
+        start_s: time in which a server was started for this case.
+    """
+
+    trace: Trace | None
+    fault: RunError | None
+    wall_s: float
+    cpu_s: float
+    memory_bytes: int
+    loop_s: float | None
+    start_s: float = 0.0
+
+    @property
+    def done(self) -> Trace:
+        """Trace of a run that succeeded.
+
+        Raises:
+            RunError: the run failed.
+        """
+        if self.trace is None:
+            assert self.fault is not None
+            raise self.fault
+        return self.trace
+
+
+def compute(
+    case: Case,
+    name: str,
+    *,
+    build: Build | None = None,
+    deck: Deck | None = None,
+    limit_s: float | None = None,
+    folder: Path | None = None,
+    by_hand: bool = False,
+) -> Computed:
+    """Compute a case on an engine; a run that fails is a result with the reason.
+
+    Args:
+        case: the case.
+        name: name of the engine.
+        build: build of the engine, if known.
+        deck: deck of the case, if rendered already.
+        limit_s: time limit in s; None for ``default_limit_s``.
+        folder: folder that receives the deck, the output of the code, and its standard output and error.
+        by_hand: True for a process of its own, also of an in-repo engine.
+
+    Raises:
+        RunError: the engine is not installed.
+    """
+    engine = load_engine(name)
+    limit_s = limit_s or default_limit_s(case, engine)
+    if engine.integrate is not None and not by_hand:
+        if folder is not None:
+            engine.deck_by_hand(deck or engine.render(case)).write(folder)
+        return _in_memory(case, engine, limit_s, folder)
+    build, deck = build or build_of(engine), deck or engine.render(case)
+    if by_hand or not serves_alike(engine, build):
+        return _by_hand(case, engine, build, deck, limit_s, folder)
+    return _served(case, engine, build, deck, limit_s, folder)
+
+
+def default_limit_s(case: Case, engine: Engine) -> float:
+    """Time limit of a run: given by the engine's entry, or in proportion to bodies times steps."""
+    return engine.entry.time_limit_s or MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.chain.bodies * case.scene.steps
+
+
+def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) -> Computed:
+    """Integrate a case in a thread, so that the time limit and Ctrl-C end it."""
+    stop: Flag = np.zeros(1, bool)
+    began, loop_s, trace, fault = time.perf_counter(), None, None, None
+    cpu_s: list[float] = []
+
+    def integrate() -> tuple[Trace, float]:
+        before_s = time.thread_time()
+        assert engine.integrate is not None
+        try:
+            with np.errstate(all="ignore"):  # runs that blow up are reported by the guard
+                return engine.integrate(case, stop)
+        finally:
+            cpu_s.append(time.thread_time() - before_s)
+
+    def end() -> None:
+        stop[0] = True
+
+    with ThreadPoolExecutor(1) as thread, stoppable(end):
+        future = thread.submit(integrate)
+        try:
+            found, loop_s = future.result(min(limit_s, threading.TIMEOUT_MAX))
+            trace = checked(case, found)
+        except TimeoutError:
+            fault = timed_out(limit_s)
+        except RunError as error:
+            fault = error
+        except Exception as error:  # of the integrator, as for a code in the end of its output
+            fault = RunError(f"{type(error).__name__}: {error}")
+        finally:
+            end()
+    if folder is not None:
+        said = "" if loop_s is None else f"completed {case.scene.samples} samples in {loop_s:.6f} s\n"
+        (folder / STDOUT).write_text(said)
+        (folder / STDERR).write_text(f"{fault}\n" if fault and loop_s is None else "")
+    return Computed(trace, fault, time.perf_counter() - began, sum(cpu_s), own_memory_bytes() if folder else 0, loop_s)
+
+
+def _by_hand(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None) -> Computed:
+    """Run a deck in a process of its own."""
+    with _place(folder) as place:
+        engine.deck_by_hand(deck).write(place)
+        outcome = run_command(engine.started(deck, build.command), place, limit_s, **engine.environment)
+        return _ended(case, engine, outcome, place)
+
+
+def _served(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None) -> Computed:
+    """Run a deck on a server, a second time in a new process if it ended one that had served other cases."""
+    deck = engine.deck_by_hand(deck) if folder else deck
+    with lent(engine, build.command, build.sha256) as session:
+        before_s = session.start_s
+        outcome = session.run(deck, limit_s, measured=folder is not None)
+        if session.ended and session.served > 1 and not outcome.timed_out:
+            outcome = session.run(deck, limit_s, measured=folder is not None)
+        ended = _ended(case, engine, outcome, session.case, session.start_s - before_s)
+        for file in session.case.iterdir() if folder else ():
+            shutil.move(file, str(folder))
+    return ended
+
+
+def _ended(case: Case, engine: Engine, outcome: EndedProcess, folder: Path, start_s: float = 0.0) -> Computed:
+    """Read and check the output of a process in its folder."""
+    trace, fault = None, None
+    try:
+        trace = checked_trace(case, engine, outcome, folder)
+    except RunError as error:
+        fault = error
+    loop_s = engine.loop_seconds((folder / STDOUT).read_text(errors="replace"))
+    return Computed(trace, fault, outcome.wall_s, outcome.cpu_s, outcome.memory_bytes, loop_s, start_s)
+
+
+@contextmanager
+def _place(folder: Path | None) -> Iterator[Path]:
+    """A given folder, or a temporary one."""
+    if folder is not None:
+        yield folder
+        return
+    with TemporaryDirectory() as place:
+        yield Path(place)
+
+
+def serves_alike(engine: Engine, build: Build) -> bool:
+    """True if a build as a server gives the same bits as by hand, tested once for each build by a short run."""
+    with _server_test:
+        return _alike(engine.name, build)
+
+
+@cache
+def _alike(name: str, build: Build) -> bool:
+    return bool(kept(["serves alike", name, build.identity], lambda: _same_when_served(load_engine(name), build)))
+
+
+def _same_when_served(engine: Engine, build: Build) -> bool:
+    case = build_case(read_scene(*PROBE))
+    given = (case, engine, build, engine.render(case), default_limit_s(case, engine), None)
+    alone, other = _by_hand(*given).trace, _served(*given).trace
+    return alone is not None and other is not None and digest_of(alone) == digest_of(other)

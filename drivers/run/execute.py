@@ -1,0 +1,234 @@
+"""The executor: all work in parallel, on threads, on worker processes of this machine, or on a Dask cluster."""
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import connection, forkserver
+from typing import Any, TypeVar
+
+from drivers.base.errors import InputError, RunError
+from drivers.base.processes import all_stopped, cores
+from drivers.run.session import end_all
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+LOCAL = "local"  # instead of an address: a Dask cluster on this machine
+CONNECT_LIMIT_S = 5
+RETRIES = 3  # of an item whose Dask worker died
+POLL_INTERVAL_S = 0.2
+EXIT_LIMIT_S = 10.0  # for workers that are asked to end
+LIBRARIES = ("scipy.interpolate", "scipy.signal")  # imported once for all workers
+WARNING_FILTER = "ignore:resource_tracker"  # after a kill, Python would warn of leaked semaphores
+
+
+class WorkersKilledError(RunError):
+    """Workers or their fork server were killed from outside."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where items are worked on.
+
+    Attributes:
+        workers: number of threads, processes, or processes of a local Dask cluster.
+        processes: True for worker processes, for work of Python; False for threads, which wait for engines.
+        dask: address of a Dask scheduler, or ``local``.
+    """
+
+    workers: int = 0
+    processes: bool = False
+    dask: str = ""
+
+
+HERE = Place()  # threads, one for each core
+
+
+def execute(
+    work: Callable[[Item], Result],
+    items: Iterable[Item],
+    place: Place = HERE,
+    tick: Callable[[], None] = lambda: None,
+) -> Iterator[tuple[Item, Result]]:
+    """Work on items in parallel; yields each with its result, as results come.
+
+    An error of an item ends the work: items under way are finished on threads and ended in processes. An interrupt
+    ends all engines and integrations. Worker processes and their engines end with this process, however it ends.
+
+    Args:
+        work: function of an item; for processes and Dask one that can be pickled.
+        items: the items, begun in this order.
+        place: threads, processes, or Dask.
+        tick: function called several times a second.
+
+    Raises:
+        WorkersKilledError: a worker process or the fork server was killed.
+        RunError: the connection to a Dask cluster was lost.
+    """
+    with _executor(place) as executor:
+        under_way = _submitted(executor, partial(_in_worker, work) if place.processes else work, items)
+        waiting = set(under_way)
+        while waiting:
+            ended, waiting = wait(waiting, POLL_INTERVAL_S, return_when="FIRST_COMPLETED")
+            for future in sorted(ended, key=lambda future: under_way[future][0]):
+                yield under_way[future][1], future.result()
+            tick()
+
+
+def side_by_side(work: Mapping[str, Callable[[], Result]]) -> Iterator[tuple[str, Result]]:
+    """Call functions on threads; yields each name with its result, as results come."""
+    return execute(lambda name: work[name](), work)
+
+
+def _submitted(
+    executor: Executor, work: Callable[[Item], Result], items: Iterable[Item]
+) -> dict[Future[Result], tuple[int, Item]]:
+    """Number and item by future.
+
+    Processes start in another thread, since a signal interrupts the main thread: a worker that gets half of its setup
+    prints a traceback.
+    """
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(
+            lambda: {executor.submit(work, item): (number, item) for number, item in enumerate(items)}
+        ).result()
+
+
+@contextmanager
+def _executor(place: Place) -> Iterator[Executor]:
+    make = _on_dask if place.dask else _processes if place.processes else _threads
+    with make(place) as executor:
+        yield executor
+
+
+@contextmanager
+def _threads(place: Place) -> Iterator[Executor]:
+    """Threads; an error lets running items finish, an interrupt ends them."""
+    with ThreadPoolExecutor(place.workers or cores()) as pool:
+        try:
+            yield pool
+        except (KeyboardInterrupt, SystemExit):
+            with all_stopped():
+                pool.shutdown(cancel_futures=True)
+            raise
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def get_ready(*functions: Callable[..., Any]) -> multiprocessing.context.ForkServerContext:
+    """Start the fork server of worker processes, with the modules of functions loaded, without waiting for it."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([*(function.__module__ for function in functions), *LIBRARIES])
+    if WARNING_FILTER not in sys.warnoptions:
+        sys.warnoptions.append(WARNING_FILTER)
+    forkserver.ensure_running()
+    return context
+
+
+@contextmanager
+def _processes(place: Place) -> Iterator[Executor]:
+    """Worker processes, which end with the context."""
+    context = multiprocessing.get_context("forkserver")
+    pool = ProcessPoolExecutor(place.workers or cores(), context, _begin)
+    try:
+        yield pool
+    except BaseException as error:
+        processes = multiprocessing.active_children()
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.join(EXIT_LIMIT_S)
+        # after the workers have ended: one that is stopped while it reads from the pool's queue would damage the queue
+        pool.shutdown(cancel_futures=True)
+        if isinstance(error, (BrokenProcessPool, EOFError, ConnectionError)):
+            raise WorkersKilledError("workers were killed; finished work is kept") from error
+        raise
+    pool.shutdown()
+
+
+def _begin() -> None:
+    """Initialize a worker process: it ignores Ctrl-C and dies with its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    """Kill this worker, and so its engines, when its parent dies."""
+    connection.wait([sentinel])
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _in_worker(work: Callable[[Item], Result], item: Item) -> Result:
+    """Work on an item in a worker process, which ends in order at SIGTERM: all contexts are left."""
+    try:
+        signal.signal(signal.SIGTERM, _end)
+        return work(item)
+    except SystemExit:
+        end_all()
+        os._exit(1)  # everything is closed: the pool must not submit more, or print
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _end(*_: object) -> None:
+    """Leave all contexts; SIGTERM may be sent again meanwhile."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise SystemExit
+
+
+@contextmanager
+def _on_dask(place: Place) -> Iterator[Executor]:
+    """Workers of a Dask cluster, at an address or for this context on this machine."""
+    from distributed import Client, LocalCluster
+
+    with ExitStack() as stack:
+        client: Any
+        if place.dask == LOCAL:
+            former = signal.signal(signal.SIGINT, signal.SIG_IGN)  # its processes must ignore Ctrl-C
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=place.workers or cores(), threads_per_worker=1, dashboard_address=None, silence_logs=50
+                )
+            )
+            signal.signal(signal.SIGINT, former)
+            client = stack.enter_context(Client(cluster))
+        else:
+            client = stack.enter_context(Client(place.dask, timeout=CONNECT_LIMIT_S))
+        executor = client.get_executor(pure=False, retries=RETRIES)
+        stack.callback(executor.shutdown, wait=False)  # does not wait after an error or Ctrl-C
+        try:
+            yield executor
+        except CancelledError as lost:
+            raise RunError("the connection to the cluster was lost; finished rows are kept") from lost
+        except (InputError, RunError, OSError):
+            raise
+        except Exception as error:
+            raise RunError(f"work failed on the cluster: {type(error).__name__}: {error}") from error
+
+
+def check_dask(address: str) -> None:
+    """Check that a Dask cluster is available.
+
+    Raises:
+        InputError: ``distributed`` is not installed, or no scheduler answers.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError("--dask", "", "the package distributed is not installed; make cluster installs it") from error
+    try:
+        if address != LOCAL:
+            Client(address, timeout=CONNECT_LIMIT_S).close()
+    except (OSError, ValueError) as error:
+        problem = "no scheduler answers; give the address of a running one, such as tcp://10.0.0.1:8786"
+        raise InputError(f"--dask {address}", "", problem) from error
