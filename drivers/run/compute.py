@@ -159,11 +159,15 @@ def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) 
 
     if case.work * SECONDS_PER_BODY_AND_STEP <= min(limit_s, SHORT_S):
         return integrate()
+    began = time.perf_counter()
     with ThreadPoolExecutor(1) as thread, stoppable(end):
         try:
-            return thread.submit(integrate).result(min(limit_s, threading.TIMEOUT_MAX))
+            found = thread.submit(integrate).result(min(limit_s, threading.TIMEOUT_MAX))
         finally:
             end()
+    if time.perf_counter() - began > limit_s:
+        raise TimeoutError
+    return found
 
 
 def _by_hand(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None) -> Computed:
