@@ -129,7 +129,7 @@ packages = $(call talking,Python's packages of $(1) into .venv, \
 talking = echo "$(1)"; (while sleep 4 >/dev/null 2>&1; do echo "  still running"; done) & talker=$$!; \
   $(2); code=$$?; kill $$talker; exit $$code
 
-# a .pth file puts the checkout on the path, so that python -m drivers works from any folder
+# a .pth file puts the checkout on the path, so that beads works from any folder
 define make_venv
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or later is needed: make PYTHON=python3.11"; exit 1; }

@@ -106,7 +106,7 @@ def read_study_table(study: str | Path, results: str | Path | None = None) -> pd
             does not show one.
 
     Raises:
-        InputError: There is no table; ``python -m drivers batch STUDY`` writes it.
+        InputError: There is no table; ``beads batch STUDY`` writes it.
 
     Examples:
         >>> table = read_study_table("wall-material", results=tables)
@@ -116,7 +116,7 @@ def read_study_table(study: str | Path, results: str | Path | None = None) -> pd
     """
     path = Path(results or paths.RESULTS) / f"{Path(study).name.removesuffix('.toml')}.parquet"
     if not path.is_file():
-        raise InputError(paths.shown(path), "", f"table not found; run python -m drivers batch {study}")
+        raise InputError(paths.shown(path), "", f"table not found; run beads batch {study}")
     return pd.read_parquet(path)
 
 

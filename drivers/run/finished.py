@@ -167,7 +167,7 @@ def open_run(folder: Path) -> EndedRun:
         InputError: no run in the folder, or one that failed.
     """
     record = read_record(folder)
-    allowed = "a run folder, or its name, as python -m drivers runs prints it"
+    allowed = "a run folder, or its name, as beads runs prints it"
     if record is None:
         unread = "a record that is damaged or of another version"
         found = unread if (folder / FILE).exists() else "no record of a run"

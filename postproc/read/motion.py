@@ -44,7 +44,7 @@ def read_motion(run: EndedRun) -> State:
     if not path.is_file():
         name = record.scene_name
         scene = name if (paths.SCENES / f"{name}.toml").is_file() else f"{name}.toml"
-        again = f"""python -m drivers run {scene} --engine {record.engine} --set run.record='["forces", "state"]'"""
+        again = f"""beads run {scene} --engine {record.engine} --set run.record='["forces", "state"]'"""
         raise InputError(
             paths.shown(path),
             "",

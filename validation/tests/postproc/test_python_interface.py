@@ -13,7 +13,7 @@ import postproc
 import validation
 from drivers.base.errors import InputError, RunError
 from drivers.run.finished import EndedRun
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 
 PACKAGES = (drivers, postproc, validation)
 SHORT_RUN = {"run.duration": "20 us", "run.time_step": 1e-7}
@@ -29,7 +29,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of a study for which docstrings have examples."""
     folder = tmp_path_factory.mktemp("tables")
     options = ("--engine", "verlet", "--only", "striker.speed=2 m/s", "--runs", folder / "runs", "--results", folder)
-    done = command_line("drivers", "batch", "wall-material", *options)
+    done = beads("batch", "wall-material", *options)
     assert done.returncode == 0, done.stderr
     return folder
 
