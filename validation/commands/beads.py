@@ -24,6 +24,7 @@ from validation.commands import (
     run_commands,
     scene_commands,
 )
+from validation.commands.options import HELP_OPTIONS
 
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 COMPLETE = "_BEADS_COMPLETE"  # set by a shell that asks for completions
@@ -77,7 +78,7 @@ BEADS = _Group(
     commands=[each for commands in SECTIONS.values() for each in commands],
     help="Run chains of beads on several codes and judge the results.\n\nHelp on a command: beads COMMAND --help",
     epilog="\b\nexamples:\n  beads plan fig4\n  beads run fig4 --engine verlet\n  beads compare fig4",
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=HELP_OPTIONS,
     subcommand_metavar="COMMAND ...",
     params=[
         click.Option(
@@ -108,15 +109,13 @@ def answer() -> int:
 
         return shell_complete(BEADS, {}, "beads", COMPLETE, asked)
     words = sys.argv[1:]
-    if not words:
-        words = ["--help"]
     try:
-        with BEADS.make_context("beads", words) as context:
+        with BEADS.make_context("beads", [*words] or ["--help"]) as context:
             return BEADS.invoke(context) or 0
     except click.exceptions.Exit as end:
-        return end.exit_code if sys.argv[1:] else 2
+        return end.exit_code if words else 2
     except click.UsageError as error:
-        program = error.ctx.command_path if error.ctx else "beads"
+        program = f"beads {words[0]}" if words[0] in BEADS.commands else "beads"
         print(one_line(f"{program}: ", _statement(error), f" (see {program} --help)"), file=sys.stderr)
         return 2
 

@@ -14,6 +14,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from validation.commands import completion
 
+HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
@@ -33,7 +34,9 @@ def command(
         called = name or function.__name__
         lines = (f"  beads {called} {example}".rstrip() for example in examples)
         epilog = "\n".join(["\b", f"example{'s' * (len(examples) > 1)}:", *lines])
-        return click.command(called, cls=kind, help=words or None, epilog=epilog)(function)
+        look: dict[str, Any] = {"cls": kind, "help": words or None, "epilog": epilog, "context_settings": HELP_OPTIONS}
+        decorator: Callable[[Callable[..., Any]], click.Command] = click.command(called, **look)
+        return decorator(function)
 
     return decorate
 
@@ -159,13 +162,13 @@ CASE = click.argument(
 def scenes_argument(default: str) -> Decorator:
     """Argument for any number of scenes; ``default`` says which are taken without it."""
     words = f"Scenes by name or file (default: {default})."
-    look: dict[str, Any] = {"metavar": "SCENE", "nargs": -1, "help": words, "shell_complete": completion.scenes}
+    look: dict[str, Any] = {"metavar": "[SCENE]...", "nargs": -1, "help": words, "shell_complete": completion.scenes}
     return click.argument("scenes", **look)
 
 
 SCENES_OR_RUNS = click.argument(
     "what",
-    metavar="SCENE|RUN",
+    metavar="[SCENE|RUN]...",
     nargs=-1,
     help="Scenes by name or file, or exactly two runs: run folders, or ENGINE:SCENE for the newest run.",
     shell_complete=completion.scenes_and_runs,
@@ -177,7 +180,7 @@ SCENE_OR_RUN = click.argument(
     shell_complete=completion.scenes_and_runs,
 )
 FIGURES = click.argument(
-    "names", metavar="NAME", nargs=-1, help="Figures (default: all).", shell_complete=completion.figures
+    "names", metavar="[NAME]...", nargs=-1, help="Figures (default: all).", shell_complete=completion.figures
 )
 
 SETTINGS = click.option(

@@ -13,46 +13,21 @@ from validation.tests.helpers.commands import beads
 from validation.tests.helpers.readme import parse
 
 WIDTH = 80
-FIRST_TO_LAST = [
-    "scenes",
-    "plan",
-    "draw",
-    "run",
-    "compare",
-    "observables",
-    "spacetime",
-    "film",
-    "vtk",
-    "overlay",
-    "fit",
-    "batch",
-    "study",
-    "status",
-    "show",
-    "runs",
-    "render",
-    "report",
-    "figures",
-    "claims",
-    "trade",
-    "stability",
-    "elements",
-    "independent",
-    "calibration",
-    "engine",
-    "wave",
-]
+FIRST_TO_LAST = (
+    "scenes plan draw run compare observables spacetime film vtk overlay fit batch study status show runs render "
+    "report figures claims trade stability elements independent calibration engine wave"
+)
 EXAMPLE = re.compile(r"^    (beads .*)$", re.MULTILINE)
 
 
 def test_commands_are_listed_in_the_order_in_which_a_user_meets_them() -> None:
     shown = beads("--help").stdout
     listed = re.findall(r"^  (\w+) {2,}\w", shown.partition(f"{next(iter(SECTIONS))}:")[2], re.MULTILINE)
-    assert listed == FIRST_TO_LAST
-    assert re.findall(r"^([a-z ]+):$", shown, re.MULTILINE) == [*SECTIONS]
+    assert " ".join(listed) == FIRST_TO_LAST
+    assert re.findall(r"^([a-z][a-z ]+):$", shown, re.MULTILINE) == [*SECTIONS]
 
 
-@pytest.mark.parametrize("words", [(), *((name,) for name in FIRST_TO_LAST)], ids=lambda words: " ".join(words))
+@pytest.mark.parametrize("words", [(), *((name,) for name in FIRST_TO_LAST.split())], ids=lambda words: " ".join(words))
 def test_help_fits_the_terminal_and_has_valid_examples(words: tuple[str, ...]) -> None:
     shown, short = beads(*words, "--help"), beads(*words, "-h")
     assert (shown.returncode, shown.stderr) == (0, "")
@@ -71,7 +46,7 @@ def test_an_option_means_the_same_everywhere() -> None:
     for command in BEADS.commands.values():
         for parameter in command.params:
             assert getattr(parameter, "help", ""), f"{command.name} {parameter.name}"
-            assert getattr(parameter, "is_flag", False) or re.fullmatch(r"[A-Z](\S*)", str(parameter.metavar))
+            assert getattr(parameter, "is_flag", False) or re.fullmatch(r"\[?[A-Z](\S*)", str(parameter.metavar))
             if isinstance(parameter, click.Option):
                 meanings[parameter.opts[0]].add((parameter.help, parameter.metavar, parameter.multiple, parameter.name))
     assert {option for option, found in meanings.items() if len(found) > 1} == {"--out"}
@@ -103,7 +78,7 @@ def test_without_a_command_the_help_is_printed() -> None:
         (("rnu",), "beads: no such command 'rnu'. Did you mean 'run'?"),
         (("--unknown",), "beads: no such option '--unknown'"),
         (("run",), "beads run: missing argument 'SCENE'"),
-        (("run", "fig4", "--unsaf"), "beads run: no such option '--unsaf'. Did you mean '--unsafe'?"),
+        (("run", "fig4", "--time-limi"), "beads run: no such option '--time-limi'. Did you mean '--time-limit'?"),
         (("run", "fig4", "--engine"), "beads run: option '--engine' requires an argument"),
         (("run", "fig4", "fig5"), "beads run: got unexpected extra argument (fig5)"),
         (("run", "fig4", "--time-limit", "-1"), "beads run: --time-limit: found -1; allowed: seconds above zero"),
@@ -138,7 +113,7 @@ def test_options_of_a_batch_that_exclude_each_other(words: tuple[str, ...], said
 
 def test_an_unknown_figure_is_refused_with_the_known_ones() -> None:
     ended = beads("figures", "fig9")
-    assert (ended.returncode, ended.stderr[:40]) == (2, 'figures: found "fig9"; allowed: fig1, fig')
+    assert (ended.returncode, ended.stderr[:36]) == (2, 'figures: found "fig9"; allowed: fig1')
 
 
 def test_a_plan_is_limited_to_engines() -> None:
