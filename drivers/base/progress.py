@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 Item = TypeVar("Item")
-MAX_SILENCE_S = 4.0
+MAX_SILENCE_S = 2.0
 REFRESH_S = 0.5
 
 
@@ -70,14 +70,21 @@ def step(what: str, number: int = 1, of: int = 1, *, total: int | None = None, u
 
 
 @contextmanager
-def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[Callable[..., None]]:
-    """Show a task without a line at its start; yields a function that counts units."""
+def counted(
+    what: str, total: int | None = None, unit: str = "run", *, bar: bool = True
+) -> Iterator[Callable[..., None]]:
+    """Show a task without a line at its start, by lines alone if not as a bar; yields a function that counts units."""
     global _last_line
     from tqdm import tqdm
 
-    look: dict[str, Any] = {"leave": False, "dynamic_ncols": True, "file": sys.stderr, "disable": not _watched()}
-    bar = tqdm(total=total, desc=what, unit=unit, bar_format="{desc}: {elapsed}" if total is None else None, **look)
-    task = _Task(what, total, unit, bar)
+    look: dict[str, Any] = {
+        "leave": False,
+        "dynamic_ncols": True,
+        "file": sys.stderr,
+        "disable": not (bar and _watched()),
+    }
+    shown = tqdm(total=total, desc=what, unit=unit, bar_format="{desc}: {elapsed}" if total is None else None, **look)
+    task = _Task(what, total, unit, shown)
     with _lock:
         if not _under_way:
             _last_line = time.perf_counter()
@@ -88,14 +95,14 @@ def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[
 
     def count(units: int = 1) -> None:
         task.done += units
-        bar.update(units)
+        shown.update(units)
 
     try:
         yield count
     finally:
         with _lock:
             _under_way.remove(task)
-        bar.close()
+        shown.close()
 
 
 def _watched() -> bool:

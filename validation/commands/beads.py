@@ -111,7 +111,10 @@ def answer() -> int:
     words = sys.argv[1:]
     try:
         with BEADS.make_context("beads", [*words] or ["--help"]) as context:
-            return BEADS.invoke(context) or 0
+            from drivers.base.progress import counted
+
+            with counted(f"beads {words[0]}", bar=False):  # says that a command is under way that says nothing else
+                return BEADS.invoke(context) or 0
     except click.exceptions.Exit as end:
         return end.exit_code if words else 2
     except click.UsageError as error:
