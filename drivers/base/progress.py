@@ -73,7 +73,7 @@ def step(what: str, number: int = 1, of: int = 1, *, total: int | None = None, u
 def counted(
     what: str, total: int | None = None, unit: str = "run", *, bar: bool = True
 ) -> Iterator[Callable[..., None]]:
-    """Show a task without a line at its start, by lines alone if not as a bar; yields a function that counts units."""
+    """Show a task without a line at its start; yields a function that counts units. Without ``bar`` lines alone."""
     global _last_line
     from tqdm import tqdm
 

@@ -113,7 +113,7 @@ def answer() -> int:
         with BEADS.make_context("beads", [*words] or ["--help"]) as context:
             from drivers.base.progress import counted
 
-            with counted(f"beads {words[0]}", bar=False):  # says that a command is under way that says nothing else
+            with counted(f"beads {words[0]}", bar=False):  # prints a line if a command prints none
                 return BEADS.invoke(context) or 0
     except click.exceptions.Exit as end:
         return end.exit_code if words else 2

@@ -19,7 +19,7 @@ vars(config)["CACHE_DIR"] = str(Path(vars(config)["CACHE_DIR"] or HOME / "__pyca
 
 def _announce(_: event.Event) -> None:
     """Print a line before the first compilation of a process, which takes seconds."""
-    event.unregister("numba:compile", LISTENER)
+    event.unregister("numba:compile", LISTENER)  # type: ignore[no-untyped-call]
     if multiprocessing.parent_process() is None:
         print("compiling the integrators, once after a change of them", file=sys.stderr, flush=True)
 
@@ -32,7 +32,7 @@ class _Listener(event.Listener):
 
 
 LISTENER = _Listener()
-event.register("numba:compile", LISTENER)
+event.register("numba:compile", LISTENER)  # type: ignore[no-untyped-call]
 
 
 @njit(error_model="numpy", forceinline=True)
