@@ -324,7 +324,7 @@ FREE = click.option(
     help="Fit this key of the scene, such as contact.restitution=0.5..1; repeatable (default bounds: "
     "inputs/calibration.toml).",
 )
-OWN = click.option(
+FREE_BY_SET = click.option(
     "--own",
     metavar="KEY[=LOW..HIGH]",
     multiple=True,

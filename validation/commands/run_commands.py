@@ -130,9 +130,9 @@ def compare(
 
 
 @command("example-measured --free contact.restitution", "--quoted fig4 --free contact.restitution=0.5..1")
-@options.scenes_argument("those of --quoted; else scenes with [[measured]] data")
+@options.scenes_argument("the scenes of --quoted")
 @options.FREE
-@options.OWN
+@options.FREE_BY_SET
 @options.MEASURED
 @options.QUOTED
 @options.SETTINGS
@@ -151,7 +151,10 @@ def fit(
     results: Path,
     runs: Path,
 ) -> int:
-    """Fit parameters of scenes to measured data."""
+    """Fit parameters of scenes to measured data.
+
+    The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name.
+    """
     from validation.calibration.fit_command import FitRequest, run_fit
 
     return run_fit(FitRequest(scenes, free, own, quoted, measured, settings, quick), runs, results)

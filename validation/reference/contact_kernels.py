@@ -28,7 +28,7 @@ class _Listener(event.Listener):
     on_start = staticmethod(_announce)
 
     def on_end(self, event: event.Event) -> None:
-        """Nothing: required of a listener."""
+        """Do nothing; a listener needs this method."""
 
 
 LISTENER = _Listener()

@@ -11,7 +11,7 @@ import click
 from validation.commands.beads import BEADS
 
 CODE = re.compile(r"^```.*?\n(?P<block>.*?)^```|`(?P<inline>[^`\n]+)`", re.MULTILINE | re.DOTALL)
-COMMAND = re.compile(r"(?<![\w/.-])beads (?=[a-z-]).*")
+COMMAND = re.compile(r"beads (?=[a-z-]).*")
 
 
 def command_lines(readme: Path) -> list[str]:
@@ -21,7 +21,7 @@ def command_lines(readme: Path) -> list[str]:
         text = (code["block"] or code["inline"]).replace("\\\n", " ")
         for line in text.splitlines():
             for part in re.split(r" && | \|\| | ; ", line):
-                if command := COMMAND.search(part):
+                if command := COMMAND.match(part):
                     found[command[0].partition(" # ")[0].strip()] = None
     return [*found]
 

@@ -84,7 +84,7 @@ def test_wrong_calls_are_refused(tmp_path: Path) -> None:
         drivers.run_scene("fig4", "verlet", {"run.time_step": "0.1 ns"}, runs=tmp_path, time_limit_s=0.2)
     with pytest.raises(InputError):
         drivers.open_run("verlet:fig4", runs=tmp_path)
-    with pytest.raises(InputError, match="drivers batch striker-mass"):
+    with pytest.raises(InputError, match="beads batch striker-mass"):
         drivers.read_study_table("striker-mass", results=tmp_path)
     with pytest.raises(AttributeError, match="no_such_function"):
         getattr(drivers, "no_such_function")  # noqa: B009 - for the type checker

@@ -96,16 +96,7 @@ def test_a_wrong_file_is_named_in_one_line(tmp_path: Path, text: str, found: str
 def test_a_wrong_file_ends_the_command_with_code_two(tmp_path: Path) -> None:
     (tmp_path / "cases.toml").write_text(CASE.replace("10697.0", '"a lot"'))
     where = [f"--{name}" for name in ("results", "runs")]
-    done = beads(
-        "validation",
-        "independent",
-        "--file",
-        tmp_path / "cases.toml",
-        where[0],
-        tmp_path / "r",
-        where[1],
-        tmp_path / "q",
-    )
+    done = beads("independent", "--file", tmp_path / "cases.toml", where[0], tmp_path / "r", where[1], tmp_path / "q")
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
     assert "case.0.check.0.expected" in done.stderr
