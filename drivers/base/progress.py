@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, TextIO, TypeVar
 
 Item = TypeVar("Item")
 MAX_SILENCE_S = 2.0
@@ -19,7 +19,7 @@ REFRESH_S = 0.5
 
 @dataclass(eq=False)
 class _Task:
-    """Running task: ``done`` of ``total`` units since ``began``, with its bar."""
+    """Running task: ``done`` of ``total`` units since ``began``, with its bar, and the standard error at its start."""
 
     what: str
     total: int | None
@@ -27,6 +27,7 @@ class _Task:
     bar: Any
     began: float = field(default_factory=time.perf_counter)
     done: int = 0
+    stream: TextIO = field(default_factory=lambda: sys.stderr)
 
     def __str__(self) -> str:
         """Progress as a line of text."""
@@ -44,14 +45,15 @@ _lock = threading.RLock()
 _news = threading.Event()
 
 
-def say(line: str) -> None:
-    """Print a line to the standard error, above the bars."""
+def say(line: str, stream: TextIO | None = None) -> None:
+    """Print a line to the standard error or another stream, above the bars."""
     global _last_line
     from tqdm import tqdm
 
+    stream = stream or sys.stderr
     with _lock:
-        tqdm.write(line, file=sys.stderr)
-        sys.stderr.flush()
+        tqdm.write(line, file=stream)
+        stream.flush()
         _last_line = time.perf_counter()
 
 
@@ -133,7 +135,7 @@ def _keep_talking() -> None:
                 for each in _under_way:
                     each.bar.refresh()
             elif time.perf_counter() - _last_line > MAX_SILENCE_S - REFRESH_S:
-                say(f"{'  ' * _depth}{task}")
+                say(f"{'  ' * _depth}{task}", _under_way[0].stream)  # tests may have replaced the standard error
         if task is None:
             _news.wait()
 
