@@ -24,16 +24,8 @@ def engine(name: str, results: Path) -> int:
         import pytest
     except ImportError as error:
         raise RunError(f"pytest is not installed; make engine ENGINE={name} installs it") from error
-    words = [
-        "-v",
-        "-rs",
-        "--tb=short",
-        "--capture=sys",
-        "--rootdir",
-        str(paths.ROOT),
-        "-c",
-        str(paths.ROOT / "pyproject.toml"),
-    ]
+    words = ["-v", "-rs", "--tb=short", "--capture=sys"]  # lines on progress reach the screen
+    words += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml")]
     if results != paths.RESULTS:
         words += ["--junitxml", str(results / f"engine-{name}.xml")]
     failed = int(pytest.main([*words, "--engine", name, str(paths.ROOT / "validation/tests/engine")]) != 0)
