@@ -19,7 +19,7 @@ from drivers.base.text_table import text_table
 from postproc.figures import captions, make_figure
 
 if TYPE_CHECKING:
-    from drivers.run.finished import EndedRun
+    from drivers.run.run_folder import EndedRun
     from drivers.scene.model import Scene
     from postproc.draw.product import Product
 
@@ -173,7 +173,7 @@ def _scene_of(run: "EndedRun", source: str) -> "Scene | None":
 def _open(arguments: argparse.Namespace) -> tuple["EndedRun", str, str]:
     """The run of a command, a name for the files made from that run, and a title."""
     from drivers.inventory.run_folders import run_folder
-    from drivers.run.finished import open_run
+    from drivers.run.run_folder import open_run
 
     run = open_run(run_folder(arguments.run, arguments.runs or paths.RUNS))
     name = f"{arguments.command}-{run.record.engine}-{run.folder.resolve().name}"

@@ -1,11 +1,27 @@
-"""Files: atomic writing, digests, home folders."""
+"""Files: atomic writing, and reading that is a check.
+
+Whatever is read back is what was written, or is refused. A JSON file holds its own digest, a run folder those of its
+files in its record, and a table or picture has a hidden file with its digest beside it.
+"""
 
 import hashlib
+import json
 import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+
+DIGEST = "sha256"  # key of the digest in a JSON file, and ending of the file of a digest
+DAMAGED, ALTERED = "a damaged file", "a file that was altered since it was written"
+
+
+class DamagedError(InputError):
+    """File that is not as it was written."""
 
 
 @contextmanager
@@ -21,6 +37,98 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise
     finally:
         draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def sealed_file(path: Path) -> Iterator[Path]:
+    """Like ``whole_file``, with the digest of the file in a hidden file beside it, as ``sha256sum`` writes it."""
+    with whole_file(path) as draft:
+        yield draft
+        digest = sha256_of(draft)
+    with whole_file(_seal_of(path)) as draft:
+        draft.write_text(f"{digest}  {path.name}\n")
+
+
+def read_sealed_file(path: Path, allowed: str) -> bytes:
+    """Content of a file written by ``sealed_file``; ``allowed`` tells in a message what belongs here.
+
+    Raises:
+        FileNotFoundError: no such file.
+        DamagedError: the file is not as it was written.
+    """
+    try:
+        digest = _seal_of(path).read_text(encoding="ascii").removesuffix(f"  {path.name}\n")
+    except FileNotFoundError:
+        path.stat()
+        raise DamagedError(paths.shown(path), "", "a file without its digest", allowed) from None
+    except (OSError, ValueError):
+        digest = ""
+    return read_checked(path, digest, allowed)
+
+
+def remove_sealed_file(path: Path) -> None:
+    """Remove a file written by ``sealed_file``, if it exists."""
+    for each in (path, _seal_of(path)):
+        each.unlink(missing_ok=True)
+
+
+def _seal_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{DIGEST}")
+
+
+def read_checked(path: Path, sha256: str, allowed: str) -> bytes:
+    """Content of a file of known digest; read once, so that what was checked is what is parsed.
+
+    Raises:
+        FileNotFoundError: no such file.
+        DamagedError: the content has another digest, or cannot be read.
+    """
+    content = _read(path, allowed)
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise DamagedError(paths.shown(path), "", ALTERED, allowed)
+    return content
+
+
+def write_sealed(path: Path, content: dict[str, Any], indent: int | None = None) -> None:
+    """Write JSON values with their digest."""
+    sealed = content | {DIGEST: _digest_of(content)}
+    with whole_file(path) as draft:
+        draft.write_text(json.dumps(sealed, indent=indent) + "\n")
+
+
+def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
+    """JSON values written by ``write_sealed``.
+
+    Raises:
+        FileNotFoundError: no such file.
+        DamagedError: the values are not those that were written.
+    """
+    content = _read(path, allowed)
+    try:
+        found = json.loads(content)
+        digest = found.pop(DIGEST, None)
+        altered = digest != _digest_of(found)
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise DamagedError(paths.shown(path), "", DAMAGED, allowed) from error
+    if altered:
+        words = ALTERED if digest else "a file without its digest"
+        raise DamagedError(paths.shown(path), "", words, allowed)
+    assert isinstance(found, dict)
+    return found
+
+
+def _digest_of(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+def _read(path: Path, allowed: str) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        found = "a folder" if path.is_dir() else f"a file that cannot be read ({error.strerror})"
+        raise DamagedError(paths.shown(path), "", found, allowed) from error
 
 
 def sha256_of(path: Path) -> str:

@@ -25,7 +25,7 @@ from drivers.run.workplaces import leased
 
 if TYPE_CHECKING:
     from drivers.chain.case import Case
-    from drivers.run.finished import EndedRun
+    from drivers.run.run_folder import EndedRun
 
 MAX_CASES = 20_000  # more need --yes
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time

@@ -12,7 +12,6 @@ from drivers.base.processes import UNKNOWN_VERSION
 from drivers.batch.store import WORK, Store
 from drivers.engines import load_engine
 from drivers.inventory.run_folders import (
-    FOLDER_NAME,
     UNREADABLE,
     KeptRun,
     batches_text,
@@ -22,8 +21,8 @@ from drivers.inventory.run_folders import (
     size_text,
 )
 from drivers.run.build import Build, build_of
-from drivers.run.finished import read_record
 from drivers.run.run import run_identity
+from drivers.run.run_folder import FOLDER_NAME, read_record
 from drivers.run.workplaces import leased, leftovers, workplace
 
 RECENT_S = 600.0  # a command may still read a run that is not older
@@ -106,7 +105,7 @@ def _reason(run: KeptRun, build: Build | None) -> str:
     if build is None:
         return "absent"
     present = run_identity(run.engine, build, run.record.deck_sha256)
-    return "used" if run.folder.name.endswith(f"-{present}") else "build"
+    return "used" if run.record.identity == present else "build"
 
 
 def _present_build(engine: str, home: Path) -> Build | None:

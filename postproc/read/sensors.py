@@ -15,7 +15,6 @@ Here u is the polynomial through six samples around the interval, as for peaks a
 error is of order (h/w)^6.
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,9 +99,9 @@ def sensor_table(layout: Layout, trace: Trace) -> "pd.DataFrame":
     return pd.DataFrame(columns, index=pd.Index(trace.time_s, name="time_s"))
 
 
-def write_sensors(layout: Layout, trace: Trace, path: Path) -> None:
-    """Writes ``sensors.csv`` in full precision."""
-    sensor_table(layout, trace).to_csv(path)
+def signals_text(layout: Layout, trace: Trace) -> str:
+    """Gauge signals as CSV, in full precision."""
+    return sensor_table(layout, trace).to_csv()
 
 
 def high_passed(time_s: Array, signal: Array, time_constant_s: float) -> Array:

@@ -10,7 +10,8 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from drivers.base.errors import InputError
-from drivers.chain.trace import FORCES, Trace
+from drivers.chain.trace import Trace
+from drivers.run.run_folder import FORCES
 from postproc.paper.simulate import Simulation, case_of, exact
 from postproc.read.alignment import AlignedGauge, align
 from postproc.read.measured import MeasuredTrace

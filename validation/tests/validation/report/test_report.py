@@ -17,7 +17,7 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.chain.trace import until
-from drivers.run.finished import provenance
+from drivers.run.run_folder import provenance
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS, READINGS, SPREAD
 from postproc.read.run_tables import errors
