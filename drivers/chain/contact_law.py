@@ -138,10 +138,12 @@ def hertz_energy_beyond_tangent(stiffness: Array, overlap_m: Array, change_m: Ar
     start = np.where(pressed, overlap_m, 1.0)
     ratio = np.maximum(change_m / start, -1.0)
     y = ratio / (np.sqrt(1 + ratio) + 1)
-    curved = hertz_energy(stiffness, start) * y**2 * (7.5 + y * (10 + y * (5 + y)))
-    opened = -hertz_force(stiffness, start) * np.minimum(change_m + start, 0.0)
-    closed = hertz_energy(stiffness, np.maximum(overlap_m + change_m, 0.0))
-    return np.asarray(np.where(pressed, curved + opened, closed))
+    energy = hertz_energy(stiffness, start) * y**2 * (7.5 + y * (10 + y * (5 + y)))
+    energy -= hertz_force(stiffness, start) * np.minimum(change_m + start, 0.0)
+    loose = ~pressed
+    overlap = np.maximum(overlap_m[loose] + change_m[..., loose], 0.0)
+    energy[..., loose] = hertz_energy(stiffness[loose], overlap)
+    return np.asarray(energy)
 
 
 def overlap_of_energy(stiffness: Value, energy_J: float) -> Value:

@@ -51,7 +51,7 @@ def prune(
     homes = [] if scenes or settings else [runs / engine for engine in engines] or _homes(runs)
     left = [folder for home in homes for folder in leftovers(home)]
     left_bytes = sum(map(size_below, left))
-    reasons = _reasons(kept, runs)
+    reasons = _reasons(kept)
     groups: dict[str, list[KeptRun]] = {why: [] for why in (*REASONS_TO_REMOVE, *REASONS_TO_KEEP)}
     for run in select(kept, scenes, engines, settings):
         groups[reasons[run.folder]].append(run)
@@ -83,9 +83,9 @@ def _verb(why: str, dry_run: bool) -> str:
     return "kept" if why in REASONS_TO_KEEP else "would remove" if dry_run else "removed"
 
 
-def _reasons(kept: Sequence[KeptRun], runs: Path) -> dict[Path, str]:
+def _reasons(kept: Sequence[KeptRun]) -> dict[Path, str]:
     """Reason to remove or keep each run, a key of ``REASONS_TO_REMOVE`` or ``REASONS_TO_KEEP``."""
-    builds = {engine: _present_build(engine, runs / engine) for engine in {run.engine for run in kept}}
+    builds = {engine: _present_build(engine) for engine in {run.engine for run in kept}}
     reasons = {run.folder: _reason(run, builds[run.engine]) for run in kept}
     used = [run for run in kept if reasons[run.folder] == "used"]
     decks = {run.key: run.record.deck_sha256 for run in used if run.record}  # the newest is last
@@ -108,10 +108,10 @@ def _reason(run: KeptRun, build: Build | None) -> str:
     return "used" if run.record.identity == present else "build"
 
 
-def _present_build(engine: str, home: Path) -> Build | None:
+def _present_build(engine: str) -> Build | None:
     """Installed build of an engine; None if there is none or its version is unknown."""
     with suppress(InputError, RunError):
-        build = build_of(load_engine(engine), home)
+        build = build_of(load_engine(engine))
         return build if build.version != UNKNOWN_VERSION else None
     return None
 

@@ -33,6 +33,7 @@ from validation.reference.hertz_chain import Flag
 PROBE = ("fig4", ("run.duration=20 us", "run.time_step=0.1 us"))  # short run that tests servers
 MIN_LIMIT_S = 60.0
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times the cost of the slowest engine
+SHORT_S = 5.0  # bound on the time of an integration that cannot be ended, typically some hundredths
 STDOUT, STDERR = "stdout.txt", "stderr.txt"
 
 _server_test = threading.Lock()
@@ -114,10 +115,35 @@ def default_limit_s(case: Case, engine: Engine) -> float:
 
 
 def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) -> Computed:
-    """Integrate a case in a thread, so that the time limit and Ctrl-C end it."""
-    stop: Flag = np.zeros(1, bool)
+    """Integrate a case in this process."""
     began, loop_s, trace, fault = time.perf_counter(), None, None, None
-    cpu_s: list[float] = []
+    cpu_s = [0.0]
+    try:
+        found, loop_s = _integrated(case, engine, limit_s, cpu_s)
+        trace = checked(case, found)
+    except TimeoutError:
+        fault = timed_out(limit_s)
+    except RunError as error:
+        fault = error
+    except Exception as error:  # of the integrator, as for a code in the end of its output
+        fault = RunError(f"{type(error).__name__}: {error}")
+    if folder is not None:
+        said = "" if loop_s is None else f"completed {case.scene.samples} samples in {loop_s:.6f} s\n"
+        (folder / STDOUT).write_text(said)
+        (folder / STDERR).write_text(f"{fault}\n" if fault and loop_s is None else "")
+    return Computed(trace, fault, time.perf_counter() - began, cpu_s[0], own_memory_bytes() if folder else 0, loop_s)
+
+
+def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) -> tuple[Trace, float]:
+    """Trace and time of the loop; ``cpu_s`` receives the CPU time.
+
+    A long integration runs in a thread, so that the time limit and Ctrl-C end it; for a short one the thread's start
+    would be a third of the cost.
+
+    Raises:
+        TimeoutError: the integration was ended at its time limit.
+    """
+    stop: Flag = np.zeros(1, bool)
 
     def integrate() -> tuple[Trace, float]:
         before_s = time.thread_time()
@@ -126,29 +152,22 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
             with np.errstate(all="ignore"):  # runs that blow up are reported by the guard
                 return engine.integrate(case, stop)
         finally:
-            cpu_s.append(time.thread_time() - before_s)
+            cpu_s[0] = time.thread_time() - before_s
 
     def end() -> None:
         stop[0] = True
 
+    if case.work * SECONDS_PER_BODY_AND_STEP <= min(limit_s, SHORT_S):
+        return integrate()
+    began = time.perf_counter()
     with ThreadPoolExecutor(1) as thread, stoppable(end):
-        future = thread.submit(integrate)
         try:
-            found, loop_s = future.result(min(limit_s, threading.TIMEOUT_MAX))
-            trace = checked(case, found)
-        except TimeoutError:
-            fault = timed_out(limit_s)
-        except RunError as error:
-            fault = error
-        except Exception as error:  # of the integrator, as for a code in the end of its output
-            fault = RunError(f"{type(error).__name__}: {error}")
+            found = thread.submit(integrate).result(min(limit_s, threading.TIMEOUT_MAX))
         finally:
             end()
-    if folder is not None:
-        said = "" if loop_s is None else f"completed {case.scene.samples} samples in {loop_s:.6f} s\n"
-        (folder / STDOUT).write_text(said)
-        (folder / STDERR).write_text(f"{fault}\n" if fault and loop_s is None else "")
-    return Computed(trace, fault, time.perf_counter() - began, sum(cpu_s), own_memory_bytes() if folder else 0, loop_s)
+    if time.perf_counter() - began > limit_s:
+        raise TimeoutError
+    return found
 
 
 def _by_hand(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None) -> Computed:

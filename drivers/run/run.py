@@ -40,7 +40,7 @@ def run_case(
     *,
     rerun: bool = False,
     limit_s: float | None = None,
-    served: bool = False,
+    by_hand: bool = True,
 ) -> EndedRun:
     """Run a case, or find a finished run of it.
 
@@ -53,7 +53,7 @@ def run_case(
         runs: folder of all run folders.
         rerun: True to run again even if a finished run exists.
         limit_s: time limit in s; None for ``drivers.run.compute.default_limit_s``.
-        served: True to run a code on a server that runs many decks; else its deck runs as by hand.
+        by_hand: True to run the deck of a code in a process of its own; False for a server that runs many decks.
 
     Raises:
         RunError: the engine is not installed.
@@ -74,8 +74,8 @@ def run_case(
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()
-        by_hand = not served and not engine.in_repository
-        ended = compute(case, engine_name, build=build, deck=deck, limit_s=limit_s, folder=folder, by_hand=by_hand)
+        alone = by_hand and not engine.in_repository
+        ended = compute(case, engine_name, build=build, deck=deck, limit_s=limit_s, folder=folder, by_hand=alone)
         record = _record(case, engine, build, deck, ended)
         for raw in (folder / name for name in deck.raw):
             if raw.is_dir():
@@ -94,7 +94,7 @@ def run_case(
     return EndedRun(target, record, ended.fault.partial if ended.fault else None)
 
 
-def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, alone: bool = False) -> list[EndedRun]:
+def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, by_hand: bool = False) -> list[EndedRun]:
     """Run pairs of a case and an engine, or find finished runs; results in the order of ``jobs``.
 
     Equal decks run once, and the largest cases run first.
@@ -102,7 +102,7 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, alone
     Args:
         jobs: cases with the names of their engines.
         runs: folder of all run folders.
-        alone: True to start each deck of a code as by hand, in a process of its own.
+        by_hand: as for ``run_case``.
 
     Raises:
         RunError: an engine is not installed.
@@ -110,7 +110,7 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, alone
     keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
     different = dict(zip(keys, jobs, strict=True))
     largest_first = sorted(different, key=lambda key: -different[key][0].work)
-    under_way = execute(lambda key: run_case(*different[key], runs, served=not alone), largest_first)
+    under_way = execute(lambda key: run_case(*different[key], runs, by_hand=by_hand), largest_first)
     ended = dict(following(under_way, "engines", len(different)))
     return [
         run_case(case, engine, runs) if run.done and run.layout != case.layout else run  # other gauges: found again

@@ -42,39 +42,46 @@ class Peak:
 
 def peaks(time_s: Array, values: Array, prominence: float = PROMINENCE) -> list[Peak]:
     """Maxima with at least this prominence, as a share of the signal's range, by time; samples are equally spaced."""
-    return [peak for peak, _ in _peaks(time_s, values, prominence)]
+    return [_peak_at(time_s, values, place) for place, _ in _maxima(values, prominence)]
 
 
 def pulses(time_s: Array, values: Array) -> list[Peak]:
     """Maxima above 0 without noise, ripple and the wakes of earlier pulses; later pulses may be much larger."""
     found: list[Peak] = []
-    for peak, prominence in _peaks(time_s, values, NOISE):
-        largest = max((earlier.value for earlier in found), default=0.0)
-        if peak.value > WAKE * largest and prominence >= OWN_PROMINENCE * peak.value:
-            found.append(peak)
+    largest = 0.0
+    for place, prominence in _maxima(values, NOISE):
+        if prominence >= OWN_PROMINENCE * values[place]:  # a peak is at least as high as its sample
+            peak = _peak_at(time_s, values, place)
+            if peak.value > WAKE * largest and prominence >= OWN_PROMINENCE * peak.value:
+                found.append(peak)
+                largest = max(largest, peak.value)
     return found
 
 
 def first_peak(time_s: Array, values: Array, prominence: float = PROMINENCE) -> Peak | None:
     """The first of ``peaks``; None if there is none."""
-    return next((peak for peak, _ in _peaks(time_s, values, prominence)), None)
+    return next((_peak_at(time_s, values, place) for place, _ in _maxima(values, prominence)), None)
 
 
-def _peaks(time_s: Array, values: Array, prominence: float) -> Iterator[tuple[Peak, float]]:
-    """Maxima, each with its prominence."""
+def _maxima(values: Array, prominence: float) -> Iterator[tuple[int, float]]:
+    """Indices of the largest samples of maxima, each with its prominence, at least this share of the signal's range."""
     span = float(np.ptp(values))
     if span > 0 and len(values) >= 3:
         from scipy.signal import find_peaks
 
         places, properties = find_peaks(values, prominence=prominence * span)
-        for place, height in zip(map(int, places), map(float, properties["prominences"]), strict=True):
-            first, last = max(place - 1, 0), min(place + 1, len(time_s) - 1)
-            curve = _local_curve(time_s, values, place, first, last)
-            roots = np.asarray(curve.derivative().roots(extrapolate=False))  # drops the NaN of a flat stretch
-            inside = roots[(roots >= time_s[first]) & (roots <= time_s[last])]
-            candidates = [(float(curve(root)), float(root)) for root in inside]
-            value, time = max([*candidates, (float(values[place]), float(time_s[place]))])
-            yield Peak(time, value, place), height
+        yield from zip(map(int, places), map(float, properties["prominences"]), strict=True)
+
+
+def _peak_at(time_s: Array, values: Array, place: int) -> Peak:
+    """Maximum between the samples around its largest sample."""
+    first, last = max(place - 1, 0), min(place + 1, len(time_s) - 1)
+    curve = _local_curve(time_s, values, place, first, last)
+    roots = np.asarray(curve.derivative().roots(extrapolate=False))  # drops the NaN of a flat stretch
+    inside = roots[(roots >= time_s[first]) & (roots <= time_s[last])]
+    candidates = [(float(curve(root)), float(root)) for root in inside]
+    value, time = max([*candidates, (float(values[place]), float(time_s[place]))])
+    return Peak(time, value, place)
 
 
 def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) -> float:

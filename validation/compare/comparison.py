@@ -68,7 +68,7 @@ def run_and_compare_all(
     pairs = list(zip(cases, absences, strict=True))
     jobs = [(case, engine) for case, absent in pairs for engine in asked.names if engine not in absent]
     refuse_all([] if unsafe else jobs)
-    ended = iter(run_many(jobs, runs, alone=True))
+    ended = iter(run_many(jobs, runs, by_hand=True))
     for case, absent in following(pairs, "scenes compared", len(pairs), "scene"):
         yield _compared(case, {name: next(ended) for name in asked.names if name not in absent}, absent, runs)
 

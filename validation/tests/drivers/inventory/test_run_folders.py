@@ -125,7 +125,7 @@ def test_a_record_of_another_version_is_read(home: Path) -> None:
 
 
 def test_failed_runs_and_other_folders(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    ended = run_case(case_of(home / "small.toml", "chain.count=4"), VERLET, home / "runs", limit_s=0.01)
+    ended = run_case(case_of(home / "small.toml", "chain.count=4"), VERLET, home / "runs", limit_s=1e-6)
     for other in ("verlet/notes", f"batch/x-{'0' * 12}", f"{VERLET}/.work@x", "empty"):
         (home / "runs" / other).mkdir(parents=True)
     (home / "runs" / "batch" / "a.jsonl").write_text("{}\n{}\n")

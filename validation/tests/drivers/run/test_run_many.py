@@ -14,6 +14,7 @@ from drivers.base.errors import RunError
 from drivers.base.processes import all_stopped, run_command
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import open_run
+from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 SLOW = """
@@ -26,7 +27,7 @@ from pathlib import Path
 def main():
     settings = [(f"striker.speed={v} m/s", "run.time_step=0.1 ns") for v in (1, 2, 3, 4)]
     cases = [build_case(read_scene(sys.argv[1], each)) for each in settings]
-    run_many([(case, "verlet") for case in cases], Path(sys.argv[2]))
+    run_many([(case, sys.argv[3]) for case in cases], Path(sys.argv[2]))
     return 0
 run_main(main)
 """
@@ -49,23 +50,25 @@ def test_a_failed_run_leaves_the_others_alone(scene_file: SceneWriter, tmp_path:
     assert [each.done for each in ended] == [False, True]
 
 
-def test_an_interrupt_ends_all_and_leaves_no_folder(scene_file: SceneWriter, tmp_path: Path) -> None:
+@pytest.mark.parametrize("engine", ["verlet", "lammps"])
+def test_an_interrupt_ends_all_and_leaves_no_folder(engine: str, scene_file: SceneWriter, tmp_path: Path) -> None:
+    need(engine)
     for request in (signal.SIGINT, signal.SIGTERM):
         runs, places = tmp_path / request.name, tmp_path / f"{request.name}-temporary"
         places.mkdir()
-        words = (sys.executable, "-c", SLOW, str(scene_file(duration="100 ms")), str(runs))
+        words = (sys.executable, "-c", SLOW, str(scene_file(duration="100 ms")), str(runs), engine)
         variables = os.environ | {"TMPDIR": str(places)}
         process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=hear_interrupts, env=variables)
         until = time.monotonic() + 60
-        while time.monotonic() < until and not [*places.glob("*/case/chain.json")]:
+        while time.monotonic() < until and not [*places.rglob("chain.*"), *runs.rglob("chain.*")]:
             time.sleep(0.05)
         time.sleep(0.3)
         process.send_signal(request)
         _, said = process.communicate(timeout=60)
         assert process.returncode == 130
         assert said.strip().splitlines()[-1] == "interrupted"
-        assert not [path for path in (runs / "verlet").iterdir() if path.is_dir()]
-        assert not [*places.iterdir()]
+        assert not [path for path in (runs / engine).iterdir() if path.is_dir()]
+        assert not [*places.glob("[!o]*")]  # Open MPI leaves a folder
         running = subprocess.run(["pgrep", "-f", str(tmp_path)], capture_output=True, text=True, check=False).stdout
         assert not [pid for pid in running.split() if int(pid) != os.getpid()]
 

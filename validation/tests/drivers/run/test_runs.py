@@ -85,7 +85,7 @@ def test_each_scene_keeps_its_gauges_in_any_order(scene_file: SceneWriter, tmp_p
         assert open_run(folder).layout == cases[place].layout
     assert len(set(tables.values())) == len(tables) == 3
     ended = run_case(cases[0], "verlet", runs, rerun=True)
-    assert not run_case(cases[1], "verlet", runs, rerun=True, limit_s=0.01).done
+    assert not run_case(cases[1], "verlet", runs, rerun=True, limit_s=1e-6).done
     shared = run_many([(case, "verlet") for case in (*cases, cases[0])], tmp_path / "fresh")
     assert len({each.folder for each in shared}) == len({each.record.wall_s for each in shared}) + 2 == 3
     assert [each.layout for each in shared] == [case.layout for case in (*cases, cases[0])]
@@ -127,7 +127,7 @@ def test_what_the_deck_leaves_out_is_still_another_run(scene_file: SceneWriter, 
 def test_a_failure_does_not_destroy_what_is_done(scene_file: SceneWriter, tmp_path: Path) -> None:
     case, runs = case_of(scene_file()), tmp_path / "runs"
     good = run_case(case, "verlet", runs)
-    bad = run_case(case, "verlet", runs, rerun=True, limit_s=0.01)
+    bad = run_case(case, "verlet", runs, rerun=True, limit_s=1e-6)
     assert bad.record.status == "timeout"
     assert bad.folder != good.folder
     assert run_case(case, "verlet", runs).folder == good.folder

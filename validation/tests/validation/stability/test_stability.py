@@ -1,7 +1,6 @@
 """Limits of the time step, what guards them, scenes at the edge."""
 
 import json
-from contextlib import nullcontext
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -78,9 +77,8 @@ def test_a_code_that_blows_up_elsewhere_is_scanned_itself(times: float, monkeypa
     subjects = [MeasuredChain(RANDOM, "fig5", case_of("fig5"))]
     (scheme,) = measure_limits(subjects, names=())
     elsewhere_s = times * scheme.measured_s
-    monkeypatch.setattr(measured_limits, "serving", lambda _: nullcontext())
     monkeypatch.setattr(
-        measured_limits, "_gain_in", lambda _, case: inf if case.scene.time_step_s >= elsewhere_s else 0
+        measured_limits, "_gain_on", lambda _, case: inf if case.scene.time_step_s >= elsewhere_s else 0
     )
     _, code = measure_limits(subjects, names=("a code",))
     assert code.method == "a code"
