@@ -1,22 +1,29 @@
 """Files: atomic writing, and reading that is a check.
 
 Whatever is read back is what was written, or is refused. A JSON file holds its own digest, a run folder those of its
-files in its record, and a table or picture has a hidden file with its digest beside it.
+files in its record, and tables and pictures have theirs in a hidden folder beside them.
 """
 
 import hashlib
 import json
 import os
+import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
 
-DIGEST = "sha256"  # key of the digest in a JSON file, and ending of the file of a digest
+if TYPE_CHECKING:
+    import pandas as pd
+
+DIGEST = "sha256"  # key of the digest in a JSON file
+SEALS = ".sha256"  # folder of the digests of tables and pictures
+FORMULA = re.compile(r"'*[=+\-@\t\r\n]")  # start of a text that a spreadsheet takes for a formula, or of one made safe
 DAMAGED, ALTERED = "a damaged file", "a file that was altered since it was written"
 
 
@@ -41,10 +48,11 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def sealed_file(path: Path) -> Iterator[Path]:
-    """Like ``whole_file``, with the digest of the file in a hidden file beside it, as ``sha256sum`` writes it."""
+    """Like ``whole_file``, with the digest of the file in a hidden folder beside it, as ``sha256sum`` writes it."""
     with whole_file(path) as draft:
         yield draft
         digest = sha256_of(draft)
+    _seal_of(path).parent.mkdir(exist_ok=True)
     with whole_file(_seal_of(path)) as draft:
         draft.write_text(f"{digest}  {path.name}\n")
 
@@ -58,11 +66,9 @@ def read_sealed_file(path: Path, allowed: str) -> bytes:
     """
     try:
         digest = _seal_of(path).read_text(encoding="ascii").removesuffix(f"  {path.name}\n")
-    except FileNotFoundError:
+    except (OSError, ValueError):
         path.stat()
         raise DamagedError(paths.shown(path), "", "a file without its digest", allowed) from None
-    except (OSError, ValueError):
-        digest = ""
     return read_checked(path, digest, allowed)
 
 
@@ -73,7 +79,7 @@ def remove_sealed_file(path: Path) -> None:
 
 
 def _seal_of(path: Path) -> Path:
-    return path.with_name(f".{path.name}.{DIGEST}")
+    return path.parent / SEALS / path.name
 
 
 def read_checked(path: Path, sha256: str, allowed: str) -> bytes:
@@ -129,6 +135,33 @@ def _read(path: Path, allowed: str) -> bytes:
     except OSError as error:
         found = "a folder" if path.is_dir() else f"a file that cannot be read ({error.strerror})"
         raise DamagedError(paths.shown(path), "", found, allowed) from error
+
+
+def csv_of(table: "pd.DataFrame", *, index: bool = False) -> bytes:
+    """Table as CSV; an apostrophe before text that a spreadsheet would take for a formula."""
+    safe = _in_texts(table, lambda text: f"'{text}" if FORMULA.match(text) else text)
+    return str(safe.to_csv(index=index)).encode()
+
+
+def table_in(content: bytes, **options: Any) -> "pd.DataFrame":
+    """Table from the CSV of ``csv_of``, with the text that was written; options as of ``pandas.read_csv``."""
+    import pandas as pd
+
+    table = pd.read_csv(BytesIO(content), **options)
+    return _in_texts(table, lambda text: text[1:] if text.startswith("'") and FORMULA.match(text) else text)
+
+
+def _in_texts(table: "pd.DataFrame", change: Callable[[str], str]) -> "pd.DataFrame":
+    """Table with all texts changed, also those of the heading."""
+
+    def changed(value: Any) -> Any:
+        return change(value) if isinstance(value, str) else value
+
+    texts = [name for name, kind in table.dtypes.items() if kind.kind not in "biufc"]
+    table = table.copy(deep=False)
+    for name in texts:
+        table[name] = table[name].map(changed)
+    return table.rename(columns=changed)
 
 
 def sha256_of(path: Path) -> str:

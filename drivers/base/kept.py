@@ -76,7 +76,7 @@ def _remove_old(folder: Path) -> None:
 def _program() -> str:
     """Digest of sources, templates and inputs, versions of Python and libraries, and the machine's name."""
     versions = (f"{name} {version(name)}" for name in LIBRARIES)
-    inputs = content_of([*paths.INPUTS.rglob("*.toml"), *paths.TEMPLATES.rglob("*.j2")])
+    inputs = content_of([*paths.INPUTS.rglob("*.toml"), *paths.INPUTS.rglob("*.csv"), *paths.TEMPLATES.rglob("*.j2")])
     return " ".join((digest_of_sources(), inputs, platform.python_version(), platform.node(), *versions))
 
 

@@ -288,11 +288,11 @@ class EndedRun:
         """True if the gauge signals are there as they were written."""
         return self._is_intact(SENSORS)
 
-    def with_sensors(self, signals: str, **changes: Any) -> "EndedRun":
+    def with_sensors(self, signals: bytes, **changes: Any) -> "EndedRun":
         """The run with its gauge signals and changes of its record, both written to the folder."""
         path = self.folder / SENSORS
         with whole_file(path) as draft:
-            draft.write_text(signals)
+            draft.write_bytes(signals)
             digest = sha256_of(draft)
         record = replace(self.record, **changes, files=self.record.files | {SENSORS: digest})
         record.write(self.folder)

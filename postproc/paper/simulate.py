@@ -14,7 +14,7 @@ from drivers.engines import REFERENCE, installed_codes
 from drivers.run.run import run_all_done
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe
-from postproc.read.sensors import signals_text
+from postproc.read.sensors import signals_csv
 
 UNTIL_REFLECTED = "run.duration=0.9 ms"  # until the reflected wave has passed, in Figs. 4 and 6
 TOLERANCE = 1e-11  # of the largest change: far below the truncation error of any code's run
@@ -69,7 +69,7 @@ def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path) -> dict[str, list
     found: dict[str, list[Simulation]] = {code: [] for code in cases}
     for (case, code), ended in zip(jobs, run_all_done(jobs, runs), strict=True):
         if not ended.has_sensors:
-            ended.with_sensors(signals_text(ended.layout, ended.trace))
+            ended.with_sensors(signals_csv(ended.layout, ended.trace))
         found[code].append(Simulation(case, code, ended.trace, ended.record.loop_s or nan))
     return found
 

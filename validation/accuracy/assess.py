@@ -14,9 +14,9 @@ def assess(ended: EndedRun, case: Case) -> EndedRun:
     """
     if not ended.done or (ended.record.error_budget is not None and ended.has_sensors):
         return ended
-    from postproc.read.sensors import signals_text
+    from postproc.read.sensors import signals_csv
 
-    return ended.with_sensors(signals_text(case.layout, ended.trace), **_errors(case, ended))
+    return ended.with_sensors(signals_csv(case.layout, ended.trace), **_errors(case, ended))
 
 
 def _errors(case: Case, ended: EndedRun) -> dict[str, Any]:

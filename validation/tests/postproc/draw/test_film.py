@@ -177,7 +177,9 @@ def test_on_the_command_line(scene_file: SceneWriter, shared_runs: Path, tmp_pat
     for command, kinds in (("film", {"csv", "png", "svg", "gif"}), ("spacetime", {"csv", "png", "svg"})):
         done = command_line("postproc", command, folder, "--out", tmp_path / command)
         assert done.returncode == 0, done.stderr
-        assert {path.name for path in (tmp_path / command).iterdir()} == {f"{command}-{name}.{kind}" for kind in kinds}
+        assert {path.name for path in (tmp_path / command).glob("[!.]*")} == {
+            f"{command}-{name}.{kind}" for kind in kinds
+        }
     for words in (("film", folder, "--frames", "0"), ("film", folder, "--sideways", "-1"), ("spacetime", tmp_path)):
         refused = command_line("postproc", *words)
         assert refused.returncode == 2
