@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from drivers.base.errors import printable
+
 Item = TypeVar("Item")
 MAX_SILENCE_S = 4.0
 REFRESH_S = 0.5
@@ -50,7 +52,7 @@ def say(line: str) -> None:
     from tqdm import tqdm
 
     with _lock:
-        tqdm.write(line, file=sys.stderr)
+        tqdm.write(printable(line), file=sys.stderr)
         sys.stderr.flush()
         _last_line = time.perf_counter()
 
@@ -75,6 +77,7 @@ def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[
     global _last_line
     from tqdm import tqdm
 
+    what = printable(what)
     look: dict[str, Any] = {"leave": False, "dynamic_ncols": True, "file": sys.stderr, "disable": not _watched()}
     bar = tqdm(total=total, desc=what, unit=unit, bar_format="{desc}: {elapsed}" if total is None else None, **look)
     task = _Task(what, total, unit, bar)
