@@ -4,6 +4,7 @@ Whatever is read back is what was written, or is refused. A JSON file holds its 
 files in its record, and tables and pictures have theirs in a hidden folder beside them.
 """
 
+import csv
 import hashlib
 import json
 import os
@@ -140,7 +141,10 @@ def _read(path: Path, allowed: str) -> bytes:
 def csv_of(table: "pd.DataFrame", *, index: bool = False) -> bytes:
     """Table as CSV; an apostrophe before text that a spreadsheet would take for a formula."""
     safe = _in_texts(table, lambda text: f"'{text}" if FORMULA.match(text) else text)
-    return str(safe.to_csv(index=index)).encode()
+    text = str(safe.to_csv(index=index))
+    if "\r" in text:  # the end of a line for readers, which Python does not quote
+        text = str(safe.to_csv(index=index, quoting=csv.QUOTE_NONNUMERIC))
+    return text.encode()
 
 
 def table_in(content: bytes, **options: Any) -> "pd.DataFrame":

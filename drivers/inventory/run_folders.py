@@ -264,7 +264,7 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
 def batches_text(runs: Path) -> str:
     """Number and size of the rows of batches, as text; empty if there are none."""
     folder = Store(runs).folder
-    rows = sum(file.read_bytes().count(b"\n") for file in folder.glob(f"*{ENDING}"))
+    rows = sum(file.read_bytes().count(b"\n") for file in folder.glob(f"*{ENDING}") if file.is_file())
     size = size_text(size_below(folder) - size_below(folder / WORK))
     return f"{paths.shown(folder)}: {rows:,} rows of batches: {size}" if folder.is_dir() else ""
 
