@@ -9,11 +9,14 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from drivers.base import paths
 from drivers.batch.store import Store
+from drivers.batch.study_cases import Request, Setup, StudyCase, opened
+from drivers.batch.study_rows import plan_side_by_side
 from drivers.engines import installed
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
@@ -355,3 +358,28 @@ def test_status_lists_cases(study_file: StudyWriter, tmp_path: Path) -> None:
         "2: striker.speed=2.0 m/s: verlet done",
         "verlet  1 done, 1 to do",
     ]
+
+
+def test_planning_survives_a_kill(study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The facts of finished parts are kept, and not computed again."""
+    path, planned = study_file(SPEEDS.format(60), "verlet"), list[int]()
+    request = Request(path, tmp_path / "runs", lambda case: case, lambda *_: {}, lambda *_: np.zeros(1))
+    setup, _ = opened(request, whole=True)
+    case_of_number = Setup.case
+
+    def case(self: Setup, number: int) -> StudyCase:
+        if number == 40 and not planned.count(40):
+            planned.append(40)
+            raise KeyboardInterrupt
+        planned.append(number)
+        return case_of_number(self, number)
+
+    monkeypatch.setattr(Setup, "case", case)
+    with pytest.raises(KeyboardInterrupt):
+        plan_side_by_side(setup, 1)
+    assert planned == [*range(1, 41)]
+    planned[:] = [40]
+    plan = plan_side_by_side(setup, 1)
+    assert planned == [40, *range(26, 61)]
+    assert plan_side_by_side(setup, 1) == plan
+    assert len(planned) == 36
