@@ -9,8 +9,9 @@ from drivers.base.errors import InputError, RunError
 from drivers.chain.case import Case, build_case
 from drivers.inventory.run_folders import run_folder
 from drivers.limits.refusal import refuse
-from drivers.run import finished
 from drivers.run.run import run_case
+from drivers.run.run_folder import EndedRun
+from drivers.run.run_folder import open_run as open_folder
 from drivers.scene.read_scene import read_scene
 from drivers.scene.settings import setting_texts
 
@@ -23,10 +24,10 @@ def run_scene(
     runs: str | Path | None = None,
     rerun: bool = False,
     time_limit_s: float | None = None,
-) -> finished.EndedRun:
+) -> EndedRun:
     """Run a scene on an engine; a run with the same deck and build that is done already is returned as it is.
 
-    The run folder holds the deck and the forces. ``validation.assess(run, case)`` adds ``sensors.csv`` and the error
+    The run folder holds the deck and the forces. ``validation.assess(run, case)`` adds the gauge signals and the error
     budget, as the command ``beads run`` does.
 
     Args:
@@ -40,7 +41,7 @@ def run_scene(
             scene.
 
     Returns:
-        EndedRun: Its ``folder`` is a Path, its ``record`` holds the contents of ``run.json``, and its ``trace`` holds
+        EndedRun: Its ``folder`` is a Path, its ``record`` holds what is known about it, and its ``trace`` holds
             ``time_s`` of shape (samples,) and ``force_N`` of shape (samples, contacts); column j - 1 is contact j,
             under body j, counted from the wall.
 
@@ -64,7 +65,7 @@ def run_scene(
     return run
 
 
-def open_run(name: str | Path, runs: str | Path | None = None) -> finished.EndedRun:
+def open_run(name: str | Path, runs: str | Path | None = None) -> EndedRun:
     """Open a finished run by its folder, or the newest done run of a scene by ``ENGINE:SCENE``.
 
     Args:
@@ -82,4 +83,4 @@ def open_run(name: str | Path, runs: str | Path | None = None) -> finished.Ended
         >>> open_run("verlet:fig4", runs=folder).record.engine
         'verlet'
     """
-    return finished.open_run(run_folder(name, Path(runs or paths.RUNS)))
+    return open_folder(run_folder(name, Path(runs or paths.RUNS)))

@@ -17,7 +17,8 @@ import pandas as pd
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from drivers.base.files import whole_file
+from drivers.base.files import csv_of, read_sealed_file, remove_sealed_file, sealed_file, sha256_of, table_in
+from drivers.base.kept import content_of, keep, look_up
 from drivers.base.progress import say, step
 from drivers.engines import missing_codes
 from drivers.engines._entries import entry_files
@@ -32,7 +33,6 @@ Row = TypeVar("Row", bound="DataclassInstance")
 CHAPTERS = ("independent", "claims", "trade", "stability", "elements", "calibration")
 ORDER_4, ADAPTIVE = "order 4", "adaptive"  # in-repo methods that are no engines
 DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # status of a run
-SKIPPED_FOLDERS = {"__pycache__", "tests"}  # tables do not depend on them
 Tables = Mapping[str, pd.DataFrame]
 
 
@@ -57,17 +57,18 @@ def write_table(path: Path, kind: type[Row], rows: Iterable[Row]) -> None:
 def write_frame(path: Path, table: pd.DataFrame) -> None:
     """Writes a table as CSV, atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as draft:
-        table.to_csv(draft, index=False)
+    with sealed_file(path) as draft:
+        draft.write_bytes(csv_of(table))
 
 
 def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
     """Table written by ``make target``, with the types of its fields; InputError if it is missing or damaged."""
     with refused_if_damaged(path, target):
-        types: dict[str, Any] = dict.fromkeys(pd.read_csv(path, nrows=0).columns, float)
+        content = read_sealed_file(path, f"the table that make {target} writes")
+        types: dict[str, Any] = dict.fromkeys(table_in(content, nrows=0).columns, float)
         types |= {field.name: field.type for field in fields(kind) if not _is_mapping(field.type)}
         empty = {name: [""] for name, type_ in types.items() if type_ is float}
-        table = pd.read_csv(path, dtype=types, keep_default_na=False, na_values=empty)
+        table = table_in(content, dtype=types, keep_default_na=False, na_values=empty)
         missing = [name for name in types if name not in table.columns]
         if missing:
             raise ValueError(f"no column {missing[0]}")
@@ -212,12 +213,12 @@ def named(what: str, options: Options) -> str:
 
 
 def up_to_date(chapter: Chapter, results: Path) -> bool:
-    """True if the first table exists and is newer than all sources of the project and of its engines."""
-    table = results / f"{chapter.main_table}.csv"
-    folders = (paths.ROOT / name for name in ("inputs", "templates", "drivers", "postproc", "validation"))
-    sources = [file for folder in folders for file in folder.rglob("*.*") if not SKIPPED_FOLDERS & {*file.parts}]
-    newest = max(file.stat().st_mtime for file in (*sources, *entry_files()))
-    return table.exists() and table.stat().st_mtime > newest
+    """True if the first table is as it was written since the last change of a source or of the engines' entries."""
+    return (results / f"{chapter.main_table}.csv").exists() and look_up(_key_of(chapter, results)) is not None
+
+
+def _key_of(chapter: Chapter, results: Path) -> list[str]:
+    return ["chapter", chapter.name, sha256_of(results / f"{chapter.main_table}.csv"), content_of(entry_files())]
 
 
 def write_chapter(chapter: Chapter, measured: Mapping[str, Any], results: Path) -> Tables:
@@ -227,7 +228,7 @@ def write_chapter(chapter: Chapter, measured: Mapping[str, Any], results: Path) 
         if name in rows:
             write_table(results / f"{name}.csv", kind, rows[name])
         else:
-            (results / f"{name}.csv").unlink(missing_ok=True)
+            remove_sealed_file(results / f"{name}.csv")
     tables = chapter.read(results)
     pictures = chapter.figures(tables)
     for name, picture in pictures.items():
@@ -236,7 +237,8 @@ def write_chapter(chapter: Chapter, measured: Mapping[str, Any], results: Path) 
             write_frame(results / f"{name}.csv", picture.numbers)
     for path in (*results.glob(f"{chapter.name}-*.svg"), *results.glob(f"{chapter.name}-*.png")):
         if path.stem not in pictures:
-            path.unlink()
+            remove_sealed_file(path)
+    keep(_key_of(chapter, results), True)
     return tables
 
 

@@ -10,9 +10,18 @@ MAX_CHARACTERS = 270  # of a message; with the name of its scene in front a line
 MAX_PROBLEMS = 12  # listed of one input
 
 
+# control characters, with those of terminals and of the direction of writing; except tabs and ends of lines
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff]")
+
+
+def printable(text: str) -> str:
+    """Text with control characters replaced, so that a title or a file name cannot change a terminal."""
+    return CONTROL.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
 def one_line(*parts: object, longest: int = MAX_CHARACTERS) -> str:
     """Joins the parts of a message on one line; parts that are too long lose their middle, the longest first."""
-    lines = [re.sub(r"[\s\x00-\x1f\x7f]+", " ", str(part)) for part in parts]
+    lines = [printable(re.sub(r"[\s\x00-\x1f\x7f]+", " ", str(part))) for part in parts]
     for left, place in enumerate(sorted(range(len(lines)), key=lambda place: len(lines[place]))):
         line, share = lines[place], longest // (len(lines) - left)
         if len(line) > share:

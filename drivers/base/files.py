@@ -1,11 +1,35 @@
-"""Files: atomic writing, digests, home folders."""
+"""Files: atomic writing, and reading that is a check.
 
+Whatever is read back is what was written, or is refused. A JSON file holds its own digest, a run folder those of its
+files in its record, and tables and pictures have theirs in a hidden folder beside them.
+"""
+
+import csv
 import hashlib
+import json
 import os
+import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DIGEST = "sha256"  # key of the digest in a JSON file
+SEALS = ".sha256"  # folder of the digests of tables and pictures
+FORMULA = re.compile(r"'*[=+\-@\t\r\n]")  # start of a text that a spreadsheet takes for a formula, or of one made safe
+DAMAGED, ALTERED = "a damaged file", "a file that was altered since it was written"
+
+
+class DamagedError(InputError):
+    """File that is not as it was written."""
 
 
 @contextmanager
@@ -21,6 +45,127 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise
     finally:
         draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def sealed_file(path: Path) -> Iterator[Path]:
+    """Like ``whole_file``, with the digest of the file in a hidden folder beside it, as ``sha256sum`` writes it."""
+    with whole_file(path) as draft:
+        yield draft
+        digest = sha256_of(draft)
+    _seal_of(path).parent.mkdir(exist_ok=True)
+    with whole_file(_seal_of(path)) as draft:
+        draft.write_text(f"{digest}  {path.name}\n")
+
+
+def read_sealed_file(path: Path, allowed: str) -> bytes:
+    """Content of a file written by ``sealed_file``; ``allowed`` tells in a message what belongs here.
+
+    Raises:
+        FileNotFoundError: no such file.
+        DamagedError: the file is not as it was written.
+    """
+    try:
+        digest = _seal_of(path).read_text(encoding="ascii").removesuffix(f"  {path.name}\n")
+    except (OSError, ValueError):
+        path.stat()
+        raise DamagedError(paths.shown(path), "", "a file without its digest", allowed) from None
+    return read_checked(path, digest, allowed)
+
+
+def remove_sealed_file(path: Path) -> None:
+    """Remove a file written by ``sealed_file``, if it exists."""
+    for each in (path, _seal_of(path)):
+        each.unlink(missing_ok=True)
+
+
+def _seal_of(path: Path) -> Path:
+    return path.parent / SEALS / path.name
+
+
+def read_checked(path: Path, sha256: str, allowed: str) -> bytes:
+    """Content of a file of known digest; read once, so that what was checked is what is parsed.
+
+    Raises:
+        FileNotFoundError: no such file.
+        DamagedError: the content has another digest, or cannot be read.
+    """
+    content = _read(path, allowed)
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise DamagedError(paths.shown(path), "", ALTERED, allowed)
+    return content
+
+
+def write_sealed(path: Path, content: dict[str, Any], indent: int | None = None) -> None:
+    """Write JSON values with their digest."""
+    sealed = content | {DIGEST: _digest_of(content)}
+    with whole_file(path) as draft:
+        draft.write_text(json.dumps(sealed, indent=indent) + "\n")
+
+
+def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
+    """JSON values written by ``write_sealed``.
+
+    Raises:
+        FileNotFoundError: no such file.
+        DamagedError: the values are not those that were written.
+    """
+    content = _read(path, allowed)
+    try:
+        found = json.loads(content)
+        digest = found.pop(DIGEST, None)
+        altered = digest != _digest_of(found)
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise DamagedError(paths.shown(path), "", DAMAGED, allowed) from error
+    if altered:
+        words = ALTERED if digest else "a file without its digest"
+        raise DamagedError(paths.shown(path), "", words, allowed)
+    assert isinstance(found, dict)
+    return found
+
+
+def _digest_of(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+def _read(path: Path, allowed: str) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        found = "a folder" if path.is_dir() else f"a file that cannot be read ({error.strerror})"
+        raise DamagedError(paths.shown(path), "", found, allowed) from error
+
+
+def csv_of(table: "pd.DataFrame", *, index: bool = False) -> bytes:
+    """Table as CSV; an apostrophe before text that a spreadsheet would take for a formula."""
+    safe = _in_texts(table, lambda text: f"'{text}" if FORMULA.match(text) else text)
+    text = str(safe.to_csv(index=index))
+    if "\r" in text:  # the end of a line for readers, which Python does not quote
+        text = str(safe.to_csv(index=index, quoting=csv.QUOTE_NONNUMERIC))
+    return text.encode()
+
+
+def table_in(content: bytes, **options: Any) -> "pd.DataFrame":
+    """Table from the CSV of ``csv_of``, with the text that was written; options as of ``pandas.read_csv``."""
+    import pandas as pd
+
+    table = pd.read_csv(BytesIO(content), **options)
+    return _in_texts(table, lambda text: text[1:] if text.startswith("'") and FORMULA.match(text) else text)
+
+
+def _in_texts(table: "pd.DataFrame", change: Callable[[str], str]) -> "pd.DataFrame":
+    """Table with all texts changed, also those of the heading."""
+
+    def changed(value: Any) -> Any:
+        return change(value) if isinstance(value, str) else value
+
+    texts = [name for name, kind in table.dtypes.items() if kind.kind not in "biufc"]
+    table = table.copy(deep=False)
+    for name in texts:
+        table[name] = table[name].map(changed)
+    return table.rename(columns=changed)
 
 
 def sha256_of(path: Path) -> str:

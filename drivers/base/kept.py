@@ -1,8 +1,12 @@
-"""Results kept on disk, in files named by a digest of the sources, inputs and arguments that they depend on."""
+"""The cache of derived results, and the one answer to the question whether something that they depend on has changed.
+
+An entry is a JSON file, named by a digest of everything it depends on, that holds this name and its own digest.
+"""
 
 import hashlib
 import json
 import platform
+import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
@@ -11,9 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
-from drivers.base.files import whole_file
+from drivers.base.errors import InputError
+from drivers.base.files import DamagedError, read_sealed, write_sealed
+from drivers.base.progress import say
 
-MAX_FILES = 500  # beyond these the oldest are removed
+MAX_FILES = 2000  # beyond these the oldest are removed
+MIN_AGE_S = 3600.0  # but none that a command under way may have written
 LIBRARIES = ("numpy", "scipy", "numba", "pint")  # their versions may change numbers
 
 
@@ -24,28 +31,52 @@ def kept(depends_on: Any, compute: Callable[[], Any]) -> Any:
         depends_on: JSON value with everything the result depends on besides sources, inputs, packages and machine.
         compute: function without side effects that returns a JSON value.
     """
-    name = hashlib.sha256(json.dumps([_program(), depends_on]).encode()).hexdigest()
-    path = paths.CACHE / f"{name}.json"
+    found = look_up(depends_on)
+    return keep(depends_on, compute()) if found is None else found[0]
+
+
+def look_up(depends_on: Any) -> list[Any] | None:
+    """A list of one, the result in the cache; None if there is none. A damaged entry is reported and ignored."""
+    path = _entry(depends_on)
     try:
-        (found,) = json.loads(path.read_text())
-    except (OSError, ValueError, TypeError):  # missing or damaged
-        text = json.dumps([compute()])
-        (found,) = json.loads(text)
-        with suppress(OSError):  # not writable: computed again the next time
-            path.parent.mkdir(exist_ok=True)
-            with whole_file(path) as draft:
-                draft.write_text(text)
-            files = sorted(path.parent.glob("[!.]*"), key=lambda file: file.stat().st_mtime)
-            for old in files[:-MAX_FILES]:
-                old.unlink(missing_ok=True)
-    return found
+        entry = read_sealed(path, "a result as it was computed")
+        if entry.get("name") != path.stem:
+            raise DamagedError(paths.shown(path), "", "a result under another name", "its own")
+        return [entry["result"]]
+    except InputError as error:
+        say(f"{error}: computed again")
+    except OSError:
+        pass
+    return None
+
+
+def keep(depends_on: Any, result: Any) -> Any:
+    """Store a result in the cache, and return it as it is read back."""
+    path = _entry(depends_on)
+    with suppress(OSError):  # not writable: computed again the next time
+        path.parent.mkdir(exist_ok=True)
+        write_sealed(path, {"name": path.stem, "result": result})
+        _remove_old(path.parent)
+    return json.loads(json.dumps(result))
+
+
+def _entry(depends_on: Any) -> Path:
+    name = hashlib.sha256(json.dumps([_program(), depends_on]).encode()).hexdigest()
+    return paths.CACHE / f"{name}.json"
+
+
+def _remove_old(folder: Path) -> None:
+    dates = {file: file.stat().st_mtime for file in folder.glob("[!.]*")}
+    for old in sorted(dates, key=lambda file: dates[file])[:-MAX_FILES]:
+        if time.time() - dates[old] > MIN_AGE_S:
+            old.unlink(missing_ok=True)
 
 
 @cache
 def _program() -> str:
-    """Digest of all sources and inputs, versions of Python and libraries, and the machine's name."""
+    """Digest of sources, templates and inputs, versions of Python and libraries, and the machine's name."""
     versions = (f"{name} {version(name)}" for name in LIBRARIES)
-    inputs = content_of(paths.INPUTS.rglob("*.toml"))
+    inputs = content_of([*paths.INPUTS.rglob("*.toml"), *paths.INPUTS.rglob("*.csv"), *paths.TEMPLATES.rglob("*.j2")])
     return " ".join((digest_of_sources(), inputs, platform.python_version(), platform.node(), *versions))
 
 

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from drivers.base.errors import printable
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("drivers", "postproc", "validation")
 INPUTS = ROOT / "inputs"
@@ -28,8 +30,8 @@ ENGINES_VARIABLE = "BEAD_CHAINS_ENGINES"  # set by --engines, read by all child 
 
 
 def shown(path: Path) -> str:
-    """Path relative to the present folder if it lies below, else unchanged."""
+    """Path for a message, relative to the present folder if it lies below."""
     try:
-        return str(path.resolve().relative_to(Path.cwd()))
+        return printable(str(path.resolve().relative_to(Path.cwd())))
     except (ValueError, OSError, RuntimeError):  # not below the present folder, or a loop of links
-        return str(path)
+        return printable(str(path))

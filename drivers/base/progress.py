@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TextIO, TypeVar
 
+from drivers.base.errors import printable
+
 Item = TypeVar("Item")
 MAX_SILENCE_S = 2.0
 REFRESH_S = 0.5
@@ -52,7 +54,7 @@ def say(line: str, stream: TextIO | None = None) -> None:
 
     stream = stream or sys.stderr
     with _lock:
-        tqdm.write(line, file=stream)
+        tqdm.write(printable(line), file=stream)
         stream.flush()
         _last_line = time.perf_counter()
 
@@ -79,6 +81,7 @@ def counted(
     global _last_line
     from tqdm import tqdm
 
+    what = printable(what)
     look: dict[str, Any] = {
         "leave": False,
         "dynamic_ncols": True,

@@ -81,12 +81,12 @@ class Store:
         fresh: list[StudyRow] = []
         for name in sorted(names - self._read):
             self._read.add(name)
-            content = (self.folder / name).read_bytes()
             try:
+                content = (self.folder / name).read_bytes()
                 if _name_of(content) != name:
                     raise ValueError("damaged")
-                fresh += [StudyRow(**json.loads(line)) for line in content.splitlines()]
-            except (ValueError, TypeError):  # damaged, or rows of another version
+                fresh += [_row(line) for line in content.splitlines()]
+            except (OSError, ValueError, TypeError, RecursionError):  # damaged, no file, or rows of another version
                 self.damaged.add(name)
         for row in fresh:
             known = self.rows.get(row.identity)
@@ -94,6 +94,14 @@ class Store:
                 self.rows[row.identity] = row
             self.labels.add((row.study, row.engine, row.label))
         return fresh
+
+
+def _row(line: bytes) -> StudyRow:
+    row = StudyRow(**json.loads(line))
+    parts = ((row.values, dict), (row.cost, dict), (row.ended, float), (row.work, int))
+    if not all(isinstance(part, kind) for part, kind in parts):
+        raise ValueError("a row of another version")
+    return row
 
 
 def _name_of(content: bytes) -> str:

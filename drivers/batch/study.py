@@ -19,7 +19,7 @@ from drivers.base.messages import shorten, validate
 from drivers.batch.axes import Axis, Choice, expand
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed, load_engine
-from drivers.scene.model import Part, Scene
+from drivers.scene.model import Part, Scene, Title
 from drivers.scene.read_scene import find_input, find_scene, make_scene, read_toml, set_value
 from drivers.scene.settings import look_up, unit_of
 
@@ -42,7 +42,7 @@ class StudyFile(Part):
         axis: axes of varied values.
     """
 
-    title: str = ""
+    title: Title = ""
     scene: str
     set: dict[str, Any] = Field(default_factory=dict)
     engines: tuple[str, ...] = Field(default=(), strict=False)

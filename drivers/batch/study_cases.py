@@ -1,23 +1,19 @@
 """Cases of a study with their decks, and the identities by which finished rows are found.
 
-All identities of a study are computed once and kept until something that they depend on changes.
+Facts of cases are computed once and kept until something that they depend on changes.
 """
 
 import hashlib
 import itertools
-import json
 import time
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
-from drivers.base import paths
 from drivers.base.decks import Deck
-from drivers.base.files import whole_file
-from drivers.base.kept import content_of, digest_of_sources
+from drivers.base.kept import content_of, digest_of_sources, keep, look_up
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Selection, Study, column_name, read_study, select, value_at
@@ -32,9 +28,6 @@ from drivers.run.build import Build, build_of
 from drivers.run.run import run_identity
 
 MAX_BODIES_OF_KEPT_DECKS = 1000  # decks of longer chains are rendered again, to save memory
-PLANS = ".plans"
-MAX_PLANS = 20  # kept in a runs folder
-
 
 Facts = tuple[list[str], int, list[Any]]  # of a case: identities by engine, work, varied values
 
@@ -91,6 +84,14 @@ class Setup:
     selection: Selection
     builds: dict[str, Build]
     readers: dict[str, str]
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of study, builds and adapters; results in the cache depend on everything else in any case."""
+        adapters = {file for name in self.builds for file in _adapter_file(name)}
+        templates = {template for file in adapters for template in file.parent.rglob("*.j2")}
+        words = (f"{self.study!r}", f"{sorted(self.builds.items())}", f"{sorted(self.readers.items())}")
+        return _digest("\0".join((*words, content_of((*adapters, *templates)))))
 
     def case(self, number: int) -> "StudyCase":
         """Build a case of the study with its identities on all engines.
@@ -182,8 +183,23 @@ class StudyPlan:
         return [store.rows.get(identity) for identity in self.identities.get(engine, [""] * len(self.work))]
 
 
-def facts_of(setup: Setup, number: int) -> Facts:
-    """Identities by engine, work and varied values of a case; raises as ``Setup.case``."""
+def facts_of(setup: Setup, numbers: Sequence[int]) -> list[Facts]:
+    """Facts of consecutive cases, from the cache or computed and stored there; raises as ``Setup.case``."""
+    return known_facts(setup, numbers) or list(keep(_key_of(setup, numbers), [_facts(setup, n) for n in numbers]))
+
+
+def known_facts(setup: Setup, numbers: Sequence[int]) -> list[Facts] | None:
+    """Facts of consecutive cases in the cache; None if they are not there, or something they depend on has changed."""
+    for found in look_up(_key_of(setup, numbers)) or ():
+        return list(found)
+    return None
+
+
+def _key_of(setup: Setup, numbers: Sequence[int]) -> list[Any]:
+    return ["cases of a study", setup.digest, numbers[0], numbers[-1]]
+
+
+def _facts(setup: Setup, number: int) -> Facts:
     case = setup.case(number)
     identities = [case.identities.get(name, "") for name in setup.builds]  # empty if the engine cannot model the case
     return identities, case.case.work, [value_at(case.case.scene, key) for key in setup.study.columns.values()]
@@ -198,36 +214,6 @@ def plan_of(setup: Setup, facts: Iterable[Facts]) -> StudyPlan:
         list(work),
         {name: list(each) for name, each in zip(columns, zip(*values, strict=True), strict=True)},
     )
-
-
-def kept_plan(setup: Setup, store: Store) -> StudyPlan | None:
-    """Plan from the cache, if nothing that it depends on has changed; else None."""
-    try:
-        return StudyPlan(**json.loads(_plan_file(setup, store).read_text()))
-    except (OSError, ValueError, TypeError):
-        return None
-
-
-def keep_plan(plan: StudyPlan, setup: Setup, store: Store) -> None:
-    """Store a plan in the cache and remove old ones."""
-    path = _plan_file(setup, store)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as draft:
-        draft.write_text(json.dumps(asdict(plan)))
-    with suppress(OSError):  # another batch may remove them as well
-        kept = sorted(path.parent.glob("[!.]*.json"), key=lambda each: each.stat().st_mtime)
-        for old in kept[:-MAX_PLANS]:
-            old.unlink(missing_ok=True)
-
-
-def _plan_file(setup: Setup, store: Store) -> Path:
-    """File of a plan, named by a digest of study, scene, builds, sources, templates and tolerances."""
-    adapters = {file for name in setup.builds for file in _adapter_file(name)}
-    places = (paths.TEMPLATES, *(file.parent for file in adapters))
-    templates = {file for place in places for file in place.rglob("*.j2")}
-    content = digest_of_sources() + content_of((*adapters, *templates, paths.TOLERANCES))
-    key = f"{setup.study!r}\0{sorted(setup.builds.items())}\0{sorted(setup.readers.items())}\0{content}"
-    return store.folder / PLANS / f"{setup.study.name}-{_digest(key)[:16]}.json"
 
 
 def _adapter_file(engine: str) -> list[Path]:

@@ -18,14 +18,14 @@ from drivers.base.text_table import text_table
 from drivers.base.tolerances import tolerance
 from drivers.batch.job_array import JobScript, job_script, parts_for, submit, waiting_for
 from drivers.batch.store import WORK, Store, StudyRow
-from drivers.batch.study_cases import Request, Setup, StudyPlan, keep_plan, kept_plan, opened
+from drivers.batch.study_cases import Request, Setup, StudyPlan, opened
 from drivers.batch.study_rows import plan_side_by_side, run_all, run_rows, run_slice
 from drivers.run.execute import LOCAL, Place, check_dask, get_ready
 from drivers.run.workplaces import leased
 
 if TYPE_CHECKING:
     from drivers.chain.case import Case
-    from drivers.run.finished import EndedRun
+    from drivers.run.run_folder import EndedRun
 
 MAX_CASES = 20_000  # more need --yes
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
@@ -228,10 +228,7 @@ def _open(request: Request, workers: int, *, yes: bool) -> _Batch:
     study = setup.study
     if study.count > MAX_CASES and not yes:
         raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
-    plan = kept_plan(setup, store)
-    if plan is None:
-        plan = plan_side_by_side(setup, workers)
-        keep_plan(plan, setup, store)
+    plan = plan_side_by_side(setup, workers)
     store.refresh()
     if store.damaged:
         count = len(store.damaged)

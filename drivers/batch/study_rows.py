@@ -10,7 +10,17 @@ from tempfile import TemporaryFile, gettempdir
 from drivers.base.errors import RunError
 from drivers.base.progress import counted
 from drivers.batch.store import WORK, Outbox, Store, StudyRow
-from drivers.batch.study_cases import Facts, Request, Setup, StudyCase, StudyPlan, facts_of, opened, plan_of
+from drivers.batch.study_cases import (
+    Facts,
+    Request,
+    Setup,
+    StudyCase,
+    StudyPlan,
+    facts_of,
+    known_facts,
+    opened,
+    plan_of,
+)
 from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE
 from drivers.run.compute import Computed, compute
@@ -185,14 +195,21 @@ def _disk_has_room(folder: Path) -> None:
 
 
 def plan_side_by_side(setup: Setup, workers: int) -> StudyPlan:
-    """Plan of the whole study, by several workers if it is large; InputError if a case is wrong or refused."""
+    """Plan of the whole study, by several workers if it is large; InputError if a case is wrong or refused.
+
+    The facts of each part are kept when they are computed, so that planning continues after a kill.
+    """
     numbers = range(1, setup.study.count + 1)
-    if len(numbers) < MIN_PARALLEL_CASES or workers == 1:
-        return plan_of(setup, (facts_of(setup, number) for number in numbers))
     parts = [numbers[start : start + PLAN_CHUNK] for start in range(0, len(numbers), PLAN_CHUNK)]
-    under_way = execute(partial(_facts, setup.request), parts, Place(workers, processes=True))
     facts: dict[Sequence[int], list[Facts]] = {}
-    with counted("cases validated", len(numbers), "case") as count:
+    facts |= {part: found for part in parts if (found := known_facts(setup, part)) is not None}
+    left = [part for part in parts if part not in facts]
+    under_way: Iterator[tuple[Sequence[int], list[Facts]]]
+    if len(left) * PLAN_CHUNK < MIN_PARALLEL_CASES or workers == 1:
+        under_way = ((part, facts_of(setup, part)) for part in left)
+    else:
+        under_way = execute(partial(_facts, setup.request), left, Place(workers, processes=True))
+    with counted("cases validated", sum(map(len, left)), "case") as count:
         for part, found in under_way:
             facts[part] = found
             count(len(part))
@@ -200,5 +217,4 @@ def plan_side_by_side(setup: Setup, workers: int) -> StudyPlan:
 
 
 def _facts(request: Request, numbers: Sequence[int]) -> list[Facts]:
-    setup, _ = opened(request, whole=True)
-    return [facts_of(setup, number) for number in numbers]
+    return facts_of(opened(request, whole=True)[0], numbers)

@@ -1,14 +1,17 @@
 """Tables of a study: one row for each case and engine, and the costs of these rows."""
 
 from fnmatch import fnmatchcase
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from pyarrow.lib import ArrowException
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from drivers.base.files import whole_file
+from drivers.base.files import csv_of, read_sealed_file, sealed_file
+from drivers.base.progress import say
 from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Study
 from drivers.batch.study_cases import StudyPlan
@@ -66,7 +69,7 @@ def write_tables(study: Study, plan: StudyPlan, store: Store, results: Path) -> 
     results.mkdir(parents=True, exist_ok=True)
     made, written = tables(study, plan, store), []
     unfinished = not made[0]["status"].isin(FINISHED).all()
-    done, done_before = _rows_done(made[0]), _rows_done(_read_table(results / f"{study.name}.parquet"))
+    done, done_before = _rows_done(made[0]), _rows_done_before(results / f"{study.name}.parquet")
     if unfinished and done < done_before:
         place = paths.shown(results / f"{study.name}.csv")
         raise RunError(
@@ -74,23 +77,36 @@ def write_tables(study: Study, plan: StudyPlan, store: Store, results: Path) -> 
             "--results DIR writes another table"
         )
     for table, name in zip(made, (study.name, f"{study.name}-cost"), strict=True):
-        for ending, write in (("parquet", table.to_parquet), ("csv", table.to_csv)):
-            written.append(results / f"{name}.{ending}")
-            with whole_file(written[-1]) as draft:
-                write(draft, index=False)
+        written += [results / f"{name}.parquet", results / f"{name}.csv"]
+        with sealed_file(written[-2]) as draft:
+            table.to_parquet(draft, index=False)
+        with sealed_file(written[-1]) as draft:
+            draft.write_bytes(csv_of(table))
     return written
 
 
-def _read_table(path: Path) -> pd.DataFrame | None:
-    """Table of an earlier batch; None if it is missing or damaged."""
+def _read_table(path: Path, study: str | Path) -> pd.DataFrame:
+    """Table of a batch; raises as ``read_study_table``, and FileNotFoundError."""
+    allowed = f"the table that beads batch {study} writes"
     try:
-        return pd.read_parquet(path)
-    except (OSError, ValueError):
-        return None
+        return pd.read_parquet(BytesIO(read_sealed_file(path, allowed)))
+    except (ValueError, ArrowException) as error:
+        raise InputError(paths.shown(path), "", "a damaged table", allowed) from error
 
 
-def _rows_done(table: pd.DataFrame | None) -> int:
-    return 0 if table is None or "status" not in table else int((table["status"] == "done").sum())
+def _rows_done_before(path: Path) -> int:
+    """Rows done in the table of an earlier batch; 0 if it is missing or damaged."""
+    try:
+        return _rows_done(_read_table(path, path.stem))
+    except FileNotFoundError:
+        return 0
+    except InputError as error:
+        say(f"{error}: written again")
+        return 0
+
+
+def _rows_done(table: pd.DataFrame) -> int:
+    return int((table["status"] == "done").sum())
 
 
 def read_study_table(study: str | Path, results: str | Path | None = None) -> pd.DataFrame:
@@ -106,7 +122,7 @@ def read_study_table(study: str | Path, results: str | Path | None = None) -> pd
             does not show one.
 
     Raises:
-        InputError: There is no table; ``beads batch STUDY`` writes it.
+        InputError: There is no table, or it is damaged; ``beads batch STUDY`` writes it.
 
     Examples:
         >>> table = read_study_table("wall-material", results=tables)
@@ -115,9 +131,10 @@ def read_study_table(study: str | Path, results: str | Path | None = None) -> pd
         {'brass': 16.37, 'glass': 16.33, 'ptfe': 14.37, 'rigid': 16.4, 'steel': 16.39}
     """
     path = Path(results or paths.RESULTS) / f"{Path(study).name.removesuffix('.toml')}.parquet"
-    if not path.is_file():
-        raise InputError(paths.shown(path), "", f"table not found; run beads batch {study}")
-    return pd.read_parquet(path)
+    try:
+        return _read_table(path, study)
+    except FileNotFoundError:
+        raise InputError(paths.shown(path), "", f"table not found; run beads batch {study}") from None
 
 
 def _frame(columns: dict[str, list[Any]], free: set[str]) -> pd.DataFrame:

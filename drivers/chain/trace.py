@@ -1,11 +1,10 @@
 """Trace of a run: the output of every engine and the input of post-processing.
 
-This module defines the columns of ``forces.parquet`` and ``state.parquet``.
+This module defines the columns of its tables, of forces and of positions.
 """
 
 import hashlib
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,9 +16,6 @@ from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 if TYPE_CHECKING:
     import pandas as pd
 
-# options for values that rarely repeat: 30 % smaller and faster than the defaults
-COMPRESSED: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
-FORCES, STATE, SENSORS = "forces.parquet", "state.parquet", "sensors.csv"  # files of a run folder
 CONTACT, BORE, BORE_FRICTION = "contact_{}_N", "bore_{}_N", "bore_friction_N"
 BALANCES = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
 PLACES = ("body_{}_x_m", "body_{}_y_m", "body_{}_height_m")
@@ -202,8 +198,8 @@ def digest_of(trace: Trace) -> str:
     return digest.hexdigest()
 
 
-def write_forces(trace: Trace, path: Path) -> None:
-    """Write ``forces.parquet``: time, contact and bore forces, energies and momentum."""
+def forces_table(trace: Trace) -> "pd.DataFrame":
+    """Table of time, contact and bore forces, energies and momentum."""
     import pandas as pd
 
     columns = {"time_s": trace.time_s} | _numbered(CONTACT, trace.force_N)
@@ -212,14 +208,11 @@ def write_forces(trace: Trace, path: Path) -> None:
     if trace.sideways is not None:
         columns |= _numbered(BORE, trace.sideways.bore_N)
     columns |= {name: getattr(trace, name) for name in BALANCES}
-    pd.DataFrame(columns).to_parquet(path, index=False, **COMPRESSED)
+    return pd.DataFrame(columns)
 
 
-def read_forces(path: Path) -> Trace:
-    """Read ``forces.parquet``, without positions and velocities."""
-    import pandas as pd
-
-    table = pd.read_parquet(path)
+def trace_in(table: "pd.DataFrame") -> Trace:
+    """Trace of a table of forces, without positions and velocities; KeyError for a missing column."""
     contacts = [name for name in table.columns if name.startswith(CONTACT.split("{")[0])]
     friction = table[BORE_FRICTION].to_numpy(dtype=float) if BORE_FRICTION in table else None
     kinetic, total, momentum = (table[name].to_numpy(dtype=float) for name in BALANCES)
@@ -227,17 +220,14 @@ def read_forces(path: Path) -> Trace:
     return Trace(time, force, kinetic, total, momentum, bore_friction_N=friction)
 
 
-def read_bore_forces(path: Path, bodies: int) -> Array | None:
-    """Bore forces on each body from ``forces.parquet``, shape (samples, bodies); None if the file has none."""
-    import pandas as pd
-
-    table = pd.read_parquet(path)
+def bore_forces_in(table: "pd.DataFrame", bodies: int) -> Array | None:
+    """Bore forces on each body in a table of forces, shape (samples, bodies); None if it has none."""
     names = [BORE.format(j) for j in range(1, bodies + 1)]
     return _or_zero(table, names) if any(name in table for name in names) else None
 
 
-def write_state(trace: Trace, path: Path) -> None:
-    """Write ``state.parquet``: height and velocity of each body; for three-dimensional runs x, y and spin as well."""
+def state_table(trace: Trace) -> "pd.DataFrame":
+    """Table of height and velocity of each body; for three-dimensional runs x, y and spin as well."""
     import pandas as pd
 
     assert trace.height_m is not None
@@ -251,7 +241,7 @@ def write_state(trace: Trace, path: Path) -> None:
             columns |= _numbered(VELOCITIES[axis], side.velocity_m_s[..., axis])
         for axis, spin in enumerate(SPINS):
             columns |= _numbered(spin, side.spin_rad_s[..., axis])
-    pd.DataFrame(columns).to_parquet(path, index=False, **COMPRESSED)
+    return pd.DataFrame(columns)
 
 
 @dataclass(frozen=True)
@@ -269,15 +259,8 @@ class State:
     velocity_m_s: Array
 
 
-def read_state(path: Path, bodies: int) -> State:
-    """Read positions and velocities from ``state.parquet``.
-
-    Raises:
-        KeyError: a missing column.
-    """
-    import pandas as pd
-
-    table = pd.read_parquet(path)
+def state_in(table: "pd.DataFrame", bodies: int) -> State:
+    """Positions and velocities in a table written by ``state_table``; KeyError for a missing column."""
     names = {pattern: [pattern.format(j) for j in range(1, bodies + 1)] for pattern in (*PLACES, *VELOCITIES)}
     for needed in ("time_s", *names[PLACES[2]], *names[VELOCITIES[2]]):
         if needed not in table:

@@ -1,6 +1,5 @@
 """In-repo engines: they integrate cases in this process; by hand ``validation.reference`` runs the same deck."""
 
-import hashlib
 import json
 import threading
 import time
@@ -13,6 +12,7 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.decks import Deck
+from drivers.base.kept import content_of
 from drivers.chain.case import Case
 from drivers.chain.chain import tube_arrays_of
 from drivers.chain.schemes import trace_of
@@ -34,11 +34,9 @@ _loading = threading.Lock()
 
 def version(command: tuple[str, ...]) -> str:
     """Digest of the integrators' source, with versions of their libraries."""
-    digest = hashlib.sha256()
-    for source in sorted((paths.ROOT / "validation" / "reference").glob("*.py")):
-        digest.update(source.read_bytes())
+    digest = content_of((paths.ROOT / "validation" / "reference").glob("*.py"))  # runs survive all other changes
     libraries = " ".join(f"{name} {package_version(name)}" for name in ("numpy", "scipy", "numba"))
-    return f"source {digest.hexdigest()[:12]}, {libraries}"
+    return f"source {digest[:12]}, {libraries}"
 
 
 def _values(case: Case, method: str, timing: Values) -> Values:

@@ -12,7 +12,6 @@ from drivers.base.processes import UNKNOWN_VERSION
 from drivers.batch.store import WORK, Store
 from drivers.engines import load_engine
 from drivers.inventory.run_folders import (
-    FOLDER_NAME,
     UNREADABLE,
     KeptRun,
     batches_text,
@@ -22,8 +21,8 @@ from drivers.inventory.run_folders import (
     size_text,
 )
 from drivers.run.build import Build, build_of
-from drivers.run.finished import read_record
 from drivers.run.run import run_identity
+from drivers.run.run_folder import FOLDER_NAME, read_record
 from drivers.run.workplaces import leased, leftovers, workplace
 
 RECENT_S = 600.0  # a command may still read a run that is not older
@@ -52,7 +51,7 @@ def prune(
     homes = [] if scenes or settings else [runs / engine for engine in engines] or _homes(runs)
     left = [folder for home in homes for folder in leftovers(home)]
     left_bytes = sum(map(size_below, left))
-    reasons = _reasons(kept, runs)
+    reasons = _reasons(kept)
     groups: dict[str, list[KeptRun]] = {why: [] for why in (*REASONS_TO_REMOVE, *REASONS_TO_KEEP)}
     for run in select(kept, scenes, engines, settings):
         groups[reasons[run.folder]].append(run)
@@ -84,9 +83,9 @@ def _verb(why: str, dry_run: bool) -> str:
     return "kept" if why in REASONS_TO_KEEP else "would remove" if dry_run else "removed"
 
 
-def _reasons(kept: Sequence[KeptRun], runs: Path) -> dict[Path, str]:
+def _reasons(kept: Sequence[KeptRun]) -> dict[Path, str]:
     """Reason to remove or keep each run, a key of ``REASONS_TO_REMOVE`` or ``REASONS_TO_KEEP``."""
-    builds = {engine: _present_build(engine, runs / engine) for engine in {run.engine for run in kept}}
+    builds = {engine: _present_build(engine) for engine in {run.engine for run in kept}}
     reasons = {run.folder: _reason(run, builds[run.engine]) for run in kept}
     used = [run for run in kept if reasons[run.folder] == "used"]
     decks = {run.key: run.record.deck_sha256 for run in used if run.record}  # the newest is last
@@ -106,13 +105,13 @@ def _reason(run: KeptRun, build: Build | None) -> str:
     if build is None:
         return "absent"
     present = run_identity(run.engine, build, run.record.deck_sha256)
-    return "used" if run.folder.name.endswith(f"-{present}") else "build"
+    return "used" if run.record.identity == present else "build"
 
 
-def _present_build(engine: str, home: Path) -> Build | None:
+def _present_build(engine: str) -> Build | None:
     """Installed build of an engine; None if there is none or its version is unknown."""
     with suppress(InputError, RunError):
-        build = build_of(load_engine(engine), home)
+        build = build_of(load_engine(engine))
         return build if build.version != UNKNOWN_VERSION else None
     return None
 

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import sys
 import time
 from collections import Counter
@@ -20,13 +19,11 @@ from drivers.base.errors import InputError, one_line
 from drivers.base.text_table import text_table
 from drivers.base.units import to_si
 from drivers.batch.store import ENDING, WORK, Store
-from drivers.chain.trace import FORCES
-from drivers.run.finished import FILE, RunRecord, read_record
+from drivers.run.run_folder import FOLDER_NAME, FORCES, RECORD, RunRecord, read_record
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_scene, read_value, stored_scene
 from drivers.scene.settings import FREE_TEXT, look_up, setting_text, settings_between, unit_of
 
-FOLDER_NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-[0-9a-f]{12}(-failed)?")  # group 1: name of the scene
 NO_PHYSICS = (*FREE_TEXT, "title", "name")  # keys of a scene that change no number
 UNREADABLE = "a record that is damaged or of another version"
 RECORDED = "run.record"  # key of the files to be written, which changes no run
@@ -94,7 +91,7 @@ class KeptRun:
     def ended(self) -> float:
         """Time of the record, or of the newest file, in seconds of Unix time."""
         dates = {name: stat.st_mtime for name, stat in self.files.items()}
-        return dates.get(FILE, max(dates.values(), default=0.0))
+        return dates.get(RECORD, max(dates.values(), default=0.0))
 
 
 def _physics(part: Any) -> Any:
@@ -114,7 +111,7 @@ def kept_runs(runs: Path) -> list[KeptRun]:
 def _read(folder: Path) -> KeptRun:
     record = read_record(folder)
     try:
-        if record and all(isinstance(each, str) for each in (record.engine, record.scene_name, record.status)):
+        if record:
             return KeptRun(folder, record, _in_si(stored_scene(record.scene)))
     except (TypeError, ValueError, LookupError, AttributeError):  # not a complete scene
         pass
@@ -267,7 +264,7 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
 def batches_text(runs: Path) -> str:
     """Number and size of the rows of batches, as text; empty if there are none."""
     folder = Store(runs).folder
-    rows = sum(file.read_bytes().count(b"\n") for file in folder.glob(f"*{ENDING}"))
+    rows = sum(file.read_bytes().count(b"\n") for file in folder.glob(f"*{ENDING}") if file.is_file())
     size = size_text(size_below(folder) - size_below(folder / WORK))
     return f"{paths.shown(folder)}: {rows:,} rows of batches: {size}" if folder.is_dir() else ""
 

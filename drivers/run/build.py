@@ -9,20 +9,18 @@ import os
 import re
 import threading
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import which
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from drivers.base import paths
 from drivers.base.errors import RunError
-from drivers.base.files import home_of, readable, sha256_of, whole_file
+from drivers.base.files import home_of, readable, sha256_of
+from drivers.base.kept import keep, look_up
 from drivers.base.processes import UNKNOWN_VERSION
 from drivers.engines import Engine
 
-BUILD_FILE = ".build.json"  # in the folder of an engine's runs
 SCRIPT_BYTES = 100_000  # length of a script that is searched for names of files
 WRAPPER_BYTES = 4000  # in shorter scripts each word may be the name of a program
 WRITTEN = re.compile(r">+ *\S+")  # files that a script writes
@@ -54,8 +52,8 @@ class Build:
         return "\0".join((*words, self.version, self.sha256))
 
 
-def build_of(engine: Engine, home: Path | None = None) -> Build:
-    """Build that an engine starts; cached in the engine's ``home``, since finding the version starts the program.
+def build_of(engine: Engine) -> Build:
+    """Build that an engine starts; cached until its files change, since finding the version starts the program.
 
     Raises:
         RunError: the engine is not installed.
@@ -65,39 +63,35 @@ def build_of(engine: Engine, home: Path | None = None) -> Build:
         raise RunError(engine.absence)
     if engine.in_repository:  # its version contains the digest of its sources
         return Build(command, engine.version_of(command), "")
-    home = home or paths.RUNS / engine.name
-    note = home / BUILD_FILE
+    variables = sorted(({name: os.environ.get(name, "") for name in SEARCHED} | engine.environment).items())
+    key = ["build", engine.name, command, _digest(variables)]  # values may be secret
     with _probing:
-        try:
-            known = json.loads(note.read_text())
-            if known["key"] == _key(engine, command, known["key"]["files"]):
-                return Build(command, str(known["version"]), str(known["sha256"]))
-        except (OSError, ValueError, KeyError, TypeError):
-            pass
+        for known in look_up(key) or ():
+            if known["files"] == _dates(known["files"]):
+                return Build(command, known["version"], known["sha256"])
         with TemporaryDirectory() as folder:
             version = engine.version_of(command, LD_DEBUG="files", LD_DEBUG_OUTPUT=f"{folder}/loaded")
             loaded = "\n".join(file.read_text(errors="replace") for file in Path(folder).iterdir())
         adapter = [engine.entry.adapter] * engine.entry.adapter.endswith(".py")
         files = sorted(_files(engine, [*command, *adapter, *LOADED.findall(loaded)]))
         digests = sorted(sha256_of(file) for file in files)
-        content = json.dumps([*digests, sorted(engine.environment.items())])
-        build = Build(command, version, hashlib.sha256(content.encode()).hexdigest())
+        build = Build(command, version, _digest([*digests, sorted(engine.environment.items())]))
         if build.version != UNKNOWN_VERSION:  # else it is probed again the next time
-            cached = {"key": _key(engine, command, map(str, files)), "version": version, "sha256": build.sha256}
-            with suppress(OSError):  # not writable: probed again the next time
-                home.mkdir(parents=True, exist_ok=True)
-                with whole_file(note) as draft:
-                    draft.write_text(json.dumps(cached, indent=1))
+            keep(key, {"files": _dates(map(str, files)), "version": version, "sha256": build.sha256})
     return build
 
 
-def _key(engine: Engine, command: tuple[str, ...], files: Iterable[str]) -> dict[str, Any]:
-    """Key of the cached build: command, variables and files, as JSON values."""
-    stats = {file: Path(file).stat() for file in files}
-    changed = {file: [stat.st_size, stat.st_mtime_ns, stat.st_ino] for file, stat in stats.items()}
-    variables = sorted(({name: os.environ.get(name, "") for name in SEARCHED} | engine.environment).items())
-    digest = hashlib.sha256(json.dumps(variables).encode()).hexdigest()  # values may be secret
-    return {"command": [*command], "variables": digest, "files": changed}
+def _dates(files: Iterable[str]) -> dict[str, list[int]] | None:
+    """Size, date and place of each file; None if one is missing."""
+    try:
+        stats = {file: Path(file).stat() for file in files}
+    except OSError:
+        return None
+    return {file: [stat.st_size, stat.st_mtime_ns, stat.st_ino] for file, stat in stats.items()}
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value).encode()).hexdigest()
 
 
 def _files(engine: Engine, words: Iterable[str]) -> set[Path]:

@@ -6,23 +6,30 @@ import shutil
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
-from drivers.base.files import sha256_of
-from drivers.base.progress import following
+from drivers.base.progress import following, say
 from drivers.chain.case import Case
-from drivers.chain.trace import FORCES, SENSORS, STATE, write_forces, write_state
 from drivers.engines import Engine, load_engine
 from drivers.limits.refusal import refuse
 from drivers.run.build import Build, build_of
 from drivers.run.compute import Computed, compute
 from drivers.run.execute import execute
-from drivers.run.finished import NOT_ASSESSED, EndedRun, RunRecord, find_run, provenance, read_record
+from drivers.run.run_folder import (
+    NOT_ASSESSED,
+    EndedRun,
+    RunRecord,
+    damage_of,
+    find_run,
+    provenance,
+    read_record,
+    write_run,
+)
 from drivers.run.workplaces import workplace
 
 
@@ -37,8 +44,8 @@ def run_case(
 ) -> EndedRun:
     """Run a case, or find a finished run of it.
 
-    A failed run is tried again. The run folder appears under its name only when it is complete. A finished run of
-    another scene with the same deck is reused with a new record.
+    A failed or damaged run is tried again. The run folder appears under its name only when it is complete. A finished
+    run of another scene with the same deck is reused with a new record.
 
     Args:
         case: the case.
@@ -57,28 +64,27 @@ def run_case(
     identity = run_identity(engine_name, build, deck.sha256)
     layout = _description(case)["layout"]
     target = home / f"{case.scene.name}-{hashlib.sha256(repr(layout).encode()).hexdigest()[:6]}-{identity}"
-    found = find_run(home, identity, layout)
-    if found and not rerun and _is_complete(found, case):
-        return refresh_record(found, case, target)
+    keeps_state = "state" in case.scene.run.record
+    if not rerun:
+        found = find_run(home, identity, layout)
+        if found and found.is_complete(state=keeps_state):
+            return refresh_record(found, case, target)
+        for line in damage_of(home, identity):
+            say(f"{line}: run again")
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()
         alone = by_hand and not engine.in_repository
         ended = compute(case, engine_name, build=build, deck=deck, limit_s=limit_s, folder=folder, by_hand=alone)
         record = _record(case, engine, build, deck, ended)
-        if ended.trace is not None:
-            write_forces(ended.trace, folder / FORCES)
-            if "state" in case.scene.run.record:
-                write_state(ended.trace, folder / STATE)
-            record = replace(record, forces_sha256=sha256_of(folder / FORCES))
         for raw in (folder / name for name in deck.raw):
             if raw.is_dir():
                 shutil.rmtree(raw)
             else:
                 raw.unlink(missing_ok=True)
-        record.write(folder)
+        record = write_run(folder, record, ended.trace, state=keeps_state)
         faster = find_run(home, identity, layout)  # by another process
-        if faster and not rerun and _is_complete(faster, case):
+        if faster and not rerun and faster.is_complete(state=keeps_state):
             return refresh_record(faster, case, target)
         own = faster if faster and faster.record.layout == layout else None
         kept = own and own.done and record.status != "done"
@@ -153,18 +159,17 @@ def run_identity(engine_name: str, build: Build, deck_sha256: str) -> str:
 def refresh_record(found: EndedRun, case: Case, target: Path) -> EndedRun:
     """Give a run found for another scene with the same deck the record of this case, not yet assessed.
 
-    If the gauges differ, the run is copied to ``target``, since ``sensors.csv`` depends on them.
+    If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.
     """
     described = _description(case)
     if all(getattr(found.record, key) == value for key, value in described.items()):
         return found
-    record = replace(found.record, **described, **NOT_ASSESSED)
+    record = found.record.described(described)
     if found.record.layout == record.layout:
         record.write(found.folder)
         return EndedRun(found.folder, record)
     with workplace(target.parent) as place:
-        shutil.copytree(found.folder, place / "run", ignore=shutil.ignore_patterns(SENSORS))
-        record.write(place / "run")
+        found.copy_to(place / "run", record)
         _move_into_place(place / "run", target, None)
     return EndedRun(target, record)
 
@@ -182,15 +187,9 @@ def _description(case: Case) -> dict[str, Any]:
     return dict(json.loads(json.dumps(described)))
 
 
-def _is_complete(found: EndedRun, case: Case) -> bool:
-    """True if the run is done, its files exist and its forces are undamaged."""
-    wanted = [FORCES, STATE] if "state" in case.scene.run.record else [FORCES]
-    there = found.done and all((found.folder / name).exists() for name in wanted)
-    return there and sha256_of(found.folder / FORCES) == found.record.forces_sha256
-
-
 def _record(case: Case, engine: Engine, build: Build, deck: Deck, ended: Computed) -> RunRecord:
     return RunRecord(
+        identity=run_identity(engine.name, build, deck.sha256),
         engine=engine.name,
         engine_version=build.version,
         executable=" ".join(build.command),
@@ -204,7 +203,7 @@ def _record(case: Case, engine: Engine, build: Build, deck: Deck, ended: Compute
         cpu_s=round(ended.cpu_s, 4),
         loop_s=ended.loop_s,
         memory_bytes=ended.memory_bytes,
-        forces_sha256="",
+        files={},
         **NOT_ASSESSED,
         **_description(case),
         **provenance(),

@@ -7,9 +7,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
 
 from drivers.base import units
+from drivers.base.errors import CONTROL
 
 MAX_BEADS = 1_000_000
 RIGID = "rigid"
@@ -44,7 +45,16 @@ def _number_with_unit(value: object) -> object:
 
 NumberWithUnit = Annotated[str | float, BeforeValidator(_number_with_unit)]  # postproc converts it to SI units
 Fraction = Annotated[float, Field(ge=0, lt=1)]
-Text = Annotated[str, StringConstraints(min_length=1, max_length=1000)]
+
+
+def _plain_text(value: str) -> str:
+    if CONTROL.search(value):
+        raise units.NotAllowedError("text without control characters")
+    return value
+
+
+Title = Annotated[str, AfterValidator(_plain_text)]
+Text = Annotated[str, StringConstraints(min_length=1, max_length=1000), AfterValidator(_plain_text)]
 
 
 class Part(BaseModel):
@@ -211,7 +221,7 @@ class MeasuredEntry(Part):
 class SceneFile(Part):
     """Contents of a scene file."""
 
-    title: str = ""
+    title: Title = ""
     gravity: units.Acceleration = 0.0
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     chain: ChainTable

@@ -11,12 +11,11 @@ import pandas as pd
 
 from drivers.base.files import whole_file
 from drivers.chain.chain import Array
-from drivers.chain.trace import STATE
-from drivers.run.finished import EndedRun
+from drivers.run.run_folder import EndedRun
 from postproc.draw.product import GAMMA, OPEN_SHARE, Product
 from postproc.draw.scene_drawing import WALL, flat_size
 from postproc.draw.style import GREY, MICRO, finish_bar, force_colours, pyplot
-from postproc.read.motion import chain_of, read_motion, spread
+from postproc.read.motion import chain_of, spread
 from postproc.read.sensors import mean_forces
 
 FRAMES, GIF_FRAMES = 12, 80
@@ -62,8 +61,8 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     chosen = spread(len(run.trace.time_s), frames)
     place = np.zeros((len(chosen), chain.bodies, 2))
     place[..., 1], notes = chain.height_m, ["positions of time 0: the run kept no others"]
-    if (run.folder / STATE).is_file():
-        where = read_motion(run).place_m[chosen]
+    if run.has_state:
+        where = run.state.place_m[chosen]
         place, notes = np.stack([sideways * where[..., 0], where[..., 2]], axis=-1), []
     if sideways != 1:
         notes.append(f"sideways displacements {sideways:g} times as large")

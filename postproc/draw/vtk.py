@@ -9,9 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.chain.trace import FORCES, read_bore_forces
-from drivers.run.finished import EndedRun
-from postproc.read.motion import chain_of, read_motion, spread
+from drivers.run.run_folder import EndedRun
+from postproc.read.motion import chain_of, spread
 from postproc.read.sensors import mean_forces
 from validation.reference.hertz_chain import Array
 
@@ -37,7 +36,7 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
         InputError: The run kept no positions; an earlier series stays.
     """
     scene, chain = chain_of(run)
-    motion, pressed = read_motion(run), read_bore_forces(run.folder / FORCES, run.record.bodies)
+    motion, pressed = run.state, run.bore_forces()
     chosen = spread(len(motion.time_s), frames)
     place, flat = motion.place_m[chosen], np.isinf(chain.radius_m)  # shape (frames, bodies, 3)
     radius = np.where(flat, scene.chain.diameter / 2, chain.radius_m)

@@ -7,15 +7,14 @@ from math import nan
 from pathlib import Path
 
 from drivers.base.errors import InputError
-from drivers.base.files import whole_file
 from drivers.chain.case import Case, build_case
 from drivers.chain.schemes import exact_of
-from drivers.chain.trace import SENSORS, Trace
+from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, installed_codes
 from drivers.run.run import run_all_done
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import observe
-from postproc.read.sensors import write_sensors
+from postproc.read.sensors import signals_csv
 
 UNTIL_REFLECTED = "run.duration=0.9 ms"  # until the reflected wave has passed, in Figs. 4 and 6
 TOLERANCE = 1e-11  # of the largest change: far below the truncation error of any code's run
@@ -60,7 +59,7 @@ def exact(case: Case, tolerance: float = TOLERANCE) -> Simulation:
 
 
 def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path) -> dict[str, list[Simulation]]:
-    """Simulations by code, run in parallel; ``sensors.csv`` is written into each run folder.
+    """Simulations by code, run in parallel; the gauge signals are written into each run folder.
 
     Raises:
         InputError: A case is refused on its code; nothing runs.
@@ -69,9 +68,8 @@ def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path) -> dict[str, list
     jobs = [(case, code) for code in cases for case in cases[code]]
     found: dict[str, list[Simulation]] = {code: [] for code in cases}
     for (case, code), ended in zip(jobs, run_all_done(jobs, runs), strict=True):
-        if not (ended.folder / SENSORS).exists():
-            with whole_file(ended.folder / SENSORS) as draft:
-                write_sensors(ended.layout, ended.trace, draft)
+        if not ended.has_sensors:
+            ended.with_sensors(signals_csv(ended.layout, ended.trace))
         found[code].append(Simulation(case, code, ended.trace, ended.record.loop_s or nan))
     return found
 

@@ -2,8 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from drivers.chain.trace import FORCES
-from drivers.run.finished import EndedRun
+from drivers.run.run_folder import EndedRun
 from postproc.read import observables
 from postproc.read.sensors import sensor_table
 
@@ -64,7 +63,7 @@ def errors(run: EndedRun) -> "pd.DataFrame":
 
 
 def forces(run: EndedRun) -> "pd.DataFrame":
-    """Contact forces, energies and momentum of a run against time: the columns of ``forces.parquet``.
+    """Contact forces, energies and momentum of a run against time: the columns of its file.
 
     Args:
         run: A run from ``drivers.run_scene`` or ``drivers.open_run``.
@@ -82,12 +81,12 @@ def forces(run: EndedRun) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    time_s = pd.Index(run.trace.time_s, name="time_s")  # a damaged file is an input error here
-    return pd.read_parquet(run.folder / FORCES).drop(columns="time_s").set_index(time_s)
+    time_s = pd.Index(run.trace.time_s, name="time_s")
+    return run.forces_table().drop(columns="time_s").set_index(time_s)
 
 
 def gauges(run: EndedRun) -> "pd.DataFrame":
-    """Forces that the gauges of a run show against time: the columns of ``sensors.csv``.
+    """Forces that the gauges of a run show against time.
 
     Args:
         run: A run from ``drivers.run_scene`` or ``drivers.open_run``.

@@ -15,12 +15,12 @@ Here u is the polynomial through six samples around the interval, as for peaks a
 error is of order (h/w)^6.
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from drivers.base.files import csv_of
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
@@ -100,9 +100,9 @@ def sensor_table(layout: Layout, trace: Trace) -> "pd.DataFrame":
     return pd.DataFrame(columns, index=pd.Index(trace.time_s, name="time_s"))
 
 
-def write_sensors(layout: Layout, trace: Trace, path: Path) -> None:
-    """Writes ``sensors.csv`` in full precision."""
-    sensor_table(layout, trace).to_csv(path)
+def signals_csv(layout: Layout, trace: Trace) -> bytes:
+    """Gauge signals as CSV, in full precision."""
+    return csv_of(sensor_table(layout, trace), index=True)
 
 
 def high_passed(time_s: Array, signal: Array, time_constant_s: float) -> Array:

@@ -1,30 +1,22 @@
 """Assessment of a run: gauge signals, error budget, accuracy reached, and warnings."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
-from drivers.base.files import whole_file
 from drivers.chain.case import Case
-from drivers.chain.trace import SENSORS
-from drivers.run.finished import EndedRun
+from drivers.run.run_folder import EndedRun
 
 
 def assess(ended: EndedRun, case: Case) -> EndedRun:
-    """Measure the errors of a run and write ``sensors.csv`` and the record, unless both are complete already.
+    """Measure the errors of a run and write its gauge signals and the record, unless both are complete already.
 
     A run reused for another scene of the same physics is assessed again. A failed run is returned unchanged.
     """
-    record, sensors = ended.record, ended.folder / SENSORS
-    if not ended.done or (record.error_budget is not None and sensors.exists()):
+    if not ended.done or (ended.record.error_budget is not None and ended.has_sensors):
         return ended
-    from postproc.read.sensors import write_sensors
+    from postproc.read.sensors import signals_csv
 
-    with whole_file(sensors) as draft:
-        write_sensors(case.layout, ended.trace, draft)
-    record = replace(record, **_errors(case, ended))
-    record.write(ended.folder)
-    return replace(ended, record=record)
+    return ended.with_sensors(signals_csv(case.layout, ended.trace), **_errors(case, ended))
 
 
 def _errors(case: Case, ended: EndedRun) -> dict[str, Any]:

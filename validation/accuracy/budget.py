@@ -35,7 +35,7 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, energy_error_J, until
 from drivers.engines import EXACT, load_engine
 from drivers.limits.refusal import FORCE
-from drivers.run.finished import EndedRun
+from drivers.run.run_folder import EndedRun
 from postproc.read.observables import of_kind, scale_of
 from postproc.read.residual import is_at_rest, share_of_change, static_load_remark
 from validation.accuracy.exact_motion import errors_of, exact_motion_of, quantities
@@ -86,7 +86,7 @@ def kept_budget(case: Case, run: EndedRun) -> Budget:
     """Budget of a finished run, from the cache or computed and stored there; checks have the scene's name."""
     record, engine = run.record, load_engine(run.record.engine)
     scenes = [each.scene.model_dump(mode="json") for each in (case, case.full) if each]
-    depends_on = ["budget", scenes, engine.name, engine.scheme, engine.shear, record.build_sha256, record.forces_sha256]
+    depends_on = ["budget", scenes, engine.name, engine.scheme, engine.shear, record.build_sha256, run.forces_sha256]
     stored = kept(depends_on, lambda: asdict(budget_of(case, engine.name, run.trace)))
     checks = [Check(**check | {"scene": case.scene.name}) for check in stored["checks"]]
     return Budget(**stored | {"checks": checks})

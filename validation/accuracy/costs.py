@@ -1,22 +1,19 @@
 """Cost of a run by engine, from ``inputs/costs.toml`` or measured once for each build."""
 
-import json
-import sys
 import tomllib
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 
 from drivers.base import paths
 from drivers.base.errors import RunError
-from drivers.base.files import whole_file
+from drivers.base.kept import keep, look_up
+from drivers.base.progress import say
 from drivers.chain.case import Case, build_case
 from drivers.engines import EXACT, Engine, load_engine
 from drivers.run.build import Build, build_of
 from drivers.run.compute import compute
 from drivers.scene.read_scene import read_scene
 
-NOTE = ".cost.json"
 MEASURED_ON = ("fig4", "run.duration=0.2 ms", "run.time_step=0.1 us")  # 2000 steps of 22 bodies
 LOOP_S, MAX_FACTOR = 0.2, 50  # the longer run has up to MAX_FACTOR times the steps, so that its loop takes LOOP_S
 REPEATS = 3
@@ -55,7 +52,7 @@ def cost_on(name: str) -> Cost:
     of_code = command is None or len(command) == 1  # the start-up time of a launcher is not known
     listed = known.get(name) or (known.get(engine.entry.adapter) if of_code else None)
     if listed is None and command is not None:
-        listed = _measured(name, build_of(engine, paths.RUNS / name))
+        listed = _measured(name, build_of(engine))
     return listed or max(known.values(), key=lambda cost: cost.step_ns)
 
 
@@ -66,33 +63,29 @@ def _known() -> dict[str, Cost]:
 
 @cache
 def _measured(name: str, build: Build) -> Cost | None:
-    """Measured cost of a build, cached next to its runs; None if a run fails."""
-    note = paths.RUNS / name / NOTE
-    try:
-        noted = json.loads(note.read_text())
-        if noted.pop("build") == build.identity:
-            return Cost(**noted)
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
-        pass
+    """Measured cost of a build, from the cache if it is known; None if a run fails."""
+    for known in look_up(_key(name, build)) or ():
+        return Cost(**known)
     try:
         cost = measured_cost(load_engine(name))
     except RunError as error:
-        print(f"{name}: the cost could not be measured: {error}", file=sys.stderr)
+        say(f"{name}: the cost could not be measured: {error}")
         return None
-    where = f"no entry in {paths.shown(paths.COSTS)}; cost measured and cached in {paths.shown(note)}"
-    print(f"{name}: {where}: {', '.join(entry_of(name, cost)[1:])}", file=sys.stderr)
+    where = f"no entry in {paths.shown(paths.COSTS)}; cost measured and cached"
+    say(f"{name}: {where}: {', '.join(entry_of(name, cost)[1:])}")
     return cost
 
 
 def measured_cost(engine: Engine) -> Cost:
-    """Measure the cost of an engine's build, and cache it next to its runs for ``cost_on``; RunError if a run fails."""
-    build = build_of(engine, paths.RUNS / engine.name)
-    cost, note = measure(engine, build), paths.RUNS / engine.name / NOTE
-    with suppress(OSError):  # the folder is read-only: measured again next time
-        note.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(note) as draft:
-            draft.write_text(json.dumps({"build": build.identity, **asdict(cost)}))
+    """Measure the cost of an engine's build, and keep it for ``cost_on``; RunError if a run fails."""
+    build = build_of(engine)
+    cost = measure(engine, build)
+    keep(_key(engine.name, build), asdict(cost))
     return cost
+
+
+def _key(name: str, build: Build) -> list[str]:
+    return ["cost", name, build.identity]
 
 
 def measure(engine: Engine, build: Build) -> Cost:

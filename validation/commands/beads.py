@@ -14,7 +14,7 @@ from typing import NoReturn
 import click
 
 from drivers.base import paths
-from drivers.base.errors import InputError, RunError, one_line
+from drivers.base.errors import InputError, RunError, one_line, printable
 from drivers.base.files import home_of
 from validation.commands import (
     batch_commands,
@@ -141,6 +141,9 @@ def run_main(main: Callable[[], int]) -> NoReturn:
         signal.signal(request, signal.default_int_handler)
     if not any(os.access(place, os.W_OK) for place in (paths.ROOT, home_of("~"))):  # numba writes compiled code there
         os.environ.setdefault("NUMBA_CACHE_DIR", gettempdir())
+    if sys.stdout is not None:
+        write = sys.stdout.write
+        setattr(sys.stdout, "write", lambda text: write(printable(text)))  # noqa: B010 - mypy refuses an assignment
     try:
         code = main()
         if sys.stdout is not None:

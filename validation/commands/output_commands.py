@@ -13,7 +13,7 @@ from validation.commands import options
 from validation.commands.options import command, must_be_folder
 
 if TYPE_CHECKING:
-    from drivers.run.finished import EndedRun
+    from drivers.run.run_folder import EndedRun
     from drivers.scene.model import Scene
 
 
@@ -128,7 +128,7 @@ def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
 def _open(what: str, run: str, runs: Path) -> tuple["EndedRun", str, str]:
     """A run, a name for the files that a command makes from it, and a title."""
     from drivers.inventory.run_folders import run_folder
-    from drivers.run.finished import open_run
+    from drivers.run.run_folder import open_run
 
     opened = open_run(run_folder(run, runs))
     name = f"{what}-{opened.record.engine}-{opened.folder.resolve().name}"

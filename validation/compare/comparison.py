@@ -10,8 +10,8 @@ from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import in_order, load_engine
 from drivers.limits.refusal import inability
-from drivers.run.finished import EndedRun
 from drivers.run.run import refuse_all, run_many
+from drivers.run.run_folder import EndedRun
 from validation.accuracy.assess import assess
 from validation.accuracy.budget import first_departure, kept_budget
 from validation.accuracy.motions import motions_of

@@ -15,8 +15,8 @@ from drivers.chain.chain import Array, stiffness_by
 from drivers.chain.contact_law import hertz_stiffness
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, load_engine
-from drivers.run.finished import EndedRun
 from drivers.run.run import run_case
+from drivers.run.run_folder import EndedRun
 from drivers.scene.model import RIGID, Material
 from drivers.scene.read_scene import read_toml
 from postproc.read.motion import trace_with_state

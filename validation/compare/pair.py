@@ -15,17 +15,16 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import sha256_of
 from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.batch.store import ENDING
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.elements import choose_elements
-from drivers.chain.trace import FORCES, Trace, part_of, until
+from drivers.chain.trace import Trace, part_of, until
 from drivers.engines import EXACT, load_engine
 from drivers.limits.refusal import FORCE
-from drivers.run.finished import FILE, EndedRun, open_run
+from drivers.run.run_folder import EndedRun, is_run, open_run
 from drivers.scene.settings import differences, setting_text
 from postproc.read.error_bounds import bounds_on_observables
 from postproc.read.motion import chain_of
@@ -112,14 +111,14 @@ def open_pair(first: Path, second: Path) -> tuple[PairedRun, PairedRun]:
 
 
 def _open(folder: Path) -> EndedRun:
-    if not (folder / FILE).exists():
+    if not is_run(folder):
         if next(folder.glob(f"*{ENDING}"), None) or next(folder.glob(f"batch/*{ENDING}"), None):
             lay_out = "run folders (beads show STUDY CASE lays a case out as one)"
             raise InputError(paths.shown(folder), "", "the store of a batch", lay_out)
-        if next(folder.glob(f"*/{FILE}"), None):
+        if any(map(is_run, folder.glob("*/"))):
             raise InputError(paths.shown(folder), "", "a folder of runs", "one of the run folders in it")
     run = open_run(folder)
-    load_engine(run.record.engine, paths.shown(folder / FILE), "engine")
+    load_engine(run.record.engine, paths.shown(folder), "engine")
     return run
 
 
@@ -307,8 +306,6 @@ def _budgets(*both: tuple[str, PairedRun]) -> Iterator[str]:
     for name, each in both:
         for warning in each.run.record.warnings or ():
             yield f"{name:<7} warning: {warning}"
-        if sha256_of(each.run.folder / FORCES) != each.run.record.forces_sha256:
-            yield f"{name:<7} warning: the forces have changed since the record was written"
 
 
 def different_keys(one: dict[str, Any], other: dict[str, Any]) -> list[str]:

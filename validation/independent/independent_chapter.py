@@ -15,8 +15,8 @@ from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, engine_names, in_order, load_engine
 from drivers.limits.refusal import inability
-from drivers.run.finished import EndedRun
 from drivers.run.run import refuse_all, run_many
+from drivers.run.run_folder import EndedRun
 from postproc.paper.simulate import exact
 from postproc.read.motion import trace_with_state
 from validation.chapters import Chapter, Options, Tables, rows_in

@@ -13,11 +13,12 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-import pandas as pd
 from markupsafe import Markup, escape
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.base.files import read_sealed_file, table_in
+from drivers.base.progress import say
 from postproc.draw.product import SPACETIME
 from postproc.draw.style import svg_of
 from postproc.figures import captions
@@ -62,22 +63,23 @@ def read_image(path: Path) -> Image | None:
     Raises:
         InputError: the file is not an SVG figure.
     """
+    allowed = "an SVG as make figures or a study writes it"
     try:
-        return image_of(path.read_text())
+        return image_of(read_sealed_file(path, allowed).decode())
     except FileNotFoundError:
         return None
-    except (ValueError, OSError) as error:
-        found = f"a damaged figure ({error})"
-        raise InputError(paths.shown(path), "", found, "an SVG written by make figures or a study") from error
+    except ValueError as error:
+        raise InputError(paths.shown(path), "", f"a damaged figure ({error})", allowed) from error
 
 
 def stored_or_drawn(path: Path, table: Path, draw: Callable[[], Any]) -> Image:
-    """Stored figure of a table, or a newly drawn figure if none is as new as the table.
-
-    Raises:
-        InputError: the stored file is not an SVG figure.
-    """
-    stored = read_image(path) if path.exists() and path.stat().st_mtime >= table.stat().st_mtime else None
+    """Stored figure of a table, or a newly drawn figure if it is damaged or none is as new as the table."""
+    stored = None
+    if path.exists() and path.stat().st_mtime >= table.stat().st_mtime:
+        try:
+            stored = read_image(path)
+        except InputError as error:
+            say(f"{error}: drawn again")
     return stored or image_of(svg_of(draw()))
 
 
@@ -124,7 +126,7 @@ def read_scores(results: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        table = pd.read_csv(path)
+        table = table_in(read_sealed_file(path, f"the table that make {SCORED} writes"))
         table = table[table["source"] == "score"]
         forces = [f"{force:g}" for force in table["force_N"].unique()]
         rows = []
@@ -149,7 +151,8 @@ def read_table1(results: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        rows = [printed(row) for row in pd.read_csv(path).to_dict("records")]
+        content = read_sealed_file(path, "the table that make table1 writes")
+        rows = [printed(row) for row in table_in(content).to_dict("records")]
     except (ValueError, KeyError, TypeError) as error:  # errors of pandas are ValueErrors
         raise InputError(paths.shown(path), "", "a damaged table", "the table that make table1 writes") from error
     caption = captions()["table1"]

@@ -21,7 +21,7 @@ from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, in_order, load_engine
 from drivers.engines._entries import engines_again
 from drivers.limits.refusal import FORCE
-from drivers.run.finished import EndedRun
+from drivers.run.run_folder import EndedRun
 from drivers.scene.model import Scene
 from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces, failed_label
 from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows

@@ -109,7 +109,14 @@ def report(
 def _made(name: str, results: Path) -> bool:
     """True if a chapter is up to date; an existing table counts for a chapter with a short form."""
     chapter = load_chapter(name)
-    return up_to_date(chapter, results) if name in NO_SHORT_FORM else (results / f"{chapter.main_table}.csv").exists()
+    if not (results / f"{chapter.main_table}.csv").exists():
+        return False
+    try:
+        chapter.read(results)
+    except InputError as error:
+        say(str(error))
+        return False
+    return name not in NO_SHORT_FORM or up_to_date(chapter, results)
 
 
 def _failed(name: str, results: Path) -> Sequence[Check]:

@@ -9,7 +9,7 @@ from drivers.base.paths import ROOT
 from drivers.batch.study_commands import STATES
 from drivers.engines import engine_names
 from drivers.engines._entries import _Entry
-from drivers.run.finished import RunRecord
+from drivers.run.run_folder import RunRecord
 from validation.commands.beads import BEADS
 from validation.tests.helpers.readme import command_lines, parse
 

@@ -27,7 +27,7 @@ def candidate(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     if request.param not in STAND_INS:
         need(request.param)
     engine, folder = STAND_INS.get(request.param) or load_engine(request.param), tmp_path_factory.mktemp("engine")
-    build = build_of(engine, folder / "build")
+    build = build_of(engine)
     runs = Path(folder, "runs")
     runs.mkdir()
     with closing(Session(engine, build.command, folder / "session")) as session:

@@ -1,18 +1,22 @@
 """Runs for tests: finished, failed, blown up."""
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from drivers.base.files import read_sealed, sha256_of, write_sealed
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine
 from drivers.limits.refusal import refuse
-from drivers.run.finished import EndedRun, read_record
 from drivers.run.run import run_case
+from drivers.run.run_folder import FORCES, RECORD, EndedRun, read_record
 from validation.accuracy.assess import assess
 from validation.accuracy.budget import budget_of
 from validation.checks import Check
@@ -54,6 +58,27 @@ def assessed(case: Case, engine: str, runs: Path) -> EndedRun:
     """Assessed run of a case; InputError if the case is refused."""
     refuse(case, engine)
     return assess(run_case(case, engine, runs), case)
+
+
+def edit_record(folder: Path, **changes: Any) -> None:
+    """Change keys of a record, which is sealed again; None removes a key."""
+    record = read_sealed(folder / RECORD, "") | changes
+    gone = {key for key, value in changes.items() if value is None}
+    write_sealed(folder / RECORD, {key: value for key, value in record.items() if key not in gone})
+
+
+def edit_table(folder: Path, change: Callable[[pd.DataFrame], pd.DataFrame], name: str = FORCES) -> None:
+    """Change a table of a run, whose record is sealed again."""
+    change(pd.read_parquet(folder / name)).to_parquet(folder / name)
+    files = read_sealed(folder / RECORD, "")["files"]
+    edit_record(folder, files=files | {name: sha256_of(folder / name)})
+
+
+def add_force(table: pd.DataFrame, sample: int, contact: int, force_N: float) -> pd.DataFrame:
+    """Table of forces with a change of a single force."""
+    force = table[f"contact_{contact}_N"].to_numpy(copy=True)
+    force[sample] += force_N
+    return table.assign(**{f"contact_{contact}_N": force})
 
 
 def checks_of(case: Case, runs: dict[str, EndedRun], absent: dict[str, str]) -> list[Check]:

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.base import paths
 from drivers.batch.study_table import COSTS
-from drivers.chain.trace import FORCES, SENSORS, STATE
+from drivers.run.run_folder import FORCES, SENSORS, STATE
 from postproc.draw.overlay import misfit_table
 from postproc.draw.style import pyplot
 from postproc.read.observables import OBSERVABLES

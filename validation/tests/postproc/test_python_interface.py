@@ -12,7 +12,7 @@ import drivers
 import postproc
 import validation
 from drivers.base.errors import InputError, RunError
-from drivers.run.finished import EndedRun
+from drivers.run.run_folder import EndedRun
 from validation.tests.helpers.commands import beads
 
 PACKAGES = (drivers, postproc, validation)

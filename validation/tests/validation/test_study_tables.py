@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base.errors import InputError
+from drivers.base.files import sealed_file
 from validation.chapters import frame_of, read_table, rows_in, write_table
 
 
@@ -74,7 +75,8 @@ def test_each_engine_has_a_column(tmp_path: Path) -> None:
     ],
 )
 def test_a_damaged_table_is_named_with_the_target_that_writes_it(tmp_path: Path, content: bytes, found: str) -> None:
-    (tmp_path / "t.csv").write_bytes(content)
+    with sealed_file(tmp_path / "t.csv") as draft:  # by another version
+        draft.write_bytes(content)
     with pytest.raises(InputError, match=f"t.csv: .*{found}.*; make trade writes it again$"):
         rows_in(read_table(tmp_path / "t.csv", Measured, "trade"), Measured)
 

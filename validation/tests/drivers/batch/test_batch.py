@@ -8,17 +8,20 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from drivers.base import paths
 from drivers.batch.store import Store
+from drivers.batch.study_cases import Request, Setup, StudyCase, opened
+from drivers.batch.study_rows import plan_side_by_side
 from drivers.engines import installed
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
 from validation.tests.helpers.commands import BEADS, beads, beads_process
 from validation.tests.helpers.runs import need
-from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StudyWriter, case_of
+from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StandIn, StudyWriter, case_of
 
 ENGINES = ("reference", "verlet", "liggghts", "yade")
 
@@ -225,7 +228,7 @@ def test_a_missing_engine_is_a_failure_and_the_others_run(study_file: StudyWrite
 
 @pytest.mark.long
 def test_rows_of_a_changed_deck_build_or_source_are_stale(
-    study_file: StudyWriter, scene_file: SceneWriter, tmp_path: Path
+    study_file: StudyWriter, scene_file: SceneWriter, stand_in: StandIn, tmp_path: Path
 ) -> None:
     need("yade")
     checkout = tmp_path / "checkout"  # a copy, to change a template in
@@ -248,8 +251,7 @@ def test_rows_of_a_changed_deck_build_or_source_are_stale(
     assert asked("status") == "verlet  2 done\nyade    2 stale\n"
     asked("batch", "--results", tmp_path / "results")
     assert asked("status") == "verlet  2 done\nyade    2 done\n"
-    note = runs / "yade" / ".build.json"
-    note.write_text(note.read_text().replace('"version": "', '"version": "1'))
+    stand_in("yade", f'exec {shutil.which("yade")} "$@"\n')  # another build
     assert asked("status") == "verlet  2 done\nyade    2 stale\n"
     source = checkout / "postproc" / "read" / "signals.py"
     source.write_text(source.read_text() + "# another line\n")
@@ -355,3 +357,28 @@ def test_status_lists_cases(study_file: StudyWriter, tmp_path: Path) -> None:
         "2: striker.speed=2.0 m/s: verlet done",
         "verlet  1 done, 1 to do",
     ]
+
+
+def test_planning_survives_a_kill(study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The facts of finished parts are kept, and not computed again."""
+    path, planned = study_file(SPEEDS.format(60), "verlet"), list[int]()
+    request = Request(path, tmp_path / "runs", lambda case: case, lambda *_: {}, lambda *_: np.zeros(1))
+    setup, _ = opened(request, whole=True)
+    case_of_number = Setup.case
+
+    def case(self: Setup, number: int) -> StudyCase:
+        if number == 40 and not planned.count(40):
+            planned.append(40)
+            raise KeyboardInterrupt
+        planned.append(number)
+        return case_of_number(self, number)
+
+    monkeypatch.setattr(Setup, "case", case)
+    with pytest.raises(KeyboardInterrupt):
+        plan_side_by_side(setup, 1)
+    assert planned == [*range(1, 41)]
+    planned[:] = [40]
+    plan = plan_side_by_side(setup, 1)
+    assert planned == [40, *range(26, 61)]
+    assert plan_side_by_side(setup, 1) == plan
+    assert len(planned) == 36

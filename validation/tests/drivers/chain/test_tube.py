@@ -15,8 +15,8 @@ from drivers.chain.case import Case
 from drivers.chain.chain import AT_REST, Array
 from drivers.chain.contact_law import conformity, hertz_stiffness
 from drivers.chain.lateral_start import find_rest, with_lateral
-from drivers.run.finished import EndedRun
 from drivers.run.run import run_case
+from drivers.run.run_folder import EndedRun
 from postproc.draw.film import film_of, sheet
 from postproc.draw.product import write_product
 from postproc.draw.scene_drawing import draw_scene

@@ -1,10 +1,10 @@
 """Tests of ``drivers runs --prune``: runs that no command would use again are removed, and no others."""
 
-import json
 import os
 import shutil
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,9 +14,10 @@ from drivers.inventory import prune as module
 from drivers.inventory.prune import prune
 from drivers.inventory.run_folders import KeptRun, kept_runs
 from drivers.run.build import build_of
-from drivers.run.finished import FILE, read_record
 from drivers.run.run import run_case, run_identity
+from drivers.run.run_folder import FORCES, RECORD, record_of
 from drivers.run.workplaces import ABANDONED_S, ALIVE, LEASE, _machine, leased, workplace
+from validation.tests.helpers.runs import edit_record
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
 
 DAY_S = 86400.0
@@ -28,7 +29,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("ran")
     scene = home / "small.toml"
     scene.write_text(BASE.format(count=3, chain="", striker=STRIKER, wall=WALL, duration="20 us", step="0.1 us"))
-    for engine, limit_s, *settings in ((VERLET, 60.0), (REFERENCE, 60.0), (VERLET, 0.01, "chain.count=4")):
+    for engine, limit_s, *settings in ((VERLET, 60.0), (REFERENCE, 60.0), (VERLET, 1e-6, "chain.count=4")):
         assert run_case(case_of(scene, *settings), engine, home / "runs", limit_s=limit_s).done is (limit_s > 1)
     return home
 
@@ -58,8 +59,7 @@ def done(runs: Path, engine: str) -> Path:
 def copied(folder: Path, name: str, **changes: object) -> Path:
     """A copy of a run in the same folder, with another record."""
     other = shutil.copytree(folder, folder.with_name(name))
-    record = json.loads((other / FILE).read_text())
-    (other / FILE).write_text(json.dumps(record | changes))
+    edit_record(other, **changes)
     made_yesterday(other.parent)
     return other
 
@@ -96,8 +96,8 @@ def test_a_dry_run_names_what_would_go(runs: Path, capsys: pytest.CaptureFixture
 
 def test_what_is_damaged_or_lacks_its_forces_goes(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first, second = done(runs, VERLET), done(runs, REFERENCE)
-    (first / FILE).write_text("{")
-    (second / "forces.parquet").unlink()
+    (first / RECORD).write_text("{")
+    (second / FORCES).unlink()
     made_yesterday(runs)
     lines = pruned(capsys, runs)
     assert folders(runs) == set()
@@ -107,7 +107,8 @@ def test_what_is_damaged_or_lacks_its_forces_goes(runs: Path, capsys: pytest.Cap
 
 def test_runs_of_another_build_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = done(runs, VERLET)
-    run.rename(run.with_name(f"{run.name[:-12]}{'0' * 12}"))
+    copied(run, f"{run.name[:-12]}{'0' * 12}", identity="0" * 12)
+    shutil.rmtree(run)
     lines = pruned(capsys, runs, engines=(VERLET,))
     assert [name.split("/")[0] for name in folders(runs)] == [REFERENCE]
     assert "run by another build" in lines[1]
@@ -115,9 +116,9 @@ def test_runs_of_another_build_go(runs: Path, capsys: pytest.CaptureFixture[str]
 
 def test_older_runs_of_a_former_deck_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run, former = done(runs, VERLET), "f" * 64
-    identity = run_identity(VERLET, build_of(load_engine(VERLET), runs / VERLET), former)
-    older = copied(run, f"{run.name[:-12]}{identity}", deck_sha256=former)
-    os.utime(older / FILE, (time.time() - 2 * DAY_S, time.time() - 2 * DAY_S))
+    identity = run_identity(VERLET, build_of(load_engine(VERLET)), former)
+    older = copied(run, f"{run.name[:-12]}{identity}", deck_sha256=former, identity=identity)
+    os.utime(older / RECORD, (time.time() - 2 * DAY_S, time.time() - 2 * DAY_S))
     lines = pruned(capsys, runs)
     assert not older.exists()
     assert run.exists()
@@ -128,7 +129,7 @@ def test_what_cannot_be_judged_stays(runs: Path, capsys: pytest.CaptureFixture[s
     run = done(runs, VERLET)
     shutil.copytree(runs / VERLET, runs / "absent")
     for digit, folder in enumerate(list((runs / "absent").glob("[!.]*/"))):
-        copied(folder, f"{folder.name[:-12]}{str(digit) * 12}", engine="absent")
+        copied(folder, f"{folder.name[:-12]}{str(digit) * 12}", engine="absent", identity=str(digit) * 12)
         shutil.rmtree(folder)
     mine = copied(run, "mine")
     (runs / VERLET / "notes").mkdir()
@@ -143,7 +144,7 @@ def test_what_cannot_be_judged_stays(runs: Path, capsys: pytest.CaptureFixture[s
 def test_what_just_ended_stays(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = folders(runs)
     for run in kept_runs(runs):
-        os.utime(run.folder / FILE)
+        os.utime(run.folder / RECORD)
     assert pruned(capsys, runs)[0].startswith("kept 3 runs")
     assert folders(runs) == before
 
@@ -201,11 +202,12 @@ def test_a_run_that_was_replaced_meanwhile_stays(
         found = kept_runs(runs)
         shutil.rmtree(failed)
         shutil.copytree(good, failed)
+        edit_record(failed, identity=failed.name[-12:])
         return found
 
     monkeypatch.setattr(module, "kept_runs", late)
     prune(runs, (), (), ())
-    assert read_record(failed) == read_record(good)
+    assert replace(record_of(failed), identity=record_of(good).identity) == record_of(good)
     assert "removed" not in capsys.readouterr().out
 
 

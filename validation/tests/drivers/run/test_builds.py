@@ -111,12 +111,12 @@ def test_the_program_that_a_script_starts_is_part_of_the_build(
         (tmp_path / name).write_text(head + text.format(folder=tmp_path, python=sys.executable) + "\n")
         (tmp_path / name).chmod(0o755)
     engines_file('[mine]\nadapter = "liggghts"\ncommand = "./outer"\n')
-    before = build_of(load_engine("mine"), tmp_path)
-    assert build_of(load_engine("mine"), tmp_path) == before
+    before = build_of(load_engine("mine"))
+    assert build_of(load_engine("mine")) == before
     stand_in("inside", f"{INSIDE}another")
     with library.open("ab") as opened:
         opened.write(b"another")
-    assert build_of(load_engine("mine"), tmp_path).sha256 != before.sha256
+    assert build_of(load_engine("mine")).sha256 != before.sha256
     assert before.version == "LIGGGHTS (Version 1)"
 
 
@@ -159,12 +159,12 @@ def test_variables_are_passed_on_by_name(engines_file: EnginesWriter, stand_in: 
     assert command is not None
     run_command(command, tmp_path, 10.0, **engine.environment)
     assert (tmp_path / "stdout.txt").read_text() == "LIGGGHTS (Version one \n"
-    before = build_of(engine, tmp_path)
+    before = build_of(engine)
     assert before.version == "LIGGGHTS (Version one"
     monkeypatch.setenv("OTHER", "three")
-    assert build_of(engine, tmp_path) == before
+    assert build_of(engine) == before
     monkeypatch.setenv("MODULE_ONE", "another")
-    assert build_of(engine, tmp_path).sha256 != before.sha256
+    assert build_of(engine).sha256 != before.sha256
 
 
 def test_a_programs_memory_is_its_own(tmp_path: Path) -> None:

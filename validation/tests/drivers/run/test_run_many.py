@@ -12,8 +12,8 @@ import pytest
 
 from drivers.base.errors import RunError
 from drivers.base.processes import all_stopped, run_command
-from drivers.run.finished import open_run
 from drivers.run.run import run_case, run_many
+from drivers.run.run_folder import open_run
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SceneWriter, case_of
 

@@ -12,10 +12,9 @@ import pandas as pd
 import pytest
 
 from drivers.base.errors import InputError, RunError
-from drivers.chain.trace import read_forces
 from drivers.engines import load_engine, missing_codes
-from drivers.run.finished import open_run
 from drivers.run.run import run_case, run_many
+from drivers.run.run_folder import open_run
 from validation.accuracy.assess import assess
 from validation.tests.helpers.commands import BEADS, beads, beads_process
 from validation.tests.helpers.runs import assessed, failing_run, finished, need
@@ -138,13 +137,13 @@ def test_damaged_records_and_forces(scene_file: SceneWriter, tmp_path: Path) -> 
     case, runs = case_of(scene_file()), tmp_path / "runs"
     folder = run_case(case, "verlet", runs).folder
     (folder / "forces.parquet").write_bytes(b"PAR1 junk PAR1")
-    with pytest.raises(InputError, match="damaged"):
+    with pytest.raises(InputError, match="altered"):
         len(open_run(folder).trace.time_s)
     assert run_case(case, "verlet", runs).folder == folder
     assert len(open_run(folder).trace.time_s) == 301
     record = json.loads((folder / "run.json").read_text())
     (folder / "run.json").write_text(json.dumps(record | {"layout": 5}))
-    with pytest.raises(InputError, match="damaged"):
+    with pytest.raises(InputError, match="altered"):
         open_run(folder)
     (folder / "run.json").write_text("[" * 100_000)
     with pytest.raises(InputError, match="damaged"):
@@ -190,7 +189,7 @@ def test_a_damaged_folder_is_run_again(scene_file: SceneWriter, tmp_path: Path) 
     (first.folder / "forces.parquet").unlink()
     again = run_case(case, "verlet", tmp_path / "runs")
     assert again.done
-    assert len(read_forces(again.folder / "forces.parquet").time_s) == 301
+    assert len(open_run(again.folder).trace.time_s) == 301
 
 
 CRASHES = {
@@ -358,7 +357,7 @@ def test_two_simultaneous_runs_do_not_harm_each_other(scene_file: SceneWriter, t
     folders = {process.communicate(timeout=100)[0].strip() for process in both}
     assert [process.returncode for process in both] == [0, 0]
     assert len(folders) == 1
-    assert len(read_forces(Path(folders.pop()) / "forces.parquet").time_s) == 301
+    assert len(open_run(Path(folders.pop())).trace.time_s) == 301
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -30,7 +30,7 @@ def test_a_served_run_equals_one_in_its_own_process(engine: str, scene_file: Sce
     for case, one in zip(cases, served, strict=True):
         alone = run_case(case, engine, tmp_path / "alone")
         assert one.folder.name == alone.folder.name
-        assert one.record.forces_sha256 == alone.record.forces_sha256
+        assert one.forces_sha256 == alone.forces_sha256
         assert {file.name for file in one.folder.iterdir()} == {file.name for file in alone.folder.iterdir()}
         assert one.record.command == alone.record.command
         assert one.record.loop_s is not None

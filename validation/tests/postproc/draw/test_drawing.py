@@ -75,7 +75,9 @@ def test_special_beads_are_drawn_in_a_long_chain() -> None:
 def test_on_the_command_line(scene_file: SceneWriter, tmp_path: Path) -> None:
     done = beads("draw", scene_file("mine"), "--set", "chain.count=7", "--results", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {f"scene-mine.{e}" for e in ("csv", "png", "svg")}
+    assert {path.name for path in (tmp_path / "out").glob("[!.]*")} == {
+        f"scene-mine.{e}" for e in ("csv", "png", "svg")
+    }
     refused = beads("draw", "no-such-scene", "--results", tmp_path / "out")
     assert refused.returncode == 2
     assert len(refused.stderr.strip().splitlines()) == 1

@@ -11,14 +11,14 @@ import pytest
 
 from drivers.chain.chain import build_chain
 from drivers.chain.trace import Trace
-from drivers.run.finished import open_run
+from drivers.run.run_folder import STATE, open_run
 from drivers.scene.read_scene import stored_scene
 from postproc.draw import film
 from postproc.draw.film import film_of, sheet, write_animation
 from postproc.draw.product import cells_of, draw_spacetime, write_product
 from postproc.read.sensors import mean_forces
 from validation.tests.helpers.commands import beads
-from validation.tests.helpers.runs import finished
+from validation.tests.helpers.runs import edit_table, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 pytestmark = pytest.mark.long
@@ -99,8 +99,7 @@ def test_sideways_displacements_are_exaggerated_only_with_a_note(shared_runs: Pa
     run = finished(case_of("fig4", WITH_STATE), "verlet", shared_runs)
     folder = tmp_path / run.folder.name
     shutil.copytree(run.folder, folder)
-    state = pd.read_parquet(folder / "state.parquet")
-    state.assign(body_3_x_m=1.2e-4).to_parquet(folder / "state.parquet")  # it touches the tube
+    edit_table(folder, lambda state: state.assign(body_3_x_m=1.2e-4), STATE)  # it touches the tube
     plain, large = film_of(open_run(folder), 3), film_of(open_run(folder), 3, 8.0)
     assert (plain.place_m[:, 2, 0] == 1.2e-4).all()
     assert (large.place_m[:, 2, 0] == 8 * 1.2e-4).all()
@@ -178,7 +177,9 @@ def test_on_the_command_line(scene_file: SceneWriter, shared_runs: Path, tmp_pat
     for command, kinds in (("film", {"csv", "png", "svg", "gif"}), ("spacetime", {"csv", "png", "svg"})):
         done = beads(command, folder, "--results", tmp_path / command)
         assert done.returncode == 0, done.stderr
-        assert {path.name for path in (tmp_path / command).iterdir()} == {f"{command}-{name}.{kind}" for kind in kinds}
+        assert {path.name for path in (tmp_path / command).glob("[!.]*")} == {
+            f"{command}-{name}.{kind}" for kind in kinds
+        }
     for words in (("film", folder, "--frames", "0"), ("film", folder, "--sideways", "-1"), ("spacetime", tmp_path)):
         refused = beads(*words)
         assert refused.returncode == 2

@@ -11,11 +11,11 @@ import pandas as pd
 import pytest
 
 from drivers.chain.chain import Array
-from drivers.run.finished import EndedRun, open_run
+from drivers.run.run_folder import STATE, EndedRun, open_run
 from postproc.draw import vtk
 from postproc.draw.vtk import tube_mesh, write_mesh, write_series
 from validation.tests.helpers.commands import beads
-from validation.tests.helpers.runs import finished
+from validation.tests.helpers.runs import edit_table, finished
 from validation.tests.helpers.scenes import STRIKER, WALL, SceneWriter, case_of
 
 pytestmark = pytest.mark.long
@@ -96,12 +96,12 @@ def test_sideways_positions_and_bore_forces_are_written(
     folder = tmp_path / run.folder.name
     shutil.copytree(run.folder, folder)
     random = np.random.default_rng(1)
-    state, forces = (pd.read_parquet(folder / f"{name}.parquet") for name in ("state", "forces"))
+    state = pd.read_parquet(folder / STATE)
     more = {f"body_{j}_{name}": random.normal(size=len(state)) for j in range(1, 7)
             for name in ("x_m", "y_m", "x_velocity_m_s", "y_velocity_m_s")}  # fmt: skip
-    state.assign(**more).to_parquet(folder / "state.parquet")
+    edit_table(folder, lambda table: table.assign(**more), STATE)
     bore = {f"bore_{j}_N": random.normal(size=len(state)) for j in range(1, 6)}  # the striker stays above the tube
-    forces.assign(**bore).to_parquet(folder / "forces.parquet")
+    edit_table(folder, lambda table: table.assign(**bore))
     (_, first), (_, last) = read_index(write_series(open_run(folder), tmp_path / "series", 2)[0])
     assert first != last
     grid = read_grid(last)
@@ -187,11 +187,11 @@ def test_bad_input_is_refused_in_one_line(scene_file: SceneWriter, shared_runs: 
     for folder in (damaged, alien):
         shutil.copytree(kept, folder)
     (damaged / "state.parquet").write_bytes((kept / "state.parquet").read_bytes()[:999])
-    pd.read_parquet(kept / "state.parquet").drop(columns="body_3_height_m").to_parquet(alien / "state.parquet")
+    edit_table(alien, lambda table: table.drop(columns="body_3_height_m"), STATE)
     (tmp_path / "file").write_text("")
     for words, message in [
         ((without,), 'beads run bare.toml --engine verlet --set run.record=\'["forces", "state"]\''),
-        ((damaged,), "a damaged file"),
+        ((damaged,), "altered since"),
         ((alien,), "body_3_height_m"),
         ((tmp_path,), "no record of a run"),
         ((kept, "--frames", "1"), "whole numbers from 2"),

@@ -13,7 +13,7 @@ from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import engine_names, load_engine
 from drivers.run.execute import Place
-from drivers.run.finished import EndedRun, open_run
+from drivers.run.run_folder import EndedRun, open_run
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
 from postproc.read.sensors import high_passed, sensor_signals

@@ -9,8 +9,8 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.engines import load_engine
-from drivers.run.finished import RunRecord
 from drivers.run.run import run_case
+from drivers.run.run_folder import RunRecord
 from drivers.scene.model import MeasuredEntry
 from drivers.scene.read_scene import read_scene
 from postproc.read.measured import MeasuredTrace, read_measured, read_quoted
@@ -352,7 +352,7 @@ def test_measured_traces_are_not_part_of_a_run(scene_file: SceneWriter, tmp_path
 
 
 def described(record: RunRecord) -> tuple[object, ...]:
-    return record.scene, record.layout, record.elements, record.deck_sha256, record.forces_sha256
+    return record.scene, record.layout, record.elements, record.deck_sha256, record.files
 
 
 @pytest.mark.long

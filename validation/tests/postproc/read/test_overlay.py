@@ -10,7 +10,8 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from drivers.base.errors import InputError
-from drivers.chain.trace import FORCES, Trace
+from drivers.chain.trace import Trace
+from drivers.run.run_folder import FORCES
 from postproc.paper.simulate import Simulation, case_of, exact
 from postproc.read.alignment import AlignedGauge, align
 from postproc.read.measured import MeasuredTrace
@@ -229,7 +230,7 @@ def test_the_command_compares_the_example_with_the_exact_motion(tmp_path: Path) 
             assert name in said
     assert rows["speed_9_to_5_m_s", "quoted"]["measured"] == 184.0
     assert rows["speed_9_to_5_m_s", "quoted"]["standard_error"] == pytest.approx(3.68)
-    assert {path.suffix for path in tmp_path.iterdir()} == {".csv", ".png", ".svg"}
+    assert {path.suffix for path in tmp_path.glob("[!.]*")} == {".csv", ".png", ".svg"}
     closer = overlay("example-measured", "--results", tmp_path, *(f"--set={each}" for each in made_up_trace.SETTINGS))
     assert closer[0] == 0
     now = rows_of(tmp_path / "overlay-example-measured.csv")

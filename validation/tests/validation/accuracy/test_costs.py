@@ -1,13 +1,11 @@
 """Costs of engines without an entry in the table: measured once for each build, and never infinite."""
 
-import json
 import sys
 from math import isfinite
 from pathlib import Path
 
 import pytest
 
-from drivers.base import paths
 from drivers.base.errors import RunError
 from drivers.engines import codes, engine_names, load_engine
 from validation.accuracy import costs
@@ -18,16 +16,15 @@ from validation.tests.helpers.scenes import EnginesWriter, case_of
 
 
 @pytest.fixture
-def unlisted(engines_file: EnginesWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Adds an engine ``mine`` without a known cost and one with a known adapter; returns the file of the cost."""
-    monkeypatch.setattr(paths, "RUNS", tmp_path / "runs")
+def unlisted(engines_file: EnginesWriter, tmp_path: Path) -> Path:
+    """Adds an engine ``mine`` without a known cost and one with a known adapter; returns the adapter of ``mine``."""
     (tmp_path / "mine.py").write_text(MINE)
     absent = '[absent]\nadapter = "mine.py"\ncommand = "no-such-program"\n'
     engines_file(
         f'[mine]\nadapter = "mine.py"\ncommand = "{sys.executable}"\n[other]\nadapter = "{codes()[0]}"\n{absent}'
     )
     costs._measured.cache_clear()
-    return tmp_path / "runs" / "mine" / costs.NOTE
+    return tmp_path / "mine.py"
 
 
 def test_a_cost_is_measured_once_for_each_build(
@@ -35,14 +32,12 @@ def test_a_cost_is_measured_once_for_each_build(
 ) -> None:
     found = cost_on("mine")
     assert all(isfinite(each) and each > 0 for each in (found.start_s, found.step_ns, found.sample_ns))
-    assert "mine: no entry in inputs/costs.toml; cost measured and cached in" in capsys.readouterr().err
+    assert "mine: no entry in inputs/costs.toml; cost measured and cached" in capsys.readouterr().err
     other = Cost(1.0, 2.0, 3.0)
     monkeypatch.setattr(costs, "measure", lambda engine, build: other)
     costs._measured.cache_clear()  # as in another process
     assert cost_on("mine") == found
-    note = json.loads(unlisted.read_text())
-    unlisted.write_text(json.dumps(note | {"build": "another"}))
-    costs._measured.cache_clear()
+    unlisted.write_text(f"{MINE}\n# another build\n")
     assert cost_on("mine") == other
 
 

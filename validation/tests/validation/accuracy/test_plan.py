@@ -12,7 +12,7 @@ from drivers.chain.schemes import verlet_of
 from drivers.engines import engine_names
 from drivers.limits.refusal import beyond_rounding, refuse_beyond_rounding
 from drivers.limits.stable_step import linear_limit
-from drivers.run.finished import RunRecord
+from drivers.run.run_folder import RunRecord
 from validation.accuracy.budget import budget_of
 from validation.accuracy.exact_motion import errors_of, exact_motion_of
 from validation.accuracy.plan import cheapest

@@ -1,24 +1,21 @@
 """Comparison of two folders of runs, and of two builds of a code: changed quantities, missing and failed runs."""
 
-import json
 import os
 import re
 import shutil
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.chain.trace import FORCES, read_forces, write_forces
 from drivers.engines import VERLET, codes, installed_codes
-from drivers.run.finished import BUILD_NOT_KNOWN, FILE
+from drivers.run.run_folder import FORCES, RECORD, open_run
 from validation.commands.beads import answer
 from validation.compare.selection import EngineSelection
-from validation.tests.helpers.runs import finished
+from validation.tests.helpers.runs import add_force, edit_record, edit_table, finished
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter, case_of
 
 Compare = Callable[..., tuple[int, list[str]]]
@@ -55,25 +52,13 @@ def run_of(side: Path, scene: str) -> Path:
     return folder
 
 
-def rewrite(folder: Path, **changes: object) -> None:
-    """Changes a record."""
-    record = json.loads((folder / FILE).read_text())
-    (folder / FILE).write_text(json.dumps(record | changes))
-
-
 def tamper(folder: Path, sample: int, contact: int, force_N: float) -> None:
     """Adds to a single force."""
-    trace = read_forces(folder / FORCES)
-    force = trace.force_N.copy()
-    force[sample, contact - 1] += force_N
-    write_forces(replace(trace, force_N=force), folder / FORCES)
+    edit_table(folder, lambda table: add_force(table, sample, contact, force_N))
 
 
 def test_the_same_runs(folders: tuple[Path, Path], compare: Compare) -> None:
     old, new = folders
-    file = run_of(old, "scene") / FILE  # a record without a build
-    record = json.loads(file.read_text())
-    file.write_text(json.dumps({key: record[key] for key in record.keys() - BUILD_NOT_KNOWN}))
     code, lines = compare("--runs", old, "--against", new)
     assert code == 0
     rows = [line for line in lines if line.startswith(tuple(SCENES))][1:]  # below the heading
@@ -84,7 +69,7 @@ def test_the_same_runs(folders: tuple[Path, Path], compare: Compare) -> None:
 
 def test_a_changed_force_is_named_with_its_size_and_place(folders: tuple[Path, Path], compare: Compare) -> None:
     old, new = folders
-    change = read_forces(run_of(new, "scene") / FORCES).force_N.max()
+    change = open_run(run_of(new, "scene")).trace.force_N.max()
     tamper(run_of(new, "scene"), 37, 3, 1e-3 * change)
     code, lines = compare("--runs", old, "--against", new)
     assert code == 1
@@ -135,10 +120,10 @@ def test_a_missing_run_is_a_failure_unless_allowed(
 
 @pytest.mark.parametrize("place", [0, 1])
 def test_runs_that_failed_or_cannot_be_read_are_rows(place: int, folders: tuple[Path, Path], compare: Compare) -> None:
-    rewrite(run_of(folders[place], "scene"), status="failed", reason="unstable")
+    edit_record(run_of(folders[place], "scene"), status="failed", reason="unstable")
     other = run_of(folders[place], "other")
-    rewrite(other, engine="abacus")
-    (other / FILE).write_text((other / FILE).read_text()[:100])
+    edit_record(other, engine="abacus")
+    (other / RECORD).write_text((other / RECORD).read_text()[:100])
     code, lines = compare("--runs", folders[0], "--against", folders[1])
     assert code == 1
     (row,) = [line for line in lines if "failed: unstable" in line]
@@ -153,7 +138,7 @@ def test_runs_that_failed_or_cannot_be_read_are_rows(place: int, folders: tuple[
 def test_what_cannot_be_compared_is_a_row(folders: tuple[Path, Path], compare: Compare) -> None:
     old, new = folders
     for side in folders:
-        rewrite(run_of(side, "scene"), engine="abacus")
+        edit_record(run_of(side, "scene"), engine="abacus")
     (run_of(new, "other") / FORCES).unlink()
     code, lines = compare("--runs", old, "--against", new)
     assert code == 1
@@ -165,14 +150,14 @@ def test_the_last_of_several_builds_counts(folders: tuple[Path, Path], compare: 
     old, new = folders
     first = run_of(new, "scene")
     last = shutil.copytree(first, first.with_name(f"{first.name[:-12]}{'0' * 12}"))
-    rewrite(last, engine_version="another version")
+    edit_record(last, engine_version="another version", identity="0" * 12)
     tamper(last, 37, 3, 1.0)
     for folder, time_s in ((first, 1e9), (last, 2e9)):
-        os.utime(folder / FILE, (time_s, time_s))
+        os.utime(folder / RECORD, (time_s, time_s))
     code, lines = compare("scene", "--runs", old, "--against", new)
     assert code == 1
     assert lines[0].endswith(" against another version")
-    os.utime(first / FILE, (3e9, 3e9))
+    os.utime(first / RECORD, (3e9, 3e9))
     assert compare("scene", "--runs", old, "--against", new)[0] == 0
 
 

@@ -1,21 +1,19 @@
 """Comparison of two runs, on the command line and in numbers."""
 
-import json
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from drivers.base.errors import InputError
-from drivers.chain.trace import FORCES, read_forces, write_forces
+from drivers.run.run_folder import FORCES, RECORD
 from validation.checks import FAIL, PASS
 from validation.commands.beads import answer
 from validation.compare.pair import Pair, compare_pair, compare_runs, different_keys, open_pair
 from validation.tests.helpers.commands import beads
-from validation.tests.helpers.runs import finished, need
+from validation.tests.helpers.runs import add_force, edit_record, edit_table, finished, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 from validation.tests.validation.compare.test_sabotage import YADE, swap
 
@@ -219,29 +217,32 @@ def test_folders_that_are_no_runs(run_of: FolderOf, copied: Callable[[Path], Pat
         with pytest.raises(InputError, match="the store of a batch"):
             compare_runs(good, folder)
     spoilt = copied(good)
-    record = json.loads((spoilt / "run.json").read_text())
-    _spoil(spoilt, good, record | {"status": "failed", "reason": "unstable"}, "a run that failed: unstable")
-    _spoil(spoilt, good, record | {"scene": {}}, "a damaged scene")
-    _spoil(spoilt, good, record | {"engine": "abacus"}, 'engine: found "abacus"')
-    _spoil(spoilt, good, {key: value for key, value in record.items() if key != "bodies"}, "of another version")
-    (spoilt / "run.json").write_text(json.dumps(record)[:200])
-    with pytest.raises(InputError, match="of another version"):
-        compare_runs(good, spoilt)
-    (spoilt / "run.json").write_text(json.dumps(record))
-    (spoilt / FORCES).write_bytes((spoilt / FORCES).read_bytes()[:1000])
+    _spoil(spoilt, good, "a run that failed: unstable", status="failed", reason="unstable")
+    _spoil(spoilt, good, 'engine: found "abacus"', engine="abacus")
+    _spoil(spoilt, good, "of another version", bodies=None)
+    record = (spoilt / RECORD).read_text()
+    (spoilt / RECORD).write_text(record[:200])
     with pytest.raises(InputError, match="a damaged file"):
+        compare_runs(good, spoilt)
+    (spoilt / RECORD).write_text(record)
+    (spoilt / FORCES).write_bytes((spoilt / FORCES).read_bytes()[:1000])
+    with pytest.raises(InputError, match="altered"):
         compare_runs(good, spoilt)
     (spoilt / FORCES).unlink()
     with pytest.raises(InputError, match="no such file"):
         compare_runs(good, spoilt)
 
 
+# tables that this version never writes: rows that do not match the scene of the record
 ODD_FORCES: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
     "backwards": lambda table: table.iloc[::-1],
     "no rows": lambda table: table.iloc[:0],
     "words": lambda table: table.assign(contact_3_N="a"),
     "no time": lambda table: table * 0.0,
     "a later start": lambda table: table.iloc[1:],
+    "rows missing at the end": lambda table: table.iloc[:-100],
+    "a contact missing": lambda table: table.drop(columns="contact_22_N"),
+    "other times": lambda table: table.assign(time_s=2 * table["time_s"]),
 }
 
 
@@ -249,44 +250,32 @@ ODD_FORCES: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
 def test_forces_that_are_none(name: str, run_of: FolderOf, copied: Callable[[Path], Path]) -> None:
     good = run_of("verlet", "fig4")
     spoilt = copied(good)
-    ODD_FORCES[name](pd.read_parquet(spoilt / FORCES)).reset_index(drop=True).to_parquet(spoilt / FORCES)
-    with pytest.raises(InputError, match="a damaged file"):
+    edit_table(spoilt, lambda table: ODD_FORCES[name](table).reset_index(drop=True))
+    with pytest.raises(InputError, match=r"a damaged file|those of the record's scene"):
         compare_runs(good, spoilt)
 
 
-def test_records_that_are_none(run_of: FolderOf, copied: Callable[[Path], Path]) -> None:
-    good = run_of("verlet", "fig4")
-    spoilt = copied(good)
-    record = json.loads((spoilt / "run.json").read_text())
-    for budget in (7, [{"a": 1}], [record["error_budget"][0] | {"whole": None}]):
-        _spoil(spoilt, good, record | {"error_budget": budget}, "a record that is damaged")
-    striker = record["scene"]["striker"] | {"speed": float("nan")}
-    _spoil(spoilt, good, record | {"scene": record["scene"] | {"striker": striker}}, "a damaged scene")
-    chain = record["scene"]["chain"] | {"count": 3}
-    _spoil(spoilt, good, record | {"scene": record["scene"] | {"chain": chain}}, "the 4 of the run's scene")
-
-
-def _spoil(folder: Path, good: Path, record: dict[str, object], words: str) -> None:
-    (folder / "run.json").write_text(json.dumps(record))
+def _spoil(folder: Path, good: Path, words: str, **changes: object) -> None:
+    record = (folder / RECORD).read_text()
+    edit_record(folder, **changes)
     with pytest.raises(InputError, match=words):
         compare_runs(good, folder)
+    (folder / RECORD).write_text(record)
 
 
-def test_a_copy_is_the_same_and_changed_forces_are_noticed(
+def test_a_copy_is_the_same_and_changed_forces_are_refused(
     run_of: FolderOf, copied: Callable[[Path], Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     good = run_of("verlet", "fig4")
     copy = copied(good)
     assert compare_runs(good, copy) == 0
     assert "warning" not in capsys.readouterr().out
-    trace = read_forces(copy / FORCES)
-    force = trace.force_N.copy()
-    force[600, 6] += 1e-6
-    write_forces(replace(trace, force_N=force), copy / FORCES)
+    add_force(pd.read_parquet(copy / FORCES), 600, 7, 1e-6).to_parquet(copy / FORCES)
+    with pytest.raises(InputError, match="altered since"):
+        compare_runs(good, copy)
+    edit_table(copy, lambda table: table)  # sealed again
     assert compare_runs(good, copy) == 1
-    printed = capsys.readouterr().out
-    assert "contact 7 at 600 µs" in printed
-    assert "the forces have changed since the record was written" in printed
+    assert "contact 7 at 600 µs" in capsys.readouterr().out
 
 
 def test_a_sabotaged_code_against_verlet(

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from drivers.base import paths
+from drivers.base import kept, paths
 from drivers.base.errors import RunError
 from validation.chapters import Chapter, Options
 from validation.checks import FAIL, Check, without_run
@@ -130,8 +130,28 @@ def test_claims_are_made_again_if_a_source_is_newer_and_other_tables_stay(
     newer.parent.mkdir(parents=True)
     newer.touch()
     monkeypatch.setattr(paths, "ROOT", tmp_path / "root")
+    for each in (kept._program, kept.digest_of_sources):
+        each.cache_clear()
     assert grow() == 0
     assert studies.made == ["claims", "trade", "claims"]
+    monkeypatch.undo()
+    for each in (kept._program, kept.digest_of_sources):
+        each.cache_clear()
+
+
+@pytest.mark.parametrize("name", ["claims", "trade"])
+def test_damaged_tables_are_made_again_with_one_line(
+    name: str, studies: Studies, grow: Grow, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert grow() == 0
+    table = tmp_path / "results" / f"{name}.csv"
+    table.write_text(table.read_text().replace("1.0", "2.0"))
+    capsys.readouterr()
+    assert grow() == 0
+    assert studies.made == ["claims", "trade", name]
+    lines = [line for line in capsys.readouterr().err.splitlines() if f"{name}.csv" in line]
+    assert len(lines) == 1
+    assert "altered since it was written" in lines[0]
 
 
 def test_a_study_that_fails_leaves_the_others_and_the_page(

@@ -9,6 +9,7 @@ import pytest
 from selenium.webdriver import Chrome
 
 from drivers.base import paths
+from drivers.base.files import sealed_file
 from drivers.chain.trace import until
 from drivers.engines import engine_names
 from validation.accuracy.budget import first_departure
@@ -140,14 +141,14 @@ def test_the_console_is_empty_and_nothing_is_loaded(shown: Shown) -> None:
 
 def test_a_hostile_figure_stays_in_its_picture(driver: Chrome, tmp_path: Path) -> None:
     """The browser shows the figure, runs none of its scripts, and loads none of its addresses."""
-    (tmp_path / "fig4.svg").write_text(
-        """<?xml version="1.0"?><?xml-stylesheet href="http://localhost:9/a.css"?>
+    hostile = """<?xml version="1.0"?><?xml-stylesheet href="http://localhost:9/a.css"?>
         <svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="90pt" height="90pt"
             onload="throw 1"><script>throw 2</script><script href="http://localhost:9/a.js"/>
         <style>@import "http://localhost:9/b.css"; * { fill: url(http://localhost:9/c.svg#a) }</style>
         <image xlink:href="http://localhost:9/d.png"/><a xlink:href="javascript:throw 3"><path d="M0 0h90v90z"/></a>
         <foreignObject><img xmlns="http://www.w3.org/1999/xhtml" src="x" onerror="throw 4"/></foreignObject></svg>"""
-    )
+    with sealed_file(tmp_path / "fig4.svg") as draft:
+        draft.write_text(hostile)
     write_report([], tmp_path / "report.html")
     said(driver), requests(driver)
     driver.get((tmp_path / "report.html").as_uri())

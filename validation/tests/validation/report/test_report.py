@@ -16,13 +16,15 @@ import pandas as pd
 import pytest
 
 from drivers.base.errors import InputError
+from drivers.base.files import SEALS, sealed_file
 from drivers.chain.trace import until
-from drivers.run.finished import provenance
+from drivers.run.run_folder import provenance
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS, READINGS, SPREAD
 from postproc.read.run_tables import errors
 from validation.accuracy.budget import budget_of, first_departure
 from validation.accuracy.motions import motions_of
+from validation.chapters import write_frame
 from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
 from validation.compare.comparison import ComparedScene
 from validation.report.page_figures import read_scores
@@ -162,7 +164,7 @@ def test_missing_studies_are_named_with_their_command(tmp_path: Path) -> None:
 def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores(tmp_path: Path) -> None:
     table = quoted().table1.frame
     exact = {f"reference_{name}": table[f"computed_{name}"] * (1 + 1e-3) for name in COLUMNS}
-    table.assign(**exact, **{SPREAD: 4.2e-6}).to_csv(tmp_path / "table1.csv", index=False)
+    write_frame(tmp_path / "table1.csv", table.assign(**exact, **{SPREAD: 4.2e-6}))
     score = pd.DataFrame(
         [
             ("score", reading, modulus, force, 7.04, -0.3 * force)
@@ -172,7 +174,7 @@ def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores
         ],
         columns=["source", "force_read_as", "modulus_MPa", "force_N", "deviation_pct", "deviation_standard_errors"],
     )
-    pd.concat([score, pd.DataFrame({"source": ["experiment"]})]).to_csv(tmp_path / "fig3.csv", index=False)
+    write_frame(tmp_path / "fig3.csv", pd.concat([score, pd.DataFrame({"source": ["experiment"]})]))
     assert read_scores(tmp_path) == {
         "forces": ["5", "0.06"],
         "rows": [
@@ -180,7 +182,8 @@ def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores
         ],
         "large_N": "2",
     }
-    (tmp_path / "fig3.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="252pt" height="10pt"></svg>')
+    with sealed_file(tmp_path / "fig3.svg") as draft:
+        draft.write_text('<svg xmlns="http://www.w3.org/2000/svg" width="252pt" height="10pt"></svg>')
     write_report([], tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     shown = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(<th scope=.row.*?)</tr>", text)]
@@ -188,7 +191,7 @@ def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores
     assert [len(row) for row in shown].count(11) == len(table)
     assert ["contact force", "600", "+7.0", "+7.0", "1.5", "0.0"] in shown
     assert "F<sub>m</sub>" in text
-    (tmp_path / "fig3.csv").write_text("source,force_N\nscore,1")
+    write_frame(tmp_path / "fig3.csv", pd.DataFrame({"source": ["score"], "force_N": [1]}))
     with pytest.raises(InputError, match=r"fig3\.csv"):
         write_report([], tmp_path / "report.html")
 
@@ -198,9 +201,13 @@ def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores
 )
 def test_a_damaged_file_is_named_in_one_line(file: str, content: str, tmp_path: Path) -> None:
     (tmp_path / file).write_text(content)
+    with pytest.raises(InputError, match=f"{file}: found a file without its digest"):
+        write_report([], tmp_path / "report.html")
+    with sealed_file(tmp_path / file) as draft:  # by another version
+        draft.write_text(content)
     with pytest.raises(InputError, match=file):
         write_report([], tmp_path / "report.html")
-    assert [path.name for path in tmp_path.iterdir()] == [file]
+    assert {path.name for path in tmp_path.iterdir()} == {file, SEALS}
 
 
 def test_a_chain_without_gauges_and_without_forces_has_a_page(

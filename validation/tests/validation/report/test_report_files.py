@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from drivers.base.files import sealed_file
 from postproc.draw.style import pyplot, svg_of
 from validation.chapters import write_table
 from validation.checks import FAIL, NOT_RUN, PASS, Check, without_run
@@ -85,7 +86,7 @@ def written(hostile: ComparedScene, tmp_path: Path) -> tuple[str, dict[str, Any]
         (folder / "report.html").read_text(),
         json.loads((folder / "report.json").read_text(), parse_constant=no),
     )
-    assert sorted(path.name for path in folder.iterdir()) == ["independent.csv", "report.html", "report.json"]
+    assert sorted(path.name for path in folder.glob("[!.]*")) == ["independent.csv", "report.html", "report.json"]
     return page, data
 
 
@@ -156,7 +157,8 @@ def test_a_picture_is_its_file_with_rounded_coordinates() -> None:
 
 def test_a_hostile_figure_is_bytes_in_the_page(tmp_path: Path) -> None:
     hostile = '<svg xmlns="http://www.w3.org/2000/svg" width="9pt" onload="throw 1"><script>throw 2</script></svg>'
-    (tmp_path / "fig4.svg").write_text(hostile)
+    with sealed_file(tmp_path / "fig4.svg") as draft:
+        draft.write_text(hostile)
     write_report([], tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert Table(text).tags["script"] == 1  # the script that opens folded parts

@@ -1,0 +1,362 @@
+"""Run folders: the record, the forces, the positions and the gauges of a run, written, found and read back.
+
+No other module knows the names and formats of these files. The record ``run.json`` holds its own digest and those of
+the other files, so whatever is read back is what was written, or is refused by name.
+"""
+
+import platform
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache, cached_property
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.files import DamagedError, read_checked, read_sealed, sha256_of, whole_file, write_sealed
+from drivers.base.processes import git, local_changes
+from drivers.chain.case import Layout, read_layout
+from drivers.chain.chain import Array
+from drivers.chain.trace import State, Trace, bore_forces_in, forces_table, state_in, state_table, trace_in
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+RECORD, FORCES, STATE, SENSORS = "run.json", "forces.parquet", "state.parquet", "sensors.csv"
+CONTENTS = {FORCES: "the forces", STATE: "the positions", SENSORS: "the gauge signals"}
+FOLDER_NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-([0-9a-f]{12})(-failed)?")  # scene, layout, identity of the run
+# options for values that rarely repeat: 30 % smaller and faster than the defaults
+COMPRESSED: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
+TIME_TOLERANCE = 1e-12  # of a sample time
+ALLOWED_FOLDER = "a run folder, or its name, as beads runs prints it"
+NOT_ASSESSED: dict[str, Any] = dict.fromkeys(
+    ("error_budget", "error_note", "exact_to", "exact_until_s", "warnings", "step_limit_s", "accuracy")
+)
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """Record of a run, the content of ``run.json`` besides its digest; times in seconds.
+
+    ``error_budget``, ``error_note``, ``exact_to``, ``exact_until_s``, ``warnings``, ``step_limit_s`` and ``accuracy``
+    are None until ``validation.accuracy.assess`` has assessed the run.
+
+    Attributes:
+        identity: digest of engine, build and deck, with which the name of the folder ends.
+        engine: name of the engine.
+        engine_version: version line of the build.
+        executable: command of the build, with the paths of its programs.
+        build_sha256: digest of programs and libraries (``drivers.run.build``); empty for in-repo engines.
+        scene_name: name of the scene.
+        status: ``done``, ``failed`` or ``timeout``.
+        reason: reason of a failure; else empty.
+        scene: complete scene in SI units.
+        layout: properties of the chain for post-processing (``drivers.chain.case.Layout``).
+        elements: modelling elements, each in or out with its reason.
+        deck_sha256: digest of the deck.
+        command: command of the deck.
+        time_step_s, steps, bodies: time step, number of time steps and of bodies.
+        wall_s, cpu_s: wall and CPU time of the process; for a process that runs many decks, of this deck alone.
+        loop_s: time in the code's time loop.
+        memory_bytes: peak memory.
+        files: digests of the files that are read back, by name; none for a failed run.
+        error_budget: parts of the errors of the force and of observables (``validation.accuracy.budget``).
+        error_note: parts that could not be measured, with the reason.
+        exact_to: error of the exact motion until ``exact_until_s``, over the largest change of force; None for
+            three-dimensional chains.
+        warnings: reasons why a finished run is of little use.
+        step_limit_s: predicted stability limit of the time step; None if no contact closes.
+        accuracy: ``asked``, ``predicted`` and ``measured`` error by quantity; None without an accuracy.
+        host, commit, dirty, lock_sha256: machine, commit of the checkout, True if it had local changes (new files
+            outside the packages do not count), digest of the lock file.
+    """
+
+    identity: str
+    engine: str
+    engine_version: str
+    executable: str
+    build_sha256: str
+    scene_name: str
+    status: str
+    reason: str
+    scene: dict[str, Any]
+    layout: dict[str, Any]
+    elements: list[dict[str, Any]]
+    deck_sha256: str
+    command: str
+    time_step_s: float
+    steps: int
+    bodies: int
+    wall_s: float
+    cpu_s: float
+    loop_s: float | None
+    memory_bytes: int
+    files: dict[str, str]
+    error_budget: list[dict[str, Any]] | None
+    error_note: str | None
+    exact_to: float | None
+    exact_until_s: float | None
+    warnings: list[str] | None
+    step_limit_s: float | None
+    accuracy: dict[str, dict[str, float]] | None
+    host: str
+    commit: str
+    dirty: bool
+    lock_sha256: str
+
+    def described(self, described: dict[str, Any]) -> "RunRecord":
+        """Record of the same run for another scene, not yet assessed."""
+        files = {name: digest for name, digest in self.files.items() if name != SENSORS}
+        return replace(self, **described, **NOT_ASSESSED, files=files)
+
+    def write(self, folder: Path) -> None:
+        """Write the record into the run folder."""
+        write_sealed(folder / RECORD, asdict(self), indent=2)
+
+
+def record_of(folder: Path) -> RunRecord:
+    """Record of a run folder.
+
+    Raises:
+        InputError: there is none, it is damaged, or it belongs to another run.
+    """
+    path = folder / RECORD
+    try:
+        record = RunRecord(**read_sealed(path, "the record of a run"))
+        read_layout(record.layout)
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(paths.shown(folder), RECORD, "no record of a run", ALLOWED_FOLDER) from None
+    except (TypeError, LookupError) as error:
+        found = "a record of another version"
+        raise DamagedError(paths.shown(path), "", found, "the record of a run of this version") from error
+    named = FOLDER_NAME.fullmatch(folder.name)
+    if named and named[3] != record.identity:
+        found = f"the record of the run {record.identity}"
+        raise DamagedError(paths.shown(path), "", found, f"that of {named[3]}, as the folder is named")
+    return record
+
+
+def read_record(folder: Path) -> RunRecord | None:
+    """Record of a run folder; None if it cannot be read."""
+    try:
+        return record_of(folder)
+    except InputError:
+        return None
+
+
+@dataclass(frozen=True)
+class EndedRun:
+    """Finished or failed run with its folder.
+
+    Attributes:
+        partial_trace: samples of a run that just failed; they are not stored in the folder.
+    """
+
+    folder: Path
+    record: RunRecord
+    partial_trace: Trace | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def done(self) -> bool:
+        """True if the run succeeded."""
+        return self.record.status == "done"
+
+    @property
+    def missed(self) -> str | None:
+        """Message on quantities that miss the scene's accuracy; None if there are none, or before the assessment."""
+        beyond = [
+            f"{name} has an error of {each['measured']:.3g}, allowed are {each['asked']:g}"
+            for name, each in (self.record.accuracy or {}).items()
+            if not each["measured"] <= each["asked"]
+        ]
+        return "; ".join(beyond) or None
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Layout of the chain, for post-processing."""
+        return read_layout(self.record.layout)
+
+    @property
+    def forces_sha256(self) -> str:
+        """Digest of the forces of a finished run."""
+        return self.record.files[FORCES]
+
+    @property
+    def has_state(self) -> bool:
+        """True if the run kept positions and velocities."""
+        return STATE in self.record.files
+
+    @cached_property
+    def trace(self) -> Trace:
+        """Trace of a finished run, without positions and velocities.
+
+        Raises:
+            InputError: the file is missing, damaged or of another scene.
+        """
+        scene, record = self.record.scene, self.record
+        with self._refused(FORCES):
+            trace = trace_in(self._table(FORCES))
+            times = np.arange(scene["samples"], dtype=float) * (scene["steps_per_sample"] * record.time_step_s)
+        shape = (len(times), record.bodies)
+        if trace.force_N.shape != shape or not np.allclose(trace.time_s, times, rtol=TIME_TOLERANCE, atol=0):
+            last_s = trace.time_s.max(initial=0.0)
+            found = "forces of {} samples and {} contacts until {:g} s".format(*trace.force_N.shape, last_s)
+            allowed = f"those of the record's scene, {shape[0]} samples and {shape[1]} contacts until {times[-1]:g} s"
+            raise DamagedError(paths.shown(self.folder / FORCES), "", found, allowed)
+        return trace
+
+    def forces_table(self) -> "pd.DataFrame":
+        """Table of time, forces, energies and momentum; raises as ``trace``."""
+        return self._table(FORCES)
+
+    def bore_forces(self) -> Array | None:
+        """Bore forces on each body, shape (samples, bodies); None if the run has none."""
+        return bore_forces_in(self._table(FORCES), self.record.bodies)
+
+    @cached_property
+    def state(self) -> State:
+        """Positions and velocities, bit for bit.
+
+        Raises:
+            InputError: the run kept none, they are damaged, or their times differ from those of the forces.
+        """
+        path, record = self.folder / STATE, self.record
+        if not self.has_state:
+            name = record.scene_name
+            scene = name if (paths.SCENES / f"{name}.toml").is_file() else f"{name}.toml"
+            again = f"""beads run {scene} --engine {record.engine} --set run.record='["forces", "state"]'"""
+            found = f"file not found: the run kept no positions; this command makes a run with positions: {again}"
+            raise InputError(paths.shown(path), "", found)
+        with self._refused(STATE):
+            state = state_in(self._table(STATE), record.bodies)
+        if not np.array_equal(state.time_s, self.trace.time_s):
+            raise DamagedError(paths.shown(path), "time_s", "other times", f"the times of {FORCES}")
+        return state
+
+    @contextmanager
+    def _refused(self, name: str) -> Iterator[None]:
+        """Turn errors of reading a file that is as it was written, but not by this version, into one line."""
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:  # pyarrow raises many kinds
+            path = paths.shown(self.folder / name)
+            allowed = f"{CONTENTS[name]} of a run (run it again with --rerun)"
+            raise DamagedError(path, "", f"a damaged file ({type(error).__name__}: {error})", allowed) from error
+
+    def _table(self, name: str) -> "pd.DataFrame":
+        import pandas as pd
+
+        return pd.read_parquet(BytesIO(self._content(name)))
+
+    def _content(self, name: str) -> bytes:
+        """Content of a file as it was written."""
+        path, allowed = self.folder / name, f"{CONTENTS[name]} of a run (run it again with --rerun)"
+        try:
+            return read_checked(path, self.record.files.get(name, ""), allowed)
+        except (FileNotFoundError, NotADirectoryError):
+            raise DamagedError(paths.shown(path), "", "no such file", allowed) from None
+
+    def _is_intact(self, name: str) -> bool:
+        try:
+            return bool(self._content(name))
+        except InputError:
+            return False
+
+    def damage(self) -> Iterator[str]:
+        """Lines on files that are not as they were written."""
+        for name in self.record.files:
+            try:
+                self._content(name)
+            except InputError as error:
+                yield str(error)
+
+    def is_complete(self, *, state: bool) -> bool:
+        """True if the run is done and its forces, and with ``state`` its positions, are as they were written."""
+        wanted = {FORCES, STATE} if state else {FORCES}
+        return self.done and all(map(self._is_intact, wanted))
+
+    @property
+    def has_sensors(self) -> bool:
+        """True if the gauge signals are there as they were written."""
+        return self._is_intact(SENSORS)
+
+    def with_sensors(self, signals: bytes, **changes: Any) -> "EndedRun":
+        """The run with its gauge signals and changes of its record, both written to the folder."""
+        path = self.folder / SENSORS
+        with whole_file(path) as draft:
+            draft.write_bytes(signals)
+            digest = sha256_of(draft)
+        record = replace(self.record, **changes, files=self.record.files | {SENSORS: digest})
+        record.write(self.folder)
+        return replace(self, record=record)
+
+    def copy_to(self, folder: Path, record: RunRecord) -> None:
+        """Copy a run with another record, without its gauge signals."""
+        shutil.copytree(self.folder, folder, ignore=shutil.ignore_patterns(SENSORS))
+        record.write(folder)
+
+
+def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bool) -> RunRecord:
+    """Write trace and record of a run into its folder, with ``state`` also positions; returns the record."""
+    tables = {} if trace is None else {FORCES: forces_table(trace)} | ({STATE: state_table(trace)} if state else {})
+    for name, table in tables.items():
+        table.to_parquet(folder / name, index=False, **COMPRESSED)
+    record = replace(record, files={name: sha256_of(folder / name) for name in tables})
+    record.write(folder)
+    return record
+
+
+def is_run(folder: Path) -> bool:
+    """True if a folder has the record of a run, readable or not."""
+    return (folder / RECORD).exists()
+
+
+def open_run(folder: Path) -> EndedRun:
+    """Open a finished run by its folder.
+
+    Raises:
+        InputError: no run in the folder, one that is damaged, or one that failed.
+    """
+    record = record_of(folder)
+    if record.status != "done":
+        raise InputError(str(folder), RECORD, f"a run that {record.status}: {record.reason}", "a run that is done")
+    return EndedRun(folder, record)
+
+
+def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | None:
+    """Find a run by its hash; finished runs before failed ones, runs with this layout before others."""
+    found = [EndedRun(folder, record) for folder in _folders(home, identity) if (record := read_record(folder))]
+    return max(found, key=lambda run: (run.done, run.record.layout == layout), default=None)
+
+
+def damage_of(home: Path, identity: str) -> Iterator[str]:
+    """Lines on damaged files of the runs of a hash."""
+    for folder in _folders(home, identity):
+        try:
+            yield from EndedRun(folder, record_of(folder)).damage()
+        except InputError as error:
+            yield str(error)
+
+
+def _folders(home: Path, identity: str) -> Iterator[Path]:
+    return home.glob(f"[!.]*-{identity}")
+
+
+@cache
+def provenance() -> dict[str, Any]:
+    """Machine, commit, changes of the work tree, and digest of the lock file."""
+    commit = git("rev-parse", "HEAD")
+    return {
+        "host": f"{platform.node()}, {platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        "commit": commit or "unknown",
+        "dirty": local_changes(),
+        "lock_sha256": sha256_of(paths.LOCK) if paths.LOCK.exists() else "",
+    }
