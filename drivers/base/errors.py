@@ -105,8 +105,8 @@ class RunError(Exception):
         self.partial = partial
 
     def __str__(self) -> str:
-        """Reason of the failure."""
-        return str(self.args[0])
+        """Reason of the failure, without control characters."""
+        return printable(str(self.args[0]))
 
 
 def digits_apart(one: float, other: float) -> tuple[str, str]:

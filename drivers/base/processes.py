@@ -24,6 +24,7 @@ KEPT_VARIABLES = ("PATH", "HOME", "USER", "LOGNAME", "TMPDIR", "LD_LIBRARY_PATH"
 PROBE_LIMIT_S = 20.0
 UNKNOWN_VERSION = "unknown"
 COULD_NOT_START = 127  # as in a shell
+STDOUT, STDERR = "stdout.txt", "stderr.txt"  # output of a process, in its folder
 
 Stream = IO[bytes] | int
 
@@ -77,14 +78,14 @@ def scrubbed_environment() -> dict[str, str]:
 
 
 def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variables: str) -> EndedProcess:
-    """Run a command inside ``folder``; its output goes to ``stdout.txt`` and ``stderr.txt`` there.
+    """Run a command inside ``folder``; its output goes to ``STDOUT`` and ``STDERR`` there.
 
     ``variables`` are added to the environment. The process leads its own group, which is killed at the time limit
     and, where ``setpriv`` is available, when this process dies.
     """
     began, (told, telling) = time.perf_counter(), os.pipe()
     launch = (sys.executable, "-I", "-S", "-c", LAUNCHER, str(telling), *_dies_with_parent())
-    with open(folder / "stdout.txt", "wb") as out, open(folder / "stderr.txt", "wb") as err, open(told, "rb") as memory:
+    with open(folder / STDOUT, "wb") as out, open(folder / STDERR, "wb") as err, open(told, "rb") as memory:
         try:
             with open(telling, "wb"):
                 process = start((*launch, *command), folder, subprocess.DEVNULL, out, err, variables, (telling,))
@@ -265,7 +266,7 @@ def line_of(command: tuple[str, ...], option: str, pattern: str) -> str:
     """First line printed by a program with ``option`` that matches ``pattern``."""
     with tempfile.TemporaryDirectory() as folder:  # LIGGGHTS leaves a log in its folder
         run_command((*command, option), Path(folder), PROBE_LIMIT_S)
-        lines = (Path(folder) / "stdout.txt").read_text(errors="replace").splitlines()
+        lines = (Path(folder) / STDOUT).read_text(errors="replace").splitlines()
     return next((line.strip() for line in lines if re.search(pattern, line)), UNKNOWN_VERSION)
 
 

@@ -21,7 +21,7 @@ from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
 from drivers.scene.model import POWER, VISCOELASTIC
 from validation import reference
-from validation.reference.deck import integrate_deck
+from validation.reference import integrate_deck
 from validation.reference.hertz_chain import TUBE_KEYS, Flag, Motion
 
 COMMAND = ("python", "-m", reference.__name__, "chain.json")

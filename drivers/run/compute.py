@@ -20,7 +20,7 @@ import numpy as np
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.kept import kept
-from drivers.base.processes import EndedProcess, own_memory_bytes, run_command, stoppable
+from drivers.base.processes import STDERR, STDOUT, EndedProcess, own_memory_bytes, run_command, stoppable
 from drivers.chain.case import Case, build_case
 from drivers.chain.trace import Trace, digest_of
 from drivers.engines import Engine, load_engine
@@ -34,7 +34,6 @@ PROBE = ("fig4", ("run.duration=20 us", "run.time_step=0.1 us"))  # short run th
 MIN_LIMIT_S = 60.0
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times the cost of the slowest engine
 SHORT_S = 5.0  # bound on the time of an integration that cannot be ended, typically some hundredths
-STDOUT, STDERR = "stdout.txt", "stderr.txt"
 
 _server_test = threading.Lock()
 

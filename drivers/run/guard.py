@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base.errors import RunError, digits_apart
-from drivers.base.processes import EndedProcess
+from drivers.base.processes import STDERR, STDOUT, EndedProcess
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in, furthest_m
@@ -34,7 +34,7 @@ def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Pat
     if outcome.timed_out:
         raise timed_out(outcome.limit_s)
     if outcome.code != 0:
-        stdout, stderr = ((folder / name).read_text(errors="replace") for name in ("stdout.txt", "stderr.txt"))
+        stdout, stderr = ((folder / name).read_text(errors="replace") for name in (STDOUT, STDERR))
         ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
         words = _failed_start(stdout, stderr) or engine.failure_reason(stdout, stderr)
         words = "".join(c if c.isprintable() else " " for c in words)

@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import gettempdir, mkdtemp
 
 from drivers.base.decks import Deck
-from drivers.base.processes import COULD_NOT_START, EndedProcess, reap, reset_peak, start, used_by
+from drivers.base.processes import COULD_NOT_START, STDERR, STDOUT, EndedProcess, reap, reset_peak, start, used_by
 from drivers.engines import Engine
 from drivers.run.workplaces import workplace
 
@@ -23,7 +23,6 @@ DONE = "the-case-has-ended"  # printed by the server after a deck
 MAX_START_S, MIN_START_S = 60.0, 10.0  # bounds of the time limit of a start, which is else the case's
 EXIT_LIMIT_S = 5.0
 MAX_WAIT_S = 3600.0  # longest single wait; select() overflows after some weeks
-STDERR = "stderr.txt"
 OUTPUT_BYTES = 1 << 20  # last part of the output, which is kept
 
 
@@ -58,14 +57,14 @@ class Session:
             shutil.rmtree(self.case, ignore_errors=True)  # remove files of a failed case
             self.case.mkdir(parents=True)
         # removed first: some file systems, such as ext4, wait for the disk when a file is overwritten
-        for name in (*deck.raw, *deck.files, "stdout.txt", STDERR):
+        for name in (*deck.raw, *deck.files, STDOUT, STDERR):
             (self.case / name).unlink(missing_ok=True)
         deck.write(self.case)
         began = time.perf_counter()
         try:
             self.start()
         except OSError as error:
-            (self.case / "stdout.txt").write_text("")
+            (self.case / STDOUT).write_text("")
             (self.case / STDERR).write_text(f"cannot start: {error}\n")
             return EndedProcess(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
         if self.served == 0:
@@ -119,7 +118,7 @@ class Session:
             process.stdin.flush()
         output, state = _listen(process, began + limit_s)
         wall_s = time.perf_counter() - began
-        (self.case / "stdout.txt").write_bytes(output)
+        (self.case / STDOUT).write_bytes(output)
         if state == "ended":
             _await_end(process)
         (self.case / STDERR).write_bytes((self.folder / STDERR).read_bytes()[before_bytes:])

@@ -33,6 +33,7 @@ def run(
 
     --engine auto takes the cheapest engine that models the scene.
     """
+    from drivers.base.processes import STDERR
     from drivers.base.progress import counted
     from drivers.engines import engine_names, installed, load_engine
     from drivers.limits.refusal import inability, refuse
@@ -67,7 +68,7 @@ def run(
             print(f"{case.scene.name}: {name} missed the accuracy: {ended.missed}", file=sys.stderr)
             failures += 1
         if not ended.done:
-            stderr = ended.folder / "stderr.txt"
+            stderr = ended.folder / STDERR
             said = f" (see {paths.shown(stderr)})" if stderr.is_file() and stderr.stat().st_size else ""
             print(f"{case.scene.name}: {name} {ended.record.status}: {ended.record.reason}{said}", file=sys.stderr)
             failures += 1

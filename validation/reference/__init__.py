@@ -4,3 +4,61 @@ This folder imports no other package of the project. Equations of motion, u posi
 ``m_j u_j'' = F_j - F_{j+1} + load_j`` with ``F_j = k_j overlap_j^(3/2)`` (the paper's Eq. 7) for elastic contacts and
 ``F_j = max(0, k_j overlap_j^(3/2) + C_j overlap_j^(1/4) d overlap_j/dt)`` for dissipative contacts.
 """
+
+from typing import Any
+
+import numpy as np
+
+from validation.reference.hertz_chain import TUBE_KEYS, Array, Flag, HertzChain, Motion, TubeChain, TubeMotion
+
+
+def integrate_deck(values: dict[str, Any], stop: Flag | None = None, samples: int = 0) -> list[Array]:
+    """Columns of the output, each of shape (samples, bodies): contact force, then the motion.
+
+    A straight chain has displacement and velocity; a three-dimensional one bore force, position, velocity and spin,
+    each by x, y and height.
+
+    Args:
+        values: contents of the deck ``chain.json``.
+        stop: flag that ends the integration.
+        samples: number of samples; 0 for that of the deck.
+
+    Raises:
+        ArithmeticError: the adaptive integrator fails, or was ended.
+    """
+    samples = samples or values["samples"]
+    if "place_m" in values:
+        motion = _tube(values, samples, stop)
+        triples = (motion.bore_N, motion.place_m, motion.velocity_m_s, motion.spin_rad_s)
+        return [motion.force_N, *(column for triple in triples for column in np.moveaxis(triple, 2, 0))]
+    straight = _straight(values, samples, stop)
+    return [straight.force_N, straight.displacement_m, straight.velocity_m_s]
+
+
+def _straight(values: dict[str, Any], samples: int, stop: Flag | None) -> Motion:
+    keys = ("mass_kg", "stiffness_N_m-3/2", "overlap_m", "velocity_m_s", "load_N")
+    damping = values.get("gamma_N_(s/m)^alpha", values.get("damping_N_s_m-5/4", []))
+    mass, stiffness, overlap, velocity, load = (values[key] for key in keys)
+    chain = HertzChain(mass, stiffness, overlap, velocity, load, damping, values.get("alpha", 0.0))
+    if values["method"] == "verlet":
+        from validation.reference.velocity_verlet import integrate_verlet
+
+        return integrate_verlet(chain, values["time_step_s"], values["steps_per_sample"], samples, stop)
+    from validation.reference.adaptive import integrate_adaptive
+
+    times = np.arange(samples, dtype=float) * values["sample_interval_s"]
+    return integrate_adaptive(chain, times, values["tolerance"], stop)
+
+
+def _tube(values: dict[str, Any], samples: int, stop: Flag | None) -> TubeMotion:
+    from validation.reference.tube import TOTAL, integrate_tube
+
+    chain = TubeChain(
+        mass_kg=values["mass_kg"],
+        radius_m=np.array([np.inf if diameter is None else diameter / 2 for diameter in values["diameter_m"]]),
+        stiffness=values["stiffness_N_m-3/2"],
+        damping=values.get("damping_N_s_m-5/4", np.zeros(len(values["mass_kg"]))),
+        load_N=values["load_N"],
+        **{field: values[key] for field, key in TUBE_KEYS.items()},
+    )
+    return integrate_tube(chain, values["time_step_s"], values["steps_per_sample"], samples, TOTAL, stop)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from validation.reference import integrate_deck
 from validation.reference.adaptive import integrate_adaptive
-from validation.reference.deck import integrate_deck
 from validation.reference.hertz_chain import HertzChain, TubeChain
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.tube import integrate_tube

@@ -60,7 +60,10 @@ def test_an_interrupt_ends_all_and_leaves_no_folder(engine: str, scene_file: Sce
         variables = os.environ | {"TMPDIR": str(places)}
         process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=hear_interrupts, env=variables)
         until = time.monotonic() + 60
-        while time.monotonic() < until and not [*places.rglob("chain.*"), *runs.rglob("chain.*")]:
+        while time.monotonic() < until and not [
+            *places.glob("bead-chains-*/.*/*/case/chain.*"),
+            *runs.glob("*/.*/run/chain.*"),
+        ]:
             time.sleep(0.05)
         time.sleep(0.3)
         process.send_signal(request)

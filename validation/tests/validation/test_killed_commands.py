@@ -1,0 +1,67 @@
+"""Tests of killed commands: no process outlives them."""
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from validation.tests.helpers.commands import BEADS
+
+GONE_S = 5.0
+MOMENTS_S = (1.0, 4.0)  # while workers start, and while they work
+
+
+def left_from(folder: Path) -> list[str]:
+    """Command lines of the processes whose temporary files go into a folder."""
+    found = []
+    for process in psutil.process_iter():
+        try:
+            if process.status() != psutil.STATUS_ZOMBIE and process.environ().get("TMPDIR") == str(folder):
+                found.append(" ".join(process.cmdline()))
+        except psutil.Error:
+            continue
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("moment_s", MOMENTS_S)
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("calibration", "--quick"),
+        ("fit", "example-measured", "--free", "contact.restitution"),
+        ("trade", "--quick"),
+        ("stability", "--quick"),
+        ("compare", "long-chain"),
+        ("report", "fig4", "fig5"),
+        ("claims",),
+        ("run", "fig4-tube"),
+        ("figures", "fig6"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_nothing_outlives_a_killed_command(words: tuple[str, ...], moment_s: float, tmp_path: Path) -> None:
+    places = tmp_path / "places"
+    places.mkdir()
+    options = ("--runs", str(tmp_path / "runs")) if words[0] not in ("calibration", "trade") else ()
+    results = ("--out", str(tmp_path / "a.html")) if words[0] == "report" else ("--results", str(tmp_path))
+    more = () if words[0] in ("compare", "run") else results
+    process = subprocess.Popen(
+        [*BEADS, *words, *options, *more],
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"TMPDIR": str(places)},
+    )
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(moment_s)
+    process.send_signal(signal.SIGKILL)  # to it alone, not its group
+    process.wait()
+    until = time.monotonic() + GONE_S
+    while (left := left_from(places)) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert left == []
