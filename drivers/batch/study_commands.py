@@ -301,7 +301,7 @@ def _print_end(found: _Batch) -> int:
 def _following(found: _Batch, awaited: dict[str, int]) -> Iterator[Callable[[], None]]:
     """Yield a function that shows progress by the awaited rows (number of the case by identity).
 
-    On a terminal it prints failures at once.
+    On a terminal it prints failures immediately.
     """
     with counted(found.setup.study.name, len(awaited), "row") as count:
 

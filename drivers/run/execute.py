@@ -35,7 +35,7 @@ class WorkersKilledError(RunError):
 
 @dataclass(frozen=True)
 class Place:
-    """Where items are worked on.
+    """Place of the work.
 
     Attributes:
         workers: number of threads, processes, or processes of a local Dask cluster.
@@ -48,13 +48,13 @@ class Place:
     dask: str = ""
 
 
-HERE = Place()  # threads, one for each core
+CORES = Place()  # threads, one for each core
 
 
 def execute(
     work: Callable[[Item], Result],
     items: Iterable[Item],
-    place: Place = HERE,
+    place: Place = CORES,
     tick: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[Item, Result]]:
     """Work on items in parallel; yields each with its result, as results come.

@@ -130,7 +130,7 @@ class Session:
 
 _idle: dict[tuple[object, ...], list[Session]] = defaultdict(list)  # by build; all end with this process
 _places = ExitStack()  # holds the workplace of the sessions
-_homes: list[Path] = []  # that workplace, once there is one
+_homes: list[Path] = []  # the workplace, once there is one
 _lending = threading.Lock()
 
 

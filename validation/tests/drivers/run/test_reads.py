@@ -1,4 +1,4 @@
-"""What is read back is what was written, or is refused by name in one line, or made again.
+"""Files are read back as they were written, or are refused by name in one line, or made again.
 
 Kinds of files (of runs, of the cache, of batches, of results) and kinds of damage.
 """
