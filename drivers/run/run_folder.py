@@ -7,7 +7,7 @@ the other files, so whatever is read back is what was written, or is refused by 
 import platform
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
@@ -312,6 +312,16 @@ def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bo
     record = replace(record, files={name: sha256_of(folder / name) for name in tables})
     record.write(folder)
     return record
+
+
+def lost_file(record: RunRecord, names: Collection[str]) -> str:
+    """File with numbers of a run that is not among the files of its folder; empty if all are there."""
+    return next((name for name in record.files if name not in names and name != SENSORS), "")
+
+
+def ended_at(dates: Mapping[str, float]) -> float:
+    """Date of the record among the dates of a folder's files, else of the newest file; 0 without files."""
+    return dates.get(RECORD, max(dates.values(), default=0.0))
 
 
 def is_run(folder: Path) -> bool:
