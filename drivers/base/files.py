@@ -1,7 +1,7 @@
 """Files: atomic writing, and reading that is a check.
 
-Whatever is read back is what was written, or is refused. A JSON file holds its own digest, a run folder those of its
-files in its record, and tables and pictures have theirs in a hidden folder beside them.
+Each file that is read back is as it was written, or is refused. A JSON file holds its own digest, a run folder those
+of its files in its record, and tables and pictures have theirs in a hidden folder next to them.
 """
 
 import csv
@@ -49,7 +49,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def sealed_file(path: Path) -> Iterator[Path]:
-    """Like ``whole_file``, with the digest of the file in a hidden folder beside it, as ``sha256sum`` writes it."""
+    """Like ``whole_file``, with the digest of the file in a hidden folder next to it, as ``sha256sum`` writes it."""
     with whole_file(path) as draft:
         yield draft
         digest = sha256_of(draft)
@@ -59,7 +59,7 @@ def sealed_file(path: Path) -> Iterator[Path]:
 
 
 def read_sealed_file(path: Path, allowed: str) -> bytes:
-    """Content of a file written by ``sealed_file``; ``allowed`` tells in a message what belongs here.
+    """Content of a file written by ``sealed_file``; ``allowed`` names in a message the file that belongs here.
 
     Raises:
         FileNotFoundError: no such file.

@@ -1,7 +1,7 @@
 """Run folders: the record, the forces, the positions and the gauges of a run, written, found and read back.
 
 No other module knows the names and formats of these files. The record ``run.json`` holds its own digest and those of
-the other files, so whatever is read back is what was written, or is refused by name.
+the other files, so each file that is read back is as it was written, or is refused by name.
 """
 
 import platform
@@ -131,14 +131,15 @@ def record_of(folder: Path) -> RunRecord:
         record = RunRecord(**read_sealed(path, "the record of a run"))
         read_layout(record.layout)
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError(paths.shown(folder), RECORD, "no record of a run", ALLOWED_FOLDER) from None
+        found = "no record of a run"
+        raise InputError(paths.shown(folder), RECORD, found, ALLOWED_FOLDER) from None
     except (TypeError, LookupError) as error:
         found = "a record of another version"
         raise DamagedError(paths.shown(path), "", found, "the record of a run of this version") from error
     named = FOLDER_NAME.fullmatch(folder.name)
     if named and named[3] != record.identity:
         found = f"the record of the run {record.identity}"
-        raise DamagedError(paths.shown(path), "", found, f"that of {named[3]}, as the folder is named")
+        raise DamagedError(paths.shown(path), "", found, f"the record of {named[3]}, as the folder is named")
     return record
 
 
@@ -207,7 +208,7 @@ class EndedRun:
         if trace.force_N.shape != shape or not np.allclose(trace.time_s, times, rtol=TIME_TOLERANCE, atol=0):
             last_s = trace.time_s.max(initial=0.0)
             found = "forces of {} samples and {} contacts until {:g} s".format(*trace.force_N.shape, last_s)
-            allowed = f"those of the record's scene, {shape[0]} samples and {shape[1]} contacts until {times[-1]:g} s"
+            allowed = f"forces of the record's scene, {shape[0]} samples and {shape[1]} contacts until {times[-1]:g} s"
             raise DamagedError(paths.shown(self.folder / FORCES), "", found, allowed)
         return trace
 

@@ -1,7 +1,7 @@
 """Accuracies in scenes: planned, refused, recorded and reported."""
 
-import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,6 @@ from drivers.chain.schemes import verlet_of
 from drivers.engines import engine_names
 from drivers.limits.refusal import beyond_rounding, refuse_beyond_rounding
 from drivers.limits.stable_step import linear_limit
-from drivers.run.run_folder import RunRecord
 from validation.accuracy.budget import budget_of
 from validation.accuracy.exact_motion import errors_of, exact_motion_of
 from validation.accuracy.plan import cheapest
@@ -138,9 +137,9 @@ def test_a_wrong_law_shows_as_model_error(shared_runs: Path) -> None:
 def test_a_miss_is_a_failure_of_the_command(shared_runs: Path) -> None:
     case = case_of("fig4", FREE, "run.accuracy=1e-2")
     ended = assessed(case, "verlet", shared_runs)
-    record = json.loads((ended.folder / "run.json").read_text())
-    record["accuracy"]["force"]["measured"] = 0.5
-    assert "force has an error of 0.5" in str(type(ended)(ended.folder, RunRecord(**record)).missed)
+    accuracy = ended.record.accuracy or {}
+    worse = replace(ended.record, accuracy=accuracy | {"force": accuracy["force"] | {"measured": 0.5}})
+    assert "force has an error of 0.5" in str(replace(ended, record=worse).missed)
     assert ended.missed is None
 
 

@@ -251,7 +251,7 @@ def test_forces_that_are_none(name: str, run_of: FolderOf, copied: Callable[[Pat
     good = run_of("verlet", "fig4")
     spoilt = copied(good)
     edit_table(spoilt, lambda table: ODD_FORCES[name](table).reset_index(drop=True))
-    with pytest.raises(InputError, match=r"a damaged file|those of the record's scene"):
+    with pytest.raises(InputError, match=r"a damaged file|forces of the record's scene"):
         compare_runs(good, spoilt)
 
 

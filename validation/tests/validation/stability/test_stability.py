@@ -353,6 +353,6 @@ def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) ->
     table["ratio"] = 1.3
     assert len(CHAPTER.failed(tables)) == (table["group"] == SHIPPED).sum()
     (tmp_path / "stability.csv").write_text("group,scene\nshipped scenes,fig4\n")
-    with pytest.raises(InputError, match="damaged table"):
+    with pytest.raises(InputError, match="altered since it was written"):
         read_section("stability", tmp_path)
     assert read_section("stability", tmp_path / "nowhere") == {}
