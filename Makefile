@@ -1,6 +1,7 @@
 # Bead chains on LIGGGHTS, YADE and LAMMPS. "make" lists the targets.
 PYTHON ?= python3
 PY := .venv/bin/python
+BEADS := .venv/bin/beads
 CODES := liggghts yade lammps
 # file with engines of your own: make report ENGINES=mine.toml
 export BEAD_CHAINS_ENGINES := $(or $(abspath $(ENGINES)),$(BEAD_CHAINS_ENGINES))
@@ -30,7 +31,7 @@ help: ## list these targets
 	@awk -F '[.]?"""|[.]$$' 'FNR == 1 {split(FILENAME, part, "[/.]"); printf "  make %-13s %s\n", part[3], $$2}' \
 	  $(FIGURES:%=postproc/figures/%.py)
 
-setup: .venv/.ready ## create .venv with the locked packages
+setup: .venv/.ready ## create .venv with the locked packages and beads
 
 cluster: .venv/.ready-cluster ## setup, with Dask for studies on a cluster
 
@@ -54,12 +55,12 @@ independent: ## judge engines by published numbers and theory
 
 study: .venv/.ready .venv/.engines ## run and draw a study: make study STUDY=sensitivity
 	@test -n "$(STUDY)" || { echo "STUDY is missing: make study STUDY=$(firstword $(STUDIES)); studies: $(STUDIES)"; exit 2; }
-	$(PY) -m drivers batch $(STUDY)
-	$(PY) -m postproc study $(STUDY)
+	$(BEADS) batch $(STUDY)
+	$(BEADS) study $(STUDY)
 
 engine: .venv/.ready-dev ## test an adapter or a build: make engine ENGINE=verlet
 	@test -n "$(ENGINE)" || { echo "ENGINE is missing: make engine ENGINE=verlet"; exit 2; }
-	$(PY) -m validation engine $(ENGINE)
+	$(BEADS) engine $(ENGINE)
 
 report: results/.report ## run all scenes and write results/report.html
 
@@ -92,11 +93,11 @@ $(FIGURES) $(MEASURED): %: results/.%
 
 $(FIGURES:%=results/.%): results/.%: $(MADE_FROM) \
     $$(if $$(filter 3,$$(words $$(wildcard $$(addprefix results/$$*.,csv png svg)))),,FORCE)
-	$(PY) -m postproc $*
+	$(BEADS) figures $*
 	@touch $@
 
 $(MEASURED:%=results/.%): results/.%: $(MADE_FROM) $$(if $$(wildcard results/$$*.csv),,FORCE)
-	$(PY) -m validation $* $(if $(filter trade,$*),--budget $(BUDGET))
+	$(BEADS) $* $(if $(filter trade,$*),--budget $(BUDGET))
 	@touch $@
 
 # codes that have to run: all if make can install them, else those that are installed
@@ -105,13 +106,17 @@ REQUIRED = $(if $(APT),$(CODES),$(shell cat .venv/.engines))
 # newer tables and figures of other targets also make the report out of date
 NEWS = $(shell find results -maxdepth 1 \( -name '*.csv' -o -name '*.svg' \) -newer results/.report 2>/dev/null)
 results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
-	$(PY) -m validation report --studies $(REQUIRED:%=--require %)
+	$(BEADS) report --studies $(REQUIRED:%=--require %)
 	@touch $@ results/.claims results/.independent
 
-.venv/.ready: requirements.lock
+# the stamp holds the path of the checkout, since a moved one needs its command and its "activate" again
+MOVED = $(subst x$(CURDIR),,x$(shell cat .venv/.ready 2>/dev/null))
+.venv/.ready: requirements.lock pyproject.toml $(if $(wildcard $(BEADS)),$(if $(MOVED),FORCE),FORCE)
 	$(call make_venv)
 	@$(call packages,requirements.lock)
-	@touch $@
+	@$(PY) -m pip install -q --disable-pip-version-check --no-index --no-deps --no-build-isolation -e .
+	@$(call talking,compiling the integrators, $(PY) -m validation.reference)
+	@echo '$(CURDIR)' >$@
 
 .venv/.ready-dev: requirements-dev.lock .venv/.ready
 	@$(call packages,requirements-dev.lock)
@@ -125,18 +130,15 @@ results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),
 packages = $(call talking,Python's packages of $(1) into .venv, \
   $(PY) -m pip install -q --disable-pip-version-check --require-hashes -r $(1))
 
-# run a command, print a line first and one every 4 s: $(call talking,WORDS,COMMAND)
-talking = echo "$(1)"; (while sleep 4 >/dev/null 2>&1; do echo "  still running"; done) & talker=$$!; \
+# run a command, print a line first and one every 2 s: $(call talking,WORDS,COMMAND)
+talking = echo "$(1)"; (while sleep 2 >/dev/null 2>&1; do echo "  still running"; done) & talker=$$!; \
   $(2); code=$$?; kill $$talker; exit $$code
 
-# a .pth file puts the checkout on the path, so that python -m drivers works from any folder
 define make_venv
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or later is needed: make PYTHON=python3.11"; exit 1; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || $(MAKE) --no-print-directory .python-venv
 	$(PYTHON) -m venv .venv
-	@$(PY) -c 'import sysconfig; print(sysconfig.get_path("purelib"))' | \
-	  { read -r site; pwd >"$$site/checkout.pth"; }
 endef
 
 # install packages of the system: $(call install,PACKAGES)

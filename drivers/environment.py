@@ -19,7 +19,7 @@ def trouble() -> str:
         file = paths.ROOT / "pyproject.toml"  # missing if the packages were copied alone
         project = file.read_text(encoding="utf-8") if file.exists() else ""
         listed = project.partition("\ndependencies = [")[2].partition("]")[0]
-        needed = set(re.findall(r'"([\w-]+)', listed)) - {"argcomplete"}  # needed for shell completion only
+        needed = set(re.findall(r'"([\w-]+)', listed))
         missing = sorted(name for name in needed if find_spec(name) is None)
         if not missing:
             return ""

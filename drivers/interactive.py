@@ -28,7 +28,7 @@ def run_scene(
     """Run a scene on an engine; a run with the same deck and build that is done already is returned as it is.
 
     The run folder holds the deck and the forces. ``validation.assess(run, case)`` adds the gauge signals and the error
-    budget, as the command ``python -m drivers run`` does.
+    budget, as the command ``beads run`` does.
 
     Args:
         scene: Name of a scene in ``inputs/scenes``, path of a scene file, or a case planned by ``validation.plan``.

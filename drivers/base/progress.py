@@ -10,18 +10,18 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, TextIO, TypeVar
 
 from drivers.base.errors import printable
 
 Item = TypeVar("Item")
-MAX_SILENCE_S = 4.0
+MAX_SILENCE_S = 2.0
 REFRESH_S = 0.5
 
 
 @dataclass(eq=False)
 class _Task:
-    """Running task: ``done`` of ``total`` units since ``began``, with its bar."""
+    """Running task: ``done`` of ``total`` units since ``began``, with its bar, and the standard error at its start."""
 
     what: str
     total: int | None
@@ -29,6 +29,7 @@ class _Task:
     bar: Any
     began: float = field(default_factory=time.perf_counter)
     done: int = 0
+    stream: TextIO = field(default_factory=lambda: sys.stderr)
 
     def __str__(self) -> str:
         """Progress as a line of text."""
@@ -46,14 +47,15 @@ _lock = threading.RLock()
 _news = threading.Event()
 
 
-def say(line: str) -> None:
-    """Print a line to the standard error, above the bars."""
+def say(line: str, stream: TextIO | None = None) -> None:
+    """Print a line to the standard error or another stream, above the bars."""
     global _last_line
     from tqdm import tqdm
 
+    stream = stream or sys.stderr
     with _lock:
-        tqdm.write(printable(line), file=sys.stderr)
-        sys.stderr.flush()
+        tqdm.write(printable(line), file=stream)
+        stream.flush()
         _last_line = time.perf_counter()
 
 
@@ -72,15 +74,22 @@ def step(what: str, number: int = 1, of: int = 1, *, total: int | None = None, u
 
 
 @contextmanager
-def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[Callable[..., None]]:
-    """Show a task without a line at its start; yields a function that counts units."""
+def counted(
+    what: str, total: int | None = None, unit: str = "run", *, bar: bool = True
+) -> Iterator[Callable[..., None]]:
+    """Show a task without a line at its start; yields a function that counts units. Without ``bar`` lines alone."""
     global _last_line
     from tqdm import tqdm
 
     what = printable(what)
-    look: dict[str, Any] = {"leave": False, "dynamic_ncols": True, "file": sys.stderr, "disable": not _watched()}
-    bar = tqdm(total=total, desc=what, unit=unit, bar_format="{desc}: {elapsed}" if total is None else None, **look)
-    task = _Task(what, total, unit, bar)
+    look: dict[str, Any] = {
+        "leave": False,
+        "dynamic_ncols": True,
+        "file": sys.stderr,
+        "disable": not (bar and _watched()),
+    }
+    shown = tqdm(total=total, desc=what, unit=unit, bar_format="{desc}: {elapsed}" if total is None else None, **look)
+    task = _Task(what, total, unit, shown)
     with _lock:
         if not _under_way:
             _last_line = time.perf_counter()
@@ -91,14 +100,14 @@ def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[
 
     def count(units: int = 1) -> None:
         task.done += units
-        bar.update(units)
+        shown.update(units)
 
     try:
         yield count
     finally:
         with _lock:
             _under_way.remove(task)
-        bar.close()
+        shown.close()
 
 
 def _watched() -> bool:
@@ -129,7 +138,7 @@ def _keep_talking() -> None:
                 for each in _under_way:
                     each.bar.refresh()
             elif time.perf_counter() - _last_line > MAX_SILENCE_S - REFRESH_S:
-                say(f"{'  ' * _depth}{task}")
+                say(f"{'  ' * _depth}{task}", _under_way[0].stream)  # tests may have replaced the standard error
         if task is None:
             _news.wait()
 

@@ -56,7 +56,8 @@ def job_script(setup: Setup, store: Store, todo: list[int], parts: int, lines: S
     ``lines`` are inserted before its command, lines with #SBATCH first.
     """
     request, study, selection = setup.request, setup.study, setup.selection
-    command = [sys.executable, "-m", "drivers", "batch", str(study.path), "--runs", str(store.runs.resolve())]
+    command = [str(Path(sys.executable).with_name("beads")), "batch", str(study.path)]
+    command += ["--runs", str(store.runs.resolve())]
     command += [word for name in selection.engines for word in ("--engine", name)]
     command += [word for pattern in request.patterns for word in ("--only", pattern)]
     command += ["--retry"] if request.retry else []

@@ -147,7 +147,7 @@ def batch(
             print(paths.shown(path))
         if study.file.figure:
             there = ["--results", paths.shown(results)] if results != paths.RESULTS else []
-            draw = ["python", "-m", "postproc", "study", str(request.source), *there]
+            draw = ["beads", "study", str(request.source), *there]
             print(f"to draw the table: {shlex.join(draw)}")
     except RunError as error:
         kept = error

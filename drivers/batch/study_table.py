@@ -87,7 +87,7 @@ def write_tables(study: Study, plan: StudyPlan, store: Store, results: Path) -> 
 
 def _read_table(path: Path, study: str | Path) -> pd.DataFrame:
     """Table of a batch; raises as ``read_study_table``, and FileNotFoundError."""
-    allowed = f"the table that python -m drivers batch {study} writes"
+    allowed = f"the table that beads batch {study} writes"
     try:
         return pd.read_parquet(BytesIO(read_sealed_file(path, allowed)))
     except (ValueError, ArrowException) as error:
@@ -122,7 +122,7 @@ def read_study_table(study: str | Path, results: str | Path | None = None) -> pd
             does not show one.
 
     Raises:
-        InputError: There is no table, or it is damaged; ``python -m drivers batch STUDY`` writes it.
+        InputError: There is no table, or it is damaged; ``beads batch STUDY`` writes it.
 
     Examples:
         >>> table = read_study_table("wall-material", results=tables)
@@ -134,7 +134,7 @@ def read_study_table(study: str | Path, results: str | Path | None = None) -> pd
     try:
         return _read_table(path, study)
     except FileNotFoundError:
-        raise InputError(paths.shown(path), "", f"table not found; run python -m drivers batch {study}") from None
+        raise InputError(paths.shown(path), "", f"table not found; run beads batch {study}") from None
 
 
 def _frame(columns: dict[str, list[Any]], free: set[str]) -> pd.DataFrame:

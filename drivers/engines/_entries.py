@@ -30,6 +30,12 @@ def _alternatives(value: object) -> object:
     raise units.NotAllowedError('a command such as "mpirun -np 1 lmp", or a list of them')
 
 
+def engines_again() -> list[str]:
+    """The given option ``--engines``, for a command line that repeats this one."""
+    given = os.environ.get(paths.ENGINES_VARIABLE)
+    return ["--engines", given] if given else []
+
+
 class _Entry(Part):
     adapter: str | None = None
     command: Annotated[tuple[tuple[str, ...], ...] | None, BeforeValidator(_alternatives)] = None

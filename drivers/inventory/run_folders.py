@@ -149,7 +149,7 @@ def select(
     for key, values in by_key.items():
         found = [run for run in found if run.record and any(_has(run.resolved, key, value) for value in values)]
     if settings and not found:
-        allowed = "values of existing runs, as listed by python -m drivers runs"
+        allowed = "values of existing runs, as listed by beads runs"
         raise InputError(f"--set {' --set '.join(settings)}", "", f"matches no run; allowed: {allowed}")
     return found
 

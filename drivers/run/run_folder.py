@@ -34,7 +34,7 @@ FOLDER_NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-([0-9a-f]{12})(-failed)?")  # sc
 # options for values that rarely repeat: 30 % smaller and faster than the defaults
 COMPRESSED: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
 TIME_TOLERANCE = 1e-12  # of a sample time
-ALLOWED_FOLDER = "a run folder, or its name, as python -m drivers runs prints it"
+ALLOWED_FOLDER = "a run folder, or its name, as beads runs prints it"
 NOT_ASSESSED: dict[str, Any] = dict.fromkeys(
     ("error_budget", "error_note", "exact_to", "exact_until_s", "warnings", "step_limit_s", "accuracy")
 )
@@ -231,7 +231,7 @@ class EndedRun:
         if not self.has_state:
             name = record.scene_name
             scene = name if (paths.SCENES / f"{name}.toml").is_file() else f"{name}.toml"
-            again = f"""python -m drivers run {scene} --engine {record.engine} --set run.record='["forces", "state"]'"""
+            again = f"""beads run {scene} --engine {record.engine} --set run.record='["forces", "state"]'"""
             found = f"file not found: the run kept no positions; this command makes a run with positions: {again}"
             raise InputError(paths.shown(path), "", found)
         with self._refused(STATE):

@@ -1,6 +1,7 @@
 """Planning of a case: the largest time step that meets the accuracy of its scene, and the cheapest engine."""
 
 import time
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,25 +13,25 @@ from drivers.scene.read_scene import read_scene
 from validation.accuracy.costs import cost_on
 
 
-def capable_engines(case: Case) -> list[str]:
-    """Engines, installed or not, that model all elements of a case with its accuracy."""
+def capable_engines(case: Case, among: Collection[str] = ()) -> list[str]:
+    """Engines, installed or not, that model all elements of a case with its accuracy; ``among`` others, if given."""
     needed = {element.name for element in case.elements if element.modelled}
     return [
         name
-        for name in engine_names()
+        for name in among or engine_names()
         if needed <= load_engine(name).models
         and not beyond_rounding(case, name)
         and load_engine(name).refusal(case) is None
     ]
 
 
-def cheapest(case: Case) -> str:
-    """Cheapest installed engine that models all elements of a case.
+def cheapest(case: Case, among: Collection[str] = ()) -> str:
+    """Cheapest installed engine that models all elements of a case; ``among`` others, if given.
 
     Raises:
         RunError: no installed engine does.
     """
-    capable = capable_engines(case)
+    capable = capable_engines(case, among)
     found = installed(capable)
     if not found:
         others = f"; {', '.join(capable)} would" if capable else ""

@@ -1,7 +1,7 @@
-"""Output of ``python -m drivers plan``: time step, stability, errors, cheapest engine, other accuracies, horizon."""
+"""Output of ``beads plan``: time step, stability, errors, cheapest engine, other accuracies, horizon."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_of
 from drivers.engines import installed, load_engine
 from drivers.limits.criteria import CRITERIA
-from drivers.limits.refusal import FORCE, refuse_depth
+from drivers.limits.refusal import FORCE, inability, refuse_depth
 from drivers.limits.stable_step import predicted_limit
 from drivers.limits.trial import failure, first_failure_s
 from postproc.read.observables import of_kind
@@ -36,23 +36,26 @@ AS_GIVEN = ", as given in the scene"
 Row = tuple[str, Case | None, dict[str, float], str]  # label, case and its errors, or no case and the reason
 
 
-def plan_report(source: str | Path, settings: tuple[str, ...] = ()) -> Iterator[str]:
-    """Lines of the report, for a scene with an accuracy or a time step.
+def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Collection[str] = ()) -> Iterator[str]:
+    """Lines of the report, for a scene with an accuracy or a time step, on all engines or those ``among``.
 
     Raises:
-        InputError: the scene or its accuracy is wrong, or an overlap exceeds a radius.
+        InputError: the scene or its accuracy is wrong, an overlap exceeds a radius, or an engine cannot model it.
     """
     case = planned_case(source, *settings)
     refuse_depth(case)
-    engines = [(name, load_engine(name).shear, asdict(cost_on(name))) for name in capable_engines(case)]
+    for error in (inability(case, name) for name in among):
+        if error:
+            raise error
+    engines = [(name, load_engine(name).shear, asdict(cost_on(name))) for name in capable_engines(case, among)]
     there = installed(name for name, *_ in engines)
     scenes = [each.scene.model_dump(mode="json") for each in (case, case.full) if each]
     report = _straight if case.chain.lateral is None else _three_dimensional
-    lines = kept(["plan", scenes, engines, there], lambda: [*report(case)])
+    lines = kept(["plan", scenes, engines, there], lambda: [*report(case, among)])
     yield from (f"{case.scene.name}: {case.summary}", *lines)
 
 
-def _straight(case: Case) -> Iterator[str]:
+def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     began = time.perf_counter()
     steps, plan = case.scene.steps_per_sample, case.plan
     asked = requested_accuracy(case) if plan else {FORCE: 0.0}
@@ -86,11 +89,11 @@ def _straight(case: Case) -> Iterator[str]:
     for element in case.elements:
         if case.full is not None and case.full.models(element.name) and not element.modelled:
             yield f"left out   {element.name}: {element.reason.partition(': ')[2]}"
-    yield from _engines(case)
+    yield from _engines(case, among)
     yield from (
         "",
         "time steps, errors and run times at larger and smaller errors",
-        *_table(rows),
+        *_table(rows, among),
         "",
         f"horizon    {_horizon(case, ROUNDING_MARGIN * rounding)}",
     )
@@ -105,19 +108,19 @@ def _gauge_errors(case: Case, chooser: Chooser) -> dict[str, float]:
         return errors_of(case, verlet_of(case), chooser.truth, names)
 
 
-def _three_dimensional(case: Case) -> Iterator[str]:
+def _three_dimensional(case: Case, among: Collection[str]) -> Iterator[str]:
     """Report on a three-dimensional scene: errors by extrapolation."""
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
     problem = failure(case) if case.scene.time_step_s > limit else None
     yield from _stability(case, limit, AS_GIVEN, problem)
     if problem:
         return
-    yield from _engines(case)
+    yield from _engines(case, among)
     if motions_of(case).why_unknown:
         yield f"predicted  {motions_of(case).why_unknown}"
         return
     by_law: dict[str, list[str]] = {}
-    for name in capable_engines(case):
+    for name in capable_engines(case, among):
         by_law.setdefault(load_engine(name).shear, []).append(name)
     for names in by_law.values():
         error, motions = float(predicted_error(case, names[0]).max()), motions_of(case, names[0])
@@ -149,8 +152,8 @@ def _chosen(label: str, chooser: Chooser, asked: dict[str, float], factor: float
     return label, chosen, plan.predicted, ""
 
 
-def _table(rows: list[Row]) -> Iterator[str]:
-    names = capable_engines(next(case for _, case, *_ in rows if case))
+def _table(rows: list[Row], among: Collection[str]) -> Iterator[str]:
+    names = capable_engines(next(case for _, case, *_ in rows if case), among)
     cells = [["", "time step", "error", *names]]
     for label, case, errors, _ in rows:
         if case:
@@ -162,10 +165,10 @@ def _table(rows: list[Row]) -> Iterator[str]:
     yield from (f"{label}: not computed: {why}" for label, case, _, why in rows if case is None)
 
 
-def _engines(case: Case) -> Iterator[str]:
+def _engines(case: Case, among: Collection[str]) -> Iterator[str]:
     needed = ", ".join(element.name for element in case.elements if element.modelled) or "the beads"
-    chosen = cheapest(case)
-    seconds = {name: f"{cost_on(name).run_s(case):.2g} s" for name in installed(capable_engines(case))}
+    chosen = cheapest(case, among)
+    seconds = {name: f"{cost_on(name).run_s(case):.2g} s" for name in installed(capable_engines(case, among))}
     yield f"engine     {chosen}, {seconds[chosen]}: the cheapest engine that models {needed}"
     others = ", ".join(f"{name} {cost}" for name, cost in seconds.items() if name != chosen)
     if others:

@@ -1,4 +1,4 @@
-"""``python -m validation fit``: fits parameters of scenes to measured data and checks the fitted scene with codes."""
+"""``beads fit``: fits parameters of scenes to measured data and checks the fitted scene with codes."""
 
 import os
 from collections import Counter

@@ -1,4 +1,4 @@
-"""``python -m validation compare SCENE``: checks, departures, diagnoses and error budgets of scenes on screen."""
+"""``beads compare SCENE``: checks, departures, diagnoses and error budgets of scenes on screen."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""``python -m validation compare --runs OLD --against NEW``: quantities that differ between runs of the same scenes."""
+"""``beads compare --runs OLD --against NEW``: quantities that differ between runs of the same scenes."""
 
 import shlex
 from collections import Counter
@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.base import paths
-from drivers.base.command_line import engines_again
 from drivers.base.errors import InputError
 from drivers.base.progress import following
 from drivers.base.text_table import text_table
+from drivers.engines._entries import engines_again
 from drivers.inventory.run_folders import KeptRun, kept_runs
 from validation.checks import FAIL, NOT_RUN, RUN, Check, table, without_run
 from validation.compare.pair import LEVELS, compare_pair, different_keys, open_pair
@@ -92,7 +92,7 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSe
 def print_commands(pairs: Iterable[tuple[Path, Path]]) -> None:
     """Prints the commands that show pairs of runs in detail."""
     for pair in pairs:
-        words = ["python", "-m", "validation", "compare", *map(paths.shown, pair), *engines_again()]
+        words = ["beads", "compare", *map(paths.shown, pair), *engines_again()]
         print("details:", shlex.join(words))
 
 
@@ -100,9 +100,7 @@ def _runs(option: str, folder: Path) -> dict[Key, KeptRun]:
     """Runs of a folder by key; of several builds of an engine the last, failed runs only if there is no other."""
     found = kept_runs(folder)
     if not found:
-        raise InputError(
-            f"{option} {paths.shown(folder)}", "", "no runs here; python -m drivers run --runs writes them"
-        )
+        raise InputError(f"{option} {paths.shown(folder)}", "", "no runs here; beads run --runs writes them")
     return {run.key: run for run in sorted(found, key=lambda run: not run.folder.name.endswith("-failed"))}
 
 

@@ -1,4 +1,4 @@
-"""``python -m validation compare RUN RUN``: differences of two runs at their common sample times.
+"""``beads compare RUN RUN``: differences of two runs at their common sample times.
 
 The table is the error budget with the other run in the place of the scheme: its forces, energy and momentum, plus the
 difference of the schemes of the two engines at their time steps, if they have two, have to be those of the second run
@@ -113,7 +113,7 @@ def open_pair(first: Path, second: Path) -> tuple[PairedRun, PairedRun]:
 def _open(folder: Path) -> EndedRun:
     if not is_run(folder):
         if next(folder.glob(f"*{ENDING}"), None) or next(folder.glob(f"batch/*{ENDING}"), None):
-            lay_out = "run folders (python -m drivers show STUDY CASE lays a case out as one)"
+            lay_out = "run folders (beads show STUDY CASE lays a case out as one)"
             raise InputError(paths.shown(folder), "", "the store of a batch", lay_out)
         if any(map(is_run, folder.glob("*/"))):
             raise InputError(paths.shown(folder), "", "a folder of runs", "one of the run folders in it")

@@ -60,6 +60,19 @@ class EngineSelection:
 ALL_ENGINES = EngineSelection()
 
 
+def selected(engines: Iterable[str], required: Iterable[str], *, allow_missing: bool) -> EngineSelection:
+    """Engines of the options ``--engine`` and ``--require``.
+
+    Raises:
+        InputError: an engine is unknown.
+    """
+    asked = EngineSelection(tuple(engines), tuple(required), allow_missing)
+    for option, names in (("--engine", asked.engines), ("--require", asked.require)):
+        for name in names:
+            load_engine(name, option)
+    return asked
+
+
 def _did_not_run(engine: str, why: str) -> str:
     found = load_engine(engine)
     if found.find() is None:

@@ -1,18 +1,25 @@
 """``python -m validation.reference chain.json``: integrates the chain of a deck and writes ``chain.npy``.
 
 With ``-`` in place of the deck it runs many decks: each line of the standard input is ``FOLDER WORD``. It runs the deck
-of the folder and then prints the word.
+of the folder and then prints the word. Without a deck it compiles all integrators, whose code is then kept.
 """
 
 import json
 import sys
 import time
+from multiprocessing import Process
 from pathlib import Path
 
 import numpy as np
 
+from validation.reference.adaptive import integrate_adaptive
 from validation.reference.deck import integrate_deck
+from validation.reference.hertz_chain import HertzChain, TubeChain
+from validation.reference.symplectic import integrate_symplectic
+from validation.reference.tube import integrate_tube
+from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 
+TIMES_S = np.array([0.0, 1e-3])
 _compiled: set[str] = set()
 
 
@@ -30,8 +37,37 @@ def main(deck: Path) -> None:
     print(f"completed {values['samples']} samples in {seconds:.6f} s")
 
 
+def _compile_elastic(chain: HertzChain) -> None:
+    integrate_verlet(chain, 1e-3, 1, 2)
+    integrate_adaptive(chain, TIMES_S, 1e-6)
+    integrate_verlet_absolute(chain, chain.mass_kg, chain.mass_kg, 1e-3, 1, 2)
+    integrate_symplectic(chain, 1e-3, 1, 2)
+
+
+def _compile_others(chain: HertzChain) -> None:
+    one, along = chain.mass_kg, np.outer(TIMES_S, (0.0, 0.0, 1.0))
+    power = HertzChain(one, one, 0 * one, -TIMES_S, 0 * one, one, 1.5)
+    integrate_adaptive(power, TIMES_S, 1e-6)
+    integrate_verlet_absolute(power, one, one, 1e-3, 1, 2)
+    integrate_tube(TubeChain(*8 * (one,), along, -along, -1.0, 0.1, 2.0, 0.1), 1e-3, 1, 2)
+
+
+def compile_all() -> None:
+    """Compiles every integrator for every contact law, by integrations of two bodies in two processes."""
+    one = np.ones(2)
+    chain = HertzChain(one, one, 0 * one, -TIMES_S, 0 * one)
+    both = [Process(target=target, args=(chain,)) for target in (_compile_elastic, _compile_others)]
+    for process in both:
+        process.start()
+    for process in both:
+        process.join()
+    sys.exit(max(abs(process.exitcode or 0) for process in both))
+
+
 if __name__ == "__main__":
-    if sys.argv[1] == "-":
+    if not sys.argv[1:]:
+        compile_all()
+    elif sys.argv[1] == "-":
         for line in sys.stdin:
             folder, word = line.rstrip("\n").split(" ")
             if folder:

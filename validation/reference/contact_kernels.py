@@ -1,10 +1,13 @@
 """Compiled functions shared by the integrators: the contact law (for arrays: ``hertz_chain``) and copying."""
 
 import hashlib
+import multiprocessing
+import sys
 from math import sqrt
 from pathlib import Path
 
 from numba import config, njit
+from numba.core import event
 
 from validation.reference.hertz_chain import Array
 
@@ -12,6 +15,24 @@ from validation.reference.hertz_chain import Array
 HOME = Path(__file__).parent
 SOURCES = hashlib.sha256(b"".join(file.read_bytes() for file in sorted(HOME.glob("*.py")))).hexdigest()
 vars(config)["CACHE_DIR"] = str(Path(vars(config)["CACHE_DIR"] or HOME / "__pycache__") / f"kernels-{SOURCES[:12]}")
+
+
+def _announce(_: event.Event) -> None:
+    """Print a line before the first compilation of a process, which takes seconds."""
+    event.unregister("numba:compile", LISTENER)  # type: ignore[no-untyped-call]
+    if multiprocessing.parent_process() is None:
+        print("compiling the integrators, once after a change of them", file=sys.stderr, flush=True)
+
+
+class _Listener(event.Listener):
+    on_start = staticmethod(_announce)
+
+    def on_end(self, event: event.Event) -> None:
+        """Do nothing; a listener needs this method."""
+
+
+LISTENER = _Listener()
+event.register("numba:compile", LISTENER)  # type: ignore[no-untyped-call]
 
 
 @njit(error_model="numpy", forceinline=True)

@@ -181,7 +181,7 @@ def _stretch(s: float, power: float) -> float:
 
 
 @njit(error_model="numpy")
-def weigh(formula: int, h: float, slopes: Array, result: Array) -> None:
+def weigh(formula: int | np.int64, h: float, slopes: Array, result: Array) -> None:
     """Writes ``h * FORMULAS[formula] @ slopes`` to ``result``, in blocks of four rows."""
     row, weight = TERMS[formula], WEIGHTS[formula]
     for i in range(result.size):
@@ -205,7 +205,7 @@ def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Arr
         for i in range(start.size):
             result[i] += start[i]
         slope(result, _stretch(s + C[stage] * h, power), slopes[stage], bodies)
-    weigh(END, h, slopes, end[1])
+    weigh(np.int64(END), h, slopes, end[1])  # a literal would make numba compile it again
     for i in range(start.size):
         change = end[1, i] + state[1, i]
         result[i] = start[i] + change
@@ -228,8 +228,8 @@ def error(
     rounding = ROUNDING * abs(h * stretch) / tolerance
     for i in range(scale.size):
         slopes[STAGES, i] = stretch * end[2, i]
-    weigh(FIFTH, 1.0, slopes, work[0])
-    weigh(THIRD, 1.0, slopes, work[1])
+    weigh(np.int64(FIFTH), 1.0, slopes, work[0])
+    weigh(np.int64(THIRD), 1.0, slopes, work[1])
     inverse_mass, stiffness = bodies[0], bodies[1]
     fifth, third, estimate, force, rounded = work[0], work[1], work[1], work[2, :n], work[2, n:]
     for j in range(n):

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from drivers.base import paths
-from drivers.base.command_line import engines_again
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError
 from drivers.base.progress import in_words
@@ -20,6 +19,7 @@ from drivers.chain.case import Case
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, in_order, load_engine
+from drivers.engines._entries import engines_again
 from drivers.limits.refusal import FORCE
 from drivers.run.run_folder import EndedRun
 from drivers.scene.model import Scene
@@ -101,7 +101,7 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
         )
     own = scene.case.scene
     options = [*(["--runs", str(runs)] if runs else []), *engines_again()]
-    again = " ".join(["python -m validation compare", source_of(own), *map(shlex.quote, options)])
+    again = " ".join(["beads compare", source_of(own), *map(shlex.quote, options)])
     return ReportRow(own.name, own.title or own.name, again, cells)
 
 
@@ -115,7 +115,7 @@ def case_rows(independent: Mapping[str, Any]) -> list[ReportRow]:
             of_engine = [check for check in checks if check.engine == engine]
             note = next((check.where for check in of_engine if math.isnan(check.limit)), "")
             cells[engine] = Cell(engine, of_engine, note)
-        rows.append(ReportRow(entry.id, entry.title, "python -m validation independent", cells))
+        rows.append(ReportRow(entry.id, entry.title, "beads independent", cells))
     return rows
 
 

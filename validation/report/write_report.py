@@ -1,4 +1,4 @@
-"""``python -m validation report``: run and compare scenes, and write the page with its JSON file."""
+"""``beads report``: run and compare scenes, and write the page with its JSON file."""
 
 import re
 import shlex
@@ -12,12 +12,12 @@ from markupsafe import Markup, escape
 
 from drivers.base import decks as deck
 from drivers.base import paths
-from drivers.base.command_line import engines_again
 from drivers.base.errors import InputError, RunError
 from drivers.base.files import whole_file
 from drivers.base.progress import in_words, say, step
 from drivers.chain.case import build_case
 from drivers.engines import in_order
+from drivers.engines._entries import engines_again
 from drivers.scene.read_scene import read_scene
 from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
@@ -137,7 +137,7 @@ def _command(sources: list[str], out: Path | None, runs: Path | None, asked: Eng
     if not sources and not options:
         return MAKE_COMMAND
     options += [word for name in asked.require for word in ("--require", name)]
-    return shlex.join(["python", "-m", "validation", "report", *sources, *options])
+    return shlex.join(["beads", "report", *sources, *options])
 
 
 def write_report(

@@ -79,15 +79,15 @@ def test_the_example_runs_line_by_line(folder: Path) -> None:
         printed[line.partition(" #")[0].strip()] = ended.stdout
     for picture in re.findall(r"results/[\w-]+\.svg", "".join(EXAMPLES)):
         assert (paths.ROOT / picture).exists(), picture
-    assert "speed_7_to_3_m_s" in printed["python -m postproc observables yade:steel"]
-    assert "FAIL" not in printed["python -m validation compare steel.toml"]
+    assert "speed_7_to_3_m_s" in printed["beads observables yade:steel"]
+    assert "FAIL" not in printed["beads compare steel.toml"]
     assert "Ten steel beads" in (folder / "steel.html").read_text()
 
 
 def test_the_example_of_a_mistake(folder: Path) -> None:
     (stated,) = re.findall(r"`(steel.toml: [^`]+)`", TEXT)
     (folder / "steel.toml").write_text(SCENE.replace("\nspeed", "\nsped"))
-    ended = typed("python -m drivers plan steel.toml", folder)
+    ended = typed("beads plan steel.toml", folder)
     assert ended.returncode == 2
     assert ended.stderr == f"{stated}\n"
 

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from drivers.__main__ import request_of
 from drivers.base.processes import run_command
 from drivers.batch.study_commands import WORKER_COSTS, batch, status
 from drivers.chain.case import build_case
 from drivers.engines import installed_codes, load_engine
 from drivers.run.execute import Place
 from drivers.scene.read_scene import read_scene
+from validation.commands.batch_commands import request_of
 
 WORKERS = 2
 SINGLE_CASES = 12

@@ -11,7 +11,7 @@ from pathlib import Path
 from drivers.base import paths
 
 ANNOUNCED = re.compile(r"step \d+ of \d+: [^(]+|results/report.html: .+")
-COMMANDS = (("compare of finished runs", "validation", "compare", "fig4"), ("plan", "drivers", "plan", "fig4"))
+COMMANDS = (("help", "--help"), ("compare of finished runs", "compare", "fig4"), ("plan", "plan", "fig4"))
 
 
 def bench_report() -> None:
@@ -34,9 +34,9 @@ def bench_report() -> None:
                 print(f"{time.perf_counter() - began:7.1f}  {found[0].strip()}", flush=True)
         print(f"{time.perf_counter() - began:7.1f}  exit code {process.wait()}")
         print("\nCPU and wall seconds of commands, and of their second call with cached results")
-        for what, package, *arguments in COMMANDS:
+        for what, *arguments in COMMANDS:
             for _ in range(2):
-                cpu_s, wall_s = _spent((str(clone / ".venv/bin/python"), "-m", package, *arguments), clone)
+                cpu_s, wall_s = _spent((str(clone / ".venv/bin/beads"), *arguments), clone)
             print(f"{what:<26} {cpu_s:5.2f} {wall_s:5.2f}")
 
 

@@ -5,12 +5,12 @@ from dataclasses import fields
 
 import pytest
 
-from drivers.__main__ import COMMANDS
 from drivers.base.paths import ROOT
 from drivers.batch.study_commands import STATES
 from drivers.engines import engine_names
 from drivers.engines._entries import _Entry
 from drivers.run.run_folder import RunRecord
+from validation.commands.beads import BEADS
 from validation.tests.helpers.readme import command_lines, parse
 
 README = ROOT / "drivers/README.md"
@@ -28,7 +28,7 @@ def test_a_command_line_parses(line: str) -> None:
     parse(line)
 
 
-@pytest.mark.parametrize("line", ["python -m drivers walk fig4", "python -m drivers run fig4 --fast"])
+@pytest.mark.parametrize("line", ["beads walk fig4", "beads run fig4 --fast"])
 def test_an_unknown_command_or_option_does_not_parse(line: str) -> None:
     with pytest.raises(AssertionError):
         parse(line)
@@ -47,7 +47,7 @@ def test_folders_and_engines_are_listed() -> None:
 def test_the_states_of_rows_are_listed_here_and_in_the_help() -> None:
     listed = TEXT.partition("States of a row: ")[2].partition(". ")[0]
     assert tuple(re.findall(r"`([^`]+)`", listed)) == STATES
-    assert COMMANDS["status"].options["--list"]["help"].endswith(", ".join(STATES))
+    assert (BEADS.commands["status"].params[-1].help or "").rstrip(".").endswith(", ".join(STATES))
 
 
 def test_the_entry_has_all_keys() -> None:

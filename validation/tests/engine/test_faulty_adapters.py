@@ -20,7 +20,7 @@ from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import Engine, load_engine
 from validation.tests.engine.candidate import MINE, STAND_INS
-from validation.tests.helpers.commands import command_line, command_process
+from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.scenes import EnginesWriter
 
 RUN = ("start", "scene[base]", "scene[damped]", "order[elastic]", "blow_up")  # all fail if the guard fails a run
@@ -272,7 +272,7 @@ def test_a_faulty_adapter_fails_the_tests_that_name_its_fault(fault: str, mine: 
 
 @pytest.mark.long
 def test_an_adapter_outside_the_tree_passes_on_the_command_line(mine: Engine, tmp_path: Path) -> None:
-    done = command_process("validation", "engine", "mine", "--results", tmp_path)
+    done = beads_process("engine", "mine", "--results", tmp_path)
     assert done.returncode == 0, done.stdout
     assert (tmp_path / "engine-mine.xml").exists()
     assert "refused: " in done.stdout
@@ -282,11 +282,11 @@ def test_an_adapter_outside_the_tree_passes_on_the_command_line(mine: Engine, tm
 def test_engines_that_are_not_installed(engines_file: EnginesWriter, tmp_path: Path) -> None:
     (tmp_path / "absent.py").write_text(MINE)
     engines_file('[absent]\nadapter = "absent.py"\ncommand = "no-such-program"\nhow_to_get = "a search"\n')
-    absent = command_line("validation", "engine", "absent")
+    absent = beads("engine", "absent")
     assert absent.returncode == 1
     place = tmp_path / "own-engines.toml"
     message = f"error: absent: not installed; it comes with a search (looked for no-such-program of {place})\n"
     assert absent.stderr == message
-    unknown = command_line("validation", "engine", "unknown")
+    unknown = beads("engine", "unknown")
     assert unknown.returncode == 2
     assert unknown.stderr.startswith('engine: found "unknown"; allowed: absent, ')

@@ -5,37 +5,37 @@ import re
 import subprocess
 import sys
 from contextlib import redirect_stderr, redirect_stdout
-from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from unittest.mock import patch
 
-from drivers.base.command_line import run_main
+from validation.commands.beads import main
 
+BEADS = (sys.executable, "-m", main.__module__)  # the command, also where it is not installed
 PROGRESS = re.compile(r": (\d+ of \d+ \w+ in \d+ s|\d+ s so far)")
 
 
-def command_line(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run ``python -m ...`` as a user does, but in this process, which has loaded all libraries.
+def beads(*words: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run ``beads ...`` as a user does, but in this process, which has loaded all libraries.
 
     Lines on progress, which depend on the machine, are removed.
     """
-    module, *given = map(str, words)
+    given = ["beads", *map(str, words)]
     out, err, code = StringIO(), StringIO(), None
-    argv, same_environment = patch.object(sys, "argv", [module, *given]), patch.dict(os.environ)
+    argv, same_environment = patch.object(sys, "argv", given), patch.dict(os.environ)
     with argv, same_environment, redirect_stdout(out), redirect_stderr(err):
         try:
-            run_main(import_module(f"{module}.__main__").main)
+            main()
         except SystemExit as end:
             code = end.code
     assert isinstance(code, int), code
-    return subprocess.CompletedProcess([module, *given], code, out.getvalue(), without_progress(err.getvalue()))
+    return subprocess.CompletedProcess(given, code, out.getvalue(), without_progress(err.getvalue()))
 
 
-def command_process(*words: str | Path, **changes: str) -> subprocess.CompletedProcess[str]:
-    """Run ``python -m ...`` in a process of its own, with changed variables of the environment."""
+def beads_process(*words: str | Path, **changes: str) -> subprocess.CompletedProcess[str]:
+    """Run ``beads ...`` in a process of its own, with changed variables of the environment."""
     done = subprocess.run(
-        [sys.executable, "-m", *map(str, words)],
+        [*BEADS, *map(str, words)],
         capture_output=True,
         text=True,
         timeout=200,

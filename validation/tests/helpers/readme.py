@@ -1,53 +1,45 @@
-"""Command lines of a README: found in its code, and read by the parser of their package."""
+"""Command lines of a README: found in its code, and read by the parser."""
 
-import argparse
-import importlib
 import re
 import shlex
-import sys
-from contextlib import redirect_stderr
-from io import StringIO
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
-import pytest
+import click
 
-from drivers.base.command_line import Parser
+from validation.commands.beads import BEADS
 
 CODE = re.compile(r"^```.*?\n(?P<block>.*?)^```|`(?P<inline>[^`\n]+)`", re.MULTILINE | re.DOTALL)
-COMMAND = re.compile(r"python -m (drivers|postproc|validation)\b.*")
+COMMAND = re.compile(r"beads (?=[a-z-]).*")
 
 
 def command_lines(readme: Path) -> list[str]:
-    """Every ``python -m PACKAGE ...`` in code blocks and inline code, without comments, in order and once each."""
+    """Every ``beads ...`` in code blocks and inline code, without comments, in order and once each."""
     found: dict[str, None] = {}
     for code in CODE.finditer(readme.read_text()):
         text = (code["block"] or code["inline"]).replace("\\\n", " ")
         for line in text.splitlines():
             for part in re.split(r" && | \|\| | ; ", line):
-                if command := COMMAND.search(part):
+                if command := COMMAND.match(part):
                     found[command[0].partition(" # ")[0].strip()] = None
     return [*found]
 
 
-def parse(line: str) -> argparse.Namespace:
-    """Parses a command line with the parser of its package, and runs nothing.
+def parse(line: str) -> dict[str, Any]:
+    """Arguments of a command line by name; runs nothing.
 
     Raises:
         AssertionError: unknown command or option, or a wrong value, with the parser's message.
     """
-    _, _, package, *words = shlex.split(line)
-    module = importlib.import_module(f"{package}.__main__")
-    parsed: list[argparse.Namespace] = []
-    read = Parser.parse_args
-
-    def parse_only(parser: Parser) -> argparse.Namespace:
-        parsed.append(read(parser))
-        raise SystemExit(0)
-
-    arguments, environment = patch.object(sys, "argv", [package, *words]), patch.dict("os.environ")
-    parser, message = patch.object(Parser, "parse_args", parse_only), StringIO()
-    with arguments, environment, parser, redirect_stderr(message), pytest.raises(SystemExit):
-        module.main()
-    assert parsed, message.getvalue()
-    return parsed[0]
+    _, name, *words = shlex.split(line)
+    with patch.dict("os.environ"):  # --engines changes it
+        try:
+            if name.startswith("-"):
+                return BEADS.make_context("beads", [name, *words]).params
+            assert name in BEADS.commands, name
+            return BEADS.commands[name].make_context(name, words).params
+        except click.exceptions.Exit:  # --help or --version
+            return {}
+        except click.UsageError as error:
+            raise AssertionError(error.format_message()) from error

@@ -14,7 +14,7 @@ from drivers.run.run_folder import FORCES, SENSORS, STATE
 from postproc.draw.overlay import misfit_table
 from postproc.draw.style import pyplot
 from postproc.read.observables import OBSERVABLES
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.readme import command_lines, parse
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
@@ -74,7 +74,7 @@ def test_python_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     (study,) = re.findall(r"```toml\n(.*?)```", section, re.DOTALL)
     assert tomllib.loads(study)["engines"] == ["verlet"]
     Path("speeds.toml").write_text(study)
-    done = command_line("drivers", "batch", "speeds.toml", "--runs", runs, "--results", results)
+    done = beads("batch", "speeds.toml", "--runs", runs, "--results", results)
     assert done.returncode == 0, done.stderr
     names: dict[str, object] = {}
     for block in re.findall(r"```python\n(.*?)```", section, re.DOTALL):

@@ -13,7 +13,7 @@ import postproc
 import validation
 from drivers.base.errors import InputError, RunError
 from drivers.run.run_folder import EndedRun
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 
 PACKAGES = (drivers, postproc, validation)
 SHORT_RUN = {"run.duration": "20 us", "run.time_step": 1e-7}
@@ -29,7 +29,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of a study for which docstrings have examples."""
     folder = tmp_path_factory.mktemp("tables")
     options = ("--engine", "verlet", "--only", "striker.speed=2 m/s", "--runs", folder / "runs", "--results", folder)
-    done = command_line("drivers", "batch", "wall-material", *options)
+    done = beads("batch", "wall-material", *options)
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -84,7 +84,7 @@ def test_wrong_calls_are_refused(tmp_path: Path) -> None:
         drivers.run_scene("fig4", "verlet", {"run.time_step": "0.1 ns"}, runs=tmp_path, time_limit_s=0.2)
     with pytest.raises(InputError):
         drivers.open_run("verlet:fig4", runs=tmp_path)
-    with pytest.raises(InputError, match="drivers batch striker-mass"):
+    with pytest.raises(InputError, match="beads batch striker-mass"):
         drivers.read_study_table("striker-mass", results=tmp_path)
     with pytest.raises(AttributeError, match="no_such_function"):
         getattr(drivers, "no_such_function")  # noqa: B009 - for the type checker

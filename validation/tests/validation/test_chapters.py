@@ -17,8 +17,8 @@ from drivers.chain.elements import SIDEWAYS
 from drivers.engines import installed_codes, load_engine
 from drivers.run.run import run_all_done
 from postproc.paper.simulate import Simulation, run_codes
-from validation.__main__ import COMMANDS
 from validation.chapters import CHAPTERS, Options, frame_of, load_chapter, read_section, write_chapter
+from validation.commands.beads import BEADS
 from validation.elements import elements_chapter, gauge_steps, switches
 from validation.elements.switches import read_elements
 from validation.stability.extremes import Extreme, run_all
@@ -65,7 +65,7 @@ def levers() -> list[Lever]:
 
 
 def test_studies_are_those_of_the_command_line_and_of_make() -> None:
-    assert set(CHAPTERS) <= set(COMMANDS)
+    assert set(CHAPTERS) <= set(BEADS.commands)
     assert [load_chapter(name).name for name in CHAPTERS] == list(CHAPTERS)
     measured = re.search(r"^MEASURED := (.*)$", (paths.ROOT / "Makefile").read_text(), re.MULTILINE)
     assert measured

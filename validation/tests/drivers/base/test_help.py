@@ -1,67 +1,128 @@
-"""Help texts of the three command lines and of ``make help``: short, complete, with examples that are true."""
+"""Help texts of ``beads`` and of ``make help``: short, complete, with examples that are true."""
 
-import argparse
 import re
-import shlex
 import subprocess
-from collections.abc import Iterator
-from importlib import import_module
+from collections import defaultdict
 
+import click
 import pytest
 
-from drivers.base.command_line import Parser
 from drivers.base.paths import ROOT
-from validation.tests.helpers.commands import command_line
+from validation.commands.beads import BEADS, SECTIONS
+from validation.tests.helpers.commands import beads
+from validation.tests.helpers.readme import parse
 
-PROGRAMS = ("drivers", "postproc", "validation")
 WIDTH = 80
+FIRST_TO_LAST = (
+    "scenes plan draw run compare observables spacetime film vtk overlay fit batch study status show runs render "
+    "report figures claims trade stability elements independent calibration engine wave"
+)
+EXAMPLE = re.compile(r"^    (beads .*)$", re.MULTILINE)
 
 
-def commands(program: str) -> dict[str, Parser]:
-    """Parsers of the commands of a program, by name; the empty name for the program itself."""
-    parser: Parser = import_module(f"{program}.__main__")._parser()
-    return {"": parser, **parser.commands}
+def test_commands_are_listed_in_the_order_in_which_a_user_meets_them() -> None:
+    shown = beads("--help").stdout
+    listed = re.findall(r"^  (\w+) {2,}\w", shown.partition(f"{next(iter(SECTIONS))}:")[2], re.MULTILINE)
+    assert " ".join(listed) == FIRST_TO_LAST
+    assert re.findall(r"^([a-z][a-z ]+):$", shown, re.MULTILINE) == [*SECTIONS]
 
 
-EACH = [pytest.param(program, name, id=f"{program} {name}") for program in PROGRAMS for name in commands(program)]
+@pytest.mark.parametrize("words", [(), *((name,) for name in FIRST_TO_LAST.split())], ids=lambda words: " ".join(words))
+def test_help_fits_the_terminal_and_has_valid_examples(words: tuple[str, ...]) -> None:
+    shown, short = beads(*words, "--help"), beads(*words, "-h")
+    assert (shown.returncode, shown.stderr) == (0, "")
+    assert short.stdout == shown.stdout
+    assert max(map(len, shown.stdout.splitlines())) <= WIDTH
+    examples = EXAMPLE.findall(shown.stdout)
+    assert examples
+    for line in examples:
+        assert not words or line.split()[1] == words[0]
+        parse(line)
 
 
-@pytest.mark.parametrize(("program", "name"), EACH)
-def test_help_fits_the_terminal(program: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", str(WIDTH))
-    parser = commands(program)[name]
-    assert max(map(len, parser.format_help().splitlines())) <= WIDTH
-    assert re.fullmatch(r"[A-Z][^\n]*\.(\nHelp on a command: .*)?", parser.description or "")
-    for action in parser._actions:
-        assert action.help or isinstance(action, argparse._SubParsersAction), action.dest
-        if action.nargs != 0 and not isinstance(action, argparse._SubParsersAction):
-            assert re.fullmatch(r"[A-Z](\S*)", str(action.metavar)), f"{action.dest}: {action.metavar}"
+def test_an_option_means_the_same_everywhere() -> None:
+    """Except ``--out``: the folder of a deck, or the file of a page."""
+    meanings = defaultdict(set)
+    for command in BEADS.commands.values():
+        for parameter in command.params:
+            assert getattr(parameter, "help", ""), f"{command.name} {parameter.name}"
+            assert getattr(parameter, "is_flag", False) or re.fullmatch(r"\[?[A-Z](\S*)", str(parameter.metavar))
+            if isinstance(parameter, click.Option):
+                meanings[parameter.opts[0]].add((parameter.help, parameter.metavar, parameter.multiple, parameter.name))
+    assert {option for option, found in meanings.items() if len(found) > 1} == {"--out"}
 
 
-def examples() -> Iterator[tuple[str, str]]:
-    """Example command lines with their program."""
-    for program in PROGRAMS:
-        for parser in commands(program).values():
-            title, *lines = (parser.epilog or "").splitlines()
-            assert title in ("example:", "examples:")
-            assert lines
-            yield from ((program, line.strip()) for line in lines)
+def test_summaries_are_one_line() -> None:
+    lines = beads("--help").stdout.splitlines()
+    for name, command in BEADS.commands.items():
+        assert f"  {name:11}  {command.get_short_help_str(WIDTH)}" in lines
 
 
-@pytest.mark.parametrize(("program", "line"), [pytest.param(*each, id=each[1]) for each in examples()])
-def test_examples_are_valid_command_lines(program: str, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    python, option, module, *words = shlex.split(line)
-    assert [python, option, module] == ["python", "-m", program]
-    monkeypatch.setenv("BEAD_CHAINS_ENGINES", "")  # restored after --engines has set it
-    assert commands(program)[""].parse_args(words).command == words[0]
+def test_the_figures_are_listed_with_their_captions() -> None:
+    from postproc.figures import captions
+
+    shown = " ".join(beads("figures", "--help").stdout.split())
+    for name, caption in captions().items():
+        assert f"{name} {caption.title}" in shown
 
 
-@pytest.mark.parametrize("program", PROGRAMS)
-def test_without_a_command_the_commands_are_listed(program: str) -> None:
-    ended = command_line(program)
-    assert ended.returncode == 2
-    for name in commands(program):
-        assert re.search(rf"^    {name}( |$)", ended.stdout, re.MULTILINE) or not name
+def test_without_a_command_the_help_is_printed() -> None:
+    ended = beads()
+    assert (ended.returncode, ended.stdout) == (2, beads("--help").stdout)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("wak",), "beads: no such command 'wak'"),
+        (("rnu",), "beads: no such command 'rnu'. Did you mean 'run'?"),
+        (("--unknown",), "beads: no such option '--unknown'"),
+        (("run",), "beads run: missing argument 'SCENE'"),
+        (("run", "fig4", "--time-limi"), "beads run: no such option '--time-limi'. Did you mean '--time-limit'?"),
+        (("run", "fig4", "--engine"), "beads run: option '--engine' requires an argument"),
+        (("run", "fig4", "fig5"), "beads run: got unexpected extra argument (fig5)"),
+        (("run", "fig4", "--time-limit", "-1"), "beads run: --time-limit: found -1; allowed: seconds above zero"),
+        (("show", "sensitivity", "x"), "beads show: CASE: found x; allowed: a whole number from 1"),
+        (
+            ("batch", "sensitivity", "--slice", "3/2"),
+            "beads batch: --slice: found 3/2; allowed: I/N with I from 1 to N",
+        ),
+        (("render", "fig4"), "beads render: missing option '--out'"),
+    ],
+)
+def test_a_wrong_command_line_ends_in_one_line(words: tuple[str, ...], said: str) -> None:
+    ended = beads(*words)
+    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
+    program = "beads" if len(words) == 1 and words[0] != "run" else f"beads {words[0]}"
+    assert ended.stderr == f"{said} (see {program} --help)\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--slice", "1/2", "--slurm"), "--slurm: not allowed with --slice"),
+        (("--dask", "--slurm"), "--slurm: not allowed with --dask"),
+        (("--wait",), "--wait: needs --slurm"),
+        (("--slice", "1/2", "--workers", "2"), "--workers: not allowed with --slice"),
+    ],
+)
+def test_options_of_a_batch_that_exclude_each_other(words: tuple[str, ...], said: str) -> None:
+    ended = beads("batch", "sensitivity", *words)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (2, "", f"{said}\n")
+
+
+def test_an_unknown_figure_is_refused_with_the_known_ones() -> None:
+    ended = beads("figures", "fig9")
+    assert (ended.returncode, ended.stderr[:36]) == (2, 'figures: found "fig9"; allowed: fig1')
+
+
+def test_a_plan_is_limited_to_engines() -> None:
+    said = beads("plan", "two-spheres", "--engine", "verlet").stdout
+    assert re.search(r"^engine +verlet, ", said, re.MULTILINE)
+    assert "other engines" not in said
+    assert re.search(r"^ +time step +error +verlet$", said, re.MULTILINE)
+    refused = beads("plan", "fig4-tube", "--engine", "reference")
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
 
 
 def test_make_help_lists_every_target_in_aligned_columns() -> None:
@@ -73,21 +134,3 @@ def test_make_help_lists_every_target_in_aligned_columns() -> None:
     assert {*names, *(path.stem for path in (ROOT / "postproc" / "figures").glob("[a-z]*.py"))} == listed
     assert max(map(len, lines)) <= WIDTH
     assert len({len("".join(re.findall(r"^  make \S+ +", line))) for line in lines}) == 1
-
-
-WITHOUT_REQUIRED_ARGUMENTS = [
-    (program, name)
-    for program in PROGRAMS
-    for name, parser in commands(program).items()
-    if name and not any(action.required for action in parser._actions)
-]
-
-
-@pytest.mark.parametrize(("program", "name"), WITHOUT_REQUIRED_ARGUMENTS)
-def test_an_unknown_option_points_to_the_help_of_its_command(
-    program: str, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    parsers = commands(program)
-    with pytest.raises(SystemExit, match="2"):
-        parsers[""].parse_args([name, "--unknown"])
-    assert f"{parsers[name].prog} --help" in capsys.readouterr().err

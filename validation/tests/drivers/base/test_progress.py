@@ -66,6 +66,19 @@ def test_a_terminal_without_a_size_gets_lines(
     os.close(terminal)
 
 
+def test_a_command_without_output_gets_lines_also_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "MAX_SILENCE_S", 0.3)
+    monkeypatch.setattr(progress, "REFRESH_S", 0.1)
+    monkeypatch.setattr(os, "get_terminal_size", lambda _: (100, 40))
+    terminal, other = os.openpty()
+    with open(other, "w") as shown:
+        monkeypatch.setattr(sys, "stderr", shown)
+        with progress.counted("beads plan", bar=False):
+            time.sleep(0.6)
+    assert os.read(terminal, 999).startswith(b"beads plan: 0 s so far")
+    os.close(terminal)
+
+
 def test_threads_of_work_end_in_any_order(capsys: pytest.CaptureFixture[str]) -> None:
     def work(seconds: float) -> None:
         for _ in progress.following([seconds], "work"):

@@ -4,7 +4,6 @@ import os
 import shlex
 import shutil
 import subprocess
-import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +19,7 @@ from drivers.batch.study_rows import plan_side_by_side
 from drivers.engines import installed
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
-from validation.tests.helpers.commands import command_line, command_process
+from validation.tests.helpers.commands import BEADS, beads, beads_process
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StandIn, StudyWriter, case_of
 
@@ -28,7 +27,7 @@ ENGINES = ("reference", "verlet", "liggghts", "yade")
 
 
 def batch(study: Path, runs: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
-    return command_line("drivers", "batch", study, "--runs", runs, "--results", results_of(runs), *words)
+    return beads("batch", study, "--runs", runs, "--results", results_of(runs), *words)
 
 
 def results_of(runs: Path) -> Path:
@@ -81,19 +80,19 @@ def test_an_unfinished_table_replaces_none_with_more_rows(study_file: StudyWrite
     assert part.stdout.splitlines()[-2:] == ["verlet  1 done", "1 of 3 rows done"]
     done = batch(path, runs)
     assert done.stdout.splitlines()[-1] == "3 of 3 rows done"
-    draw = next(line for line in done.stdout.splitlines() if line.startswith("to draw the table: python -m "))
-    drawn = command_line(*shlex.split(draw.partition(" -m ")[2]), "--out", tmp_path / "drawn")
+    draw = next(line for line in done.stdout.splitlines() if line.startswith("to draw the table: "))
+    drawn = beads(*shlex.split(draw.partition(": beads ")[2]))
     assert drawn.returncode == 0, drawn.stderr
     complete = table_bytes(runs)
-    words = ("drivers", "batch", path, "--runs", tmp_path / "others", *other)
-    kept = command_line(*words, "--results", results_of(runs))
+    words = ("batch", path, "--runs", tmp_path / "others", *other)
+    kept = beads(*words, "--results", results_of(runs))
     assert (kept.returncode, kept.stdout) == (1, "verlet  1 done\n1 of 3 rows done\n")
     assert kept.stderr == (
         f"table {results_of(runs) / 'study.csv'} kept: it has 3 rows done, this batch 1 of 3; "
         "--results DIR writes another table\n"
     )
     assert table_bytes(runs) == complete
-    assert command_line(*words, "--results", tmp_path / "another").returncode == 0
+    assert beads(*words, "--results", tmp_path / "another").returncode == 0
     path.write_text(path.read_text().replace("count = 3", "count = 2"))
     assert batch(path, runs).returncode == 0  # complete, although with fewer rows
     assert list(table(runs)["status"]) == ["done"] * 2
@@ -141,7 +140,7 @@ def test_cases_of_one_process_are_bit_identical_to_single_runs(scene_file: Scene
     done = batch(path, runs, "--workers", "1")
     assert done.returncode == 0, done.stderr
     for number in (4, 7, 8):
-        shown = command_line("drivers", "show", path, str(number), "--runs", runs)
+        shown = beads("show", path, str(number), "--runs", runs)
         assert shown.returncode == 0, shown.stdout + shown.stderr
         assert shown.stdout.count("as in the batch, bit for bit") == 4, shown.stdout
     folder = Path(next(line for line in shown.stdout.splitlines() if "yade" in line).split("  ")[0])
@@ -186,18 +185,18 @@ def test_a_failure_is_charged_to_its_case(
     meddler.write_text(MEDDLER.format(real=shutil.which("liggghts"), speed=-1, command=command))
     meddler.chmod(0o755)
     where = {"PATH": f"{programs}:{os.environ['PATH']}"}
-    words = ("drivers", "batch", path, "--runs", runs, "--results", results_of(runs), "--workers", "1")
-    done = command_process(*words, **where)
+    words = ("batch", path, "--runs", runs, "--results", results_of(runs), "--workers", "1")
+    done = beads_process(*words, **where)
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()
     assert reason in last[-2]
     assert last[-1] == "1 failed; --retry runs them again"
     failed = table(runs)
     assert list(failed["status"]) == ["done", status, "done", "done"]
-    assert command_process(*words, **where).returncode == 1  # a failure stays one, and is not run again
+    assert beads_process(*words, **where).returncode == 1  # a failure stays one, and is not run again
     assert set(stored(runs).values()) == {1}
     meddler.write_text(f'#!/bin/sh\nexec {shutil.which("liggghts")} "$@"\n')
-    again = command_process(*words, "--retry", **where)
+    again = beads_process(*words, "--retry", **where)
     assert again.returncode == 0, again.stderr
     good = [0, 2, 3]
     assert failed.iloc[good].equals(table(runs).iloc[good])
@@ -222,7 +221,7 @@ def test_an_unstable_case_is_refused_or_fails_alone(study_file: StudyWriter, tmp
 
 def test_a_missing_engine_is_a_failure_and_the_others_run(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet", "yade"), tmp_path / "runs"
-    done = command_process("drivers", "batch", path, "--runs", runs, "--results", results_of(runs), PATH="/usr/none")
+    done = beads_process("batch", path, "--runs", runs, "--results", results_of(runs), PATH="/usr/none")
     assert (done.returncode, "yade    2 not installed" in done.stdout) == (1, True)
     assert list(table(runs)["status"]) == ["done", "not installed"] * 2
 
@@ -239,7 +238,7 @@ def test_rows_of_a_changed_deck_build_or_source_are_stale(
 
     def asked(command: str, *words: str | Path) -> str:
         done = subprocess.run(
-            [sys.executable, "-m", "drivers", command, path, "--runs", runs, *words],
+            [*BEADS, command, path, "--runs", runs, *words],
             cwd=checkout, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": str(checkout)},
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
@@ -268,7 +267,7 @@ def test_rows_of_a_changed_deck_build_or_source_are_stale(
 @pytest.mark.long
 def test_two_simultaneous_batches_share_the_work(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(150), "verlet", "reference"), tmp_path / "runs"
-    words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs)]
+    words = [*BEADS, "batch", str(path), "--runs", str(runs)]
     results = [tmp_path / "one", tmp_path / "two"]
     both = [subprocess.Popen([*words, "--results", str(place)], stdout=subprocess.DEVNULL) for place in results]
     assert [process.wait(120) for process in both] == [0, 0]
@@ -310,7 +309,7 @@ def test_damaged_files_do_not_count(study_file: StudyWriter, tmp_path: Path) -> 
     first = table_bytes(runs)
     for file in (runs / "batch").glob("*.jsonl"):
         file.write_text(file.read_text().replace("1", "2", 1))
-    status = command_line("drivers", "status", path, "--runs", runs)
+    status = beads("status", path, "--runs", runs)
     assert "damaged file" in status.stderr
     assert status.stdout == "verlet  4 to do\n"
     assert batch(path, runs).returncode == 0
@@ -352,7 +351,7 @@ def test_a_full_disk_ends_the_batch(engine: str, study_file: StudyWriter, small_
 def test_status_lists_cases(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet"), tmp_path / "runs"
     assert batch(path, runs, "--slice", "2/2").returncode == 0
-    status = command_line("drivers", "status", path, "--runs", runs, "--list").stdout
+    status = beads("status", path, "--runs", runs, "--list").stdout
     assert status.splitlines() == [
         "1: striker.speed=0.5 m/s: verlet to do",
         "2: striker.speed=2.0 m/s: verlet done",

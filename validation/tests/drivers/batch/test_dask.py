@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from drivers.batch.store import Store
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import BEADS, beads
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
 
 pytestmark = pytest.mark.long
@@ -62,10 +62,8 @@ def _wait_for(found: Callable[[], re.Match[str] | None]) -> re.Match[str]:
 
 def test_a_worker_killed_in_the_middle(cluster: Cluster, study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs, here = study_file(SPEEDS.format(300), "reference", "verlet"), tmp_path / "runs", tmp_path / "here"
-    words = ["drivers", "batch", str(path), "--dask", cluster.address, "--runs", str(runs), "--results", str(tmp_path)]
-    process = subprocess.Popen(
-        [sys.executable, "-m", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    words = ["batch", str(path), "--dask", cluster.address, "--runs", str(runs), "--results", str(tmp_path)]
+    process = subprocess.Popen([*BEADS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 60
     while not (rows := len(Store(runs).refresh())) and time.monotonic() < until:
         time.sleep(0.05)
@@ -74,11 +72,11 @@ def test_a_worker_killed_in_the_middle(cluster: Cluster, study_file: StudyWriter
     printed, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
     assert "verlet     300 done" in printed
-    assert command_line("drivers", "batch", path, "--runs", here, "--results", here).returncode == 0
+    assert beads("batch", path, "--runs", here, "--results", here).returncode == 0
     assert (tmp_path / "study.parquet").read_bytes() == (here / "study.parquet").read_bytes()
 
 
 def test_a_local_cluster_on_request(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "reference", "verlet"), tmp_path / "runs"
-    done = command_line("drivers", "batch", path, "--dask", "--runs", runs, "--results", tmp_path)
+    done = beads("batch", path, "--dask", "--runs", runs, "--results", tmp_path)
     assert (done.returncode, "reference  2 done" in done.stdout) == (0, True), done.stderr

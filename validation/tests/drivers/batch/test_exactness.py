@@ -11,7 +11,7 @@ from postproc.read.residual import residual
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE
 from validation.tests.helpers.adversarial import KINDS, adversarial_case
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import StudyWriter, case_of
 
 CASES = {
@@ -43,8 +43,8 @@ def test_the_run_shown_for_a_row_has_its_tolerance(study_file: StudyWriter, tmp_
         study_file('[[axis]]\nkey = "run.time_step"\nvalues = ["0.5 us", "0.1 us"]', "reference"),
         tmp_path / "runs",
     )
-    assert command_line("drivers", "batch", path, "--runs", runs, "--results", tmp_path).returncode == 0
-    shown = command_line("drivers", "show", path, "1", "--runs", runs)
+    assert beads("batch", path, "--runs", runs, "--results", tmp_path).returncode == 0
+    shown = beads("show", path, "1", "--runs", runs)
     assert shown.returncode == 0, shown.stderr
     (deck,) = (runs / "reference").glob("*/chain.json")
     assert json.loads(deck.read_text())["tolerance"] == 1e-7

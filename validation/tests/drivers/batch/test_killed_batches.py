@@ -6,7 +6,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import pytest
 
 from drivers.run.execute import EXIT_LIMIT_S
 from validation.tests.drivers.batch.test_batch import batch, stored, table_bytes
-from validation.tests.helpers.commands import without_progress
+from validation.tests.helpers.commands import BEADS, without_progress
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
 
@@ -24,7 +23,7 @@ def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> No
     """SIGKILL of the whole process group, at least twenty times; the table is that of an undisturbed run."""
     need("liggghts")
     path = study_file(SPEEDS.format(250), "liggghts", "verlet")
-    words = [sys.executable, "-m", "drivers", "batch", str(path), "--results", str(tmp_path / "runs-results")]
+    words = [*BEADS, "batch", str(path), "--results", str(tmp_path / "runs-results")]
     runs, moments, kills, kept = tmp_path / "runs", random.Random(5), 0, 0
     leaders: list[int] = []
     while kills < 22:
@@ -72,7 +71,7 @@ def test_helpers_do_not_outlive_a_killed_batch(
 ) -> None:
     """The fork server, also while it still imports modules; workers, also while they plan; and their engines."""
     path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
-    words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
+    words = [*BEADS, "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
     process = subprocess.Popen(
         words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
@@ -94,7 +93,7 @@ def test_helpers_do_not_outlive_a_killed_batch(
 @pytest.mark.long
 def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(60), "verlet"), tmp_path / "runs"
-    words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
+    words = [*BEADS, "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     kills = 0
     while process.poll() is None:
@@ -114,7 +113,7 @@ def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: P
 @pytest.mark.long
 def test_interrupted_in_order(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
-    words = [sys.executable, "-m", "drivers", "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
+    words = [*BEADS, "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
     process = subprocess.Popen(
         words,
         start_new_session=True,

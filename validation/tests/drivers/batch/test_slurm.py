@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
 
 pytestmark = pytest.mark.slurm
@@ -93,9 +93,7 @@ def study(study_file: StudyWriter) -> Path:
 
 
 def batch(study: Path, runs: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
-    return command_line(
-        "drivers", "batch", study, "--runs", runs, "--results", runs.parent / f"{runs.name}-results", *words
-    )
+    return beads("batch", study, "--runs", runs, "--results", runs.parent / f"{runs.name}-results", *words)
 
 
 def table(runs: Path) -> bytes:
@@ -134,7 +132,7 @@ def test_a_cancelled_job_is_taken_up_again(slurm: str, study: Path, tmp_path: Pa
     subprocess.run(["scancel", "--signal=KILL", "--full", job], check=True)
     subprocess.run(["scancel", job], check=True)
     _wait_for(lambda: not _said("squeue", "--noheader"))
-    state = command_line("drivers", "status", study, "--runs", runs).stdout
+    state = beads("status", study, "--runs", runs).stdout
     assert " to do" in state
     assert batch(study, runs, "--slurm", "--wait", "--slices", "2").returncode == 0
     assert batch(study, here).returncode == 0

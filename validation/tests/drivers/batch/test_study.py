@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from drivers.__main__ import request_of
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.batch.study import column_name, read_study, select, value_at
 from drivers.batch.study_commands import batch
 from drivers.engines import engine_names
 from drivers.run.execute import Place
-from validation.tests.helpers.commands import command_line, command_process
+from validation.commands.batch_commands import request_of
+from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
 
@@ -206,9 +206,7 @@ def test_bad_words(words: list[str], message: str, scene_file: SceneWriter, tmp_
     scene_file()
     path = tmp_path / "study.toml"
     path.write_text('scene = "scene.toml"\nengines = ["reference"]\n[[axis]]\nseeds = 3')
-    done = command_line(
-        "drivers", "batch", path, "--runs", tmp_path / "runs", "--results", tmp_path / "results", *words
-    )
+    done = beads("batch", path, "--runs", tmp_path / "runs", "--results", tmp_path / "results", *words)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert message in done.stderr
     assert not list(tmp_path.glob("runs/batch/*.jsonl"))
@@ -227,7 +225,7 @@ def test_all_problems_of_a_study_are_listed(study_file: StudyWriter) -> None:
 def test_no_dask(study_file: StudyWriter, tmp_path: Path) -> None:
     (tmp_path / "distributed.py").write_text("raise ImportError")
     path, places = study_file("[[axis]]\nseeds = 3", "reference"), ("--runs", tmp_path / "runs", "--results", tmp_path)
-    done = command_process("drivers", "batch", path, "--dask", *places, PYTHONPATH=str(tmp_path))
+    done = beads_process("batch", path, "--dask", *places, PYTHONPATH=str(tmp_path))
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert "make cluster" in done.stderr
     assert not (tmp_path / "runs").exists()
@@ -237,14 +235,14 @@ def test_no_sbatch(scene_file: SceneWriter, tmp_path: Path) -> None:
     scene_file()
     path = tmp_path / "study.toml"
     path.write_text('scene = "scene.toml"\nengines = ["reference"]\n[[axis]]\nseeds = 3')
-    words = ("drivers", "batch", path, "--runs", tmp_path / "runs", "--slurm")
-    done = command_process(*words, PATH="/nowhere")
+    words = ("batch", path, "--runs", tmp_path / "runs", "--slurm")
+    done = beads_process(*words, PATH="/nowhere")
     assert (done.returncode, done.stderr) == (
         2,
         "--slurm: sbatch not found; run this on a machine that submits to Slurm\n",
     )
     lines = ("--slices", "2", "--slurm-line", "#SBATCH --time=10")
-    script, _, last = command_process(*words, "--dry-run", *lines, PATH="/nowhere").stdout.partition("\nsbatch ")
+    script, _, last = beads_process(*words, "--dry-run", *lines, PATH="/nowhere").stdout.partition("\nsbatch ")
     assert "#SBATCH --array=1-2\n" in script
     assert "#SBATCH --time=10\n" in script
     assert last.splitlines()[0].endswith("study.sh")
@@ -254,7 +252,7 @@ def test_no_sbatch(scene_file: SceneWriter, tmp_path: Path) -> None:
 
 def test_a_million_cases_by_accident(write: StudyWriter, tmp_path: Path) -> None:
     path = write('[[axis]]\nseeds = 1000\n[[axis]]\nkey = "chain.count"\nfrom = 1\nto = 1000\ncount = 1000')
-    done = command_line("drivers", "batch", path, "--runs", tmp_path / "runs", "--dry-run")
+    done = beads("batch", path, "--runs", tmp_path / "runs", "--dry-run")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "1,000,000 cases; allowed: at most 20,000, or --yes" in done.stderr
 

@@ -24,7 +24,7 @@ from postproc.draw.vtk import write_series
 from postproc.read.observables import observe
 from validation.accuracy.budget import budget_of
 from validation.checks import PASS
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
 
@@ -246,13 +246,13 @@ def test_a_study_over_seeds(tmp_path: Path) -> None:
     settings = '[set]\n"run.duration" = "20 us"\n[[axis]]\nkey = "seed"\nvalues = [1, 2, 3]\n'
     study.write_text(f'scene = "fig4-tube"\nengines = ["liggghts", "verlet"]\n{settings}')
     where = ("--runs", tmp_path / "runs", "--results", tmp_path / "results")
-    done = command_line("drivers", "batch", study, *where)
+    done = beads("batch", study, *where)
     assert done.returncode == 0, done.stderr
     table = pd.read_parquet(tmp_path / "results" / "seeds.parquet")
     assert list(table["status"]) == ["done"] * 6
     assert table["force_error_share"].isna().all()  # no exact motion in three dimensions
     study.write_text(f'scene = "fig4-tube"\nengines = ["reference"]\n{settings}')
-    refused = command_line("drivers", "batch", study, *where)
+    refused = beads("batch", study, *where)
     assert refused.returncode == 2
     assert "lateral freedom, tube, friction, rotation" in refused.stderr
     assert len(refused.stderr.strip().splitlines()) == 1

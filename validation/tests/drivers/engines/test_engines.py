@@ -1,4 +1,4 @@
-"""Tests of the codes on Fig. 4: truncation error and observables; ``python -m validation engine`` tests the rest."""
+"""Tests of the codes on Fig. 4: truncation error and observables; ``beads engine`` tests the rest."""
 
 from pathlib import Path
 

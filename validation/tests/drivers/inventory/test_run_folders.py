@@ -3,6 +3,8 @@
 import json
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,7 +14,7 @@ from drivers.engines import REFERENCE, VERLET
 from drivers.inventory.run_folders import KeptRun, kept_runs, print_runs, run_folder, select
 from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES, RECORD, record_of
-from validation.tests.helpers.commands import command_line, command_process
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_record
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
 
@@ -214,20 +216,18 @@ def test_a_wrong_name_is_an_error(home: Path, name: str, allowed: str) -> None:
     assert str(message.value) == f"{name}: no such run in runs; allowed: {allowed}"
 
 
-@pytest.mark.parametrize(
-    "words", [("postproc", "observables", "a:b"), ("postproc", "film", "a:b"), ("validation", "compare", "a:b", "c:d")]
-)
+@pytest.mark.parametrize("words", [("observables", "a:b"), ("film", "a:b"), ("compare", "a:b", "c:d")])
 def test_commands_take_no_wrong_names(home: Path, words: tuple[str, ...]) -> None:
-    ended = command_line(*words, "--runs", home / "runs")
+    ended = beads(*words, "--runs", home / "runs")
     assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
     assert ended.stderr.startswith("a:b: no such run in runs; allowed: ")
 
 
 def test_commands_take_names(home: Path) -> None:
-    ended = command_line("postproc", "observables", f"{VERLET}:small", "--runs", "runs")
+    ended = beads("observables", f"{VERLET}:small", "--runs", "runs")
     assert (ended.returncode, ended.stderr) == (0, "")
-    words = ("validation", "compare", f"{VERLET}:small", f"{REFERENCE}:small", "--runs", "runs")
-    ended = command_line(*words)
+    words = ("compare", f"{VERLET}:small", f"{REFERENCE}:small", "--runs", "runs")
+    ended = beads(*words)
     first, exact, _ = (run.folder.relative_to(home) for run in kept_runs(home / "runs"))
     assert [line.split()[1] for line in ended.stdout.splitlines() if line.startswith(("first ", "second "))][:2] == [
         str(first), str(exact),
@@ -235,12 +235,12 @@ def test_commands_take_names(home: Path) -> None:
 
 
 def test_nothing_is_loaded_that_a_list_does_not_need(home: Path) -> None:
-    command_line("drivers", "runs", "--runs", "runs")  # caches the conversion of units
+    beads("runs", "--runs", "runs")  # caches the conversion of units
     code = (
-        "import sys; sys.argv = ['drivers', 'runs', '--runs', 'runs', '--set', 'striker.speed=1.5 m/s']\n"
-        "from drivers.__main__ import main; main(); print([each for each in sys.modules])"
+        "import sys; sys.argv = ['beads', 'runs', '--runs', 'runs', '--set', 'striker.speed=1.5 m/s']\n"
+        "from validation.commands.beads import answer; answer(); print([each for each in sys.modules])"
     )
-    ended = command_process("timeit", "-n1", "-r1", code)
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert f"{VERLET}" in ended.stdout
     assert "'drivers.inventory.run_folders'" in ended.stdout
     assert [name for name in HEAVY if f"'{name}'" in ended.stdout] == []

@@ -17,7 +17,7 @@ from drivers.run.build import build_of
 from drivers.run.run import run_case
 from postproc.read.residual import residual
 from validation.tests.drivers.batch.test_batch import results_of, stored
-from validation.tests.helpers.commands import command_line, command_process
+from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import SPEEDS, EnginesWriter, SceneWriter, StandIn, StudyWriter, case_of
 
@@ -32,7 +32,7 @@ ENGINE = replace(load_engine("verlet"), integrate=None, version=lambda command: 
 
 def batch(study: Path, runs: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
     """Batch in a process of its own, since workers know the engines of the process in which they began."""
-    return command_process("drivers", "batch", study, "--runs", runs, "--results", results_of(runs), *words)
+    return beads_process("batch", study, "--runs", runs, "--results", results_of(runs), *words)
 
 
 @pytest.mark.parametrize("engine", ["liggghts", pytest.param("yade", marks=pytest.mark.long)])
@@ -52,7 +52,7 @@ def test_a_wrong_build_of_the_same_version_gets_its_own_run(
     assert wrong.record.executable == str(tmp_path / "bin" / engine)
     assert residual(right.trace, verlet.trace).max() < 1e-9
     assert residual(wrong.trace, verlet.trace).max() > 1e-6
-    done = command_line("validation", "compare", tmp_path / "scene.toml", "--runs", runs)
+    done = beads("compare", tmp_path / "scene.toml", "--runs", runs)
     assert done.returncode == 1
     assert re.search(rf"{engine} .*fail", done.stdout), done.stdout
 
@@ -132,7 +132,7 @@ def test_two_builds_have_separate_runs(engines_file: EnginesWriter, study_file: 
     assert installed(["liggghts-again", "liggghts-gone"]) == ("liggghts-again",)
     words = ("run", tmp_path / "scene.toml", "--engines", path, "--runs", tmp_path / "runs")
     study = study_file(SPEEDS.format(2), "liggghts", "liggghts-again")
-    done = command_line("drivers", *words, "--engine", "liggghts", "--engine", "liggghts-again")
+    done = beads(*words, "--engine", "liggghts", "--engine", "liggghts-again")
     assert (done.returncode, done.stderr) == (0, "")
     one, other = (Path(line) for line in done.stdout.splitlines())
     assert (one.parent.name, other.parent.name) == ("liggghts", "liggghts-again")
@@ -143,7 +143,7 @@ def test_two_builds_have_separate_runs(engines_file: EnginesWriter, study_file: 
     assert batch(study, tmp_path / "runs").returncode == 0
     assert set(stored(tmp_path / "runs").values()) == {1}
     assert len(stored(tmp_path / "runs")) == 4
-    done = command_line("drivers", *words, "--engine", "liggghts-gone")
+    done = beads(*words, "--engine", "liggghts-gone")
     assert done.returncode == 1
     assert "not installed" in done.stderr
 
@@ -184,16 +184,16 @@ def test_an_adapter_from_elsewhere_is_an_engine_everywhere(
     path = engines_file(f'[mine]\nadapter = "yade.py"\ncommand = "{sys.executable}"\n')
     assert "mine" in installed_codes()
     assert (load_engine("mine").program, load_engine("yade").program) == (load_engine("verlet").program, "yade")
-    words = ("validation", "compare", tmp_path / "scene.toml", "--engine", "mine", "--engines", path, "--runs")
+    words = ("compare", tmp_path / "scene.toml", "--engine", "mine", "--engines", path, "--runs")
     study, runs = study_file(SPEEDS.format(3), "verlet"), tmp_path / "runs"
-    done = command_process(*words, runs)
+    done = beads_process(*words, runs)
     assert done.returncode == 0, done.stderr
     assert re.search(r"^scene +mine .*pass", done.stdout, re.MULTILINE)
     assert batch(study, runs, "--engine", "mine").returncode == 0
     before = set(stored(runs))
     later = "\nENGINE = replace(ENGINE, read=lambda case, folder: 1 / 0)\n"
     (tmp_path / "yade.py").write_text(f"{OWN_ADAPTER}{later}")
-    done = command_process(*words, runs)
+    done = beads_process(*words, runs)
     assert done.returncode == 1
     assert re.search(r"^scene +mine .*fail: .*yade.py:8: ZeroDivisionError", done.stdout, re.MULTILINE)
     assert "Traceback" not in done.stderr
@@ -240,6 +240,6 @@ def test_a_wrong_adapter_or_file_ends_a_command_with_code_two(engines_file: Engi
         tmp_path / "verlet.toml": "mine: found .*in-repo engines take no entry",
     }
     for file, words in {path: "nothing_of_that_name", **others}.items():
-        done = command_line("drivers", "run", "fig4", "--engines", file, "--engine", "mine")
+        done = beads("run", "fig4", "--engines", file, "--engine", "mine")
         assert done.returncode == 2
         assert re.fullmatch(rf".*{words}.*\n", done.stderr)

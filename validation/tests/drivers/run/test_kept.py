@@ -10,6 +10,7 @@ from drivers.base import kept as module
 from drivers.base import paths
 from drivers.base.kept import kept
 from drivers.base.processes import run_command
+from validation.tests.helpers.commands import BEADS
 
 Count = Callable[[], list[float]]
 
@@ -83,13 +84,13 @@ def test_finished_work_loads_no_integrator(tmp_path: Path) -> None:
     """Loading numba, scipy and pandas would take longer than the rest of these commands."""
     runs = tmp_path / "runs"
     for words in (
-        ("validation", "compare", "two-spheres", "--engine", "verlet", "--runs", str(runs), "--allow-missing"),
-        ("drivers", "plan", "two-spheres"),
+        ("compare", "two-spheres", "--engine", "verlet", "--runs", str(runs), "--allow-missing"),
+        ("plan", "two-spheres"),
     ):
         printed = []
         for _ in range(2):
             outcome = run_command(
-                (sys.executable, "-X", "importtime", "-m", *words), tmp_path, 120.0, PYTHONPATH=str(paths.ROOT)
+                (sys.executable, "-X", "importtime", *BEADS[1:], *words), tmp_path, 120.0, PYTHONPATH=str(paths.ROOT)
             )
             printed.append((tmp_path / "stdout.txt").read_text())
             assert outcome.code == 0

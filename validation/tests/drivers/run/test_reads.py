@@ -22,7 +22,7 @@ from drivers.batch.store import ENDING, Store, _name_of
 from drivers.batch.study_table import read_study_table
 from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES, RECORD, SENSORS, STATE, EndedRun, open_run, read_record
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import add_force, edit_record, edit_table, finished
 from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StudyWriter, case_of
 
@@ -154,13 +154,13 @@ def test_numbers_of_a_record_are_not_believed_without_its_digest(pair: tuple[Pat
 def test_no_command_reads_altered_forces(pair: tuple[Path, Path], tmp_path: Path) -> None:
     edited_force(pair[0] / FORCES)
     for words in (
-        ("postproc", "observables", pair[0]),
-        ("postproc", "spacetime", pair[0], "--out", tmp_path / "out"),
-        ("postproc", "film", pair[0], "--out", tmp_path / "out"),
-        ("postproc", "vtk", pair[0], "--out", tmp_path / "out"),
-        ("validation", "compare", pair[1], pair[0]),
+        ("observables", pair[0]),
+        ("spacetime", pair[0], "--results", tmp_path / "out"),
+        ("film", pair[0], "--results", tmp_path / "out"),
+        ("vtk", pair[0], "--results", tmp_path / "out"),
+        ("compare", pair[1], pair[0]),
     ):
-        ended = command_line(*words)
+        ended = beads(*words)
         assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1), words
         assert f"{FORCES}: found a file that was altered since it was written; allowed: the forces" in ended.stderr
 
@@ -231,7 +231,7 @@ def test_an_entry_under_another_name_is_computed_again(capsys: pytest.CaptureFix
 
 
 def batch(path: Path, tmp_path: Path) -> pd.DataFrame:
-    ended = command_line("drivers", "batch", path, "--runs", tmp_path / "r", "--results", tmp_path / "results")
+    ended = beads("batch", path, "--runs", tmp_path / "r", "--results", tmp_path / "results")
     assert ended.returncode == 0, ended.stderr
     return read_study_table("study", tmp_path / "results")
 

@@ -22,7 +22,7 @@ import sys
 from drivers.chain.case import build_case
 from drivers.scene.read_scene import read_scene
 from drivers.run.run import run_many
-from drivers.base.command_line import run_main
+from validation.commands.beads import run_main
 from pathlib import Path
 def main():
     settings = [(f"striker.speed={v} m/s", "run.time_step=0.1 ns") for v in (1, 2, 3, 4)]

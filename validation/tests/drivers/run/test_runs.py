@@ -16,7 +16,7 @@ from drivers.engines import load_engine, missing_codes
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import open_run
 from validation.accuracy.assess import assess
-from validation.tests.helpers.commands import command_line, command_process
+from validation.tests.helpers.commands import BEADS, beads, beads_process
 from validation.tests.helpers.runs import assessed, failing_run, finished, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
@@ -246,7 +246,7 @@ def running(process: int) -> bool:
 def test_one_failure_leaves_the_others_alone(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
     stand_in("liggghts", "echo 'ERROR: out of order'; exit 1")
     words = ("--engine", "liggghts", "--engine", "verlet")
-    done = command_line("drivers", "run", scene_file(), "--runs", tmp_path / "runs", *words)
+    done = beads("run", scene_file(), "--runs", tmp_path / "runs", *words)
     assert done.returncode == 1
     failed, good = done.stdout.split()
     assert json.loads((Path(failed) / "run.json").read_text())["status"] == "failed"
@@ -264,7 +264,7 @@ def test_a_failed_start_is_reported_from_its_first_line(
     stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
 ) -> None:
     stand_in("liggghts", f"echo '{MPIRUN}' >&2; exit 1")
-    done = command_line("drivers", "run", scene_file(), "--runs", tmp_path / "runs", "--engine", "liggghts")
+    done = beads("run", scene_file(), "--runs", tmp_path / "runs", "--engine", "liggghts")
     start = "scene: liggghts failed: exit code 1: mpirun has detected an attempt to run as root. Running as root"
     assert done.stderr.startswith(start)
     assert done.stderr.endswith(f"(see {done.stdout.strip()}/stderr.txt)\n")
@@ -315,12 +315,10 @@ def test_a_missing_engine(scene_file: SceneWriter, tmp_path: Path, monkeypatch: 
     bare.mkdir()
     for tool in ("env", "git"):
         (bare / tool).symlink_to(f"/usr/bin/{tool}")
-    asked = command_process(
-        "drivers", "run", scene_file(), "--runs", tmp_path / "runs", "--engine", "yade", PATH=str(bare)
-    )
+    asked = beads_process("run", scene_file(), "--runs", tmp_path / "runs", "--engine", "yade", PATH=str(bare))
     assert asked.returncode == 1
     assert "yade: not installed" in asked.stderr
-    unasked = command_process("drivers", "run", scene_file(), "--runs", tmp_path / "runs", PATH=str(bare))
+    unasked = beads_process("run", scene_file(), "--runs", tmp_path / "runs", PATH=str(bare))
     assert unasked.returncode == 0
     monkeypatch.setenv("PATH", str(bare))
     absent = missing_codes()  # all but one that is next to the interpreter
@@ -335,7 +333,7 @@ def test_a_killed_driver_leaves_nothing_that_looks_done(
         "yade", 'case "$*" in *--version*) echo "Yade version: 0"; exit;; esac\necho $$ > "$0.pid"; exec sleep 654'
     )
     runs, note = tmp_path / "runs", tmp_path / "bin" / "yade.pid"
-    words = [sys.executable, "-m", "drivers", "run", scene_file(), "--engine", "yade", "--runs", runs]
+    words = [*BEADS, "run", scene_file(), "--engine", "yade", "--runs", runs]
     driver = subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE)
     for _ in range(200):
         if note.exists() and note.read_text():
@@ -354,7 +352,7 @@ def test_a_killed_driver_leaves_nothing_that_looks_done(
 
 @pytest.mark.long
 def test_two_simultaneous_runs_do_not_harm_each_other(scene_file: SceneWriter, tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "drivers", "run", scene_file(), "--engine", "verlet", "--runs", tmp_path / "runs"]
+    words = [*BEADS, "run", scene_file(), "--engine", "verlet", "--runs", tmp_path / "runs"]
     both = [subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE, text=True) for _ in range(2)]
     folders = {process.communicate(timeout=100)[0].strip() for process in both}
     assert [process.returncode for process in both] == [0, 0]
@@ -363,7 +361,8 @@ def test_two_simultaneous_runs_do_not_harm_each_other(scene_file: SceneWriter, t
 
 
 def test_help_loads_nothing_heavy() -> None:
-    probe = """import sys, drivers.__main__ as command_line
-command_line._parser().format_help()
+    probe = """import sys
+from validation.commands.beads import BEADS
+BEADS.get_help(BEADS.make_context("beads", ["run"]))
 print(sorted({"numpy", "pandas", "pint", "pydantic", "scipy"} & set(sys.modules)))"""
     assert subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -10,7 +10,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import build_case
 from drivers.limits.refusal import refuse
 from drivers.scene.read_scene import read_scene
-from validation.tests.helpers.commands import assert_in_order, command_line
+from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.scenes import SceneWriter
 
 # setting of fig4, and parts of the message in order: key, value found, values allowed
@@ -331,7 +331,7 @@ def test_messages_for_unreadable_files(tmp_path: Path) -> None:
             "no equilibrium: ",
         ),
         (("run",), "SCENE"),
-        (("walk",), "COMMAND"),
+        (("walk",), "no such command 'walk'"),
         (("run", "fig4", "--runs", "/proc/x"), "--runs /proc/x"),
         (("render", "fig4", "--engine", "verlet", "--out", "/sys/x/y"), "--out /sys/x/y"),
         (("render", "fig4", "--engine", "verlet", "--out", "/dev/null"), "no folder"),
@@ -339,14 +339,14 @@ def test_messages_for_unreadable_files(tmp_path: Path) -> None:
         (("run", "n" * 4000), "File name too long"),
         (("run", "fig4", "--engine", "n" * 4000), "liggghts"),
         (("run", "fig4", "--set", f"{'n' * 4000}=1"), "unknown key"),
-        (("n" * 4000,), "invalid choice"),
+        (("n" * 4000,), "no such command"),
         (("render", "fig4", "--engine", "verlet", "--out", "{tmp}/deck", "--set", "a="), "a: unknown key"),
     ],
 )
 def test_bad_commands_end_with_code_two_and_one_line(tmp_path: Path, words: tuple[str, ...], message: str) -> None:
     filled = [word.replace("{tmp}", str(tmp_path)) for word in words]
     runs = ["--runs", str(tmp_path / "runs")] if words[0] == "run" and len(words) > 1 and "--runs" not in words else []
-    done = command_line("drivers", *filled, *runs)
+    done = beads(*filled, *runs)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
     assert len(done.stderr) <= 300

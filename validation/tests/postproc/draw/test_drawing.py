@@ -6,7 +6,7 @@ import pytest
 
 from postproc.draw.product import Product, write_product
 from postproc.draw.scene_drawing import draw_scene
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
@@ -73,11 +73,11 @@ def test_special_beads_are_drawn_in_a_long_chain() -> None:
 
 
 def test_on_the_command_line(scene_file: SceneWriter, tmp_path: Path) -> None:
-    done = command_line("postproc", "draw", scene_file("mine"), "--set", "chain.count=7", "--out", tmp_path / "out")
+    done = beads("draw", scene_file("mine"), "--set", "chain.count=7", "--results", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert {path.name for path in (tmp_path / "out").glob("[!.]*")} == {
         f"scene-mine.{e}" for e in ("csv", "png", "svg")
     }
-    refused = command_line("postproc", "draw", "no-such-scene", "--out", tmp_path / "out")
+    refused = beads("draw", "no-such-scene", "--results", tmp_path / "out")
     assert refused.returncode == 2
     assert len(refused.stderr.strip().splitlines()) == 1

@@ -17,7 +17,7 @@ from postproc.draw import film
 from postproc.draw.film import film_of, sheet, write_animation
 from postproc.draw.product import cells_of, draw_spacetime, write_product
 from postproc.read.sensors import mean_forces
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_table, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
@@ -175,12 +175,12 @@ def test_on_the_command_line(scene_file: SceneWriter, shared_runs: Path, tmp_pat
     folder = finished(case_of(scene_file(), WITH_STATE), "verlet", shared_runs).folder
     name = f"verlet-{folder.name}"
     for command, kinds in (("film", {"csv", "png", "svg", "gif"}), ("spacetime", {"csv", "png", "svg"})):
-        done = command_line("postproc", command, folder, "--out", tmp_path / command)
+        done = beads(command, folder, "--results", tmp_path / command)
         assert done.returncode == 0, done.stderr
         assert {path.name for path in (tmp_path / command).glob("[!.]*")} == {
             f"{command}-{name}.{kind}" for kind in kinds
         }
     for words in (("film", folder, "--frames", "0"), ("film", folder, "--sideways", "-1"), ("spacetime", tmp_path)):
-        refused = command_line("postproc", *words)
+        refused = beads(*words)
         assert refused.returncode == 2
         assert len(refused.stderr.strip().splitlines()) == 1

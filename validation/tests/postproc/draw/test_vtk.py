@@ -14,7 +14,7 @@ from drivers.chain.chain import Array
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from postproc.draw import vtk
 from postproc.draw.vtk import tube_mesh, write_mesh, write_series
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_table, finished
 from validation.tests.helpers.scenes import STRIKER, WALL, SceneWriter, case_of
 
@@ -173,7 +173,7 @@ def test_an_interrupted_series_leaves_no_files(
 
 def test_on_the_command_line(scene_file: SceneWriter, shared_runs: Path, tmp_path: Path) -> None:
     run = a_run(scene_file(), shared_runs)
-    done = command_line("postproc", "vtk", run.folder, "--out", tmp_path / "out")
+    done = beads("vtk", run.folder, "--results", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     folder = tmp_path / "out" / f"vtk-verlet-{run.folder.name}"
     assert done.stdout.split() == [str(folder / "chain.pvd")]
@@ -190,15 +190,15 @@ def test_bad_input_is_refused_in_one_line(scene_file: SceneWriter, shared_runs: 
     edit_table(alien, lambda table: table.drop(columns="body_3_height_m"), STATE)
     (tmp_path / "file").write_text("")
     for words, message in [
-        ((without,), 'python -m drivers run bare.toml --engine verlet --set run.record=\'["forces", "state"]\''),
+        ((without,), 'beads run bare.toml --engine verlet --set run.record=\'["forces", "state"]\''),
         ((damaged,), "altered since"),
         ((alien,), "body_3_height_m"),
         ((tmp_path,), "no record of a run"),
         ((kept, "--frames", "1"), "whole numbers from 2"),
         ((kept, "--frames", "many"), "whole numbers from 2"),
-        ((kept, "--out", tmp_path / "file"), "is a file"),
+        ((kept, "--results", tmp_path / "file"), "is a file"),
     ]:
-        refused = command_line("postproc", "vtk", *words)
+        refused = beads("vtk", *words)
         assert refused.returncode == 2, refused.stderr
         assert message in refused.stderr
         assert len(refused.stderr.strip().splitlines()) == 1

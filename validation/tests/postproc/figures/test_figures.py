@@ -18,7 +18,7 @@ from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import contact_peak, strike_for
 from postproc.read.signals import Peak, envelope, incident_pulse
-from validation.tests.helpers.commands import command_line, command_process
+from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.drawn import lettered_axes, not_in_table, out_of_bounds
 from validation.tests.helpers.runs import need
 
@@ -41,7 +41,7 @@ def made(shared_runs: Path) -> dict[str, Product]:
 def test_a_figure_is_known_by_its_file() -> None:
     """``make help`` and the command line take its first line."""
     assert list(captions()) == sorted(file.stem for file in (paths.ROOT / "postproc" / "figures").glob("[a-z]*.py"))
-    said = command_line("postproc", "--help").stdout.split()
+    said = beads("figures", "--help").stdout.split()
     listed = subprocess.run(["make", "help"], cwd=paths.ROOT, capture_output=True, text=True, check=True).stdout
     for name, caption in captions().items():
         assert name in said
@@ -198,7 +198,7 @@ def test_quoted_numbers_are_whole() -> None:
 def test_a_figure_without_an_engine_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
-    done = command_process("postproc", "fig6", "--runs", tmp_path / "runs", "--out", tmp_path / "out", PATH=str(empty))
+    done = beads_process("figures", "fig6", "--runs", tmp_path / "runs", "--results", tmp_path / "out", PATH=str(empty))
     assert done.returncode == 0, done.stderr
     monkeypatch.setenv("PATH", str(empty))
     assert f"left out, since not installed: {', '.join(missing_codes())}" in done.stderr
@@ -273,7 +273,9 @@ def test_a_figure_with_a_failed_run_leaves_no_files(tmp_path: Path) -> None:
         fake.write_text("#!/bin/sh\necho ERROR: no licence today\nexit 1\n")
         fake.chmod(0o755)
     out = tmp_path / "out"
-    done = command_process("postproc", "fig6", "--runs", tmp_path / "runs", "--out", out, PATH=f"{tools}:/usr/bin:/bin")
+    done = beads_process(
+        "figures", "fig6", "--runs", tmp_path / "runs", "--results", out, PATH=f"{tools}:/usr/bin:/bin"
+    )
     assert done.returncode == 1
     assert "fig6" in done.stderr
     assert "failed: exit code 1" in done.stderr

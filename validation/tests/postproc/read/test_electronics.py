@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from drivers.__main__ import request_of
 from drivers.batch.study_commands import batch
 from drivers.chain.case import Case, read_layout
 from drivers.chain.schemes import verlet_of
@@ -21,6 +20,7 @@ from postproc.read.sensors import high_passed, sensor_signals
 from postproc.read.signals import Peak, envelope, peaks, train_envelope
 from validation.accuracy.budget import budget_of
 from validation.accuracy.exact_motion import exact_motion_of
+from validation.commands.batch_commands import request_of
 from validation.tests.helpers.runs import assessed
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
 

@@ -15,7 +15,7 @@ from drivers.scene.model import MeasuredEntry
 from drivers.scene.read_scene import read_scene
 from postproc.read.measured import MeasuredTrace, read_measured, read_quoted
 from validation.accuracy.plan import planned_case
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StudyWriter
 
 GAUGES = ("bead_3", "wall")
@@ -359,15 +359,15 @@ def described(record: RunRecord) -> tuple[object, ...]:
 def test_batches_and_runs_do_not_depend_on_measured_traces(study_file: StudyWriter, tmp_path: Path) -> None:
     """An earlier batch is complete and its table unchanged; an earlier run is found by the scene file."""
     study, scene = study_file(SPEEDS.format(2), "verlet"), tmp_path / "scene.toml"
-    batch = ("drivers", "batch", study, "--runs", tmp_path / "runs", "--results", tmp_path)
-    assert "2 to do" in command_line(*batch, "--dry-run").stdout
-    assert command_line(*batch).returncode == 0
+    batch = ("batch", study, "--runs", tmp_path / "runs", "--results", tmp_path)
+    assert "2 to do" in beads(*batch, "--dry-run").stdout
+    assert beads(*batch).returncode == 0
     table = (tmp_path / "study.csv").read_bytes()
-    ran = command_line("drivers", "run", scene, "--engine", "verlet", "--runs", tmp_path / "runs")
+    ran = beads("run", scene, "--engine", "verlet", "--runs", tmp_path / "runs")
     assert ran.returncode == 0, ran.stderr
     scene.write_text(scene.read_text() + ENTRY)
-    assert "2 to do" not in command_line(*batch, "--dry-run").stdout
-    assert command_line(*batch).returncode == 0
+    assert "2 to do" not in beads(*batch, "--dry-run").stdout
+    assert beads(*batch).returncode == 0
     assert (tmp_path / "study.csv").read_bytes() == table
-    found = command_line("postproc", "observables", f"verlet:{scene}", "--runs", tmp_path / "runs")
+    found = beads("observables", f"verlet:{scene}", "--runs", tmp_path / "runs")
     assert (found.returncode, found.stderr) == (0, "")

@@ -19,7 +19,7 @@ from postproc.read.misfit import Misfit, misfits, smooth
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_signals
 from validation.tests.helpers import made_up_trace
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 
 TRIGGER_S = 123.456e-6
 MEASURED_SETTINGS = (
@@ -206,7 +206,7 @@ def test_the_example_is_what_it_says() -> None:
 
 
 def overlay(*words: str | Path) -> tuple[int, str, str]:
-    done = command_line("postproc", "overlay", *words)
+    done = beads("overlay", *words)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -217,7 +217,7 @@ def rows_of(path: Path) -> dict[tuple[str, str], dict[str, Any]]:
 
 
 def test_the_command_compares_the_example_with_the_exact_motion(tmp_path: Path) -> None:
-    code, said, wrong = overlay("example-measured", "--out", tmp_path)
+    code, said, wrong = overlay("example-measured", "--results", tmp_path)
     assert (code, wrong) == (0, "")
     rows = rows_of(tmp_path / "overlay-example-measured.csv")
     truth = made_up_trace.true_values()
@@ -231,7 +231,7 @@ def test_the_command_compares_the_example_with_the_exact_motion(tmp_path: Path) 
     assert rows["speed_9_to_5_m_s", "quoted"]["measured"] == 184.0
     assert rows["speed_9_to_5_m_s", "quoted"]["standard_error"] == pytest.approx(3.68)
     assert {path.suffix for path in tmp_path.glob("[!.]*")} == {".csv", ".png", ".svg"}
-    closer = overlay("example-measured", "--out", tmp_path, *(f"--set={each}" for each in made_up_trace.SETTINGS))
+    closer = overlay("example-measured", "--results", tmp_path, *(f"--set={each}" for each in made_up_trace.SETTINGS))
     assert closer[0] == 0
     now = rows_of(tmp_path / "overlay-example-measured.csv")
     judged = [row["difference_in_errors"] for (_, origin), row in now.items() if origin == source]
@@ -242,20 +242,20 @@ def test_the_command_compares_the_example_with_the_exact_motion(tmp_path: Path) 
 @pytest.mark.long
 def test_the_command_takes_runs_and_files(tmp_path: Path) -> None:
     runs, out = tmp_path / "runs", tmp_path / "out"
-    ran = command_line("drivers", "run", "example-measured", "--engine", "verlet", "--runs", runs)
+    ran = beads("run", "example-measured", "--engine", "verlet", "--runs", runs)
     folder = ran.stdout.split()[-1]
-    code, said, wrong = overlay("verlet:example-measured", "--runs", runs, "--out", out)
+    code, said, wrong = overlay("verlet:example-measured", "--runs", runs, "--results", out)
     assert (code, wrong) == (0, "")
     assert "184" in said
     (by_name,) = out.glob("*.csv")
     own = Path(folder) / "sensors.csv"  # as if measured: no noise, no offset
     assert (Path(folder) / FORCES).is_file()
-    code, said, wrong = overlay(folder, "--measured", own, "--out", tmp_path / "own")
+    code, said, wrong = overlay(folder, "--measured", own, "--results", tmp_path / "own")
     assert (code, wrong) == (0, "")
     peak = rows_of(next((tmp_path / "own").glob("*.csv")))["wall_amplitude_N", own.name]
     assert abs(peak["difference"]) < 1e-3 * peak["computed"]
     assert by_name.name == next((tmp_path / "own").glob("*.csv")).name
-    code, said, wrong = overlay("example-measured", "--measured", made_up_trace.FILE, "--out", tmp_path / "again")
+    code, said, wrong = overlay("example-measured", "--measured", made_up_trace.FILE, "--results", tmp_path / "again")
     assert (code, wrong) == (0, "")
     assert "quoted" not in said
     assert "bead_9_baseline_V" in said
@@ -279,7 +279,7 @@ def test_the_command_takes_runs_and_files(tmp_path: Path) -> None:
     ],
 )
 def test_the_command_names_wrong_input(tmp_path: Path, words: tuple[str | Path, ...], message: str) -> None:
-    code, said, wrong = overlay(*words, "--out", tmp_path)
+    code, said, wrong = overlay(*words, "--results", tmp_path)
     assert (code, said) == (2, "")
     assert message in wrong
     assert len(wrong.splitlines()) == 1
@@ -288,7 +288,7 @@ def test_the_command_names_wrong_input(tmp_path: Path, words: tuple[str | Path, 
 def test_quoted_values_alone_need_no_file(tmp_path: Path) -> None:
     """Quoted values alone give a printed table and no figure."""
     entry = "measured=[{values={bead_9_amplitude='2 N'}, errors={bead_9_amplitude=0.18}}]"
-    code, said, wrong = overlay("fig4", "--set", entry, "--out", tmp_path)
+    code, said, wrong = overlay("fig4", "--set", entry, "--results", tmp_path)
     assert (code, wrong) == (0, "")
     assert said.splitlines()[1].split() == ["bead_9_amplitude_N", "quoted", "2", "0.36", "5.3272", "-3.33", "-9.2"]
     assert not [*tmp_path.iterdir()]

@@ -12,7 +12,7 @@ from drivers.run.run import run_case
 from postproc.read.observables import scale_of, without_unit
 from validation.accuracy.assess import assess
 from validation.accuracy.exact_motion import quantities
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import case_of
 
 RICH = ("chain.precompression=0.01 mN", "chain.mass_scatter=0.001 mg", "contact.restitution=0.9999", "seed=3")
@@ -43,7 +43,7 @@ def test_printed_errors_are_from_the_scene_as_written(
     parts = table.drop(columns=["whole", "where"])
     assert np.abs(parts.sum(axis=1) - table["whole"]).max() < 1e-12
     assert bool(table["elements"].abs().max() > 0) == left_out
-    said = command_line("postproc", "observables", run.folder).stdout.splitlines()
+    said = beads("observables", run.folder).stdout.splitlines()
     printed = {
         words[0]: float(words[-1]) for words in map(str.split, said[1:]) if len(words) == 3 and words[-1] != "seen"
     }

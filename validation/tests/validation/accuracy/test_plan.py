@@ -16,7 +16,7 @@ from validation.accuracy.budget import budget_of
 from validation.accuracy.exact_motion import errors_of, exact_motion_of
 from validation.accuracy.plan import cheapest
 from validation.tests.helpers import high_precision
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import assessed, finished
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter, case_of
 
@@ -95,7 +95,7 @@ def test_heights_far_away_are_refused_to_codes_with_a_limit_that_holds() -> None
     ],
 )
 def test_bad_accuracies(accuracy: str, message: str) -> None:
-    said = command_line("drivers", "plan", "fig4", "--set", FREE, "--set", f"run.accuracy={accuracy}")
+    said = beads("plan", "fig4", "--set", FREE, "--set", f"run.accuracy={accuracy}")
     if accuracy != "{wall_peak = 1e-10}":
         assert said.returncode == 2
         assert message in said.stderr
@@ -151,7 +151,7 @@ def test_the_stability_limit_of_two_bodies(scene_file: SceneWriter) -> None:
 
 
 def test_the_plan_reports_step_errors_and_engine() -> None:
-    said = command_line("drivers", "plan", "fig4", "--set", FREE, "--set", "run.accuracy=1e-4")
+    said = beads("plan", "fig4", "--set", FREE, "--set", "run.accuracy=1e-4")
     assert said.returncode == 0
     for word in (
         "time step",
@@ -164,12 +164,12 @@ def test_the_plan_reports_step_errors_and_engine() -> None:
     ):
         assert word in said.stdout
     assert re.search(r"at the gauges: .*wall_peak \d", said.stdout)
-    bounced = command_line("drivers", "plan", "fig4", "--set", "run.duration=20 ms")
+    bounced = beads("plan", "fig4", "--set", "run.duration=20 ms")
     assert "beyond, compare energy" in bounced.stdout
 
 
 def test_the_cheapest_engine_runs(tmp_path: Path) -> None:
-    said = command_line("drivers", "run", "fig4", "--engine", "auto", "--runs", tmp_path)
+    said = beads("run", "fig4", "--engine", "auto", "--runs", tmp_path)
     assert said.returncode == 0
     assert len(said.stdout.splitlines()) == 1
 
@@ -178,11 +178,11 @@ def test_the_cheapest_engine_runs(tmp_path: Path) -> None:
 def test_a_study_over_accuracies(study_file: StudyWriter, tmp_path: Path) -> None:
     axes = '[set]\n"run.time_step" = ""\n[[axis]]\nkey = "run.accuracy"\nvalues = [1e-3, {}]\n'
     words = ("--runs", tmp_path / "runs", "--results", tmp_path)
-    done = command_line("drivers", "batch", study_file(axes.format("1e-5"), "verlet"), *words)
+    done = beads("batch", study_file(axes.format("1e-5"), "verlet"), *words)
     assert done.returncode == 0
     errors = np.genfromtxt(tmp_path / "study.csv", delimiter=",", names=True)["force_error_share"]
     assert errors[0] <= 1e-3
     assert errors[1] <= 1e-5
-    refused = command_line("drivers", "batch", study_file(axes.format("1e-11"), "liggghts"), *words, "--dry-run")
+    refused = beads("batch", study_file(axes.format("1e-11"), "liggghts"), *words, "--dry-run")
     assert refused.returncode == 2
     assert "absolute heights" in refused.stderr

@@ -21,7 +21,7 @@ from validation.calibration.fit_command import LEGEND, FitRequest, lines, write_
 from validation.calibration.free import Free, free_parameter
 from validation.calibration.outcome import interval_text, solve, value_text
 from validation.calibration.problem import Problem, jacobian, own_values, pose, predicted, residual, simulated
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter
 
 MODULUS, RESTITUTION = "materials.ptfe.youngs_modulus", "contact.restitution"
@@ -274,7 +274,7 @@ def test_a_parameter_without_a_value_or_a_range_needs_bounds() -> None:
     ],
 )
 def test_wrong_requests_end_in_one_line(words: list[str], message: str, tmp_path: Path) -> None:
-    done = command_line("validation", "fit", *words, "--results", tmp_path / "results")
+    done = beads("fit", *words, "--results", tmp_path / "results")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
     assert message in done.stderr
@@ -289,7 +289,7 @@ def test_a_trace_much_longer_or_shorter_than_the_run_is_refused(tmp_path: Path) 
 
 def test_the_command_writes_tables_and_the_scene(tmp_path: Path) -> None:
     free = ("--free", MODULUS, "--free", RESTITUTION)
-    done = command_line("validation", "fit", "fig4", *free, "--quoted", "fig4", "--quick", "--results", tmp_path)
+    done = beads("fit", "fig4", *free, "--quoted", "fig4", "--quick", "--results", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "1.01 ± 0.29 GPa" in done.stdout
     assert {path.name for path in tmp_path.glob("[!.]*")} == {"fit-fig4.csv", "fit-fig4-data.csv", "fit-fig4.toml"}

@@ -13,7 +13,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import VERLET, codes, installed_codes
 from drivers.run.run_folder import FORCES, RECORD, open_run
-from validation.__main__ import main
+from validation.commands.beads import answer
 from validation.compare.selection import EngineSelection
 from validation.tests.helpers.runs import add_force, edit_record, edit_table, finished
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter, case_of
@@ -39,8 +39,8 @@ def compare(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 
     def run(*words: str | Path) -> tuple[int, list[str]]:
         capsys.readouterr()
-        monkeypatch.setattr("sys.argv", ["validation", "compare", *map(str, words), "--allow-missing"])
-        code = main()
+        monkeypatch.setattr("sys.argv", ["beads", "compare", *map(str, words), "--allow-missing"])
+        code = answer()
         return code, capsys.readouterr().out.splitlines()
 
     return run
@@ -77,7 +77,7 @@ def test_a_changed_force_is_named_with_its_size_and_place(folders: tuple[Path, P
     assert re.match(rf"scene +{VERLET} +force +1\.\d\de-03 +1\.00e-09  fail: contact 3 at 37 µs; "
                     r"forces differ first in contact 3 at 37 µs$", rows[0])  # fmt: skip
     assert [row for row in lines if row.startswith("other")] == [row for row in lines if "bit for bit" in row]
-    closer = f"details: python -m validation compare {run_of(old, 'scene')} {run_of(new, 'scene')}"
+    closer = f"details: beads compare {run_of(old, 'scene')} {run_of(new, 'scene')}"
     assert lines[-1] == closer
     tamper(run_of(new, "scene"), 37, 3, -1e-3 * change)
     tamper(run_of(new, "scene"), 37, 3, 1e-12 * change)
@@ -110,8 +110,8 @@ def test_a_missing_run_is_a_failure_unless_allowed(
 ) -> None:
     old, new = folders
     shutil.rmtree(run_of(new, "scene"))
-    monkeypatch.setattr("sys.argv", ["validation", "compare", "--runs", str(old), "--against", str(new)])
-    assert main() == 1
+    monkeypatch.setattr("sys.argv", ["beads", "compare", "--runs", str(old), "--against", str(new)])
+    assert answer() == 1
     printed = capsys.readouterr()
     assert f"fail: no such run in {new}" in printed.out
     assert printed.err.startswith("no established code ran")  # the pair of the other scene is of verlet
@@ -274,8 +274,8 @@ def test_codes_are_the_same_in_two_folders(
         for side in ("old", "new"):
             finished(case_of(scene_file()), code, tmp_path / side)
     words = ["--runs", str(tmp_path / "old"), "--against", str(tmp_path / "new")]
-    monkeypatch.setattr("sys.argv", ["validation", "compare", *words])
-    assert main() == 0
+    monkeypatch.setattr("sys.argv", ["beads", "compare", *words])
+    assert answer() == 0
     printed = capsys.readouterr()
     assert printed.err == ""
     agrees = r"pass: (identical|equal)"

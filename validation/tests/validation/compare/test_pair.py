@@ -9,10 +9,10 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.run.run_folder import FORCES, RECORD
-from validation.__main__ import main
 from validation.checks import FAIL, PASS
+from validation.commands.beads import answer
 from validation.compare.pair import Pair, compare_pair, compare_runs, different_keys, open_pair
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import add_force, edit_record, edit_table, finished, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 from validation.tests.validation.compare.test_sabotage import YADE, swap
@@ -189,16 +189,16 @@ def test_what_is_printed(run_of: FolderOf, capsys: pytest.CaptureFixture[str]) -
 
 def test_on_the_command_line(run_of: FolderOf, monkeypatch: pytest.MonkeyPatch) -> None:
     verlet, other = str(run_of("verlet", "fig4")), str(run_of("verlet", "fig4", "wall.material=alumina"))
-    bad = command_line("validation", "compare", verlet, other)
+    bad = beads("compare", verlet, other)
     assert (bad.returncode, bad.stderr) == (1, "")
     assert bad.stdout.startswith("FAIL: larger differences than allowed in force, energy, momentum, wall_peak")
-    same = command_line("validation", "compare", verlet, verlet)
+    same = beads("compare", verlet, verlet)
     assert same.returncode == 2
     assert len(same.stderr.splitlines()) == 1
     for words, found in (([verlet], "exactly two runs"), ([verlet, other, "--set", "seed=1"], "--set")):
-        monkeypatch.setattr("sys.argv", ["validation", "compare", *words])
+        monkeypatch.setattr("sys.argv", ["beads", "compare", *words])
         with pytest.raises(InputError, match=found):
-            main()
+            answer()
 
 
 def test_folders_that_are_no_runs(run_of: FolderOf, copied: Callable[[Path], Path], tmp_path: Path) -> None:

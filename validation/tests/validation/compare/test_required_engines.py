@@ -8,8 +8,8 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, VERLET, codes, installed_codes
-from validation.__main__ import main
 from validation.checks import NOT_RUN
+from validation.commands.beads import answer
 from validation.compare.compare_command import compare_scenes
 from validation.compare.selection import EngineSelection
 from validation.tests.helpers.runs import run_and_compare
@@ -26,8 +26,8 @@ def command(scene_file: SceneWriter, tmp_path: Path, shared_runs: Path, monkeypa
     def run(name: str, *options: str) -> int:
         place = ["--out", str(tmp_path / "out" / "page.html")] if name == "report" else []
         words = [name, str(scene_file()), "--runs", str(shared_runs), *place, *options]
-        monkeypatch.setattr("sys.argv", ["validation", *words])
-        return main()
+        monkeypatch.setattr("sys.argv", ["beads", *words])
+        return answer()
 
     return run
 
@@ -69,8 +69,8 @@ def test_a_required_engine_that_refuses_the_scene_is_named_with_its_refusal(
     """``reference`` models straight chains only, as LAMMPS does, and needs no installation."""
     words = ["compare", "fig4-tube", "--set", "run.duration=20 us", "--runs", str(tmp_path / "runs")]
     words += ["--require", REFERENCE, "--allow-missing", "--engine", VERLET]
-    monkeypatch.setattr("sys.argv", ["validation", *words])
-    assert main() == 1
+    monkeypatch.setattr("sys.argv", ["beads", *words])
+    assert answer() == 1
     said = capsys.readouterr()
     last = said.err.splitlines()[-1]
     assert last.startswith(f"{REFERENCE} did not run: refused: "), last

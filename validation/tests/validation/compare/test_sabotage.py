@@ -11,7 +11,7 @@ from drivers.engines import load_engine
 from validation.checks import FAIL
 from validation.compare.comparison import REFUSED
 from validation.compare.selection import EngineSelection
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import failing_run, finished, need, run_and_compare
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
@@ -227,7 +227,7 @@ def test_a_run_at_another_step_has_a_warning(
 @pytest.mark.long
 def test_the_comparison_prints_departure_and_law(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
     swap("yade", YADE, "damping=0, ", "", stand_in, tmp_path)
-    done = command_line("validation", "compare", scene_file(top=GRAVITY), "--runs", tmp_path / "runs")
+    done = beads("compare", scene_file(top=GRAVITY), "--runs", tmp_path / "runs")
     assert done.returncode == 1, done.stderr
     assert re.search(r"^scene +yade +departs from its scheme from 1 µs", done.stdout, re.MULTILINE)
     assert re.search(r"^scene +yade +non-viscous damping of 0\.2, ", done.stdout, re.MULTILINE)

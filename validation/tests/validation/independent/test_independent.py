@@ -19,7 +19,7 @@ from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, without_run
 from validation.independent.independent_chapter import IN_REPO, judge_all
 from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
 from validation.report.write_report import write_report
-from validation.tests.helpers.commands import assert_in_order, command_line
+from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import EnginesWriter, StandIn
 
@@ -96,16 +96,7 @@ def test_a_wrong_file_is_named_in_one_line(tmp_path: Path, text: str, found: str
 def test_a_wrong_file_ends_the_command_with_code_two(tmp_path: Path) -> None:
     (tmp_path / "cases.toml").write_text(CASE.replace("10697.0", '"a lot"'))
     where = [f"--{name}" for name in ("results", "runs")]
-    done = command_line(
-        "validation",
-        "independent",
-        "--file",
-        tmp_path / "cases.toml",
-        where[0],
-        tmp_path / "r",
-        where[1],
-        tmp_path / "q",
-    )
+    done = beads("independent", "--file", tmp_path / "cases.toml", where[0], tmp_path / "r", where[1], tmp_path / "q")
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
     assert "case.0.check.0.expected" in done.stderr
@@ -137,7 +128,7 @@ def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path
     for code in codes():
         need(code)
     where = ("--file", cheap, "--results", tmp_path / "results", "--runs", shared_runs)
-    done = command_line("validation", "independent", *where)
+    done = beads("independent", *where)
     assert done.returncode == 0, done.stderr
     lines = rows_in(read_table(tmp_path / "results" / "independent.csv", Check, "independent"), Check)
     assert {line.verdict for line in lines} == {PASS}
@@ -149,7 +140,7 @@ def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path
     before = sorted(shared_runs.rglob("run.json"))
     changed = {path: path.stat().st_mtime_ns for path in before}
     cheap.write_text(cheap.read_text().replace("expected = 10697.0", "expected = 10698.0"))  # printed: 10.697 kN
-    done = command_line("validation", "independent", *where)
+    done = beads("independent", *where)
     assert done.returncode == 1
     red = [
         line

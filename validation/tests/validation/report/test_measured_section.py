@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter
 
 HEADING = "Measured and computed forces (reference)"
@@ -18,7 +18,7 @@ def report(scene: Path, runs: Path) -> tuple[int, str, str]:
     """Exit code, page and messages of a report on the in-repository engines."""
     page = scene.with_suffix(".html")
     engines = ("--engine", "verlet", "--allow-missing")
-    done = command_line("validation", "report", scene, "--out", page, "--runs", runs, *engines)
+    done = beads("report", scene, "--out", page, "--runs", runs, *engines)
     return done.returncode, page.read_text() if page.exists() else "", done.stderr
 
 

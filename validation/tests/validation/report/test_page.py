@@ -33,7 +33,7 @@ from validation.tests.helpers.browser import (
     said,
     view,
 )
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import blown_up, checks_of, finished, run_and_compare
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
 
@@ -101,7 +101,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, scenes: list[ComparedScene], 
     """Page of these scenes, two figures and the independent cases, without the other studies."""
     results = tmp_path_factory.mktemp("page")
     for figure in ("fig1", "fig4"):
-        drawn = command_line("postproc", figure, "--runs", shared_runs, "--out", results)
+        drawn = beads("figures", figure, "--runs", shared_runs, "--results", results)
         assert drawn.returncode == 0, drawn.stderr
     write_independent(results)
     write_report(scenes, results / "report.html")

@@ -30,7 +30,7 @@ from validation.compare.comparison import ComparedScene
 from validation.report.page_figures import read_scores
 from validation.report.scene_section import scene_row, section_of
 from validation.report.write_report import claim_counts, write_report
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import blown_up, checks_of, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
@@ -100,7 +100,7 @@ def test_a_failed_row_has_a_diagnosis_and_a_command_for_details(compared: Compar
     assert '<tr class="miss">' in first
     assert "yade fails." in first
     assert "matches forces a sample &lt;late&gt;" in first
-    assert f"python -m validation compare {compared.case.scene.file}" in first
+    assert f"beads compare {compared.case.scene.file}" in first
     assert '<tr class="miss">' not in page_of(replace(sick, checks=[], diagnoses={}), tmp_path)
 
 
@@ -147,7 +147,7 @@ def test_a_scene_without_a_finished_run_shows_partial_traces(
 
 def test_the_command_for_details_finds_the_same_runs(compared: ComparedScene, tmp_path: Path) -> None:
     write_report([late(compared)], tmp_path / "report.html", "again", Path("my runs"))
-    again = f"python -m validation compare {compared.case.scene.file} --runs 'my runs'"
+    again = f"beads compare {compared.case.scene.file} --runs 'my runs'"
     assert f"Look closer: <code>{html.escape(again, quote=False)}</code>" in (
         (tmp_path / "report.html").read_text().replace("&#39;", "'")
     )
@@ -249,13 +249,13 @@ def test_a_chain_at_rest_has_no_momentum_error(scene_file: SceneWriter, shared_r
 
 def test_a_device_is_refused_as_the_page(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")  # not a real device: the report would replace it if it were not refused
-    done = command_line("validation", "report", "--out", tmp_path / "pipe")
+    done = beads("report", "--out", tmp_path / "pipe")
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert "a device" in done.stderr
 
 
 def test_the_wave_on_the_command_line() -> None:
-    done = command_line("validation", "wave")
+    done = beads("wave")
     assert done.returncode == 0
     assert "0.9055157764 k^(1/3)" in done.stdout
     assert "4.989445 at 0.002" in done.stdout
@@ -263,11 +263,11 @@ def test_the_wave_on_the_command_line() -> None:
 
 def test_observables_on_the_command_line(scene_file: SceneWriter, shared_runs: Path) -> None:
     run = finished(case_of(scene_file()), "verlet", shared_runs)
-    done = command_line("postproc", "observables", run.folder, "--level", "0.1")
+    done = beads("observables", run.folder, "--level", "0.1")
     assert done.returncode == 0
     assert "wall_duration_10pct_s" in done.stdout
     (peak,) = (line for line in done.stdout.splitlines() if line.startswith("wall_peak_N"))
     assert float(peak.split()[2]) == pytest.approx(errors(run)["whole"].abs()["wall_peak"], rel=0.05)
-    wrong = command_line("postproc", "observables", run.folder.parent)
+    wrong = beads("observables", run.folder.parent)
     assert wrong.returncode == 2
     assert "run folder" in wrong.stderr

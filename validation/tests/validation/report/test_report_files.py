@@ -21,7 +21,7 @@ from validation.independent.posed_cases import read_independent
 from validation.report.machine_readable import cpu_name
 from validation.report.page_figures import image_of
 from validation.report.write_report import write_report
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import checks_of, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
@@ -170,15 +170,15 @@ def test_a_hostile_figure_is_bytes_in_the_page(tmp_path: Path) -> None:
 def test_the_command_writes_both_files_and_records_its_arguments(scene_file: SceneWriter, tmp_path: Path) -> None:
     scene, page = scene_file(), tmp_path / "out" / "page.html"
     words = ("--out", page, "--runs", tmp_path / "runs", "--allow-missing")
-    done = command_line("validation", "report", scene, *words)
+    done = beads("report", scene, *words)
     assert done.returncode == 0, done.stderr
     data = json.loads(page.with_suffix(".json").read_text())
-    assert data["made_with"]["command"].startswith("python -m validation report ")
+    assert data["made_with"]["command"].startswith("beads report ")
     assert str(scene) in data["made_with"]["command"]
     assert data["scenes"][0]["command"].endswith(f" --runs {tmp_path / 'runs'}")
     assert FAIL not in data["counts"]["checks"] or data["counts"]["checks"][FAIL] == 0
     for wrong in (("--out", tmp_path / "page.json"), (scene,), ("missing",), ("--out", "/proc/page.html")):
-        refused = command_line("validation", "report", scene, *wrong, "--runs", tmp_path / "fresh")
+        refused = beads("report", scene, *wrong, "--runs", tmp_path / "fresh")
         assert refused.returncode == 2
         assert len(refused.stderr.splitlines()) == 1
         assert not (tmp_path / "fresh").exists(), "a deck was run"

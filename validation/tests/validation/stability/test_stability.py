@@ -43,7 +43,7 @@ from validation.stability.measured_limits import (
 from validation.stability.rounding_effects import SIGNIFICANCE, by_code, energy_of, in_repo, pressed
 from validation.stability.stability_chapter import CHAPTER
 from validation.tests.helpers.adversarial import KINDS, adversarial_case
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import finished, need, run_and_compare
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
@@ -202,12 +202,12 @@ def test_limits_of_few_and_of_light_bodies(settings: tuple[str, ...]) -> None:
 
 @pytest.mark.long
 def test_a_step_that_blows_up_is_refused_and_unsafe_runs_it(tmp_path: Path) -> None:
-    words = ("drivers", "run", "fig4", *TOO_LARGE, "--runs", tmp_path)
-    refused = command_line(*words)
+    words = ("run", "fig4", *TOO_LARGE, "--runs", tmp_path)
+    refused = beads(*words)
     assert (refused.returncode, refused.stdout, len(refused.stderr.splitlines())) == (2, "", 1)
     assert "run.time_step: found 2e-05 s; allowed: at most 1.7" in refused.stderr
     assert not list(tmp_path.rglob("run.json"))
-    unsafe = command_line(*words, "--unsafe")
+    unsafe = beads(*words, "--unsafe")
     assert unsafe.returncode == 1
     for name in ("verlet", *installed(codes())):
         assert f"fig4: {name} failed: unstable at t = " in unsafe.stderr
@@ -234,7 +234,7 @@ def test_a_step_that_is_too_coarse_is_done_with_a_warning(engine: str, shared_ru
 
 def test_warnings_are_printed_and_in_the_report(shared_runs: Path, tmp_path: Path) -> None:
     words = [word for setting in COARSE for word in ("--set", setting)]
-    said = command_line("drivers", "run", "fig4", *words, "--engine", "verlet", "--runs", shared_runs)
+    said = beads("run", "fig4", *words, "--engine", "verlet", "--runs", shared_runs)
     assert said.returncode == 0
     assert "fig4: verlet warning: error of the force up to 0.2" in said.stderr
     write_report([run_and_compare("fig4", COARSE, runs=shared_runs)], tmp_path / "report.html")
@@ -258,11 +258,11 @@ def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_pat
     need("liggghts")
     far = ("chain.bead=[{from_wall=3, gap_below='100 km'}]", "run.duration=20 us")
     path = scene_file(count=220)
-    words = ("drivers", "run", path, "--set", far[0], "--set", far[1], "--runs", tmp_path)
-    by_name = command_line(*words, "--engine", "liggghts")
+    words = ("run", path, "--set", far[0], "--set", far[1], "--runs", tmp_path)
+    by_name = beads(*words, "--engine", "liggghts")
     assert (by_name.returncode, by_name.stdout) == (2, "")
     assert "on liggghts at most 1e+08 bins" in by_name.stderr
-    everywhere = command_line(*words)
+    everywhere = beads(*words)
     assert everywhere.returncode == 0, everywhere.stderr
     assert "not run on liggghts" in everywhere.stderr
     assert len(everywhere.stdout.split()) == len(installed(engine_names())) - 1

@@ -9,7 +9,7 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.limits.criteria import rayleigh_time
 from validation.chapters import frame_of, read_section, write_chapter
-from validation.tests.helpers.commands import command_line
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 from validation.trade.ladder import LadderRun, Rung, affordable, at_step, run_ladder
@@ -116,6 +116,6 @@ def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("budget", ["0", "-1", "nan", "x"])
 def test_bad_budgets(budget: str) -> None:
-    said = command_line("validation", "trade", f"--budget={budget}")
+    said = beads("trade", f"--budget={budget}")
     assert said.returncode == 2
     assert len(said.stderr.splitlines()) == 1

@@ -1,0 +1,133 @@
+"""Commands on studies: ``batch``, ``study``, ``status``, ``show``."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from validation.commands import options
+from validation.commands.options import command
+
+if TYPE_CHECKING:
+    from drivers.batch.study_cases import Request
+
+
+def request_of(
+    study: str | Path, runs: Path, engines: Sequence[str] = (), patterns: Sequence[str] = (), *, retry: bool = False
+) -> "Request":
+    """Request for a study, with the functions of higher packages that a batch calls."""
+    from drivers.batch.study_cases import Request
+    from drivers.engines._entries import entry_files
+    from postproc.read.observables import observe
+    from postproc.read.residual import residual
+    from validation.accuracy.plan import plan_case
+
+    chosen = (tuple(engines), tuple(patterns))
+    return Request(study, runs.absolute(), plan_case, observe, residual, *chosen, retry=retry, entries=entry_files())
+
+
+@command("sensitivity", "wall-material --engine verlet --workers 2 --dry-run", "sensitivity --slurm --wait")
+@options.STUDY
+@options.ENGINE
+@options.ENGINES
+@options.ONLY
+@options.RUNS
+@options.RESULTS
+@options.WORKERS
+@options.DRY_RUN
+@options.RETRY
+@options.YES
+@options.SLICE
+@options.DASK
+@options.SLURM
+@options.SLICES
+@options.SLURM_LINES
+@options.WAIT
+def batch(
+    study: str,
+    engines: tuple[str, ...],
+    patterns: tuple[str, ...],
+    runs: Path,
+    results: Path,
+    workers: int | None,
+    dry_run: bool,
+    retry: bool,
+    yes: bool,
+    part: tuple[int, int] | None,
+    dask: str,
+    slurm: bool,
+    slices: int | None,
+    slurm_lines: tuple[str, ...],
+    wait: bool,
+) -> int:
+    """Run the missing cases of a study and write its table."""
+    places = [option for option, given in (("--slice", part), ("--dask", dask), ("--slurm", slurm)) if given]
+    if len(places) > 1:
+        raise InputError(places[1], "", f"not allowed with {places[0]}")
+    for option, given in (("--wait", wait), ("--slices", slices), ("--slurm-line", slurm_lines)):
+        if given and not slurm:
+            raise InputError(option, "", "needs --slurm")
+    for option, given in (("--dry-run", dry_run), ("--workers", workers)):
+        if given and part:
+            raise InputError(option, "", "not allowed with --slice")
+    from drivers.base.processes import cores
+    from drivers.batch.study_commands import JobArray, run_part
+    from drivers.batch.study_commands import batch as run_study
+    from drivers.run.execute import Place
+
+    request = request_of(study, runs, engines, patterns, retry=retry)
+    if part:
+        return run_part(request, *part)
+    place = Place(workers or cores(), processes=not dask, dask=dask)
+    array = JobArray(wait, slices, slurm_lines) if slurm else None
+    return run_study(request, results, place, array, dry_run=dry_run, yes=yes)
+
+
+@command("sensitivity")
+@options.STUDY
+@options.ENGINES
+@options.RESULTS
+def study(study: str, results: Path) -> None:
+    """Draw the table of a finished study: curves or a tornado chart."""
+    from drivers.batch.study import column_name, read_study
+    from drivers.batch.study_table import read_study_table
+    from postproc.draw.product import write_product
+    from postproc.draw.study_figure import draw_study, draw_tornado
+    from postproc.read.labels import key_label
+
+    found = read_study(study)
+    table = read_study_table(study, results)
+    draw = draw_tornado if found.one_by_one else draw_study
+    labels = {column_name(name, key): key_label(name, key) for name, key in found.columns.items()}
+    product = draw(table, found.file.title or found.name, found.file.figure, found.where, labels)
+    for path in write_product(product, f"{found.name}-figure", results):
+        print(paths.shown(path))
+
+
+@command("sensitivity --list")
+@options.STUDY
+@options.ENGINE
+@options.ENGINES
+@options.ONLY
+@options.RUNS
+@options.LIST
+def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs: Path, every: bool) -> int:
+    """Count the rows of a study by state."""
+    from drivers.batch.study_commands import status as print_status
+
+    return print_status(request_of(study, runs, engines, patterns), every=every)
+
+
+@command("wall-material 3 --engine lammps")
+@options.STUDY
+@options.CASE
+@options.ENGINE
+@options.ENGINES
+@options.RUNS
+def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
+    """Write one case of a study as run folders with their decks."""
+    from drivers.batch.study_commands import show as show_case
+    from validation.accuracy.assess import assess
+
+    return show_case(request_of(study, runs, engines), case, assess)

@@ -1,0 +1,167 @@
+"""The command ``beads``: its commands in the order in which a user meets them, its errors and exit codes."""
+
+import drivers.environment  # noqa: F401 - checks the environment before further imports
+
+# isort: split
+import errno
+import os
+import signal
+import sys
+from collections.abc import Callable
+from tempfile import gettempdir
+from typing import NoReturn
+
+import click
+
+from drivers.base import paths
+from drivers.base.errors import InputError, RunError, one_line, printable
+from drivers.base.files import home_of
+from validation.commands import (
+    batch_commands,
+    engine_commands,
+    output_commands,
+    report_commands,
+    run_commands,
+    scene_commands,
+)
+from validation.commands.options import HELP_OPTIONS
+
+IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
+COMPLETE = "_BEADS_COMPLETE"  # set by a shell that asks for completions
+SECTIONS = {
+    "a scene": (
+        scene_commands.scenes,
+        scene_commands.plan,
+        scene_commands.draw,
+        run_commands.run,
+        run_commands.compare,
+    ),
+    "a run": (output_commands.observables, output_commands.spacetime, output_commands.film, output_commands.vtk),
+    "measured data": (output_commands.overlay, run_commands.fit),
+    "studies": (batch_commands.batch, batch_commands.study, batch_commands.status, batch_commands.show),
+    "files of runs": (run_commands.runs, scene_commands.render),
+    "report and paper": (report_commands.report, report_commands.figures, *report_commands.CHAPTER_COMMANDS),
+    "engines": (engine_commands.engine, engine_commands.wave),
+}
+
+
+class _Group(click.Group):
+    """Group that lists its commands by section, in their order."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return [*self.commands]
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        for title, commands in SECTIONS.items():
+            with formatter.section(title):
+                formatter.write_dl([(f"{each.name:11}", each.get_short_help_str(100)) for each in commands])
+
+
+def _print_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
+    """Print a line with the version of the project and of Python, and the commit."""
+    if not asked or context.resilient_parsing:
+        return
+    import platform
+    import tomllib
+
+    from drivers.base.processes import git, local_changes
+
+    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
+    changes = " and changes" * local_changes()
+    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
+    print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
+    context.exit()
+
+
+BEADS = _Group(
+    "beads",
+    commands=[each for commands in SECTIONS.values() for each in commands],
+    help="Run chains of beads on several codes and judge the results.\n\nHelp on a command: beads COMMAND --help",
+    epilog="\b\nexamples:\n  beads plan fig4\n  beads run fig4 --engine verlet\n  beads compare fig4",
+    context_settings=HELP_OPTIONS,
+    subcommand_metavar="COMMAND ...",
+    params=[
+        click.Option(
+            ["--version"],
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            callback=_print_version,
+            help="Print version and commit.",
+        )
+    ],
+)
+
+
+def main() -> NoReturn:
+    """Run the command line of this process and exit with its code."""
+    run_main(answer)
+
+
+def answer() -> int:
+    """Run the command line of this process and return its exit code.
+
+    Raises:
+        InputError, RunError, OSError: the command failed.
+    """
+    if asked := os.environ.get(COMPLETE):
+        from click.shell_completion import shell_complete
+
+        return shell_complete(BEADS, {}, "beads", COMPLETE, asked)
+    words = sys.argv[1:]
+    try:
+        with BEADS.make_context("beads", [*words] or ["--help"]) as context:
+            from drivers.base.progress import counted
+
+            with counted(f"beads {words[0]}", bar=False):  # prints a line if a command prints none
+                return BEADS.invoke(context) or 0
+    except click.exceptions.Exit as end:
+        return end.exit_code if words else 2
+    except click.UsageError as error:
+        program = f"beads {words[0]}" if words[0] in BEADS.commands else "beads"
+        print(one_line(f"{program}: ", _statement(error), f" (see {program} --help)"), file=sys.stderr)
+        return 2
+
+
+def _statement(error: click.UsageError) -> str:
+    """Message of a wrong command line, which begins with the option or argument."""
+    if isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter) and error.param:
+        option = isinstance(error.param, click.Option)
+        return f"{error.param.opts[0] if option else error.param.metavar}: {error.message}"
+    words = error.format_message().rstrip(".")
+    return f"{words[0].lower()}{words[1:]}"
+
+
+def run_main(main: Callable[[], int]) -> NoReturn:
+    """Run a command line and exit with code 0 (all good), 1 (a run failed) or 2 (wrong input).
+
+    SIGTERM and SIGHUP act like Ctrl-C: engines are killed and unfinished files removed.
+    """
+    for request in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(request, signal.default_int_handler)
+    if not any(os.access(place, os.W_OK) for place in (paths.ROOT, home_of("~"))):  # numba writes compiled code there
+        os.environ.setdefault("NUMBA_CACHE_DIR", gettempdir())
+    if sys.stdout is not None:
+        write = sys.stdout.write
+        setattr(sys.stdout, "write", lambda text: write(printable(text)))  # noqa: B010 - mypy refuses an assignment
+    try:
+        code = main()
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except InputError as error:
+        print(error, file=sys.stderr)
+        code = 2
+    except (RunError, OSError, UnicodeError) as error:
+        if isinstance(error, BrokenPipeError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed the pipe
+        else:
+            print(one_line("error: ", error), file=sys.stderr)
+        code = 2 if isinstance(error, OSError) and error.errno in IMPOSSIBLE_NAMES else 1
+    except KeyboardInterrupt as error:
+        print(": ".join(["interrupted", *map(str, error.args)]), file=sys.stderr)
+        code = 130
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

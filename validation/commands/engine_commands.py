@@ -1,0 +1,43 @@
+"""Commands ``engine`` and ``wave``: tests of an adapter or a build, and the exact wave."""
+
+from pathlib import Path
+
+from drivers.base import paths
+from drivers.base.errors import RunError
+from validation.commands import options
+from validation.commands.options import command
+
+
+@command("verlet", "liggghts-old --engines mine.toml")
+@options.ENGINE_NAME
+@options.ENGINES
+@options.RESULTS
+def engine(name: str, results: Path) -> int:
+    """Test an adapter or a build of a code."""
+    from drivers.engines import load_engine
+    from validation.accuracy.costs import entry_of, measured_cost
+
+    tested = load_engine(name)
+    if tested.find() is None:
+        raise RunError(f"{name}: {tested.absence}")
+    try:
+        import pytest
+    except ImportError as error:
+        raise RunError(f"pytest is not installed; make engine ENGINE={name} installs it") from error
+    words = ["-v", "-rs", "--tb=short", "--capture=sys"]  # lines on progress reach the screen
+    words += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml")]
+    if results != paths.RESULTS:
+        words += ["--junitxml", str(results / f"engine-{name}.xml")]
+    failed = int(pytest.main([*words, "--engine", name, str(paths.ROOT / "validation/tests/engine")]) != 0)
+    cost = measured_cost(tested)
+    where = f"as an entry of {paths.shown(paths.COSTS)}; for own engines no file has to be edited"
+    print(f"\nmeasured cost, cached for plans and batches ({where}):\n" + "\n".join(entry_of(name, cost)))
+    return failed
+
+
+@command("")
+def wave() -> None:
+    """Print constants of the discrete chain's solitary wave."""
+    from validation.reference.travelling_wave import constants, solve_travelling_wave
+
+    print("\n".join(constants(solve_travelling_wave())))

@@ -1,0 +1,146 @@
+"""Commands that read or draw one run: ``observables``, ``overlay``, ``spacetime``, ``film``, ``vtk``."""
+
+import json
+from contextlib import suppress
+from math import isnan
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.text_table import text_table
+from validation.commands import options
+from validation.commands.options import command, must_be_folder
+
+if TYPE_CHECKING:
+    from drivers.run.run_folder import EndedRun
+    from drivers.scene.model import Scene
+
+
+@command("yade:fig4", "yade:fig4 --level 0.1 --json")
+@options.RUN
+@options.ENGINES
+@options.RUNS_READ
+@options.LEVELS
+@options.JSON
+def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) -> None:
+    """Print peaks, speeds, widths, reflections, energies of a run."""
+    from postproc.read.observables import LEVELS, observe, without_unit
+
+    opened, _, _ = _open("observables", run, runs)
+    observed = observe(opened.layout, opened.trace, levels or LEVELS)
+    values = {name: None if isnan(value) else value for name, value in observed.items()}
+    if as_json:
+        print(json.dumps(values, indent=2))
+        return
+    errors = {part["quantity"]: f"{abs(part['whole']):.1e}" for part in opened.record.error_budget or ()}
+    shown = {name: "not seen" if value is None else f"{value:.6g}" for name, value in values.items()}
+    rows = [(name, value, errors.get(without_unit(name), "")) for name, value in shown.items()]
+    print(*text_table([("observable", "value", "relative error"), *rows]), sep="\n")
+
+
+@command("example-measured", "example-measured --set contact.restitution=0.9", "yade:fig4 --measured shot-12.csv")
+@options.SCENE_OR_RUN
+@options.SETTINGS
+@options.MEASURED
+@options.ENGINES
+@options.RUNS_READ
+@options.RESULTS
+def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Path, results: Path) -> None:
+    """Draw measured traces over computed ones, with deviations."""
+    from drivers.engines import REFERENCE
+    from drivers.limits.refusal import refuse
+    from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
+    from postproc.draw.product import write_product
+    from postproc.paper.simulate import exact
+    from postproc.read.measured import entries_of
+    from postproc.read.misfit import lay_over
+    from validation.accuracy.plan import planned_case
+
+    if Path(run).is_dir() or (":" in run and not Path(run).exists()):
+        if settings:
+            raise InputError(f"--set {settings[0]}", "", "not allowed for a finished run")
+        opened, name, _ = _open("overlay", run, runs)
+        scene, layout, trace, engine = _scene_of(opened, run), opened.layout, opened.trace, opened.record.engine
+    else:
+        case = planned_case(run, *settings)
+        refuse(case, REFERENCE)
+        scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
+        name = f"overlay-{scene.name}"
+    entries, folder, where = entries_of(scene, measured, run)
+    curves, found = lay_over(entries, folder, where, layout, trace)
+    drawn = write_product(draw_overlay(layout, trace, engine, curves, found), name, results) if curves else ()
+    print(*text_table([HEADINGS, *misfit_rows(found)]), sep="\n")
+    for path in drawn:
+        print(paths.shown(path))
+
+
+@command("yade:fig4")
+@options.RUN
+@options.ENGINES
+@options.RUNS_READ
+@options.RESULTS
+def spacetime(run: str, runs: Path, results: Path) -> None:
+    """Draw the force in every contact of a run against time."""
+    from postproc.draw.product import draw_spacetime, write_product
+
+    opened, name, title = _open("spacetime", run, runs)
+    for path in write_product(draw_spacetime({title: opened.trace}, width_in=6.4), name, results):
+        print(paths.shown(path))
+
+
+@command("yade:fig4-tube --sideways 10")
+@options.RUN
+@options.FRAMES
+@options.SIDEWAYS
+@options.ENGINES
+@options.RUNS_READ
+@options.RESULTS
+def film(run: str, frames: int | None, sideways: float, runs: Path, results: Path) -> None:
+    """Draw the chain of a run at several times, and an animated GIF."""
+    from postproc.draw import film as films
+    from postproc.draw.product import write_product
+
+    opened, name, title = _open("film", run, runs)
+    still = films.film_of(opened, frames or films.FRAMES, sideways)
+    for path in write_product(films.sheet(still, title), name, results):
+        print(paths.shown(path), flush=True)
+    moving = films.film_of(opened, films.GIF_FRAMES, sideways)
+    print(paths.shown(films.write_animation(moving, title, results / f"{name}.gif")))
+
+
+@command("yade:fig4 --frames 200")
+@options.RUN
+@options.FRAMES
+@options.ENGINES
+@options.RUNS_READ
+@options.RESULTS
+def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
+    """Write a run for ParaView (needs recorded positions)."""
+    from postproc.draw import vtk as series
+
+    opened, name, _ = _open("vtk", run, runs)
+    must_be_folder("--results", results / name)
+    for path in series.write_series(opened, results / name, frames or series.FRAMES):
+        print(paths.shown(path))
+
+
+def _open(what: str, run: str, runs: Path) -> tuple["EndedRun", str, str]:
+    """A run, a name for the files that a command makes from it, and a title."""
+    from drivers.inventory.run_folders import run_folder
+    from drivers.run.run_folder import open_run
+
+    opened = open_run(run_folder(run, runs))
+    name = f"{what}-{opened.record.engine}-{opened.folder.resolve().name}"
+    return opened, name, f"{opened.record.scene.get('title') or opened.record.scene_name} ({opened.record.engine})"
+
+
+def _scene_of(run: "EndedRun", source: str) -> "Scene | None":
+    """The scene of a run, read again from its file; None if the file is missing or wrong."""
+    from drivers.scene.read_scene import read_scene
+
+    _, _, named = source.partition(":")
+    for path in (named, run.record.scene_name, f"{run.record.scene_name}.toml"):
+        with suppress(InputError):
+            return read_scene(path)
+    return None

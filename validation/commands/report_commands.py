@@ -1,0 +1,126 @@
+"""Commands of the report and its chapters, and of the paper's figures."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from drivers.base import paths
+from drivers.base.errors import InputError, RunError
+from validation.commands import options
+from validation.commands.options import Decorator, command
+
+
+@command("", "fig4 --out fig4.html --allow-missing")
+@options.scenes_argument("the paper's four")
+@options.STUDIES
+@options.PAGE
+@options.ENGINE
+@options.ENGINES
+@options.RUNS
+@options.REQUIRE
+@options.ALLOW_MISSING
+def report(
+    scenes: tuple[str, ...],
+    studies: bool,
+    out: Path | None,
+    engines: tuple[str, ...],
+    runs: Path,
+    required: tuple[str, ...],
+    allow_missing: bool,
+) -> int:
+    """Write the report page and its checks as JSON."""
+    from validation.compare.selection import selected
+    from validation.report.write_report import report as write
+
+    given = None if runs == paths.RUNS else runs
+    return write([*scenes], out, given, selected(engines, required, allow_missing=allow_missing), studies=studies)
+
+
+class _Figures(click.Command):
+    """Command whose help lists the figures."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        from postproc.figures import captions
+
+        with formatter.section("Figures"):
+            formatter.write_dl([(name, caption.title) for name, caption in captions().items()])
+        super().format_epilog(ctx, formatter)
+
+
+@command("", "fig4 table1", kind=_Figures)
+@options.FIGURES
+@options.ENGINES
+@options.RUNS
+@options.RESULTS
+def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
+    """Make figures and the table of the paper."""
+    from postproc.figures import captions
+
+    titles, code = {name: caption.title for name, caption in captions().items()}, 0
+    for name in names:
+        if name not in titles:
+            raise InputError("figures", "", f'"{name}"', ", ".join(titles))
+    from drivers.base.progress import step
+    from drivers.engines import missing_codes
+    from postproc.draw.product import write_product
+    from postproc.figures import make_figure
+
+    chosen = list(dict.fromkeys(names)) or [*titles]
+    for number, name in enumerate(chosen, 1):  # a failed figure does not stop the others
+        try:
+            with step(f"{name}: {titles[name]}", number, len(chosen)):
+                written = write_product(make_figure(name, runs), name, results)
+        except (RunError, InputError) as error:
+            print(f"{name}: {error}", file=sys.stderr)
+            code = max(code, 2 if isinstance(error, InputError) else 1)
+            continue
+        for path in written:
+            print(paths.shown(path), flush=True)
+    if missing_codes():
+        print(f"left out, since not installed: {', '.join(missing_codes())}", file=sys.stderr)
+    return code
+
+
+def _chapter(name: str, words: str, taken: tuple[Decorator, ...], *examples: str) -> click.Command:
+    """Command of a chapter with its help text and options."""
+
+    def action(**given: Any) -> int:
+        from validation.chapters import Options, load_chapter, run_chapter
+
+        return run_chapter(
+            load_chapter(name), Options(**{key: each for key, each in given.items() if each is not None})
+        )
+
+    for option in reversed((*taken, options.ENGINES, options.RESULTS)):
+        action = option(action)
+    return command(*examples or ("",), name=name, words=words)(action)
+
+
+QUICK = ("", "--quick")
+CHAPTER_COMMANDS = (
+    _chapter("claims", "Compute and judge every quantitative statement of the paper.", (options.RUNS,)),
+    _chapter(
+        "trade",
+        "Measure error against cost for all engines and time steps.",
+        (options.QUICK, options.BUDGET),
+        "--quick",
+        "--budget 600",
+    ),
+    _chapter(
+        "stability",
+        "Measure stable steps, extreme scenes, long runs, rounding.",
+        (options.QUICK, options.RUNS),
+        *QUICK,
+    ),
+    _chapter("elements", "Measure effect and cost of each modelling element.", (options.QUICK, options.RUNS), *QUICK),
+    _chapter(
+        "independent",
+        "Judge the engines by published numbers and theory.",
+        (options.CASES_FILE, options.RUNS),
+        "",
+        "--file my-cases.toml",
+    ),
+    _chapter("calibration", "Fit parameters of each contact law to the paper's experiments.", (options.QUICK,), *QUICK),
+)

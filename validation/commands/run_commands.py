@@ -1,0 +1,190 @@
+"""Commands that run scenes and judge or list runs: ``run``, ``compare``, ``fit``, ``runs``."""
+
+import sys
+from pathlib import Path
+
+from drivers.base import paths
+from drivers.base.errors import InputError, RunError
+from validation.commands import options
+from validation.commands.options import command, must_be_folder
+
+AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model the scene
+
+
+@command("fig4 --engine yade", "fig4 --engine auto", "fig4 --set chain.count=60 --set run.time_step='50 ns'")
+@options.SCENE
+@options.SETTINGS
+@options.ENGINE
+@options.ENGINES
+@options.RUNS
+@options.RERUN
+@options.TIME_LIMIT
+@options.UNSAFE
+def run(
+    scene: str,
+    settings: tuple[str, ...],
+    engines: tuple[str, ...],
+    runs: Path,
+    rerun: bool,
+    time_limit: float | None,
+    unsafe: bool,
+) -> int:
+    """Run a scene and print the run folders.
+
+    --engine auto takes the cheapest engine that models the scene.
+    """
+    from drivers.base.progress import counted
+    from drivers.engines import engine_names, installed, load_engine
+    from drivers.limits.refusal import inability, refuse
+    from drivers.run.run import run_case
+    from validation.accuracy.assess import assess
+    from validation.accuracy.plan import cheapest, planned_case
+
+    for name in engines:
+        if name != AUTO:
+            load_engine(name, "--engine", also=(AUTO,))  # refuses a wrong name before the case is planned
+    case = planned_case(scene, *settings)
+    asked = [cheapest(case) if name == AUTO else name for name in engines]
+    names = list(dict.fromkeys(asked or installed(engine_names())))
+    missing = [] if asked else [name for name in engine_names() if name not in names]
+    refusals = {} if asked else {name: error for name in names if (error := inability(case, name))}
+    names = [name for name in names if name not in refusals]
+    for name in [] if unsafe else names:
+        refuse(case, name)  # before any engine starts
+    failures = 0
+    for name in names:
+        try:
+            with counted(f"{case.scene.name} on {name}"):
+                ended = assess(run_case(case, name, runs, rerun=rerun, limit_s=time_limit), case)
+        except (RunError, OSError) as error:
+            print(f"{case.scene.name}: {name}: {error}", file=sys.stderr)
+            failures += 1
+            continue
+        print(paths.shown(ended.folder), flush=True)
+        for warning in ended.record.warnings or ():
+            print(f"{case.scene.name}: {name} warning: {warning}", file=sys.stderr)
+        if ended.missed:
+            print(f"{case.scene.name}: {name} missed the accuracy: {ended.missed}", file=sys.stderr)
+            failures += 1
+        if not ended.done:
+            stderr = ended.folder / "stderr.txt"
+            said = f" (see {paths.shown(stderr)})" if stderr.is_file() and stderr.stat().st_size else ""
+            print(f"{case.scene.name}: {name} {ended.record.status}: {ended.record.reason}{said}", file=sys.stderr)
+            failures += 1
+    for name, refusal in refusals.items():
+        print(f"not run on {name}: {refusal}", file=sys.stderr)
+    if missing:
+        print(f"not run, not installed ({len(missing)}): {', '.join(missing)}", file=sys.stderr)
+    return 1 if failures else 0
+
+
+@command("fig4", "fig4 --set run.time_step='1 us'", "yade:fig4 liggghts:fig4", "--runs old --against new")
+@options.SCENES_OR_RUNS
+@options.SETTINGS
+@options.ENGINE
+@options.ENGINES
+@options.RUNS_READ
+@options.AGAINST
+@options.REQUIRE
+@options.ALLOW_MISSING
+@options.UNSAFE
+def compare(
+    what: tuple[str, ...],
+    settings: tuple[str, ...],
+    engines: tuple[str, ...],
+    runs: Path,
+    against: Path | None,
+    required: tuple[str, ...],
+    allow_missing: bool,
+    unsafe: bool,
+) -> int:
+    """Run scenes and judge them on every engine, or compare runs."""
+    if not against:
+        must_be_folder("--runs", runs)
+    from validation.compare.selection import selected
+
+    asked = selected(engines, required, allow_missing=allow_missing)
+    folders = [each for each in what if Path(each).is_dir() or ":" in each]
+    if folders:
+        if len(folders) != 2 or len(what) != 2:
+            raise InputError("compare", "", " ".join(what), "scenes, or exactly two runs")
+        for option, given in (("set", settings), ("engine", engines), ("require", required), ("against", against)):
+            if given:
+                raise InputError(f"--{option}", "", "not allowed with two runs")
+        from drivers.inventory.run_folders import run_folder
+        from validation.compare.pair import compare_runs
+
+        return compare_runs(*(run_folder(folder, runs) for folder in folders))
+    if against:
+        if settings:
+            raise InputError("--set", "", "not allowed with --against")
+        from validation.compare.folders import compare_folders
+
+        return compare_folders(runs, against, what, asked)
+    if not what and not asked.builds:
+        needed = "scenes, two runs, --against DIR, or --engine twice with builds of one code"
+        raise InputError("compare", "", f"scene missing; give {needed}")
+    from validation.compare.compare_command import compare_scenes
+
+    return compare_scenes(what, settings, runs, asked, unsafe=unsafe)
+
+
+@command("example-measured --free contact.restitution", "--quoted fig4 --free contact.restitution=0.5..1")
+@options.scenes_argument("the scenes of --quoted")
+@options.FREE
+@options.FREE_BY_SET
+@options.MEASURED
+@options.QUOTED
+@options.SETTINGS
+@options.QUICK
+@options.ENGINES
+@options.RESULTS
+@options.RUNS
+def fit(
+    scenes: tuple[str, ...],
+    free: tuple[str, ...],
+    own: tuple[str, ...],
+    measured: Path | None,
+    quoted: tuple[str, ...],
+    settings: tuple[str, ...],
+    quick: bool,
+    results: Path,
+    runs: Path,
+) -> int:
+    """Fit parameters of scenes to measured data.
+
+    The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name.
+    """
+    from validation.calibration.fit_command import FitRequest, run_fit
+
+    return run_fit(FitRequest(scenes, free, own, quoted, measured, settings, quick), runs, results)
+
+
+@command("fig4 --engine yade", "--set 'striker.speed=*'", "--prune --dry-run")
+@options.scenes_argument("all")
+@options.SETTINGS
+@options.ENGINE
+@options.ENGINES
+@options.RUNS_READ
+@options.PRUNE
+@options.DRY_RUN
+def runs(
+    scenes: tuple[str, ...],
+    settings: tuple[str, ...],
+    engines: tuple[str, ...],
+    runs: Path,
+    prune: bool,
+    dry_run: bool,
+) -> None:
+    """List the run folders, or remove those that are obsolete."""
+    from drivers.inventory.prune import prune as remove
+    from drivers.inventory.run_folders import print_runs
+
+    if dry_run and not prune:
+        raise InputError("--dry-run", "", "needs --prune")
+    if runs != paths.RUNS and not runs.is_dir():
+        raise InputError(f"--runs {runs}", "", "folder not found")
+    if prune:
+        remove(runs, scenes, engines, settings, dry_run=dry_run)
+    else:
+        print_runs(runs, scenes, engines, settings)

@@ -1,0 +1,73 @@
+"""Commands on scenes: ``scenes``, ``plan``, ``draw``, ``render``."""
+
+from pathlib import Path
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from validation.commands import options
+from validation.commands.options import command
+
+
+@command("")
+def scenes() -> None:
+    """List the shipped scenes, studies and materials."""
+    from drivers.scene.shipped import print_shipped
+
+    print_shipped()
+
+
+@command("fig4", "fig4 --set run.time_step= --set run.accuracy=1e-4")
+@options.SCENE
+@options.SETTINGS
+@options.ENGINE
+@options.ENGINES
+def plan(scene: str, settings: tuple[str, ...], engines: tuple[str, ...]) -> None:
+    """Print time step, expected errors and cost of a scene."""
+    from drivers.engines import load_engine
+    from validation.accuracy.plan_report import plan_report
+
+    for name in engines:
+        load_engine(name, "--engine")
+    for line in plan_report(scene, settings, engines):
+        print(line)
+
+
+@command("fig4", "fig4 --set chain.count=5 --results drawings")
+@options.SCENE
+@options.SETTINGS
+@options.ENGINES
+@options.RESULTS
+def draw(scene: str, settings: tuple[str, ...], results: Path) -> None:
+    """Draw a scene to scale."""
+    from postproc.draw.product import Product, write_product
+    from postproc.draw.scene_drawing import draw_scene
+    from validation.accuracy.plan import planned_case
+
+    case = planned_case(scene, *settings)
+    for path in write_product(Product(*draw_scene(case.scene, case.chain)), f"scene-{case.scene.name}", results):
+        print(paths.shown(path))
+
+
+@command("fig4 --engine liggghts --out deck")
+@options.SCENE
+@options.SETTINGS
+@options.ENGINE
+@options.ENGINES
+@options.DECK_FOLDER
+@options.UNSAFE
+def render(scene: str, settings: tuple[str, ...], engines: tuple[str, ...], out: Path, unsafe: bool) -> None:
+    """Write the deck of a scene for one engine, without running it."""
+    if len(engines) != 1:
+        raise InputError("--engine", "", ", ".join(engines) or "none", "one engine")
+    from drivers.engines import load_engine
+    from drivers.limits.refusal import refuse
+    from validation.accuracy.plan import planned_case
+
+    engine = load_engine(engines[0], "--engine")
+    case = planned_case(scene, *settings)
+    if not unsafe:
+        refuse(case, engine.name)
+    deck = engine.deck_by_hand(engine.render(case))
+    out.mkdir(parents=True, exist_ok=True)
+    for file in deck.write(out):
+        print(file)
