@@ -290,7 +290,7 @@ def test_a_damaged_table_of_a_study_is_refused_and_written_again(
     with pytest.raises(InputError) as refused:
         read_study_table("study", tmp_path / "results")
     assert "study.parquet" in str(refused.value)
-    assert "drivers batch study" in str(refused.value)
+    assert "beads batch study" in str(refused.value)
     if not file.is_dir():
         pd.testing.assert_frame_equal(batch(path, tmp_path), right)
 
