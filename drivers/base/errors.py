@@ -15,8 +15,8 @@ CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u20
 
 
 def printable(text: str) -> str:
-    """Text with control characters replaced, so that a title or a file name cannot change a terminal."""
-    return CONTROL.sub("\N{REPLACEMENT CHARACTER}", text)
+    """Text with a question mark for each control character: a title or a file name cannot change a terminal."""
+    return CONTROL.sub("?", text)
 
 
 def one_line(*parts: object, longest: int = MAX_CHARACTERS) -> str:

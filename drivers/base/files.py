@@ -1,7 +1,7 @@
 """Files: atomic writing, and reading that is a check.
 
-A file that is read back is as it was written, or is refused. A JSON file holds its own digest, the record of a run
-folder those of its other files; digests of tables and pictures are in a hidden folder next to them.
+Each file that is read back is as it was written, or is refused. A JSON file holds its own digest, a run folder those
+of its files in its record, and tables and pictures have theirs in a hidden folder next to them.
 """
 
 import csv
@@ -59,7 +59,7 @@ def sealed_file(path: Path) -> Iterator[Path]:
 
 
 def read_sealed_file(path: Path, allowed: str) -> bytes:
-    """Content of a file written by ``sealed_file``; ``allowed`` names in a message the content expected here.
+    """Content of a file written by ``sealed_file``; ``allowed`` names in a message the file that belongs here.
 
     Raises:
         FileNotFoundError: no such file.

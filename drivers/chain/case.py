@@ -27,7 +27,7 @@ class SensorBead:
 
 @dataclass(frozen=True)
 class Layout:
-    """Properties of a chain that post-processing needs; stored in ``run.json``.
+    """Properties of a chain that post-processing needs; stored in the record of a run.
 
     Attributes:
         sensors: sensor beads from the top of the chain to the wall, in the order in which a wave passes them.

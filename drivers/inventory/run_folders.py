@@ -19,7 +19,7 @@ from drivers.base.errors import InputError, one_line
 from drivers.base.text_table import text_table
 from drivers.base.units import to_si
 from drivers.batch.store import ENDING, WORK, Store
-from drivers.run.run_folder import FOLDER_NAME, FORCES, RECORD, RunRecord, read_record
+from drivers.run.run_folder import FOLDER_NAME, RunRecord, ended_at, lost_file, read_record
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_scene, read_value, stored_scene
 from drivers.scene.settings import FREE_TEXT, look_up, setting_text, settings_between, unit_of
@@ -73,7 +73,8 @@ class KeptRun:
             return UNREADABLE
         if self.record.status != "done":
             return f"{self.record.status}: {self.record.reason}"
-        return "" if FORCES in self.files else f"{FORCES}: found no such file"
+        lost = lost_file(self.record, self.files)
+        return f"{lost}: found no such file" if lost else ""
 
     @cached_property
     def files(self) -> dict[str, os.stat_result]:
@@ -90,8 +91,7 @@ class KeptRun:
     @property
     def ended(self) -> float:
         """Time of the record, or of the newest file, in seconds of Unix time."""
-        dates = {name: stat.st_mtime for name, stat in self.files.items()}
-        return dates.get(RECORD, max(dates.values(), default=0.0))
+        return ended_at({name: stat.st_mtime for name, stat in self.files.items()})
 
 
 def _physics(part: Any) -> Any:

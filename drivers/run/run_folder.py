@@ -1,13 +1,13 @@
 """Run folders: the record, the forces, the positions and the gauges of a run, written, found and read back.
 
 No other module knows the names and formats of these files. The record ``run.json`` holds its own digest and those of
-the other files, so a file that is read back is as it was written, or is refused by name.
+the other files, so each file that is read back is as it was written, or is refused by name.
 """
 
 import platform
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
@@ -131,7 +131,8 @@ def record_of(folder: Path) -> RunRecord:
         record = RunRecord(**read_sealed(path, "the record of a run"))
         read_layout(record.layout)
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError(paths.shown(folder), RECORD, "a folder without the record of a run", ALLOWED_FOLDER) from None
+        found = "no record of a run"
+        raise InputError(paths.shown(folder), RECORD, found, ALLOWED_FOLDER) from None
     except (TypeError, LookupError) as error:
         found = "a record of another version"
         raise DamagedError(paths.shown(path), "", found, "the record of a run of this version") from error
@@ -312,6 +313,16 @@ def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bo
     record = replace(record, files={name: sha256_of(folder / name) for name in tables})
     record.write(folder)
     return record
+
+
+def lost_file(record: RunRecord, names: Collection[str]) -> str:
+    """File with numbers of a run that is not among the files of its folder; empty if all are there."""
+    return next((name for name in record.files if name not in names and name != SENSORS), "")
+
+
+def ended_at(dates: Mapping[str, float]) -> float:
+    """Date of the record among the dates of a folder's files, else of the newest file; 0 without files."""
+    return dates.get(RECORD, max(dates.values(), default=0.0))
 
 
 def is_run(folder: Path) -> bool:

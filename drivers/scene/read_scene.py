@@ -81,7 +81,7 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
 
 
 def stored_scene(stored: dict[str, Any]) -> Scene:
-    """Scene stored in ``run.json``, in SI units; keys of other versions are ignored.
+    """Scene stored in the record of a run, in SI units; keys of other versions are ignored.
 
     Raises:
         ValueError, TypeError, AttributeError: the record contains no complete scene.

@@ -9,7 +9,7 @@ from drivers.base.errors import InputError
 from drivers.chain.chain import Chain, build_chain
 from drivers.chain.lateral_start import with_lateral
 from drivers.chain.trace import Trace
-from drivers.run.run_folder import RECORD, EndedRun
+from drivers.run.run_folder import EndedRun
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import stored_scene
 
@@ -26,7 +26,9 @@ def chain_of(run: EndedRun) -> tuple[Scene, Chain]:
         if not np.isfinite([*chain.mass_kg, *chain.stiffness, *chain.velocity_m_s, *chain.load_N]).all():
             raise ValueError("masses, stiffnesses, velocities or loads that are no numbers")
     except (TypeError, LookupError, AttributeError, ValueError, ArithmeticError) as error:
-        raise InputError(paths.shown(run.folder), RECORD, "a damaged scene", "the record of a run") from error
+        raise InputError(
+            paths.shown(run.folder), "scene", "a record of another version", "the record of a run"
+        ) from error
     return scene, chain
 
 

@@ -1,4 +1,4 @@
-"""Files are read back as they were written, or are refused by name in one line, or made again.
+"""Reads are checks: a file is as it was written, or is refused by name in one line, or made again.
 
 Kinds of files (of runs, of the cache, of batches, of results) and kinds of damage.
 """
@@ -30,11 +30,17 @@ FLIPS = 60
 WITH_STATE = 'run.record=["forces", "state"]'
 
 
+@pytest.fixture(scope="module")
+def own_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs of these tests: others may not have the same names."""
+    return tmp_path_factory.mktemp("reads")
+
+
 @pytest.fixture
-def pair(scene_file: SceneWriter, shared_runs: Path, tmp_path: Path) -> tuple[Path, Path]:
+def pair(scene_file: SceneWriter, own_runs: Path, tmp_path: Path) -> tuple[Path, Path]:
     """Copies of two runs with positions, at two speeds."""
     settings = ((WITH_STATE,), (WITH_STATE, "striker.speed=2 m/s"))
-    runs = [finished(case_of(scene_file("twin"), *each), "verlet", shared_runs) for each in settings]
+    runs = [finished(case_of(scene_file("twin"), *each), "verlet", own_runs) for each in settings]
     first, second = (shutil.copytree(run.folder, tmp_path / "runs" / "verlet" / run.folder.name) for run in runs)
     return first, second
 
@@ -124,7 +130,9 @@ def test_a_folder_has_the_hash_of_its_record(pair: tuple[Path, Path], tmp_path: 
     aside.rename(other)
     for folder in pair:
         assert read_record(folder) is None
-        with pytest.raises(InputError, match=rf"found the record of the run \w+; allowed: that of {folder.name[-12:]}"):
+        with pytest.raises(
+            InputError, match=rf"found the record of the run \w+; allowed: the record of {folder.name[-12:]}"
+        ):
             open_run(folder)
     assert read_all(one.rename(tmp_path / "mine")).folder.name not in names  # a name of one's own is allowed
 

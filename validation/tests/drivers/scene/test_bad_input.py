@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from drivers.base.errors import InputError
+from drivers.base.errors import CONTROL, InputError
 from drivers.chain.case import build_case
 from drivers.limits.refusal import refuse
 from drivers.scene.read_scene import read_scene
@@ -352,3 +352,22 @@ def test_bad_commands_end_with_code_two_and_one_line(tmp_path: Path, words: tupl
     assert len(done.stderr) <= 300
     assert message in done.stderr
     assert not list(tmp_path.iterdir()), "bad commands write no files"
+
+
+@pytest.mark.parametrize("sign", ["\x1b[31m", "\x9b31m", "\u202e", "\u2066", "\x00", "\r"])
+def test_control_characters_do_not_reach_the_terminal(sign: str, scene_file: SceneWriter, tmp_path: Path) -> None:
+    """Of a title, of a file's name, and of a folder on standard output."""
+    code = "".join(f"\\u{ord(letter):04x}" for letter in sign)
+    titled = scene_file("titled", top=f'title = "fine{code}"')
+    plain = scene_file("plain", duration="20 us")
+    runs = tmp_path / f"runs{sign.replace(chr(0), '')}"
+    commands: list[tuple[str | Path, ...]] = [(name, titled) for name in ("plan", "run", "compare", "draw")]
+    commands += [("plan", f"{tmp_path}/odd{sign.replace(chr(0), '')}.toml")]
+    refused = [beads(*words) for words in commands]
+    assert {ended.returncode for ended in refused} == {2}
+    assert {ended.stderr.count("\n") for ended in refused} == {1}
+    done = [beads(*words, "--runs", runs) for words in (("run", plain, "--engine", "verlet"), ("runs",))]
+    assert {ended.returncode for ended in done} == {0}
+    for ended in (*refused, *done):
+        assert not CONTROL.search(ended.stdout + ended.stderr)
+        assert "\r" not in ended.stdout + ended.stderr

@@ -193,7 +193,7 @@ def test_bad_input_is_refused_in_one_line(scene_file: SceneWriter, shared_runs: 
         ((without,), 'beads run bare.toml --engine verlet --set run.record=\'["forces", "state"]\''),
         ((damaged,), "altered since"),
         ((alien,), "body_3_height_m"),
-        ((tmp_path,), "a folder without the record of a run"),
+        ((tmp_path,), "no record of a run"),
         ((kept, "--frames", "1"), "whole numbers from 2"),
         ((kept, "--frames", "many"), "whole numbers from 2"),
         ((kept, "--results", tmp_path / "file"), "is a file"),

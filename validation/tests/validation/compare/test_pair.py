@@ -207,7 +207,7 @@ def test_folders_that_are_no_runs(run_of: FolderOf, copied: Callable[[Path], Pat
         compare_runs(good, good.parent / "." / good.name)
     empty = tmp_path / "empty"
     empty.mkdir()
-    with pytest.raises(InputError, match="a folder without the record of a run"):
+    with pytest.raises(InputError, match="no record of a run"):
         compare_runs(good, empty)
     with pytest.raises(InputError, match="a folder of runs"):
         compare_runs(good, good.parent)
