@@ -356,7 +356,7 @@ def test_bad_commands_end_with_code_two_and_one_line(tmp_path: Path, words: tupl
 
 @pytest.mark.parametrize("sign", ["\x1b[31m", "\x9b31m", "\u202e", "\u2066", "\x00", "\r"])
 def test_control_characters_do_not_reach_the_terminal(sign: str, scene_file: SceneWriter, tmp_path: Path) -> None:
-    """Of a title, of a file's name, and of a folder on standard output."""
+    """Titles, names of files, and folders on standard output."""
     code = "".join(f"\\u{ord(letter):04x}" for letter in sign)
     titled = scene_file("titled", top=f'title = "fine{code}"')
     plain = scene_file("plain", duration="20 us")
