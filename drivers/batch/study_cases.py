@@ -21,7 +21,7 @@ from drivers.chain.case import Case, Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, installed, load_engine
-from drivers.engines._entries import use_entries
+from drivers.engines._entries import entry_files, use_entries
 from drivers.limits.exactness import needed_tolerance
 from drivers.limits.refusal import inability, refuse
 from drivers.run.build import Build, build_of
@@ -124,7 +124,7 @@ def opened(request: Request, *, whole: bool = False) -> tuple[Setup, Store]:
     Raises:
         InputError: anything wrong with the study, its base scene or the selection.
     """
-    if request.entries:
+    if request.entries not in ((), entry_files()):  # a worker in another folder or on another machine
         use_entries(request.entries)
     study, store = read_study(request.source, request.engines), Store(request.runs)
     selection = select(study, request.engines, request.patterns)
