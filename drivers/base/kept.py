@@ -5,7 +5,6 @@ An entry is a JSON file, named by a digest of everything it depends on, that hol
 
 import hashlib
 import json
-import os
 import platform
 import time
 from collections.abc import Callable, Iterable
@@ -67,12 +66,12 @@ def _entry(depends_on: Any) -> Path:
 
 
 def _remove_old(folder: Path) -> None:
-    if len(os.listdir(folder)) <= MAX_FILES:  # noqa: PTH208 - in a fifth of the time
-        return
-    dates = {file: file.stat().st_mtime for file in folder.glob("[!.]*")}
-    for old in sorted(dates, key=lambda file: dates[file])[:-MAX_FILES]:
-        if time.time() - dates[old] > MIN_AGE_S:
-            old.unlink(missing_ok=True)
+    files = [*folder.iterdir()]
+    if len(files) > MAX_FILES:
+        dates = {file: file.stat().st_mtime for file in files}
+        for old in sorted(files, key=lambda file: dates[file])[:-MAX_FILES]:
+            if time.time() - dates[old] > MIN_AGE_S:
+                old.unlink(missing_ok=True)
 
 
 @cache

@@ -72,7 +72,8 @@ def execute(
         WorkersKilledError: a worker process or the fork server was killed.
         RunError: the connection to a Dask cluster was lost.
     """
-    with _executor(place) as executor:
+    executor_at = _on_dask if place.dask else _processes if place.processes else _threads
+    with executor_at(place) as executor:
         under_way = _submitted(executor, partial(_in_worker, work) if place.processes else work, items)
         waiting = set(under_way)
         while waiting:
@@ -102,13 +103,6 @@ def _submitted(
 
 
 @contextmanager
-def _executor(place: Place) -> Iterator[Executor]:
-    make = _on_dask if place.dask else _processes if place.processes else _threads
-    with make(place) as executor:
-        yield executor
-
-
-@contextmanager
 def _threads(place: Place) -> Iterator[Executor]:
     """Threads; an error lets running items finish, an interrupt ends them."""
     with ThreadPoolExecutor(place.workers or cores()) as pool:
@@ -123,14 +117,14 @@ def _threads(place: Place) -> Iterator[Executor]:
             raise
 
 
-def get_ready(*functions: Callable[..., Any]) -> multiprocessing.context.ForkServerContext:
+def get_ready(*functions: Callable[..., Any]) -> None:
     """Start the fork server of worker processes, with the modules of functions loaded, without waiting for it."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([*(function.__module__ for function in functions), *LIBRARIES])
+    multiprocessing.get_context("forkserver").set_forkserver_preload(
+        [*(function.__module__ for function in functions), *LIBRARIES]
+    )
     if WARNING_FILTER not in sys.warnoptions:
         sys.warnoptions.append(WARNING_FILTER)
     forkserver.ensure_running()
-    return context
 
 
 @contextmanager
