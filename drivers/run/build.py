@@ -65,7 +65,7 @@ def build_of(engine: Engine) -> Build:
     if engine.in_repository:  # its version contains the digest of its sources
         return Build(command, engine.version_of(command), "")
     variables = sorted(({name: os.environ.get(name, "") for name in SEARCHED} | engine.environment).items())
-    key = ["build", engine.name, command, _digest(variables)]  # values may be secret
+    key = ["build", engine.name, engine.entry.adapter, command, _digest(variables)]  # values may be secret
     with _probing:
         seen = _seen.get(_digest(key))
         for known in [seen] if seen else look_up(key) or ():

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.processes import run_command
 from drivers.engines import codes, engine_names, installed, installed_codes, load_engine
@@ -200,6 +201,18 @@ def test_an_adapter_from_elsewhere_is_an_engine_everywhere(
     (tmp_path / "yade.py").write_text(f"{OWN_ADAPTER}\n# another\n")
     assert batch(study, runs, "--engine", "mine").returncode == 0
     assert set(stored(runs)) > before
+
+
+def test_another_adapter_under_the_same_name_is_another_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another folder's ``mine``, started by the same program, while the first stays as it is."""
+    found = set[str]()
+    for folder in (tmp_path / "one", tmp_path / "two"):
+        folder.mkdir()
+        (folder / "mine.py").write_text(f"{OWN_ADAPTER}\n# {folder.name}\n")
+        (folder / "engines.toml").write_text(f'[mine]\nadapter = "mine.py"\ncommand = "{sys.executable}"\n')
+        monkeypatch.setenv(paths.ENGINES_VARIABLE, str(folder / "engines.toml"))
+        found.add(build_of(load_engine("mine")).sha256)
+    assert len(found) == 2
 
 
 @pytest.mark.parametrize(
