@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
@@ -11,7 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import connection, forkserver
+from multiprocessing import connection, forkserver, util
 from typing import Any, TypeVar
 
 from drivers.base.errors import InputError, RunError
@@ -25,6 +26,7 @@ CONNECT_LIMIT_S = 5
 RETRIES = 3  # of an item whose Dask worker died
 POLL_INTERVAL_S = 0.2
 EXIT_LIMIT_S = 10.0  # for workers that are asked to end
+MAX_PLACE_BYTES = 70  # of a folder of sockets, whose paths Linux limits to 107 bytes
 LIBRARIES = ("scipy.interpolate", "scipy.signal")  # imported once for all workers
 WARNING_FILTER = "ignore:resource_tracker"  # after a kill, Python would warn of leaked semaphores
 
@@ -124,12 +126,25 @@ def get_ready(*functions: Callable[..., Any]) -> None:
     )
     if WARNING_FILTER not in sys.warnoptions:
         sys.warnoptions.append(WARNING_FILTER)
+    _place_sockets()
     forkserver.ensure_running()
+
+
+def _place_sockets() -> None:
+    """Choose the folder of the fork server's socket: temporary files may lie too deep for one, as on clusters."""
+    former = tempfile.tempdir
+    if len(os.fsencode(tempfile.gettempdir())) > MAX_PLACE_BYTES:
+        tempfile.tempdir = "/tmp"
+    try:
+        util.get_temp_dir()  # made once, and then kept by multiprocessing
+    finally:
+        tempfile.tempdir = former
 
 
 @contextmanager
 def _processes(place: Place) -> Iterator[Executor]:
     """Worker processes, which end with the context."""
+    _place_sockets()
     context = multiprocessing.get_context("forkserver")
     pool = ProcessPoolExecutor(place.workers or cores(), context, _begin)
     try:

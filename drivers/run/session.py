@@ -155,6 +155,7 @@ def _new_folder() -> Path:
     """Folder of a session, in this process' workplace; the next command removes that of a killed process."""
     with _lending:
         if not _homes:
+            Finalize(None, end_all, exitpriority=10)  # also at the end of a worker of multiprocessing
             _homes.append(_places.enter_context(workplace(Path(gettempdir(), f"bead-chains-{os.getuid()}"))))
         return Path(mkdtemp(dir=_homes[0]))
 
@@ -170,9 +171,6 @@ def end_all() -> None:
         if home:
             with suppress(OSError):  # not empty: other processes work there
                 home.rmdir()
-
-
-Finalize(None, end_all, exitpriority=10)  # also at the end of a worker of multiprocessing
 
 
 def _await_end(process: subprocess.Popen[bytes]) -> None:

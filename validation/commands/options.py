@@ -354,8 +354,7 @@ LIST = click.option(
 DRY_RUN = click.option(
     "--dry-run",
     is_flag=True,
-    help="Print what would be done, without doing it; batch checks every case and keeps this list of cases and the "
-    "builds found in the runs folder.",
+    help="Print what would be done, without doing it; batch still checks every case.",
 )
 PRUNE = click.option(
     "--prune",

@@ -17,6 +17,7 @@ from validation.reference.dop853 import (
     slope,
     step,
     step_factor,
+    stretch_at,
 )
 from validation.reference.hertz_chain import Array, Flag
 from validation.reference.power_law_events import closing_speed, first_holds, first_power_event, passing
@@ -25,6 +26,7 @@ DENSE_LIMIT = 1e-9  # local tolerance; below it damped forces rise too steeply t
 EVENT_OVERLAP = 1e-13  # share of the overlap scale: smaller gaps and overlaps are rounding, no event
 TIME_ROUNDING = 4e-16  # of a time that is computed from s, for power 2
 MAX_TRIES = 12  # iterations of Newton's method for the time of an event
+TRIES_ON_POLYNOMIAL = 4  # for the first estimate of this time
 MAX_TRIES_BETWEEN = 60  # iterations with bisection as fallback
 MAX_REJECTED = 200  # consecutive steps
 
@@ -88,6 +90,8 @@ def _fill(
             h *= 0.5
             continue
         if event >= 0:
+            if _at_zero_overlap(state[0], event, bodies):
+                share = _refined(share, event, state[0], end[0], s, length, power)
             guess = _raised(s + share * length, power)
             begin, length, stretch, target = _step_to_event(state, s, power, guess, target, event, slopes, end, bodies)
             another = nobody
@@ -172,6 +176,31 @@ def _first_event(
     return first, where
 
 
+@njit(error_model="numpy", forceinline=True)
+def _at_zero_overlap(state: Array, event: int, bodies: Bodies) -> bool:
+    """True if an event is a zero of an overlap: any but the release of a dissipative contact and of the power law."""
+    if len(bodies) == POWER_LAW_LENGTH:
+        return False
+    return not (state[event] > 0.0 and bodies[2].size > 0 and bodies[2][event] > 0.0)
+
+
+@njit(error_model="numpy")
+def _refined(share: float, contact: int, start: Array, end: Array, s: float, length: float, power: float) -> float:
+    """Fraction of a step at which an overlap is zero, by the cubic polynomial of its values and speeds at both ends.
+
+    ``share`` is the linear estimate, which is the result if Newton's method on the polynomial leaves the step.
+    """
+    first = length * stretch_at(s, power) * closing_speed(start, contact)
+    last = length * stretch_at(s + length, power) * closing_speed(end, contact)
+    change = end[contact] - start[contact]
+    square, cube = 3.0 * change - 2.0 * first - last, first + last - 2.0 * change
+    x = share
+    for _ in range(TRIES_ON_POLYNOMIAL):
+        value = start[contact] + x * (first + x * (square + x * cube))
+        x -= value / (first + x * (2.0 * square + x * 3.0 * cube))
+    return x if 0.0 < x < 1.0 else share
+
+
 @njit(error_model="numpy")
 def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float:
     """``k d^(5/4) + C d'``, negative after a closed dissipative contact has released."""
@@ -226,6 +255,10 @@ def _step_to_event(
         if rate == 0.0 and len(bodies) != POWER_LAW_LENGTH:
             break
         change = -value / rate
+        if _at_zero_overlap(state[0], event, bodies):  # to second order, which saves a step
+            slope(end[0], 1.0, end[2], bodies)
+            bend = 0.5 * change * closing_speed(end[2], contact) / rate
+            change *= 1.0 - bend if abs(bend) < 0.5 else 1.0
         if abs(change) <= rounding * guess + 1e-14 * (guess - elapsed):
             return begin, length, stretch, guess
         if len(bodies) == POWER_LAW_LENGTH:

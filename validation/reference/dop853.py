@@ -175,7 +175,7 @@ def _slope_power(state: Array, stretch: float, result: Array, bodies: Bodies) ->
 
 
 @njit(error_model="numpy", forceinline=True)
-def _stretch(s: float, power: float) -> float:
+def stretch_at(s: float, power: float) -> float:
     """``dt/ds``."""
     return power * s * s * s if abs(power) == 4.0 else power * s
 
@@ -197,14 +197,14 @@ def weigh(formula: int | np.int64, h: float, slopes: Array, result: Array) -> No
 def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Array, bodies: Bodies) -> None:
     """Takes one step from s to s + h; writes values and their rounding errors to ``end``, stages to ``slopes``."""
     start, result = state[0], end[0]
-    stretch = _stretch(s, power)
+    stretch = stretch_at(s, power)
     for i in range(start.size):
         slopes[0, i] = stretch * state[2, i]
     for stage in range(1, STAGES):
         weigh(stage, h, slopes, result)
         for i in range(start.size):
             result[i] += start[i]
-        slope(result, _stretch(s + C[stage] * h, power), slopes[stage], bodies)
+        slope(result, stretch_at(s + C[stage] * h, power), slopes[stage], bodies)
     weigh(np.int64(END), h, slopes, end[1])  # a literal would make numba compile it again
     for i in range(start.size):
         change = end[1, i] + state[1, i]
@@ -224,7 +224,7 @@ def error(
     exceeds the tolerance for light bodies between large, nearly equal forces; shorter steps would not lower it.
     """
     slope(end[0], 1.0, end[2], bodies)
-    stretch, largest, n = _stretch(s_end, power), 0.0, scale.size // 2
+    stretch, largest, n = stretch_at(s_end, power), 0.0, scale.size // 2
     rounding = ROUNDING * abs(h * stretch) / tolerance
     for i in range(scale.size):
         slopes[STAGES, i] = stretch * end[2, i]
@@ -267,7 +267,7 @@ def prepare_dense(
         weigh(row, h, slopes, work)
         for i in range(start.size):
             work[i] += start[i]
-        slope(work, _stretch(s + C[row] * h, power), slopes[row], bodies)
+        slope(work, stretch_at(s + C[row] * h, power), slopes[row], bodies)
     for i in range(start.size):
         change = end[i] - start[i]
         dense[0, i] = change

@@ -276,6 +276,17 @@ def test_two_simultaneous_batches_share_the_work(study_file: StudyWriter, tmp_pa
     assert len(stored(runs)) == 300
 
 
+def test_temporary_files_may_lie_deep_and_go_at_the_end(study_file: StudyWriter, tmp_path: Path) -> None:
+    """As on clusters, where the path of a socket in TMPDIR exceeds the system's limit."""
+    need("lammps")
+    deep = tmp_path / ("job" * 40)
+    deep.mkdir()
+    path, runs = study_file(SPEEDS.format(2), "lammps", "verlet"), tmp_path / "runs"
+    done = beads_process("batch", path, "--runs", runs, "--results", results_of(runs), TMPDIR=str(deep))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [file for file in deep.iterdir() if not file.name.startswith("ompi")] == []  # MPI leaves its own
+
+
 @pytest.mark.long
 def test_rows_without_a_reference_run_are_tried_again(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet", top='limit = "1 us"'), tmp_path / "runs"

@@ -124,7 +124,7 @@ def test_only_what_is_missing_is_submitted(slurm: str, study: Path, tmp_path: Pa
 
 def test_a_cancelled_job_is_taken_up_again(slurm: str, study: Path, tmp_path: Path) -> None:
     runs, here = tmp_path / "runs", tmp_path / "here"
-    study.write_text(study.read_text().replace("count = 12", "count = 200"))
+    study.write_text(study.read_text().replace("count = 12", "count = 1500"))
     submitted = batch(study, runs, "--slurm", "--slices", "2")
     assert submitted.returncode == 0
     job = submitted.stdout.split()[1].rstrip(":")

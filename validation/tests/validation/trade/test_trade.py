@@ -109,7 +109,7 @@ def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     )
     assert len(section["figures"]) == 1
     (tmp_path / "trade.csv").write_text("scene,method\nfig5,yade\n")
-    with pytest.raises(InputError, match="damaged table"):
+    with pytest.raises(InputError, match="altered since it was written"):
         read_section("trade", tmp_path)
     assert read_section("trade", tmp_path / "nowhere") == {}
 
