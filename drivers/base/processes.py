@@ -33,19 +33,36 @@ _running: dict[object, Callable[[], None]] = {}  # work under way, with the func
 _stops = 0  # number of active all_stopped()
 
 
-# Runs a command and writes its peak memory into a pipe. Started directly, its peak would include the memory that this
-# large Python process holds at the fork.
+# Runs a command. It kills the command's session at SIGTERM, which the system sends it when this process dies: a script
+# that starts a code would die alone. It writes the command's peak memory into a pipe: without the launcher, the peak
+# would include the memory that this large Python process holds at the fork.
 LAUNCHER = """
-import os, sys
-os.set_inheritable(int(sys.argv[1]), False)  # children that outlive the command must not hold the pipe open
+import os, signal, sys
+def end(*_):
+    for name in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            if int(name) != os.getpid() and os.getsid(int(name)) == os.getsid(0):
+                os.kill(int(name), signal.SIGKILL)
+        except OSError:
+            pass
+    os._exit(1)
+signal.signal(signal.SIGTERM, end)
+telling, command = int(sys.argv[1]), sys.argv[2:]
+if telling >= 0:
+    os.set_inheritable(telling, False)  # children that outlive the command must not hold the pipe open
 try:
-    child = os.posix_spawnp(sys.argv[2], sys.argv[2:], os.environ)
+    child = os.posix_spawnp(command[0], command, os.environ, setsigdef=[signal.SIGPIPE, signal.SIGXFSZ])
 except OSError as error:
     sys.exit(f"cannot start: {error}")
+null = os.open(os.devnull, os.O_RDWR)
+for stream in (0, 1, 2):  # the end of the command's output is seen when it closes its own
+    os.dup2(null, stream)
 _, status, usage = os.wait4(child, 0)
-os.write(int(sys.argv[1]), str(usage.ru_maxrss * 1024).encode())
+if telling >= 0:
+    os.write(telling, str(usage.ru_maxrss * 1024).encode())
 code = os.waitstatus_to_exitcode(status)
 if code < 0:
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.kill(os.getpid(), -code)
 os._exit(code)
 """
@@ -80,15 +97,13 @@ def scrubbed_environment() -> dict[str, str]:
 def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variables: str) -> EndedProcess:
     """Run a command inside ``folder``; its output goes to ``STDOUT`` and ``STDERR`` there.
 
-    ``variables`` are added to the environment. The process leads its own group, which is killed at the time limit
-    and, where ``setpriv`` is available, when this process dies.
+    ``variables`` are added to the environment. The process is killed at the time limit, with all that it has started.
     """
     began, (told, telling) = time.perf_counter(), os.pipe()
-    launch = (sys.executable, "-I", "-S", "-c", LAUNCHER, str(telling), *_dies_with_parent())
     with open(folder / STDOUT, "wb") as out, open(folder / STDERR, "wb") as err, open(told, "rb") as memory:
         try:
             with open(telling, "wb"):
-                process = start((*launch, *command), folder, subprocess.DEVNULL, out, err, variables, (telling,))
+                process = start(command, folder, subprocess.DEVNULL, out, err, variables, telling)
         except OSError as error:
             err.write(f"cannot start: {error}\n".encode())
             return EndedProcess(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
@@ -116,9 +131,9 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
     )
 
 
-def _dies_with_parent() -> tuple[str, ...]:
-    """Prefix of a command that makes the system kill it when its parent dies; empty without ``setpriv``."""
-    return ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
+def _at_death_of_parent(signal_name: str) -> tuple[str, ...]:
+    """Prefix of a command to which the system sends a signal when its parent dies; empty without ``setpriv``."""
+    return ("setpriv", "--pdeathsig", signal_name) if shutil.which("setpriv") else ()
 
 
 def start(
@@ -128,21 +143,24 @@ def start(
     stdout: Stream,
     stderr: Stream,
     variables: dict[str, str],
-    kept_open: tuple[int, ...] = (),
+    telling: int = -1,
 ) -> subprocess.Popen[bytes]:
-    """Start a process that leads its own group and, where possible, dies with this process.
+    """Start a command in a session of its own, which dies with this process where ``setpriv`` is available.
+
+    ``telling`` is a pipe that receives the peak memory in bytes; -1 for none.
 
     Raises:
         OSError: the process cannot be started.
     """
+    launcher = (sys.executable, "-I", "-S", "-c", LAUNCHER, str(telling))
     process = subprocess.Popen(
-        (*_dies_with_parent(), *command),
+        (*_at_death_of_parent("TERM"), *launcher, *_at_death_of_parent("KILL"), *command),
         cwd=folder,
         env=scrubbed_environment() | variables,
         stdin=stdin,
         stdout=stdout,
         stderr=stderr,
-        pass_fds=kept_open,
+        pass_fds=(telling,) if telling >= 0 else (),
         start_new_session=True,
     )
     _register(process.pid, lambda: kill_group(process.pid))
