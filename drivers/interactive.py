@@ -54,6 +54,8 @@ def run_scene(
         >>> run.record.status, run.trace.force_N.shape
         ('done', (801, 22))
     """
+    if time_limit_s is not None and not 0 < time_limit_s < float("inf"):
+        raise InputError("run_scene", "time_limit_s", str(time_limit_s), "seconds above zero")
     if not isinstance(scene, Case):
         scene = build_case(read_scene(scene, setting_texts(settings or {})))
     elif settings:

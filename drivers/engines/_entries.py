@@ -109,7 +109,8 @@ def _entries(adapters: tuple[str, ...], files: tuple[Path, ...]) -> dict[str, En
             if adapter.endswith(".py"):
                 adapter = str(path.parent / home_of(adapter))
             if adapter not in adapters and not (adapter.endswith(".py") and readable(Path(adapter))):
-                allowed = f"{', '.join(adapters)}, or the path of a .py file"
+                codes = ", ".join(each for each in adapters if each not in RESERVED)
+                allowed = f"{codes}, or the path of a .py file"
                 raise InputError(where, f"{name}.adapter", f'"{adapter}"', allowed)
             known = before or found.get(adapter)
             commands = entry.command or (known.commands if known else ((name,),))

@@ -256,7 +256,8 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
         print(line)
     states = Counter(row[5] for row in rows)
     counts = ", ".join(f"{count} {state}" for state, count in sorted(states.items()))
-    print(f"{len(rows)} runs{f' ({counts})' * bool(counts)}: {size_text(sum(run.size for run in chosen))}")
+    plural = "s" * (len(rows) != 1)
+    print(f"{len(rows)} run{plural}{f' ({counts})' * bool(counts)}: {size_text(sum(run.size for run in chosen))}")
     if words := batches_text(runs):
         print(words)
 

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import which
+from string import Template
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -24,6 +25,7 @@ from drivers.engines import Engine
 SCRIPT_BYTES = 100_000  # length of a script that is searched for names of files
 WRAPPER_BYTES = 4000  # in shorter scripts each word may be the name of a program
 WRITTEN = re.compile(r">+ *\S+")  # files that a script writes
+ASSIGNED = re.compile(r"^\s*(?:export +)?(\w+)=([^\s;]+)", re.MULTILINE)  # variables of a script
 WORD = re.compile(r"""[^\s'"`;|&()\[\]{}<>=,:]+""")
 LOADED = re.compile(r"(?:calling init|initialize program): (.+)")  # output of glibc's dynamic linker
 SEARCHED = ("PATH", "LD_LIBRARY_PATH")
@@ -115,9 +117,10 @@ def _files(engine: Engine, words: Iterable[str]) -> set[Path]:
 
 def _in_script(script: Path, text: str) -> Iterator[Path]:
     """Files named in a script: paths, the same paths relative to the script's folder, and programs."""
-    for word in dict.fromkeys(WORD.findall(WRITTEN.sub("", text))):
+    variables = os.environ | {name: value.strip("\"'") for name, value in ASSIGNED.findall(text)}
+    for word in dict.fromkeys(WORD.findall(Template(WRITTEN.sub("", text)).safe_substitute(variables))):
         if "/" in word:
-            path = home_of(os.path.expandvars(word))
+            path = home_of(word)
             yield from (path, *(script.parent.joinpath(*path.parts[start:]) for start in range(1, len(path.parts))))
         elif len(text) <= WRAPPER_BYTES:
             yield Path(which(word) or word)

@@ -108,8 +108,9 @@ def read_measured(
     assert entry.file is not None  # checked by the rules of the scene
     path = folder / entry.file
     if not path.is_file():
-        found = f'file not found: "{paths.shown(path)}" (paths are relative to the scene file)'
-        raise InputError(where, f"{key}.file", found)
+        found = "a folder" if path.is_dir() else "no such file"
+        allowed = f"a CSV file, relative to {paths.shown(folder)}"
+        raise InputError(where, f"{key}.file", f"{found}: {paths.shown(path)}", allowed)
     columns = _columns(path)
     time = _column(columns, entry.time or "time", path, where, f"{key}.time")
     chosen = _gauge_columns(columns, entry, gauges, path, where, key)

@@ -68,9 +68,9 @@ def batch(
     for option, given in (("--wait", wait), ("--slices", slices), ("--slurm-line", slurm_lines)):
         if given and not slurm:
             raise InputError(option, "", "needs --slurm")
-    for option, given in (("--dry-run", dry_run), ("--workers", workers)):
-        if given and part:
-            raise InputError(option, "", "not allowed with --slice")
+    for option, given in (("--dry-run", dry_run and part), ("--workers", workers and (part or slurm))):
+        if given:
+            raise InputError(option, "", f"not allowed with {places[0]}")
     from drivers.base.processes import cores
     from drivers.batch.study_commands import JobArray, run_part
     from drivers.batch.study_commands import batch as run_study

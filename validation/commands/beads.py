@@ -5,6 +5,7 @@ import drivers.environment  # noqa: F401 - checks the environment before further
 # isort: split
 import errno
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable
@@ -27,6 +28,7 @@ from validation.commands import (
 from validation.commands.options import HELP_OPTIONS
 
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
+EMPTY = re.compile(r"(--[\w-]+=)?")  # a word without a value, as of a variable that is not set
 COMPLETE = "_BEADS_COMPLETE"  # set by a shell that asks for completions
 SECTIONS = {
     "a scene": (
@@ -109,6 +111,9 @@ def answer() -> int:
 
         return shell_complete(BEADS, {}, "beads", COMPLETE, asked)
     words = sys.argv[1:]
+    if empty := [place for place, word in enumerate(words) if EMPTY.fullmatch(word)]:
+        before = words[empty[0]].removesuffix("=") or ["beads", *words][empty[0]]
+        raise InputError("beads", "", f"an empty word after {before}", "a value")
     try:
         with BEADS.make_context("beads", [*words] or ["--help"]) as context:
             from drivers.base.progress import counted

@@ -1,5 +1,6 @@
 """Commands ``engine`` and ``wave``: tests of an adapter or a build, and the exact wave."""
 
+import os
 from pathlib import Path
 
 from drivers.base import paths
@@ -23,7 +24,9 @@ def engine(name: str, results: Path) -> int:
     try:
         import pytest
     except ImportError as error:
-        raise RunError(f"pytest is not installed; make engine ENGINE={name} installs it") from error
+        own = os.environ.get(paths.ENGINES_VARIABLE)
+        command = f"make engine ENGINE={name}{f' ENGINES={own}' * bool(own)}"
+        raise RunError(f"pytest is not installed; {command} installs it and runs this") from error
     words = ["-v", "-rs", "--tb=short", "--capture=sys"]  # lines on progress reach the screen
     words += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml")]
     if results != paths.RESULTS:

@@ -9,7 +9,9 @@ from pathlib import Path
 import psutil
 import pytest
 
+from drivers.base import paths
 from validation.tests.helpers.commands import BEADS
+from validation.tests.helpers.scenes import SPEEDS, EnginesWriter, StandIn, StudyWriter
 
 GONE_S = 5.0
 MOMENTS_S = (1.0, 4.0)  # while workers start, and while they work
@@ -25,6 +27,33 @@ def left_from(folder: Path) -> list[str]:
         except psutil.Error:
             continue
     return found
+
+
+@pytest.mark.parametrize("words", [("run", "fig4"), ("batch", "study.toml")], ids=lambda words: words[0])
+def test_a_code_behind_a_script_ends_with_its_parent(
+    words: tuple[str, ...], engines_file: EnginesWriter, stand_in: StandIn, study_file: StudyWriter, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """The script waits for the code that it starts, so the code is a child of a child."""
+    stand_in("mine", 'case "$*" in *-h*) echo "Large-scale 1" ;; *) sleep 300; echo ;; esac\n')
+    engines_file('[mine]\nadapter = "lammps"\ncommand = "mine"\n')
+    study_file(SPEEDS.format(2), "mine")
+    monkeypatch.chdir(tmp_path)
+    places = tmp_path / "places"
+    places.mkdir()
+    process = subprocess.Popen(
+        [*BEADS, *words, "--engine", "mine", "--runs", "runs"],
+        start_new_session=True,
+        env=os.environ | {"TMPDIR": str(places), "PYTHONPATH": str(paths.ROOT)},
+    )
+    until = time.monotonic() + 30
+    while not any("sleep 300" in line for line in left_from(places)):
+        assert process.poll() is None
+        assert time.monotonic() < until
+        time.sleep(0.1)
+    process.kill()
+    process.wait()
+    _assert_gone(places)
 
 
 @pytest.mark.long
@@ -61,6 +90,10 @@ def test_nothing_outlives_a_killed_command(words: tuple[str, ...], moment_s: flo
     assert process.poll() is None, (process.returncode, (tmp_path / "said").read_text())
     process.send_signal(signal.SIGKILL)  # to it alone, not its group
     process.wait()
+    _assert_gone(places)
+
+
+def _assert_gone(places: Path) -> None:
     until = time.monotonic() + GONE_S
     while (left := left_from(places)) and time.monotonic() < until:
         time.sleep(0.05)

@@ -93,6 +93,8 @@ LIBRARY = next(line.split()[-1] for line in Path("/proc/self/maps").read_text().
         'exec "$(dirname "$0")/bin/inside" "$@"',
         "exec {folder}/bin/inside",
         "exec {folder}/aside/bin/inside",
+        'D="{folder}/bin"\nexec "$D/inside" "$@"',
+        "export D={folder}\nexec ${{D}}/bin/inside",
         '"$(dirname "$0")/once-more"',
         ". {folder}/bin/inside",
         '#!{python}\nimport subprocess, sys\nsys.exit(subprocess.call(["inside", *sys.argv[1:]]))',
