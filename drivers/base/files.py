@@ -130,11 +130,13 @@ def _digest_of(content: dict[str, Any]) -> str:
 
 def _read(path: Path, allowed: str) -> bytes:
     try:
+        if path.exists() and not path.is_file():  # reading a pipe would wait for ever
+            raise DamagedError(paths.shown(path), "", "a folder" if path.is_dir() else "no regular file", allowed)
         return path.read_bytes()
     except FileNotFoundError:
         raise
     except OSError as error:
-        found = "a folder" if path.is_dir() else f"a file that cannot be read ({error.strerror})"
+        found = f"a file that cannot be read ({error.strerror})"
         raise DamagedError(paths.shown(path), "", found, allowed) from error
 
 

@@ -19,6 +19,7 @@ from typing import IO
 import psutil
 
 from drivers.base import paths
+from drivers.base.files import home_of
 
 KEPT_VARIABLES = ("PATH", "HOME", "USER", "LOGNAME", "TMPDIR", "LD_LIBRARY_PATH")
 PROBE_LIMIT_S = 20.0
@@ -90,7 +91,7 @@ class EndedProcess:
 
 def scrubbed_environment() -> dict[str, str]:
     """Environment of engines, without the virtual environment: YADE would import its modules."""
-    kept = {name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}
+    kept = {"HOME": str(home_of("~"))} | {name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}
     return kept | {"LC_ALL": "C.UTF-8", "PYTHONNOUSERSITE": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
 
 

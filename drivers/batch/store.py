@@ -82,7 +82,8 @@ class Store:
         for name in sorted(names - self._read):
             self._read.add(name)
             try:
-                content = (self.folder / name).read_bytes()
+                file = self.folder / name
+                content = file.read_bytes() if file.is_file() else b""
                 if _name_of(content) != name:
                     raise ValueError("damaged")
                 fresh += [_row(line) for line in content.splitlines()]

@@ -1,11 +1,8 @@
 """Rows of a study: cases are run and their rows stored, by any number of processes, each of which may be killed."""
 
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryFile, gettempdir
 
 from drivers.base.errors import RunError
 from drivers.base.progress import counted
@@ -28,7 +25,6 @@ from drivers.run.execute import Place, WorkersKilledError, execute
 from drivers.run.workplaces import lease, workplace
 
 CHUNK = 64  # largest number of cases in a chunk
-PROBE_BYTES = 1 << 20
 RETRY_INTERVAL_S = 2.0  # while another batch works on the remaining cases
 MAX_DEATHS = 5  # of workers in a row, without a finished row
 PLAN_CHUNK = 25  # facts of so many cases fit into one write; a worker killed between two writes would block the batch
@@ -119,7 +115,7 @@ def run_rows(request: Request, numbers: Sequence[int]) -> list[int]:
             ran: set[str] = set()
             for each in cases:
                 for name in each.wanted(free - ran):
-                    box.add(_row(setup, each, name, exact, place))
+                    box.add(_row(setup, each, name, exact))
                     ran.add(each.identities[name])
             box.flush()  # before the lease ends
             others = {each for each in missing - free if request.is_to_run(store, each)}
@@ -127,7 +123,7 @@ def run_rows(request: Request, numbers: Sequence[int]) -> list[int]:
     return left
 
 
-def _row(setup: Setup, case: StudyCase, name: str, exact: dict[str, Computed], place: Path) -> StudyRow:
+def _row(setup: Setup, case: StudyCase, name: str, exact: dict[str, Computed]) -> StudyRow:
     """Row of a case on an engine, with its error against the reference.
 
     If the reference fails, the row fails, too. Three-dimensional cases have no reference and no error. ``exact`` holds
@@ -135,12 +131,12 @@ def _row(setup: Setup, case: StudyCase, name: str, exact: dict[str, Computed], p
     """
     began = time.perf_counter()
     request, run = setup.request, case.runs.get(REFERENCE)
-    ended = _reference(setup, case, exact, place) if name == REFERENCE else _run(setup, case, name, place)
+    ended = _reference(setup, case, exact) if name == REFERENCE else _run(setup, case, name)
     trace, fault, reference_s = ended.trace, ended.fault, 0.0
     force_error = None
     if name != REFERENCE and trace is not None and run is not None:
         before = time.perf_counter()
-        truth = _reference(setup, case, exact, place)
+        truth = _reference(setup, case, exact)
         reference_s = time.perf_counter() - before
         if truth.trace is None:
             assert truth.fault is not None
@@ -168,30 +164,17 @@ def _row(setup: Setup, case: StudyCase, name: str, exact: dict[str, Computed], p
     )
 
 
-def _reference(setup: Setup, case: StudyCase, exact: dict[str, Computed], place: Path) -> Computed:
+def _reference(setup: Setup, case: StudyCase, exact: dict[str, Computed]) -> Computed:
     run = case.runs[REFERENCE]
     if run not in exact:
         exact.clear()
-        exact[run] = _run(setup, case, REFERENCE, place)
+        exact[run] = _run(setup, case, REFERENCE)
     return exact[run]
 
 
-def _run(setup: Setup, case: StudyCase, name: str, place: Path) -> Computed:
+def _run(setup: Setup, case: StudyCase, name: str) -> Computed:
     build, deck, limit_s = setup.builds[name], case.kept_decks.get(name), setup.study.file.limit
-    ended = compute(case.case, name, build=build, deck=deck, limit_s=limit_s)
-    if ended.fault:
-        for folder in (place, Path(gettempdir())):
-            _disk_has_room(folder)
-    return ended
-
-
-def _disk_has_room(folder: Path) -> None:
-    """Raise OSError if the disk is full, which is not a failure of the case."""
-    try:
-        with TemporaryFile(dir=folder) as probe:
-            os.posix_fallocate(probe.fileno(), 0, PROBE_BYTES)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(folder)) from error
+    return compute(case.case, name, build=build, deck=deck, limit_s=limit_s)
 
 
 def plan_side_by_side(setup: Setup, workers: int) -> StudyPlan:

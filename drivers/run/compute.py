@@ -4,6 +4,7 @@ An in-repo engine integrates in this process. A code runs on a server process th
 start-up dominates the cost of small cases; or by hand, in a process of its own, as its deck says.
 """
 
+import os
 import shutil
 import threading
 import time
@@ -13,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile, gettempdir
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from validation.reference.hertz_chain import Flag
 PROBE = ("fig4", ("run.duration=20 us", "run.time_step=0.1 us"))  # short run that tests servers
 MIN_LIMIT_S = 60.0
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times the cost of the slowest engine
+PROBE_BYTES = 1 << 20  # room without which a disk counts as full
 SHORT_S = 5.0  # bound on the time of an integration that cannot be ended, typically some hundredths
 
 _server_test = threading.Lock()
@@ -95,6 +97,7 @@ def compute(
 
     Raises:
         RunError: the engine is not installed.
+        OSError: the run failed on a full disk.
     """
     engine = load_engine(name)
     limit_s = limit_s or default_limit_s(case, engine)
@@ -103,9 +106,20 @@ def compute(
             engine.deck_by_hand(deck or engine.render(case)).write(folder)
         return _in_memory(case, engine, limit_s, folder)
     build, deck = build or build_of(engine), deck or engine.render(case)
-    if by_hand or not serves_alike(engine, build):
-        return _by_hand(case, engine, build, deck, limit_s, folder)
-    return _served(case, engine, build, deck, limit_s, folder)
+    run = _by_hand if by_hand or not serves_alike(engine, build) else _served
+    ended = run(case, engine, build, deck, limit_s, folder)
+    for place in (folder or gettempdir(), gettempdir()) if ended.fault else ():
+        _check_room(Path(place))
+    return ended
+
+
+def _check_room(folder: Path) -> None:
+    """Raise OSError if the disk is full, which is not a failure of the case."""
+    try:
+        with TemporaryFile(dir=folder) as probe:
+            os.posix_fallocate(probe.fileno(), 0, PROBE_BYTES)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(folder)) from error
 
 
 def default_limit_s(case: Case, engine: Engine) -> float:

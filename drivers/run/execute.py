@@ -126,12 +126,14 @@ def get_ready(*functions: Callable[..., Any]) -> None:
     )
     if WARNING_FILTER not in sys.warnoptions:
         sys.warnoptions.append(WARNING_FILTER)
-    _place_sockets()
-    forkserver.ensure_running()
+    _start_fork_server()
 
 
-def _place_sockets() -> None:
-    """Choose the folder of the fork server's socket: temporary files may lie too deep for one, as on clusters."""
+def _start_fork_server() -> None:
+    """Start the fork server if it does not run, with Ctrl-C blocked, since it would print a traceback.
+
+    Its socket is in another folder if temporary files lie too deep for one, as on clusters.
+    """
     former = tempfile.tempdir
     if len(os.fsencode(tempfile.gettempdir())) > MAX_PLACE_BYTES:
         tempfile.tempdir = "/tmp"
@@ -139,12 +141,17 @@ def _place_sockets() -> None:
         util.get_temp_dir()  # made once, and then kept by multiprocessing
     finally:
         tempfile.tempdir = former
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 @contextmanager
 def _processes(place: Place) -> Iterator[Executor]:
     """Worker processes, which end with the context."""
-    _place_sockets()
+    _start_fork_server()
     context = multiprocessing.get_context("forkserver")
     pool = ProcessPoolExecutor(place.workers or cores(), context, _begin)
     try:

@@ -83,7 +83,9 @@ class Session:
         self.served = 0
         command, pipe = self.engine.started(self.engine.server, self.build), subprocess.PIPE
         with open(self.folder / STDERR, "wb") as stderr:
-            starting = _starter.submit(start, command, self.folder, pipe, pipe, stderr, self.engine.environment)
+            # own temporary files: two MPI programs that make their common folder at the same time may fail
+            variables = {"TMPDIR": str(self.folder)} | self.engine.environment
+            starting = _starter.submit(start, command, self.folder, pipe, pipe, stderr, variables)
             self._process = starting.result()
 
     @property

@@ -68,9 +68,10 @@ def batch(
     for option, given in (("--wait", wait), ("--slices", slices), ("--slurm-line", slurm_lines)):
         if given and not slurm:
             raise InputError(option, "", "needs --slurm")
-    for option, given in (("--dry-run", dry_run and part), ("--workers", workers and (part or slurm))):
-        if given:
-            raise InputError(option, "", f"not allowed with {places[0]}")
+    if dry_run and part:
+        raise InputError("--dry-run", "", "not allowed with --slice")
+    if workers and (part or slurm):
+        raise InputError("--workers", "", f"not allowed with {places[0]}")
     from drivers.base.processes import cores
     from drivers.batch.study_commands import JobArray, run_part
     from drivers.batch.study_commands import batch as run_study

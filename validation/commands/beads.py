@@ -9,6 +9,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from tempfile import gettempdir
 from typing import NoReturn
 
@@ -146,13 +147,15 @@ def run_main(main: Callable[[], int]) -> NoReturn:
         signal.signal(request, signal.default_int_handler)
     if not any(os.access(place, os.W_OK) for place in (paths.ROOT, home_of("~"))):  # numba writes compiled code there
         os.environ.setdefault("NUMBA_CACHE_DIR", gettempdir())
-    if sys.stdout is not None:
-        write = sys.stdout.write
-        setattr(sys.stdout, "write", lambda text: write(printable(text)))  # noqa: B010 - mypy refuses an assignment
+    for stream in ("stdout", "stderr"):  # None if closed by the caller, and then print() would write to the other
+        if getattr(sys, stream) is None:
+            setattr(sys, stream, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
+    write = sys.stdout.write
+    setattr(sys.stdout, "write", lambda text: write(printable(text)))  # noqa: B010 - mypy refuses an assignment
     try:
+        _check_present_folder()
         code = main()
-        if sys.stdout is not None:
-            sys.stdout.flush()
+        sys.stdout.flush()
     except InputError as error:
         print(error, file=sys.stderr)
         code = 2
@@ -165,7 +168,19 @@ def run_main(main: Callable[[], int]) -> NoReturn:
     except KeyboardInterrupt as error:
         print(": ".join(["interrupted", *map(str, error.args)]), file=sys.stderr)
         code = 130
+    except SystemError as error:
+        if not isinstance(error.__cause__, KeyboardInterrupt):  # inside compiled code
+            raise
+        print("interrupted", file=sys.stderr)
+        code = 130
     sys.exit(code)
+
+
+def _check_present_folder() -> None:
+    try:
+        Path.cwd()
+    except OSError as error:
+        raise InputError("the present folder", "", "removed", "one that exists") from error
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
 
 def when_made(results: Path) -> dict[str, dict[str, str]]:
     """File and date of each table of a results folder, by its name."""
-    tables = results.glob("*.csv")
+    tables = (path for path in results.glob("*.csv") if path.is_file())
     return {path.name: {"file": paths.shown(path), "date": _utc(path.stat().st_mtime)} for path in tables}
 
 
