@@ -12,7 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import connection, forkserver, util
+from multiprocessing import connection, forkserver, resource_tracker, util
 from typing import Any, TypeVar
 
 from drivers.base.errors import InputError, RunError
@@ -141,7 +141,8 @@ def _start_fork_server() -> None:
         util.get_temp_dir()  # made once, and then kept by multiprocessing
     finally:
         tempfile.tempdir = former
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited
+    resource_tracker.ensure_running()  # first, since its start unblocks Ctrl-C
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited by the fork server
     try:
         forkserver.ensure_running()
     finally:

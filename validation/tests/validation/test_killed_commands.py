@@ -93,6 +93,19 @@ def test_nothing_outlives_a_killed_command(words: tuple[str, ...], moment_s: flo
     _assert_gone(places)
 
 
+@pytest.mark.parametrize("moment_s", [0.5, 0.9])
+def test_an_interrupted_start_of_workers_prints_no_traceback(
+    moment_s: float, study_file: StudyWriter, tmp_path: Path
+) -> None:
+    words = ["batch", study_file(SPEEDS.format(2), "verlet"), "--runs", tmp_path / "runs", "--results", tmp_path]
+    process = subprocess.Popen([*BEADS, *map(str, words)], start_new_session=True, stderr=subprocess.PIPE, text=True)
+    time.sleep(moment_s)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate()
+    assert "Traceback" not in said
+    assert process.returncode in (130, 0)
+
+
 def _assert_gone(places: Path) -> None:
     until = time.monotonic() + GONE_S
     while (left := left_from(places)) and time.monotonic() < until:

@@ -4,6 +4,7 @@ Kinds of files (of runs, of the cache, of batches, of results) and kinds of dama
 """
 
 import json
+import os
 import shutil
 from collections.abc import Callable
 from io import BytesIO
@@ -85,6 +86,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
     "not utf-8": lambda path: path.write_bytes(b"\xff\xfe\x00" * 9),
     "missing": Path.unlink,
     "a folder": lambda path: in_place_of(path, Path.mkdir),
+    "a pipe": lambda path: in_place_of(path, os.mkfifo),
     "a dangling link": lambda path: in_place_of(path, lambda link: link.symlink_to("nowhere")),
     "a loop of links": lambda path: in_place_of(path, lambda link: link.symlink_to(link)),
 } | {f"json {text[:12]}": lambda path, text=text: path.write_text(text) for text in WRONG_JSON}
