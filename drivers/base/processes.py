@@ -34,9 +34,9 @@ _running: dict[object, Callable[[], None]] = {}  # work under way, with the func
 _stops = 0  # number of active all_stopped()
 
 
-# Runs a command. It kills the command's session at SIGTERM, which the system sends it when this process dies: a script
-# that starts a code would die alone. It writes the command's peak memory into a pipe: without the launcher, the peak
-# would include the memory that this large Python process holds at the fork.
+# Runs a command. At SIGTERM, which the system sends when this process dies, it kills the command's session: otherwise
+# only a script would die, not the code that it starts. It writes the command's peak memory into a pipe: started
+# directly, the peak would include the memory that this large Python process holds at the fork.
 LAUNCHER = """
 import os, signal, sys
 def end(*_):
@@ -48,9 +48,9 @@ def end(*_):
             pass
     os._exit(1)
 signal.signal(signal.SIGTERM, end)
-telling, command = int(sys.argv[1]), sys.argv[2:]
-if telling >= 0:
-    os.set_inheritable(telling, False)  # children that outlive the command must not hold the pipe open
+pipe, command = int(sys.argv[1]), sys.argv[2:]
+if pipe >= 0:
+    os.set_inheritable(pipe, False)  # children that outlive the command must not hold the pipe open
 try:
     child = os.posix_spawnp(command[0], command, os.environ, setsigdef=[signal.SIGPIPE, signal.SIGXFSZ])
 except OSError as error:
@@ -59,8 +59,8 @@ null = os.open(os.devnull, os.O_RDWR)
 for stream in (0, 1, 2):  # the end of the command's output is seen when it closes its own
     os.dup2(null, stream)
 _, status, usage = os.wait4(child, 0)
-if telling >= 0:
-    os.write(telling, str(usage.ru_maxrss * 1024).encode())
+if pipe >= 0:
+    os.write(pipe, str(usage.ru_maxrss * 1024).encode())
 code = os.waitstatus_to_exitcode(status)
 if code < 0:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -100,11 +100,11 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
 
     ``variables`` are added to the environment. The process is killed at the time limit, with all that it has started.
     """
-    began, (told, telling) = time.perf_counter(), os.pipe()
-    with open(folder / STDOUT, "wb") as out, open(folder / STDERR, "wb") as err, open(told, "rb") as memory:
+    began, (read_end, pipe) = time.perf_counter(), os.pipe()
+    with open(folder / STDOUT, "wb") as out, open(folder / STDERR, "wb") as err, open(read_end, "rb") as memory:
         try:
-            with open(telling, "wb"):
-                process = start(command, folder, subprocess.DEVNULL, out, err, variables, telling)
+            with open(pipe, "wb"):
+                process = start(command, folder, subprocess.DEVNULL, out, err, variables, pipe)
         except OSError as error:
             err.write(f"cannot start: {error}\n".encode())
             return EndedProcess(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
@@ -144,16 +144,16 @@ def start(
     stdout: Stream,
     stderr: Stream,
     variables: dict[str, str],
-    telling: int = -1,
+    pipe: int = -1,
 ) -> subprocess.Popen[bytes]:
     """Start a command in a session of its own, which dies with this process where ``setpriv`` is available.
 
-    ``telling`` is a pipe that receives the peak memory in bytes; -1 for none.
+    ``pipe`` receives the peak memory in bytes; -1 for none.
 
     Raises:
         OSError: the process cannot be started.
     """
-    launcher = (sys.executable, "-I", "-S", "-c", LAUNCHER, str(telling))
+    launcher = (sys.executable, "-I", "-S", "-c", LAUNCHER, str(pipe))
     process = subprocess.Popen(
         (*_at_death_of_parent("TERM"), *launcher, *_at_death_of_parent("KILL"), *command),
         cwd=folder,
@@ -161,7 +161,7 @@ def start(
         stdin=stdin,
         stdout=stdout,
         stderr=stderr,
-        pass_fds=(telling,) if telling >= 0 else (),
+        pass_fds=(pipe,) if pipe >= 0 else (),
         start_new_session=True,
     )
     _register(process.pid, lambda: kill_group(process.pid))

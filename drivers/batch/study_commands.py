@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from drivers.chain.case import Case
     from drivers.run.run_folder import EndedRun
 
-SHOWN = 3  # damaged files by name
+MAX_NAMES = 3  # of damaged files in a message
 MAX_CASES = 20_000  # more need --yes
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
 STATES = ("done", "failed", "timeout", "stale", "claimed", "to do", "not installed")
@@ -232,8 +232,8 @@ def _open(request: Request, workers: int, *, yes: bool) -> _Batch:
     plan = plan_side_by_side(setup, workers)
     store.refresh()
     if store.damaged:
-        count, names = len(store.damaged), ", ".join(sorted(store.damaged)[:SHOWN])
-        where = f"{paths.shown(store.folder)}: {names}{', ...' * (count > SHOWN)}"
+        count, names = len(store.damaged), ", ".join(sorted(store.damaged)[:MAX_NAMES])
+        where = f"{paths.shown(store.folder)}: {names}{', ...' * (count > MAX_NAMES)}"
         print(f"{count} damaged file{'s' * (count > 1)} in {where}: ignored, may be removed", file=sys.stderr)
     return _Batch(setup, plan, store)
 

@@ -270,7 +270,7 @@ def test_a_parameter_without_a_value_or_a_range_needs_bounds() -> None:
         (["fig4", "--free", RESTITUTION, "--quoted", "fig9"], "fig4, table1, fig5"),
         (["fig4", "--free", RESTITUTION, "--quoted", "fig4,fig4"], "each data set once"),
         (["fig4", "--free", RESTITUTION, "--quoted", "fig4", "--measured", "x.csv"], "cannot be combined"),
-        (["fig4", "--free", RESTITUTION, "--measured", "nowhere.csv"], "file not found"),
+        (["fig4", "--free", RESTITUTION, "--measured", "nowhere.csv"], "found no such file"),
     ],
 )
 def test_wrong_requests_end_in_one_line(words: list[str], message: str, tmp_path: Path) -> None:
