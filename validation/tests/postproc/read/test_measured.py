@@ -102,8 +102,8 @@ def test_a_file_may_be_elsewhere(scene: Path, tmp_path_factory: pytest.TempPathF
 
 # changes of the file, settings, then parts of the message: where and key, found, allowed
 BAD_FILES = [
-    ({}, ["file=none.csv"], "scene.toml", "measured.0.file", "found no such file", ""),
-    ({}, ["file=."], "scene.toml", "measured.0.file", "found a folder", ""),
+    ({}, ["file=none.csv"], "scene.toml", "measured.0.file", "no such file", "a CSV file"),
+    ({}, ["file=."], "scene.toml", "measured.0.file", "a folder", "a CSV file"),
     ({}, ["time=t"], "scene.toml", "measured.0.time", 'no column "t"', "time_us, wall_N"),
     ({}, ["gauges={wall='CH1'}"], "scene.toml", "measured.0.gauges.wall", 'no column "CH1"', "time_us, wall_N"),
     ({}, ["gauges={bead_9='wall'}"], "scene.toml", "measured.0.gauges.bead_9", "an unknown gauge", "bead_3, wall"),
