@@ -131,7 +131,7 @@ packages = $(call talking,Python's packages of $(1) into .venv, \
   $(PY) -m pip install -q --disable-pip-version-check --require-hashes -r $(1))
 
 # run a command, print a line first and one every 2 s: $(call talking,WORDS,COMMAND)
-talking = echo "$(1)"; (while sleep 2 >/dev/null 2>&1; do echo "  still running"; done) & talker=$$!; \
+talking = echo "$(1)"; (while sleep 2 >/dev/null 2>&1 && kill -0 $$$$ 2>/dev/null; do echo "  still running"; done) & talker=$$!; \
   $(2); code=$$?; kill $$talker; exit $$code
 
 define make_venv
