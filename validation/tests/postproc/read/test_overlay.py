@@ -265,7 +265,7 @@ def test_the_command_takes_runs_and_files(tmp_path: Path) -> None:
     ("words", "message"),
     [
         (("fig4",), "fig4: measured: no measured data: add a [[measured]] table"),
-        pytest.param(("fig4", "--measured", "none.csv"), "file not found", marks=pytest.mark.long),
+        pytest.param(("fig4", "--measured", "none.csv"), "no such file", marks=pytest.mark.long),
         (("fig4", "--measured", made_up_trace.FILE), "measured.gauges: found headings"),
         (("example-measured", "--set", "measured.0.gain=2 V/N"), "measured.0.gain: found"),
         pytest.param(("example-measured", "--set", "measured.0.trigger=9 ms"), "triggers", marks=pytest.mark.long),
