@@ -48,7 +48,9 @@ def end(*_):
             pass
     os._exit(1)
 signal.signal(signal.SIGTERM, end)
-pipe, command = int(sys.argv[1]), sys.argv[2:]
+parent, pipe, command = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]
+if os.getppid() != parent:  # it died before the system was asked for the signal
+    sys.exit(1)
 if pipe >= 0:
     os.set_inheritable(pipe, False)  # children that outlive the command must not hold the pipe open
 try:
@@ -153,7 +155,7 @@ def start(
     Raises:
         OSError: the process cannot be started.
     """
-    launcher = (sys.executable, "-I", "-S", "-c", LAUNCHER, str(pipe))
+    launcher = (sys.executable, "-I", "-S", "-c", LAUNCHER, str(os.getpid()), str(pipe))
     process = subprocess.Popen(
         (*_at_death_of_parent("TERM"), *launcher, *_at_death_of_parent("KILL"), *command),
         cwd=folder,
