@@ -1,7 +1,6 @@
 """Tables of a study: one row for each case and engine, and the costs of these rows."""
 
 from fnmatch import fnmatchcase
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ from pyarrow.lib import ArrowException
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from drivers.base.files import csv_of, read_sealed_file, sealed_file
+from drivers.base.files import csv_of, parquet_in, read_sealed_file, sealed_file
 from drivers.base.progress import say
 from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Study
@@ -89,7 +88,7 @@ def _read_table(path: Path, study: str | Path) -> pd.DataFrame:
     """Table of a batch; raises as ``read_study_table``, and FileNotFoundError."""
     allowed = f"the table that beads batch {study} writes"
     try:
-        return pd.read_parquet(BytesIO(read_sealed_file(path, allowed)))
+        return parquet_in(read_sealed_file(path, allowed))
     except (ValueError, ArrowException) as error:
         raise InputError(paths.shown(path), "", "a damaged table", allowed) from error
 

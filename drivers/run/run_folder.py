@@ -11,7 +11,6 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,7 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import DamagedError, read_checked, read_sealed, sha256_of, whole_file, write_sealed
+from drivers.base.files import DamagedError, parquet_in, read_checked, read_sealed, sha256_of, whole_file, write_sealed
 from drivers.base.processes import git, local_changes
 from drivers.chain.case import Layout, read_layout
 from drivers.chain.chain import Array
@@ -253,9 +252,7 @@ class EndedRun:
             raise DamagedError(path, "", f"a damaged file ({type(error).__name__}: {error})", allowed) from error
 
     def _table(self, name: str) -> "pd.DataFrame":
-        import pandas as pd
-
-        return pd.read_parquet(BytesIO(self._content(name)))
+        return parquet_in(self._content(name))
 
     def _content(self, name: str) -> bytes:
         """Content of a file as it was written."""

@@ -125,3 +125,14 @@ def run_and_read(path: Path, runs: Path) -> None:
         ended = run_case(case_of(path, f"striker.speed={speed} m/s"), "verlet", runs)
         assert ended.done, ended.record.reason
         assert len(open_run(ended.folder).trace.time_s) == 21
+
+
+def test_reading_a_run_starts_no_threads(scene_file: SceneWriter, tmp_path: Path) -> None:
+    """Threads of Arrow that still work when the interpreter ends abort the process."""
+    ended = run_case(case_of(scene_file(duration="0.02 ms")), "verlet", tmp_path)
+    script = (
+        "import sys, psutil; from pathlib import Path; from drivers.run.run_folder import open_run; import pyarrow.parquet;"
+        "before = psutil.Process().num_threads(); open_run(Path(sys.argv[1])).trace;"
+        "sys.exit(psutil.Process().num_threads() - before)"
+    )
+    assert subprocess.run([sys.executable, "-c", script, str(ended.folder)], check=False).returncode == 0
