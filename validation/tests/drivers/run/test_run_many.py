@@ -131,7 +131,7 @@ def test_reading_a_run_starts_no_threads(scene_file: SceneWriter, tmp_path: Path
     """Threads of Arrow that still work when the interpreter ends abort the process."""
     ended = run_case(case_of(scene_file(duration="0.02 ms")), "verlet", tmp_path)
     script = (
-        "import sys, psutil; from pathlib import Path; from drivers.run.run_folder import open_run; import pyarrow.parquet;"
+        "import sys, psutil, pyarrow.parquet; from pathlib import Path; from drivers.run.run_folder import open_run;"
         "before = psutil.Process().num_threads(); open_run(Path(sys.argv[1])).trace;"
         "sys.exit(psutil.Process().num_threads() - before)"
     )
