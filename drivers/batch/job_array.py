@@ -13,8 +13,7 @@ from pathlib import Path
 
 from drivers.base import paths
 from drivers.base.errors import RunError
-from drivers.batch.store import Store
-from drivers.batch.study_cases import Setup
+from drivers.batch.study_cases import Batch
 from drivers.batch.study_rows import CHUNK
 
 MAX_TASKS = 1000  # Slurm's default limit of an array
@@ -50,15 +49,15 @@ class JobScript:
     tasks: int
 
 
-def job_script(setup: Setup, store: Store, todo: list[int], parts: int, lines: Sequence[str]) -> JobScript:
+def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) -> JobScript:
     """Script of a job array for the slices with unfinished cases.
 
     ``lines`` are inserted before its command, lines with #SBATCH first.
     """
-    request, study, selection = setup.request, setup.study, setup.selection
+    request, study = batch.request, batch.study
     command = [str(Path(sys.executable).with_name("beads")), "batch", str(study.path)]
-    command += ["--runs", str(store.runs.resolve())]
-    command += [word for name in selection.engines for word in ("--engine", name)]
+    command += ["--runs", str(batch.store.runs.resolve())]
+    command += [word for name in batch.engines for word in ("--engine", name)]
     command += [word for pattern in request.patterns for word in ("--only", pattern)]
     command += ["--retry"] if request.retry else []
     entries = shlex.quote(os.pathsep.join(map(str, request.entries)))
@@ -66,14 +65,15 @@ def job_script(setup: Setup, store: Store, todo: list[int], parts: int, lines: S
         *sorted(lines, key=lambda line: not line.startswith("#SBATCH")),
         f"export {paths.ENGINES_VARIABLE}={entries}",
     ]
-    folder = (store.folder / FOLDER).resolve()
-    slices = selection.slices_with_work(todo, parts)
+    folder = (batch.store.folder / FOLDER).resolve()
+    unfinished = set(todo)
+    slices = [part for part in range(1, parts + 1) if not unfinished.isdisjoint(batch.slice_of(part, parts))]
     return JobScript(
         folder / f"{study.name}.sh",
         SCRIPT.format(
             count=f"{len(todo)} case{'s' * (len(todo) > 1)}",
             study=study.where,
-            engines=", ".join(selection.engines),
+            engines=", ".join(batch.engines),
             name=shlex.quote(f"beads-{study.name}"),
             array=_ranges(slices),
             output=shlex.quote(str(folder / f"{study.name}-%A_%a.txt")),

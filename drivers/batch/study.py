@@ -201,25 +201,8 @@ def seen_from(file: Path, source: str) -> str | Path:
     return source if "." not in source and "/" not in source else file.parent / source
 
 
-@dataclass(frozen=True)
-class Selection:
-    """Selected engines, in the order of the study, and numbers of selected cases."""
-
-    engines: tuple[str, ...]
-    numbers: Sequence[int]
-
-    def slice_of(self, part: int, parts: int) -> Sequence[int]:
-        """Numbers of the cases of a part (from 1), interleaved so that all parts cost about the same."""
-        return self.numbers[part - 1 :: parts]
-
-    def slices_with_work(self, todo: list[int], parts: int) -> list[int]:
-        """Numbers of the parts that contain an unfinished case."""
-        places = {number: place for place, number in enumerate(self.numbers)}
-        return sorted({places[number] % parts + 1 for number in todo})
-
-
-def select(study: Study, engines: Sequence[str], patterns: Sequence[str]) -> Selection:
-    """Select engines and cases; empty selectors take all.
+def select(study: Study, patterns: Sequence[str]) -> Sequence[int]:
+    """Numbers of the cases that match patterns; without patterns all.
 
     A pattern is ``KEY=GLOB`` for a varied value, or a glob for the whole label. Of several patterns of one key any may
     match; all keys have to match.
@@ -242,8 +225,7 @@ def select(study: Study, engines: Sequence[str], patterns: Sequence[str]) -> Sel
     if not numbers:
         labels = "; ".join(study.label(number) for number in range(1, min(study.count, 3) + 1))
         raise InputError(f"--only {' --only '.join(patterns)}", "", f"matches no case; labels are such as {labels}")
-    chosen = tuple(name for name in study.engines if name in engines or not engines)
-    return Selection(chosen, numbers)
+    return numbers
 
 
 def column_name(name: str, key: str) -> str:

@@ -4,19 +4,17 @@ Facts of cases are computed once and kept until something that they depend on ch
 """
 
 import hashlib
-import itertools
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
 
 from drivers.base.decks import Deck
-from drivers.base.kept import content_of, digest_of_sources, keep, look_up
+from drivers.base.kept import content_of, digest_of_sources
 from drivers.base.tolerances import tolerance
-from drivers.batch.store import Store, StudyRow
-from drivers.batch.study import Selection, Study, column_name, read_study, select, value_at
+from drivers.batch.store import Store
+from drivers.batch.study import Study, read_study, select
 from drivers.chain.case import Case, Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
@@ -28,8 +26,6 @@ from drivers.run.build import Build, build_of
 from drivers.run.run import run_identity
 
 MAX_BODIES_OF_KEPT_DECKS = 1000  # decks of longer chains are rendered again, to save memory
-
-Facts = tuple[list[str], int, list[Any]]  # of a case: identities by engine, work, varied values
 
 
 @dataclass(frozen=True)
@@ -61,29 +57,28 @@ class Request:
     asked: float = field(default_factory=time.time)
     entries: tuple[Path, ...] = ()
 
-    def is_to_run(self, store: Store, identity: str) -> bool:
-        """True if a row is missing, or is a failure to be run again."""
-        row = store.rows.get(identity)
-        return row is None or (self.retry and not row.done and row.ended < self.asked)
 
-
-@dataclass(frozen=True)
-class Setup:
-    """Requested study with everything else that identifies its rows.
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Requested study with everything else that identifies its rows, and the store of these rows.
 
     Attributes:
         request: the request.
         study: the study.
-        selection: selected engines and cases.
+        engines: selected engines, in the order of the study.
+        numbers: numbers of the selected cases.
         builds: builds of the installed engines and of the reference, by engine.
         readers: digests of everything that turns raw output into a row, by engine: sources, adapter, tolerances.
+        store: store of the rows.
     """
 
     request: Request
     study: Study
-    selection: Selection
+    engines: tuple[str, ...]
+    numbers: Sequence[int]
     builds: dict[str, Build]
     readers: dict[str, str]
+    store: Store
 
     @cached_property
     def digest(self) -> str:
@@ -92,6 +87,15 @@ class Setup:
         templates = {template for file in adapters for template in file.parent.rglob("*.j2")}
         words = (f"{self.study!r}", f"{sorted(self.builds.items())}", f"{sorted(self.readers.items())}")
         return _digest("\0".join((*words, content_of((*adapters, *templates)))))
+
+    def is_to_run(self, identity: str) -> bool:
+        """True if a row is missing, or is a failure to be run again."""
+        row, request = self.store.rows.get(identity), self.request
+        return row is None or (request.retry and not row.done and row.ended < request.asked)
+
+    def slice_of(self, part: int, parts: int) -> Sequence[int]:
+        """Numbers of the selected cases of a part (from 1), interleaved so that all parts cost about the same."""
+        return self.numbers[part - 1 :: parts]
 
     def case(self, number: int) -> "StudyCase":
         """Build a case of the study with its identities on all engines.
@@ -116,8 +120,8 @@ class Setup:
 
 
 @lru_cache(maxsize=2)  # a request differs from all earlier ones by its time
-def opened(request: Request, *, whole: bool = False) -> tuple[Setup, Store]:
-    """Setup of a requested study on its installed engines, and the store of its rows.
+def opened(request: Request, *, whole: bool = False) -> Batch:
+    """Batch of a requested study on its installed engines.
 
     ``whole`` includes the engines of the study that are not selected.
 
@@ -126,16 +130,17 @@ def opened(request: Request, *, whole: bool = False) -> tuple[Setup, Store]:
     """
     if request.entries not in ((), entry_files()):  # a worker in another folder or on another machine
         use_entries(request.entries)
-    study, store = read_study(request.source, request.engines), Store(request.runs)
-    selection = select(study, request.engines, request.patterns)
+    study = read_study(request.source, request.engines)
+    numbers = select(study, request.patterns)
+    engines = tuple(name for name in study.engines if name in request.engines or not request.engines)
     builds, readers = {}, {}
     guards = [tolerance("guard", each).limit for each in ("energy", "impacts", "rounding", "friction", "least")]
-    for name in dict.fromkeys((*installed(study.engines if whole else selection.engines), REFERENCE)):
+    for name in dict.fromkeys((*installed(study.engines if whole else engines), REFERENCE)):
         engine = load_engine(name)
         builds[name] = build_of(engine)
         adapter = content_of(_adapter_file(name))
         readers[name] = _digest(f"{digest_of_sources()}\0{adapter}\0{engine.server.sha256}\0{guards}")
-    return Setup(request, study, selection, builds, readers), store
+    return Batch(request, study, engines, numbers, builds, readers, Store(request.runs))
 
 
 @dataclass(frozen=True)
@@ -162,58 +167,6 @@ class StudyCase:
     def wanted(self, identities: set[str]) -> list[str]:
         """Engines whose rows have one of these identities."""
         return [name for name, identity in self.identities.items() if identity in identities]
-
-
-@dataclass(frozen=True)
-class StudyPlan:
-    """All cases of a study, in order.
-
-    Attributes:
-        identities: identity of each case's row, by installed engine.
-        work: bodies times steps of each case.
-        values: varied values in SI units of each case, by column.
-    """
-
-    identities: dict[str, list[str]]
-    work: list[int]
-    values: dict[str, list[Any]]
-
-    def rows_of(self, store: Store, engine: str) -> list[StudyRow | None]:
-        """Rows of an engine in the order of the cases; None for missing rows."""
-        return [store.rows.get(identity) for identity in self.identities.get(engine, [""] * len(self.work))]
-
-
-def facts_of(setup: Setup, numbers: Sequence[int]) -> list[Facts]:
-    """Facts of consecutive cases, from the cache or computed and stored there; raises as ``Setup.case``."""
-    return known_facts(setup, numbers) or list(keep(_key_of(setup, numbers), [_facts(setup, n) for n in numbers]))
-
-
-def known_facts(setup: Setup, numbers: Sequence[int]) -> list[Facts] | None:
-    """Facts of consecutive cases in the cache; None if they are not there, or something they depend on has changed."""
-    for found in look_up(_key_of(setup, numbers)) or ():
-        return list(found)
-    return None
-
-
-def _key_of(setup: Setup, numbers: Sequence[int]) -> list[Any]:
-    return ["cases of a study", setup.digest, numbers[0], numbers[-1]]
-
-
-def _facts(setup: Setup, number: int) -> Facts:
-    case = setup.case(number)
-    identities = [case.identities.get(name, "") for name in setup.builds]  # empty if the engine cannot model the case
-    return identities, case.case.work, [value_at(case.case.scene, key) for key in setup.study.columns.values()]
-
-
-def plan_of(setup: Setup, facts: Iterable[Facts]) -> StudyPlan:
-    """Plan of a study from the facts of all its cases."""
-    identities, work, values = zip(*facts, strict=True)
-    columns = itertools.starmap(column_name, setup.study.columns.items())
-    return StudyPlan(
-        {name: list(each) for name, each in zip(setup.builds, zip(*identities, strict=True), strict=True)},
-        list(work),
-        {name: list(each) for name, each in zip(columns, zip(*values, strict=True), strict=True)},
-    )
 
 
 def _adapter_file(engine: str) -> list[Path]:

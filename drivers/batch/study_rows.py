@@ -5,19 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from drivers.base.errors import RunError
-from drivers.base.progress import counted
 from drivers.batch.store import WORK, Outbox, Store, StudyRow
-from drivers.batch.study_cases import (
-    Facts,
-    Request,
-    Setup,
-    StudyCase,
-    StudyPlan,
-    facts_of,
-    known_facts,
-    opened,
-    plan_of,
-)
+from drivers.batch.study_cases import Batch, Request, StudyCase, opened
 from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE
 from drivers.run.compute import Computed, compute
@@ -27,8 +16,6 @@ from drivers.run.workplaces import lease, workplace
 CHUNK = 64  # largest number of cases in a chunk
 RETRY_INTERVAL_S = 2.0  # while another batch works on the remaining cases
 MAX_DEATHS = 5  # of workers in a row, without a finished row
-PLAN_CHUNK = 25  # facts of so many cases fit into one write; a worker killed between two writes would block the batch
-MIN_PARALLEL_CASES = 500  # from this number on, workers share the planning
 
 
 def run_all(request: Request, numbers: Sequence[int], place: Place, store: Store, tick: Callable[[], None]) -> None:
@@ -79,14 +66,14 @@ def run_slice(request: Request, numbers: Sequence[int]) -> list[StudyRow]:
         InputError: the study or a case is wrong.
         OSError: the disk is full or the runs folder cannot be written to.
     """
-    setup, store = opened(request)
-    identities = [setup.case(number).identities for number in numbers]
+    batch = opened(request)
+    identities = [batch.case(number).identities for number in numbers]
     left = list(numbers)
     while left := run_rows(request, left):  # another process works on them
         time.sleep(RETRY_INTERVAL_S)
-    store.refresh()
-    names = setup.selection.engines
-    return [row for name in names for each in identities if (row := store.rows.get(each.get(name, "")))]
+    batch.store.refresh()
+    rows = batch.store.rows
+    return [row for name in batch.engines for each in identities if (row := rows.get(each.get(name, "")))]
 
 
 def run_rows(request: Request, numbers: Sequence[int]) -> list[int]:
@@ -100,43 +87,43 @@ def run_rows(request: Request, numbers: Sequence[int]) -> list[int]:
     Raises:
         OSError: the disk is full or the runs folder cannot be written to.
     """
-    setup, store = opened(request)
+    batch, store = opened(request), opened(request).store
     left: list[int] = []
     with workplace(store.folder / WORK) as place, Outbox(store.folder, place) as box:
         exact: dict[str, Computed] = {}
         for start in range(0, len(numbers), CHUNK):
-            cases = [setup.case(number) for number in numbers[start : start + CHUNK]]
+            cases = [batch.case(number) for number in numbers[start : start + CHUNK]]
             store.refresh()
-            asked = {each.identities[name] for each in cases for name in setup.selection.engines if name in each.runs}
-            missing = {identity for identity in asked if request.is_to_run(store, identity)}
+            asked = {each.identities[name] for each in cases for name in batch.engines if name in each.runs}
+            missing = {identity for identity in asked if batch.is_to_run(identity)}
             free = lease(place, missing) if missing else set()
             store.refresh()  # rows finished by others before the lease
-            free = {identity for identity in free if request.is_to_run(store, identity)}
+            free = {identity for identity in free if batch.is_to_run(identity)}
             ran: set[str] = set()
             for each in cases:
                 for name in each.wanted(free - ran):
-                    box.add(_row(setup, each, name, exact))
+                    box.add(_row(batch, each, name, exact))
                     ran.add(each.identities[name])
             box.flush()  # before the lease ends
-            others = {each for each in missing - free if request.is_to_run(store, each)}
+            others = {each for each in missing - free if batch.is_to_run(each)}
             left += [each.number for each in cases if others & set(each.identities.values())]
     return left
 
 
-def _row(setup: Setup, case: StudyCase, name: str, exact: dict[str, Computed]) -> StudyRow:
+def _row(batch: Batch, case: StudyCase, name: str, exact: dict[str, Computed]) -> StudyRow:
     """Row of a case on an engine, with its error against the reference.
 
     If the reference fails, the row fails, too. Three-dimensional cases have no reference and no error. ``exact`` holds
     the last run of the reference, which consecutive rows may share.
     """
     began = time.perf_counter()
-    request, run = setup.request, case.runs.get(REFERENCE)
-    ended = _reference(setup, case, exact) if name == REFERENCE else _run(setup, case, name)
+    request, run = batch.request, case.runs.get(REFERENCE)
+    ended = _reference(batch, case, exact) if name == REFERENCE else _run(batch, case, name)
     trace, fault, reference_s = ended.trace, ended.fault, 0.0
     force_error = None
     if name != REFERENCE and trace is not None and run is not None:
         before = time.perf_counter()
-        truth = _reference(setup, case, exact)
+        truth = _reference(batch, case, exact)
         reference_s = time.perf_counter() - before
         if truth.trace is None:
             assert truth.fault is not None
@@ -150,7 +137,7 @@ def _row(setup: Setup, case: StudyCase, name: str, exact: dict[str, Computed]) -
     return StudyRow(
         identity=case.identities[name],
         run=case.runs[name],
-        study=setup.study.name,
+        study=batch.study.name,
         label=case.label,
         engine=name,
         status=fault.status if fault else "done",
@@ -164,40 +151,14 @@ def _row(setup: Setup, case: StudyCase, name: str, exact: dict[str, Computed]) -
     )
 
 
-def _reference(setup: Setup, case: StudyCase, exact: dict[str, Computed]) -> Computed:
+def _reference(batch: Batch, case: StudyCase, exact: dict[str, Computed]) -> Computed:
     run = case.runs[REFERENCE]
     if run not in exact:
         exact.clear()
-        exact[run] = _run(setup, case, REFERENCE)
+        exact[run] = _run(batch, case, REFERENCE)
     return exact[run]
 
 
-def _run(setup: Setup, case: StudyCase, name: str) -> Computed:
-    build, deck, limit_s = setup.builds[name], case.kept_decks.get(name), setup.study.file.limit
+def _run(batch: Batch, case: StudyCase, name: str) -> Computed:
+    build, deck, limit_s = batch.builds[name], case.kept_decks.get(name), batch.study.file.limit
     return compute(case.case, name, build=build, deck=deck, limit_s=limit_s)
-
-
-def plan_side_by_side(setup: Setup, workers: int) -> StudyPlan:
-    """Plan of the whole study, by several workers if it is large; InputError if a case is wrong or refused.
-
-    The facts of each part are kept when they are computed, so that planning continues after a kill.
-    """
-    numbers = range(1, setup.study.count + 1)
-    parts = [numbers[start : start + PLAN_CHUNK] for start in range(0, len(numbers), PLAN_CHUNK)]
-    facts: dict[Sequence[int], list[Facts]] = {}
-    facts |= {part: found for part in parts if (found := known_facts(setup, part)) is not None}
-    left = [part for part in parts if part not in facts]
-    under_way: Iterator[tuple[Sequence[int], list[Facts]]]
-    if len(left) * PLAN_CHUNK < MIN_PARALLEL_CASES or workers == 1:
-        under_way = ((part, facts_of(setup, part)) for part in left)
-    else:
-        under_way = execute(partial(_facts, setup.request), left, Place(workers, processes=True))
-    with counted("cases validated", sum(map(len, left)), "case") as count:
-        for part, found in under_way:
-            facts[part] = found
-            count(len(part))
-    return plan_of(setup, (each for part in parts for each in facts[part]))
-
-
-def _facts(request: Request, numbers: Sequence[int]) -> list[Facts]:
-    return facts_of(opened(request, whole=True)[0], numbers)

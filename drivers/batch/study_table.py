@@ -11,9 +11,8 @@ from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.files import csv_of, parquet_in, read_sealed_file, sealed_file
 from drivers.base.progress import say
-from drivers.batch.store import Store, StudyRow
-from drivers.batch.study import Study
-from drivers.batch.study_cases import StudyPlan
+from drivers.batch.store import StudyRow
+from drivers.batch.study_plan import StudyPlan
 
 COSTS = (
     "start_s",
@@ -26,9 +25,10 @@ COSTS = (
 FINISHED = ("done", "failed", "timeout")  # states of a row that has been run
 
 
-def tables(study: Study, plan: StudyPlan, store: Store) -> tuple[pd.DataFrame, pd.DataFrame]:
+def tables(plan: StudyPlan) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Table of the numbers, which depend on the study only, and table of the costs, which vary between runs."""
-    by_engine = {name: plan.rows_of(store, name) for name in study.engines}
+    study = plan.batch.study
+    by_engine = {name: plan.rows_of(name) for name in study.engines}
     rows = [(place, name, by_engine[name][place]) for place in range(study.count) for name in study.engines]
     found = [row for _, _, row in rows]
     keys: dict[str, list[Any]] = {"case": [place + 1 for place, _, _ in rows]}
@@ -48,10 +48,11 @@ def tables(study: Study, plan: StudyPlan, store: Store) -> tuple[pd.DataFrame, p
     return _frame(numbers, set(plan.values)), _frame(costs, set())
 
 
-def unmatched(study: Study, plan: StudyPlan, store: Store) -> list[str]:
+def unmatched(plan: StudyPlan) -> list[str]:
     """Patterns that match no observable of the rows; empty if there are no rows."""
-    names = _observed([row for engine in plan.identities for row in plan.rows_of(store, engine)])
-    return [glob for glob in study.file.observables if names and not any(fnmatchcase(name, glob) for name in names)]
+    names = _observed([row for engine in plan.identities for row in plan.rows_of(engine)])
+    patterns = plan.batch.study.file.observables
+    return [glob for glob in patterns if names and not any(fnmatchcase(name, glob) for name in names)]
 
 
 def _observed(rows: list[StudyRow | None]) -> list[str]:
@@ -59,14 +60,14 @@ def _observed(rows: list[StudyRow | None]) -> list[str]:
     return list(dict.fromkeys(name for row in rows if row for name in row.values))
 
 
-def write_tables(study: Study, plan: StudyPlan, store: Store, results: Path) -> list[Path]:
+def write_tables(plan: StudyPlan, results: Path) -> list[Path]:
     """Write the tables ``STUDY`` and ``STUDY-cost`` as ``.parquet`` and ``.csv``, each atomically.
 
     Raises:
         RunError: rows are to do or not installed, and the existing table has more rows done.
     """
     results.mkdir(parents=True, exist_ok=True)
-    made, written = tables(study, plan, store), []
+    made, written, study = tables(plan), [], plan.batch.study
     unfinished = not made[0]["status"].isin(FINISHED).all()
     done, done_before = _rows_done(made[0]), _rows_done_before(results / f"{study.name}.parquet")
     if unfinished and done < done_before:

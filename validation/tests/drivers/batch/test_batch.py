@@ -14,8 +14,8 @@ import pytest
 
 from drivers.base import paths
 from drivers.batch.store import Store
-from drivers.batch.study_cases import Request, Setup, StudyCase, opened
-from drivers.batch.study_rows import plan_side_by_side
+from drivers.batch.study_cases import Batch, Request, StudyCase, opened
+from drivers.batch.study_plan import planned
 from drivers.engines import installed
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
@@ -372,24 +372,25 @@ def test_status_lists_cases(study_file: StudyWriter, tmp_path: Path) -> None:
 
 def test_planning_survives_a_kill(study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The facts of finished parts are kept, and not computed again."""
-    path, planned = study_file(SPEEDS.format(60), "verlet"), list[int]()
+    path, built = study_file(SPEEDS.format(60), "verlet"), list[int]()
     request = Request(path, tmp_path / "runs", lambda case: case, lambda *_: {}, lambda *_: np.zeros(1))
-    setup, _ = opened(request, whole=True)
-    case_of_number = Setup.case
+    batch = opened(request, whole=True)
+    assert [*batch.slice_of(2, 20)] == [2, 22, 42]
+    case_of_number = Batch.case
 
-    def case(self: Setup, number: int) -> StudyCase:
-        if number == 40 and not planned.count(40):
-            planned.append(40)
+    def case(self: Batch, number: int) -> StudyCase:
+        if number == 40 and not built.count(40):
+            built.append(40)
             raise KeyboardInterrupt
-        planned.append(number)
+        built.append(number)
         return case_of_number(self, number)
 
-    monkeypatch.setattr(Setup, "case", case)
+    monkeypatch.setattr(Batch, "case", case)
     with pytest.raises(KeyboardInterrupt):
-        plan_side_by_side(setup, 1)
-    assert planned == [*range(1, 41)]
-    planned[:] = [40]
-    plan = plan_side_by_side(setup, 1)
-    assert planned == [40, *range(26, 61)]
-    assert plan_side_by_side(setup, 1) == plan
-    assert len(planned) == 36
+        planned(batch, 1)
+    assert built == [*range(1, 41)]
+    built[:] = [40]
+    plan = planned(batch, 1)
+    assert built == [40, *range(26, 61)]
+    assert planned(batch, 1) == plan
+    assert len(built) == 36
