@@ -66,23 +66,20 @@ class Entry:
 
 
 def entry_files() -> tuple[Path, ...]:
-    """Files with entries: shipped, the user's, the present folder's, ``--engines``; later files take precedence."""
-    here = os.getcwd()  # noqa: PTH109 - called many times for each case; Path.cwd() takes ten times as long
-    places = _places(os.environ.get("XDG_CONFIG_HOME") or "~/.config", os.environ.get("HOME"), here)
-    found = [place for place in places if os.access(place, os.R_OK)]
-    return _paths((*found, *filter(None, os.environ.get(paths.ENGINES_VARIABLE, "").split(os.pathsep))))
+    """Files with entries: shipped, the user's, the present folder's, ``--engines``; later files take precedence.
+
+    They are looked for once in each folder and environment, since a batch asks several times for each case.
+    """
+    here = os.getcwd()  # noqa: PTH109 - Path.cwd() takes ten times as long
+    variables = ("XDG_CONFIG_HOME", "HOME", paths.ENGINES_VARIABLE)
+    return _found(here, *(os.environ.get(name, "") for name in variables))
 
 
 @cache
-def _places(settings: str, _: str | None, here: str) -> tuple[str, ...]:
-    """Possible files with entries, in the order of precedence."""
-    name = paths.ENGINES.name
-    return (str(paths.ENGINES), str(home_of(settings) / "bead-chains" / name), f"{here}/{name}")
-
-
-@cache
-def _paths(places: tuple[str, ...]) -> tuple[Path, ...]:
-    return tuple(dict.fromkeys(map(Path, places)))
+def _found(here: str, settings: str, _: str, added: str) -> tuple[Path, ...]:
+    own = home_of(settings or "~/.config") / "bead-chains" / paths.ENGINES.name
+    found = [path for path in (paths.ENGINES, own, Path(here, paths.ENGINES.name)) if os.access(path, os.R_OK)]
+    return tuple(dict.fromkeys((*found, *map(Path, filter(None, added.split(os.pathsep))))))
 
 
 def use_entries(files: Iterable[Path]) -> None:

@@ -48,7 +48,7 @@ class Computed:
         trace: trace; None if the run failed.
         fault: reason of a failure, with a partial trace if there is one; else None.
         wall_s, cpu_s, memory_bytes: wall and CPU time of the case, and peak memory of its process; without a folder
-            CPU time and memory of a served case are not measured.
+            CPU time and memory are not measured, but for a process of its own.
         loop_s: time in the code's time loop; None if the run did not finish.
         start_s: time in which a server was started for this case.
     """
@@ -130,9 +130,9 @@ def default_limit_s(case: Case, engine: Engine) -> float:
 def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) -> Computed:
     """Integrate a case in this process."""
     began, loop_s, trace, fault = time.perf_counter(), None, None, None
-    cpu_s = [0.0]
+    cpu_s: list[float] = []
     try:
-        found, loop_s = _integrated(case, engine, limit_s, cpu_s)
+        found, loop_s = _integrated(case, engine, limit_s, cpu_s, measured=folder is not None)
         trace = checked(case, found)
     except TimeoutError:
         fault = timed_out(limit_s)
@@ -144,11 +144,14 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
         said = "" if loop_s is None else f"completed {case.scene.samples} samples in {loop_s:.6f} s\n"
         (folder / STDOUT).write_text(said)
         (folder / STDERR).write_text(f"{fault}\n" if fault and loop_s is None else "")
-    return Computed(trace, fault, time.perf_counter() - began, cpu_s[0], own_memory_bytes() if folder else 0, loop_s)
+    memory_bytes = own_memory_bytes() if folder else 0
+    return Computed(trace, fault, time.perf_counter() - began, sum(cpu_s), memory_bytes, loop_s)
 
 
-def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) -> tuple[Trace, float]:
-    """Trace and time of the loop; ``cpu_s`` receives the CPU time.
+def _integrated(
+    case: Case, engine: Engine, limit_s: float, cpu_s: list[float], *, measured: bool
+) -> tuple[Trace, float]:
+    """Trace and time of the loop; ``cpu_s`` receives the CPU time if it is ``measured``, which takes system calls.
 
     A long integration runs in a thread, so that the time limit and Ctrl-C end it; for a short one the thread's start
     would be a third of the cost.
@@ -159,13 +162,14 @@ def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) 
     stop: Flag = np.zeros(1, bool)
 
     def integrate() -> tuple[Trace, float]:
-        before_s = time.thread_time()
+        before_s = time.thread_time() if measured else 0.0
         assert engine.integrate is not None
         try:
             with np.errstate(all="ignore"):  # runs that blow up are reported by the guard
                 return engine.integrate(case, stop)
         finally:
-            cpu_s[0] = time.thread_time() - before_s
+            if measured:
+                cpu_s.append(time.thread_time() - before_s)
 
     def end() -> None:
         stop[0] = True
