@@ -29,20 +29,20 @@ def kept(depends_on: Any, compute: Callable[[], Any]) -> Any:
 
     Args:
         depends_on: JSON value with everything the result depends on besides sources, inputs, packages and machine.
-        compute: function without side effects that returns a JSON value.
+        compute: function without side effects that returns a JSON value other than null.
     """
-    found = look_up(depends_on)
-    return keep(depends_on, compute()) if found is None else found[0]
+    found = recall(depends_on)
+    return keep(depends_on, compute()) if found is None else found
 
 
-def look_up(depends_on: Any) -> list[Any] | None:
-    """A list of one, the result in the cache; None if there is none. A damaged entry is reported and ignored."""
+def recall(depends_on: Any) -> Any:
+    """Result in the cache; None if there is none. A damaged entry is reported and ignored."""
     path = _entry(depends_on)
     try:
         entry = read_sealed(path, "a result as it was computed")
         if entry.get("name") != path.stem:
             raise DamagedError(paths.shown(path), "", "a result under another name", "its own")
-        return [entry["result"]]
+        return entry["result"]
     except InputError as error:
         say(f"{error}: computed again")
     except OSError:

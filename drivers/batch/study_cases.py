@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.base.decks import Deck
-from drivers.base.kept import content_of, digest_of_sources, keep, look_up
+from drivers.base.kept import content_of, digest_of_sources, keep, recall
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Selection, Study, column_name, read_study, select, value_at
@@ -190,9 +190,8 @@ def facts_of(setup: Setup, numbers: Sequence[int]) -> list[Facts]:
 
 def known_facts(setup: Setup, numbers: Sequence[int]) -> list[Facts] | None:
     """Facts of consecutive cases in the cache; None if they are not there, or something they depend on has changed."""
-    for found in look_up(_key_of(setup, numbers)) or ():
-        return list(found)
-    return None
+    found: list[Facts] | None = recall(_key_of(setup, numbers))
+    return found
 
 
 def _key_of(setup: Setup, numbers: Sequence[int]) -> list[Any]:

@@ -18,7 +18,7 @@ from typing import Any
 
 from drivers.base.errors import RunError
 from drivers.base.files import home_of, readable, sha256_of
-from drivers.base.kept import keep, look_up
+from drivers.base.kept import keep, recall
 from drivers.base.processes import UNKNOWN_VERSION
 from drivers.engines import Engine
 
@@ -68,12 +68,12 @@ def build_of(engine: Engine) -> Build:
         return Build(command, engine.version_of(command), "")
     variables = sorted(({name: os.environ.get(name, "") for name in SEARCHED} | engine.environment).items())
     key = ["build", engine.name, engine.entry.adapter, command, _digest(variables)]  # values may be secret
+    name = _digest(key)
     with _probing:
-        seen = _seen.get(_digest(key))
-        for known in [seen] if seen else look_up(key) or ():
-            if known["files"] == _dates(known["files"]):
-                _seen[_digest(key)] = known
-                return Build(command, known["version"], known["sha256"])
+        known = _seen.get(name) or recall(key)
+        if known and known["files"] == _dates(known["files"]):
+            _seen[name] = known
+            return Build(command, known["version"], known["sha256"])
         with TemporaryDirectory() as folder:
             version = engine.version_of(command, LD_DEBUG="files", LD_DEBUG_OUTPUT=f"{folder}/loaded")
             loaded = "\n".join(file.read_text(errors="replace") for file in Path(folder).iterdir())
@@ -83,7 +83,7 @@ def build_of(engine: Engine) -> Build:
         build = Build(command, version, _digest([*digests, sorted(engine.environment.items())]))
         if build.version != UNKNOWN_VERSION:  # else it is probed again the next time
             found = {"files": _dates(map(str, files)), "version": version, "sha256": build.sha256}
-            _seen[_digest(key)] = keep(key, found)
+            _seen[name] = keep(key, found)
     return build
 
 
