@@ -6,11 +6,13 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
-from validation.commands import options
-from validation.commands.options import command, must_be_folder
+from validation.commands import completion, options
+from validation.commands.options import command, must_be_folder, number
 
 if TYPE_CHECKING:
     from drivers.run.run_folder import EndedRun
@@ -21,8 +23,15 @@ if TYPE_CHECKING:
 @options.RUN
 @options.ENGINES
 @options.RUNS_READ
-@options.LEVELS
-@options.JSON
+@click.option(
+    "--level",
+    "levels",
+    metavar="X",
+    multiple=True,
+    type=number(float, lambda share: 0 < share < 1, "a share of the peak, above 0 and below 1"),
+    help="Measure widths at this share of the peak; repeatable (default: 0.002 and 0.04).",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) -> None:
     """Print peaks, speeds, widths, reflections, energies of a run."""
     from postproc.read.observables import LEVELS, observe, without_unit
@@ -40,7 +49,12 @@ def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) 
 
 
 @command("example-measured", "example-measured --set contact.restitution=0.9", "yade:fig4 --measured shot-12.csv")
-@options.SCENE_OR_RUN
+@click.argument(
+    "run",
+    metavar="SCENE|RUN",
+    help="A scene, for its exact motion; or a run folder, or ENGINE:SCENE.",
+    shell_complete=completion.scenes_and_runs,
+)
 @options.SETTINGS
 @options.MEASURED
 @options.ENGINES
@@ -92,7 +106,13 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
 @command("yade:fig4-tube --sideways 10")
 @options.RUN
 @options.FRAMES
-@options.SIDEWAYS
+@click.option(
+    "--sideways",
+    metavar="X",
+    default=1.0,
+    type=number(float, lambda factor: 0 < factor <= 1e6, "a factor above 0, up to 1e6"),
+    help="Multiply displacements from the axis by X (default: 1).",
+)
 @options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
