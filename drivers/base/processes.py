@@ -244,11 +244,6 @@ def _family(process: int) -> list[int]:
     return []
 
 
-def own_memory_bytes() -> int:
-    """Memory of this process in bytes."""
-    return int(psutil.Process().memory_info().rss)
-
-
 def cores() -> int:
     """Number of cores available to this process."""
     return len(psutil.Process().cpu_affinity()) if psutil.LINUX else psutil.cpu_count() or 1

@@ -8,20 +8,19 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile, gettempdir
 
 import numpy as np
+import psutil
 
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.kept import kept
-from drivers.base.processes import STDERR, STDOUT, EndedProcess, own_memory_bytes, run_command, stoppable
+from drivers.base.processes import STDERR, STDOUT, EndedProcess, run_command, stoppable
 from drivers.chain.case import Case, build_case
 from drivers.chain.trace import Trace, digest_of
 from drivers.engines import Engine, load_engine
@@ -38,6 +37,7 @@ PROBE_BYTES = 1 << 20  # room without which a disk counts as full
 SHORT_S = 5.0  # bound on the time of an integration that cannot be ended, typically some hundredths
 
 _server_test = threading.Lock()
+_alike: dict[tuple[str, Build], bool] = {}  # by engine and build
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def compute(
             engine.deck_by_hand(deck or engine.render(case)).write(folder)
         return _in_memory(case, engine, limit_s, folder)
     build, deck = build or build_of(engine), deck or engine.render(case)
-    run = _by_hand if by_hand or not serves_alike(engine, build) else _served
+    run = _by_hand if by_hand or not _serves_alike(engine, build) else _served
     ended = run(case, engine, build, deck, limit_s, folder)
     for place in (folder or gettempdir(), gettempdir()) if ended.fault else ():
         _check_room(Path(place))
@@ -144,7 +144,8 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
         said = "" if loop_s is None else f"completed {case.scene.samples} samples in {loop_s:.6f} s\n"
         (folder / STDOUT).write_text(said)
         (folder / STDERR).write_text(f"{fault}\n" if fault and loop_s is None else "")
-    return Computed(trace, fault, time.perf_counter() - began, cpu_s[0], own_memory_bytes() if folder else 0, loop_s)
+    memory_bytes = psutil.Process().memory_info().rss if folder else 0
+    return Computed(trace, fault, time.perf_counter() - began, cpu_s[0], memory_bytes, loop_s)
 
 
 def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) -> tuple[Trace, float]:
@@ -185,7 +186,8 @@ def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) 
 
 def _by_hand(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None) -> Computed:
     """Run a deck in a process of its own."""
-    with _place(folder) as place:
+    with nullcontext(folder) if folder else TemporaryDirectory() as given:
+        place = Path(given)
         engine.deck_by_hand(deck).write(place)
         outcome = run_command(engine.started(deck, build.command), place, limit_s, **engine.environment)
         return _ended(case, engine, outcome, place)
@@ -216,29 +218,16 @@ def _ended(case: Case, engine: Engine, outcome: EndedProcess, folder: Path, star
     return Computed(trace, fault, outcome.wall_s, outcome.cpu_s, outcome.memory_bytes, loop_s, start_s)
 
 
-@contextmanager
-def _place(folder: Path | None) -> Iterator[Path]:
-    """A given folder, or a temporary one."""
-    if folder is not None:
-        yield folder
-        return
-    with TemporaryDirectory() as place:
-        yield Path(place)
-
-
-def serves_alike(engine: Engine, build: Build) -> bool:
+def _serves_alike(engine: Engine, build: Build) -> bool:
     """True if a build as a server gives the same bits as by hand, tested once for each build by a short run."""
+
+    def tested() -> bool:
+        case = build_case(read_scene(*PROBE))
+        given = (case, engine, build, engine.render(case), default_limit_s(case, engine), None)
+        alone, other = _by_hand(*given).trace, _served(*given).trace
+        return alone is not None and other is not None and digest_of(alone) == digest_of(other)
+
     with _server_test:
-        return _alike(engine.name, build)
-
-
-@cache
-def _alike(name: str, build: Build) -> bool:
-    return bool(kept(["serves alike", name, build.identity], lambda: _same_when_served(load_engine(name), build)))
-
-
-def _same_when_served(engine: Engine, build: Build) -> bool:
-    case = build_case(read_scene(*PROBE))
-    given = (case, engine, build, engine.render(case), default_limit_s(case, engine), None)
-    alone, other = _by_hand(*given).trace, _served(*given).trace
-    return alone is not None and other is not None and digest_of(alone) == digest_of(other)
+        if (engine.name, build) not in _alike:
+            _alike[engine.name, build] = kept(["serves alike", engine.name, build.identity], tested)
+        return _alike[engine.name, build]
