@@ -16,7 +16,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import DamagedError, read_sealed, write_sealed
+from drivers.base.files import DamagedError, digest_of_json, read_sealed, write_sealed
 from drivers.base.progress import say
 
 MAX_FILES = 2000  # beyond these the oldest are removed
@@ -61,8 +61,7 @@ def keep(depends_on: Any, result: Any) -> Any:
 
 
 def _entry(depends_on: Any) -> Path:
-    name = hashlib.sha256(json.dumps([_program(), depends_on]).encode()).hexdigest()
-    return paths.CACHE / f"{name}.json"
+    return paths.CACHE / f"{digest_of_json([_program(), depends_on])}.json"
 
 
 def _remove_old(folder: Path) -> None:

@@ -18,6 +18,7 @@ from drivers.base.text_table import text_table
 from drivers.base.units import to_si
 from drivers.batch.store import ENDING, WORK, Store
 from drivers.run.run_folder import FOLDER_NAME, EndedRun, damaged_record, in_si, read_record
+from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_scene, read_value
 from drivers.scene.settings import FREE_TEXT, look_up, setting_text, settings_between, unit_of
 
@@ -102,16 +103,18 @@ def _has(scene: Json, key: str, asked: str) -> bool:
     return False
 
 
-def _base_of(source: str) -> Json | None:
-    """Scene of a file in SI units; None if it cannot be read.
-
-    Args:
-        source: name of a shipped scene or of a file in the present folder, or a path.
-    """
-    for path in (source, f"{source}.toml"):
+def first_scene(*sources: str) -> Scene | None:
+    """Scene of the first of some sources, names or paths as of ``read_scene``, that can be read; None if none can."""
+    for source in sources:
         with suppress(InputError):
-            return in_si(read_scene(path))
+            return read_scene(source)
     return None
+
+
+def _base_of(source: str) -> Json | None:
+    """Scene of a shipped file, of a file in the present folder, or at a path, in SI units; None if unreadable."""
+    scene = first_scene(source, f"{source}.toml")
+    return in_si(scene) if scene else None
 
 
 def _settings(run: EndedRun, base: Json | None) -> dict[str, str] | None:
