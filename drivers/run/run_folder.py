@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 RECORD, FORCES, STATE, SENSORS = "run.json", "forces.parquet", "state.parquet", "sensors.csv"
-CONTENTS = {FORCES: "the forces", STATE: "the positions", SENSORS: "the gauge signals"}
+AGAIN = "of a run (run it again with --rerun)"
+CONTENTS = {FORCES: f"the forces {AGAIN}", STATE: f"the positions {AGAIN}", SENSORS: f"the gauge signals {AGAIN}"}
 FOLDER_NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-([0-9a-f]{12})(-failed)?")  # scene, layout, identity of the run
 # options for values that rarely repeat: 30 % smaller and faster than the defaults
 COMPRESSED: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
@@ -316,30 +317,23 @@ class EndedRun:
         except InputError:
             raise
         except Exception as error:  # pyarrow raises many kinds
-            path = paths.shown(self.folder / name)
-            allowed = f"{CONTENTS[name]} of a run (run it again with --rerun)"
-            raise DamagedError(path, "", f"a damaged file ({type(error).__name__}: {error})", allowed) from error
+            found = f"a damaged file ({type(error).__name__}: {error})"
+            raise DamagedError(paths.shown(self.folder / name), "", found, CONTENTS[name]) from error
 
     def _table(self, name: str) -> "pd.DataFrame":
         return parquet_in(self._content(name))
 
     def _content(self, name: str) -> bytes:
         """Content of a file as it was written."""
-        path, allowed = self.folder / name, f"{CONTENTS[name]} of a run (run it again with --rerun)"
+        path = self.folder / name
         try:
-            return read_checked(path, self.record.files.get(name, ""), allowed)
+            return read_checked(path, self.record.files.get(name, ""), CONTENTS[name])
         except (FileNotFoundError, NotADirectoryError):
-            raise DamagedError(paths.shown(path), "", "no such file", allowed) from None
+            raise DamagedError(paths.shown(path), "", "no such file", CONTENTS[name]) from None
 
-    def _is_intact(self, name: str) -> bool:
-        try:
-            return bool(self._content(name))
-        except InputError:
-            return False
-
-    def damage(self) -> Iterator[str]:
-        """Lines on files that are not as they were written."""
-        for name in self.record.files:
+    def damage(self, *names: str) -> Iterator[str]:
+        """Lines on files, those named or all of the record, that are not as they were written."""
+        for name in names or self.record.files:
             try:
                 self._content(name)
             except InputError as error:
@@ -347,13 +341,13 @@ class EndedRun:
 
     def is_complete(self, *, state: bool) -> bool:
         """True if the run is done and its forces, and with ``state`` its positions, are as they were written."""
-        wanted = {FORCES, STATE} if state else {FORCES}
-        return self.done and all(map(self._is_intact, wanted))
+        wanted = (FORCES, STATE) if state else (FORCES,)
+        return self.done and not any(self.damage(*wanted))
 
     @property
     def has_sensors(self) -> bool:
         """True if the gauge signals are there as they were written."""
-        return self._is_intact(SENSORS)
+        return not any(self.damage(SENSORS))
 
     def with_sensors(self, signals: bytes, **changes: Any) -> "EndedRun":
         """The run with its gauge signals and changes of its record, both written to the folder."""
