@@ -1,5 +1,6 @@
 """Removal of runs that no command would use again, with reasons."""
 
+import shutil
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from drivers.inventory.run_folders import batches_text, kept_runs, key_of, selec
 from drivers.run.build import Build, build_of
 from drivers.run.run import run_identity
 from drivers.run.run_folder import DAMAGED, FOLDER_NAME, UNREADABLE, EndedRun
-from drivers.run.workplaces import leased, leftovers, workplace
+from drivers.run.workplaces import leftovers, workplace
 
 RECENT_S = 600.0  # a command may still read a run that is not older
 
@@ -58,10 +59,11 @@ def prune(
         _print_group("kept", [run for run in selected if reasons[run.folder] == reason], reason)
     if left:
         print(f"{removed} {len(left)} folders of killed processes, {size_text(left_bytes)}")
-    for folder in left if dry_run else ():
-        print(f"    {paths.shown(folder)}")
-    for home in () if dry_run else homes:
-        leased(home)  # removes them
+    for folder in left:
+        if dry_run:
+            print(f"    {paths.shown(folder)}")
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
     if (words := batches_text(runs)) and not (scenes or engines or settings):
         print(f"kept {words}; batches use those of unchanged decks and builds; remove the folder to free the space")
     print(f"{'would free' if dry_run else 'freed'} {size_text(freed)}")
