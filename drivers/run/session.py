@@ -66,7 +66,7 @@ class Session:
         except OSError as error:
             (self.case / STDOUT).write_text("")
             (self.case / STDERR).write_text(f"cannot start: {error}\n")
-            return EndedProcess(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+            return EndedProcess(COULD_NOT_START, False, limit_s)
         if self.served == 0:
             outcome = self._ask("", min(MAX_START_S, max(limit_s, MIN_START_S)), measured=False)
             self.start_s += time.perf_counter() - began
@@ -127,7 +127,7 @@ class Session:
         if state == "done":
             after_s, memory_bytes = used_by(process.pid) if measured else (0.0, 0)
             return EndedProcess(0, False, limit_s, wall_s, after_s - before_s, memory_bytes)
-        return EndedProcess(self.close(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
+        return EndedProcess(self.close(), state == "late", limit_s, wall_s)
 
 
 _idle: dict[tuple[object, ...], list[Session]] = defaultdict(list)  # by build; all end with this process
