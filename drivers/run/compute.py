@@ -8,7 +8,7 @@ import os
 import shutil
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -124,7 +124,7 @@ def _check_room(folder: Path) -> None:
 
 def default_limit_s(case: Case, engine: Engine) -> float:
     """Time limit of a run: given by the engine's entry, or in proportion to bodies times steps."""
-    return engine.entry.time_limit_s or MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.chain.bodies * case.scene.steps
+    return engine.entry.time_limit_s or MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.work
 
 
 def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) -> Computed:
@@ -134,8 +134,6 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
     try:
         found, loop_s = _integrated(case, engine, limit_s, cpu_s)
         trace = checked(case, found)
-    except TimeoutError:
-        fault = timed_out(limit_s)
     except RunError as error:
         fault = error
     except Exception as error:  # of the integrator, as for a code in the end of its output
@@ -155,7 +153,7 @@ def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) 
     would be a third of the cost.
 
     Raises:
-        TimeoutError: the integration was ended at its time limit.
+        RunError: the integration was ended at its time limit.
     """
     stop: Flag = np.zeros(1, bool)
 
@@ -175,13 +173,14 @@ def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) 
         return integrate()
     began = time.perf_counter()
     with ThreadPoolExecutor(1) as thread, stoppable(end):
+        integration = thread.submit(integrate)
         try:
-            found = thread.submit(integrate).result(min(limit_s, threading.TIMEOUT_MAX))
+            wait([integration], min(limit_s, threading.TIMEOUT_MAX))
         finally:
             end()
     if time.perf_counter() - began > limit_s:
-        raise TimeoutError
-    return found
+        raise timed_out(limit_s)
+    return integration.result()
 
 
 def _by_hand(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None) -> Computed:
