@@ -124,9 +124,9 @@ def _settings(run: EndedRun, base: Json | None) -> dict[str, str] | None:
     return {key: value for key, value in settings_between(run.resolved, base).items() if key != RECORDED}
 
 
-def _newest(kept: Iterable[EndedRun], base: Json | None) -> EndedRun | None:
-    """Newest finished run without settings, else the newest finished run with settings."""
-    done = [run for run in kept if not run.trouble]
+def _newest(kept: Iterable[EndedRun], name: str, base: Json | None) -> EndedRun | None:
+    """Newest finished run of a name without settings, else the newest one with settings."""
+    done = [run for run in kept if run.name == name and not run.trouble]
     return max(done, key=lambda run: (_settings(run, base) == {}, run.ended), default=None)
 
 
@@ -142,7 +142,7 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
     if not colon or Path(name).exists():
         return Path(name)
     scene, kept, base = _name_of(source), kept_runs(runs), _base_of(source)
-    found = _newest((run for run in kept if run.name == f"{engine}:{scene}"), base)
+    found = _newest(kept, f"{engine}:{scene}", base)
     if found is None:
         known = sorted({run.name for run in kept if not run.trouble})
         near = [each for each in known if each.startswith(f"{engine}:")]
@@ -167,16 +167,14 @@ def _difference(run: EndedRun, base: Json | None) -> str:
 def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settings: Sequence[str]) -> None:
     """Print one line for each run, the newest last, and the total size."""
     kept = kept_runs(runs)
-    sources = {Path(scene).stem: scene for scene in scenes if scene.endswith(".toml")}
-    sources = {scene: sources.get(scene, scene) for scene in {run.record.scene_name for run in kept}}
+    files = {Path(scene).stem: scene for scene in scenes if scene.endswith(".toml")}
     chosen = select(kept, scenes, engines, settings)
-    bases = {scene: _base_of(sources[scene]) for scene in {run.record.scene_name for run in chosen}}
+    bases = {scene: _base_of(files.get(scene, scene)) for scene in {run.record.scene_name for run in chosen}}
     names = {}
     for name in {run.name for run in chosen}:
         engine, _, scene = name.partition(":")
-        newest = _newest((run for run in kept if run.name == name), bases[scene])
-        if newest:
-            names[newest.folder] = f"{engine}:{sources[scene]}"
+        if newest := _newest(kept, name, bases[scene]):
+            names[newest.folder] = f"{engine}:{files.get(scene, scene)}"
     rows = [
         (
             names.get(run.folder) or paths.shown(run.folder),
