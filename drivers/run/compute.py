@@ -195,7 +195,7 @@ def _by_hand(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: floa
 def _served(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None) -> Computed:
     """Run a deck on a server, a second time in a new process if it ended one that had served other cases."""
     deck = engine.deck_by_hand(deck) if folder else deck
-    with lent(engine, build.command, build.sha256) as session:
+    with lent(engine, build) as session:
         before_s = session.start_s
         outcome = session.run(deck, limit_s, measured=folder is not None)
         if session.ended and session.served > 1 and not outcome.timed_out:

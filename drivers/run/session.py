@@ -17,6 +17,7 @@ from tempfile import gettempdir, mkdtemp
 from drivers.base.decks import Deck
 from drivers.base.processes import COULD_NOT_START, STDERR, STDOUT, EndedProcess, reap, reset_peak, start, used_by
 from drivers.engines import Engine
+from drivers.run.build import Build
 from drivers.run.workplaces import workplace
 
 DONE = "the-case-has-ended"  # printed by the server after a deck
@@ -137,12 +138,12 @@ _lending = threading.Lock()
 
 
 @contextmanager
-def lent(engine: Engine, build: tuple[str, ...], sha256: str = "") -> Iterator[Session]:
+def lent(engine: Engine, build: Build) -> Iterator[Session]:
     """Lend a session of a build to one thread: an idle one, or a new one."""
-    key = (engine.server.sha256, build, sha256, *sorted(engine.environment.items()))
+    key = (engine.server.sha256, build, *sorted(engine.environment.items()))
     with _lending:
         session = _idle[key].pop() if _idle[key] else None
-    session = session or Session(engine, build, _new_folder())
+    session = session or Session(engine, build.command, _new_folder())
     try:
         yield session
     except BaseException:
