@@ -18,8 +18,8 @@ import pandas as pd
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.files import csv_of, read_sealed_file, remove_sealed_file, sealed_file, sha256_of, table_in
-from drivers.base.kept import content_of, keep, look_up
-from drivers.base.progress import say, step
+from drivers.base.kept import content_of, keep, recall
+from drivers.base.progress import counted, say
 from drivers.engines import missing_codes
 from drivers.engines._entries import entry_files
 from postproc.draw.product import write_figure
@@ -185,7 +185,7 @@ def load_chapter(name: str) -> Chapter:
 
 def run_chapter(chapter: Chapter, options: Options) -> int:
     """Measures, writes tables and figures, prints findings and failed checks; the exit code is 1 if a check fails."""
-    with step(named(chapter.title, options)):
+    with counted(named(chapter.title, options)):
         tables = write_chapter(chapter, chapter.measure(options), options.results)
     for line in chapter.sentences(tables):
         print(line)
@@ -214,7 +214,7 @@ def named(what: str, options: Options) -> str:
 
 def up_to_date(chapter: Chapter, results: Path) -> bool:
     """True if the first table is as it was written since the last change of a source or of the engines' entries."""
-    return (results / f"{chapter.main_table}.csv").exists() and look_up(_key_of(chapter, results)) is not None
+    return (results / f"{chapter.main_table}.csv").exists() and recall(_key_of(chapter, results)) is not None
 
 
 def _key_of(chapter: Chapter, results: Path) -> list[str]:

@@ -98,7 +98,7 @@ def read_checked(path: Path, sha256: str, allowed: str) -> bytes:
 
 def write_sealed(path: Path, content: dict[str, Any], indent: int | None = None) -> None:
     """Write JSON values with their digest."""
-    sealed = content | {DIGEST: _digest_of(content)}
+    sealed = content | {DIGEST: digest_of_json(content)}
     with whole_file(path) as draft:
         draft.write_text(json.dumps(sealed, indent=indent) + "\n")
 
@@ -114,7 +114,7 @@ def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
     try:
         found = json.loads(content)
         digest = found.pop(DIGEST, None)
-        altered = digest != _digest_of(found)
+        altered = digest != digest_of_json(found)
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise DamagedError(paths.shown(path), "", DAMAGED, allowed) from error
     if altered:
@@ -124,7 +124,8 @@ def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
     return found
 
 
-def _digest_of(content: dict[str, Any]) -> str:
+def digest_of_json(content: Any) -> str:
+    """SHA-256 digest of a JSON value."""
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import DamagedError, read_sealed, write_sealed
+from drivers.base.files import DamagedError, digest_of_json, read_sealed, write_sealed
 from drivers.base.progress import say
 
 MAX_FILES = 2000  # beyond these the oldest are removed
@@ -29,20 +29,20 @@ def kept(depends_on: Any, compute: Callable[[], Any]) -> Any:
 
     Args:
         depends_on: JSON value with everything the result depends on besides sources, inputs, packages and machine.
-        compute: function without side effects that returns a JSON value.
+        compute: function without side effects that returns a JSON value other than null.
     """
-    found = look_up(depends_on)
-    return keep(depends_on, compute()) if found is None else found[0]
+    found = recall(depends_on)
+    return keep(depends_on, compute()) if found is None else found
 
 
-def look_up(depends_on: Any) -> list[Any] | None:
-    """A list of one, the result in the cache; None if there is none. A damaged entry is reported and ignored."""
+def recall(depends_on: Any) -> Any:
+    """Result in the cache; None if there is none. A damaged entry is reported and ignored."""
     path = _entry(depends_on)
     try:
         entry = read_sealed(path, "a result as it was computed")
         if entry.get("name") != path.stem:
             raise DamagedError(paths.shown(path), "", "a result under another name", "its own")
-        return [entry["result"]]
+        return entry["result"]
     except InputError as error:
         say(f"{error}: computed again")
     except OSError:
@@ -61,8 +61,7 @@ def keep(depends_on: Any, result: Any) -> Any:
 
 
 def _entry(depends_on: Any) -> Path:
-    name = hashlib.sha256(json.dumps([_program(), depends_on]).encode()).hexdigest()
-    return paths.CACHE / f"{name}.json"
+    return paths.CACHE / f"{digest_of_json([_program(), depends_on])}.json"
 
 
 def _remove_old(folder: Path) -> None:

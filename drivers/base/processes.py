@@ -86,9 +86,9 @@ class EndedProcess:
     code: int
     timed_out: bool
     limit_s: float
-    wall_s: float
-    cpu_s: float
-    memory_bytes: int
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+    memory_bytes: int = 0
 
 
 def scrubbed_environment() -> dict[str, str]:
@@ -109,7 +109,7 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
                 process = start(command, folder, subprocess.DEVNULL, out, err, variables, pipe)
         except OSError as error:
             err.write(f"cannot start: {error}\n".encode())
-            return EndedProcess(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+            return EndedProcess(COULD_NOT_START, False, limit_s)
         expired = threading.Event()
 
         def expire() -> None:
@@ -242,11 +242,6 @@ def _family(process: int) -> list[int]:
     with suppress(psutil.Error):
         return [process, *(child.pid for child in psutil.Process(process).children(recursive=True))]
     return []
-
-
-def own_memory_bytes() -> int:
-    """Memory of this process in bytes."""
-    return int(psutil.Process().memory_info().rss)
 
 
 def cores() -> int:

@@ -60,15 +60,15 @@ def say(line: str, stream: TextIO | None = None) -> None:
 
 
 @contextmanager
-def step(what: str, number: int = 1, of: int = 1, *, total: int | None = None, unit: str = "run") -> Iterator[Any]:
-    """Show one step of a command, with a line at its start if ``of`` is above 1; yields a function to count units."""
+def step(what: str, number: int, of: int) -> Iterator[None]:
+    """Show one step of a command, with a line at its start if ``of`` is above 1."""
     global _depth
     if of > 1:
         say(f"{'  ' * _depth}step {number} of {of}: {what}")
     _depth += of > 1
     try:
-        with counted(what, total, unit) as count:
-            yield count
+        with counted(what):
+            yield
     finally:
         _depth -= of > 1
 

@@ -23,10 +23,8 @@ NUMBER_AND_UNIT = re.compile(
 PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 SI = "SI"  # context of a validation whose quantities are numbers in SI units, as in a run record
 PREFIXED = ("m", "s", "N", "Pa", "m/s")
-LARGEST, SMALLEST = (
-    Decimal("1e30"),
-    Decimal("1e-30"),
-)  # in SI units; products of such numbers stay within the range of doubles
+# in SI units; products of such numbers stay within the range of doubles
+LARGEST, SMALLEST = Decimal("1e30"), Decimal("1e-30")
 
 
 class NotAllowedError(ValueError):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from drivers.base.kept import keep, look_up
+from drivers.base.kept import keep, recall
 from drivers.base.progress import counted
 from drivers.batch.store import WORK, StudyRow
 from drivers.batch.study import column_name, value_at
@@ -89,7 +89,7 @@ def planned(batch: Batch, workers: int) -> StudyPlan:
     chunks = [numbers[start : start + CHUNK] for start in range(0, len(numbers), CHUNK)]
     facts: dict[Sequence[int], list[Facts]] = {}
     for chunk in chunks:
-        for known in look_up(_key_of(batch, chunk)) or ():
+        if (known := recall(_key_of(batch, chunk))) is not None:
             facts[chunk] = known
     left = [chunk for chunk in chunks if chunk not in facts]
     under_way: Iterator[tuple[Sequence[int], list[Facts]]]

@@ -1,5 +1,6 @@
 """Removal of runs that no command would use again, with reasons."""
 
+import shutil
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -11,33 +12,25 @@ from drivers.base.errors import InputError, RunError
 from drivers.base.processes import UNKNOWN_VERSION
 from drivers.batch.store import WORK, Store
 from drivers.engines import load_engine
-from drivers.inventory.run_folders import (
-    UNREADABLE,
-    KeptRun,
-    batches_text,
-    kept_runs,
-    select,
-    size_below,
-    size_text,
-)
+from drivers.inventory.run_folders import batches_text, kept_runs, key_of, select, size_below, size_text
 from drivers.run.build import Build, build_of
 from drivers.run.run import run_identity
-from drivers.run.run_folder import FOLDER_NAME, read_record
-from drivers.run.workplaces import leased, leftovers, workplace
+from drivers.run.run_folder import DAMAGED, FOLDER_NAME, UNREADABLE, EndedRun
+from drivers.run.workplaces import leftovers, workplace
 
 RECENT_S = 600.0  # a command may still read a run that is not older
-REASONS_TO_REMOVE = {
-    "unread": f"{UNREADABLE}; no command uses them",
-    "failed": "failed or without forces; commands run them again",
-    "build": "run by another build than the installed one, which would run them again",
-    "deck": "run with an older deck; a newer run of the same scene, settings and engine exists",
-}
-REASONS_TO_KEEP = {
-    "used": "commands find them again",
-    "recent": f"ended less than {RECENT_S / 60:g} minutes ago; a command may still read them",
-    "absent": "their engine is not installed, so its build is unknown",
-    "named": "their folders have been renamed",
-}
+
+UNREAD = f"{UNREADABLE}; no command uses them"
+FAILED = "failed or without forces; commands run them again"
+OTHER_BUILD = "run by another build than the installed one, which would run them again"
+OLDER_DECK = "run with an older deck; a newer run of the same scene, settings and engine exists"
+REASONS_TO_REMOVE = (UNREAD, FAILED, OTHER_BUILD, OLDER_DECK)
+
+USED = "commands find them again"
+RECENT = f"ended less than {RECENT_S / 60:g} minutes ago; a command may still read them"
+ABSENT = "their engine is not installed, so its build is unknown"
+NAMED = "their folders have been renamed"
+REASONS_TO_KEEP = (USED, RECENT, ABSENT, NAMED)
 
 
 def prune(
@@ -52,60 +45,63 @@ def prune(
     left = [folder for home in homes for folder in leftovers(home)]
     left_bytes = sum(map(size_below, left))
     reasons = _reasons(kept)
-    groups: dict[str, list[KeptRun]] = {why: [] for why in (*REASONS_TO_REMOVE, *REASONS_TO_KEEP)}
-    for run in select(kept, scenes, engines, settings):
-        groups[reasons[run.folder]].append(run)
-    freed = 0
-    for why, words in (REASONS_TO_REMOVE | REASONS_TO_KEEP).items():
-        group = groups[why]
-        if why in REASONS_TO_REMOVE and not dry_run:
+    selected = select(kept, scenes, engines, settings)
+    removed = "would remove" if dry_run else "removed"
+    freed = left_bytes
+    for reason in REASONS_TO_REMOVE:
+        group = [run for run in selected if reasons[run.folder] == reason]
+        if not dry_run:
             group = _remove(group)
-        if group:
-            counts = sorted(Counter(run.engine for run in group).items())
-            by_engine = ", ".join(f"{name} {count}" for name, count in counts)
-            size = sum(run.size for run in group)
-            freed += size if why in REASONS_TO_REMOVE else 0
-            print(f"{_verb(why, dry_run)} {len(group)} runs ({by_engine}), {size_text(size)}: {words}")
-        for run in group if dry_run and why in REASONS_TO_REMOVE else ():
+        freed += _print_group(removed, group, reason)
+        for run in group if dry_run else ():
             print(f"    {paths.shown(run.folder)}")
+    for reason in REASONS_TO_KEEP:
+        _print_group("kept", [run for run in selected if reasons[run.folder] == reason], reason)
     if left:
-        print(f"{_verb('', dry_run)} {len(left)} folders of killed processes, {size_text(left_bytes)}")
-    for folder in left if dry_run else ():
-        print(f"    {paths.shown(folder)}")
-    for home in () if dry_run else homes:
-        leased(home)  # removes them
+        print(f"{removed} {len(left)} folders of killed processes, {size_text(left_bytes)}")
+    for folder in left:
+        if dry_run:
+            print(f"    {paths.shown(folder)}")
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
     if (words := batches_text(runs)) and not (scenes or engines or settings):
         print(f"kept {words}; batches use those of unchanged decks and builds; remove the folder to free the space")
-    print(f"{'would free' if dry_run else 'freed'} {size_text(freed + left_bytes)}")
+    print(f"{'would free' if dry_run else 'freed'} {size_text(freed)}")
 
 
-def _verb(why: str, dry_run: bool) -> str:
-    return "kept" if why in REASONS_TO_KEEP else "would remove" if dry_run else "removed"
+def _print_group(done: str, group: Sequence[EndedRun], reason: str) -> int:
+    """Print the line of a group of runs, if there are any, and return their size in bytes."""
+    size = sum(run.size for run in group)
+    if group:
+        counts = sorted(Counter(run.record.engine for run in group).items())
+        by_engine = ", ".join(f"{name} {count}" for name, count in counts)
+        print(f"{done} {len(group)} runs ({by_engine}), {size_text(size)}: {reason}")
+    return size
 
 
-def _reasons(kept: Sequence[KeptRun]) -> dict[Path, str]:
-    """Reason to remove or keep each run, a key of ``REASONS_TO_REMOVE`` or ``REASONS_TO_KEEP``."""
-    builds = {engine: _present_build(engine) for engine in {run.engine for run in kept}}
-    reasons = {run.folder: _reason(run, builds[run.engine]) for run in kept}
-    used = [run for run in kept if reasons[run.folder] == "used"]
-    decks = {run.key: run.record.deck_sha256 for run in used if run.record}  # the newest is last
-    former = {run.folder: "deck" for run in used if run.record and run.record.deck_sha256 != decks[run.key]}
+def _reasons(kept: Sequence[EndedRun]) -> dict[Path, str]:
+    """Reason to remove or keep each run."""
+    builds = {engine: _present_build(engine) for engine in {run.record.engine for run in kept}}
+    reasons = {run.folder: _reason(run, builds[run.record.engine]) for run in kept}
+    used = [run for run in kept if reasons[run.folder] == USED]
+    decks = {key_of(run): run.record.deck_sha256 for run in used}  # the newest is last
+    former = {run.folder: OLDER_DECK for run in used if run.record.deck_sha256 != decks[key_of(run)]}
     return reasons | former
 
 
-def _reason(run: KeptRun, build: Build | None) -> str:
+def _reason(run: EndedRun, build: Build | None) -> str:
     if not FOLDER_NAME.fullmatch(run.folder.name):
-        return "named"
-    if time.time() - max((stat.st_mtime for stat in run.files.values()), default=0.0) < RECENT_S:
-        return "recent"
-    if run.record is None:
-        return "unread"
+        return NAMED
+    if time.time() - max((stat.st_mtime for stat in run.stats.values()), default=0.0) < RECENT_S:
+        return RECENT
+    if run.record.status == DAMAGED:
+        return UNREAD
     if run.trouble:
-        return "failed"
+        return FAILED
     if build is None:
-        return "absent"
-    present = run_identity(run.engine, build, run.record.deck_sha256)
-    return "used" if run.record.identity == present else "build"
+        return ABSENT
+    present = run_identity(run.record.engine, build, run.record.deck_sha256)
+    return USED if run.record.identity == present else OTHER_BUILD
 
 
 def _present_build(engine: str) -> Build | None:
@@ -116,7 +112,7 @@ def _present_build(engine: str) -> Build | None:
     return None
 
 
-def _remove(group: Sequence[KeptRun]) -> list[KeptRun]:
+def _remove(group: Sequence[EndedRun]) -> list[EndedRun]:
     """Remove runs, except those replaced by another process meanwhile; return the removed runs."""
     gone = []
     for home in {run.folder.parent for run in group}:
@@ -126,7 +122,7 @@ def _remove(group: Sequence[KeptRun]) -> list[KeptRun]:
                 if run.folder.parent == home:
                     with suppress(FileNotFoundError):
                         run.folder.rename(away)
-                        if read_record(away) == run.record:
+                        if EndedRun(away, run.record).ended == run.ended:
                             gone.append(run)
                         else:
                             away.rename(run.folder)

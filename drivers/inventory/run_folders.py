@@ -7,9 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from functools import cached_property
 from math import isclose
 from pathlib import Path
 from typing import Any
@@ -19,79 +17,20 @@ from drivers.base.errors import InputError, one_line
 from drivers.base.text_table import text_table
 from drivers.base.units import to_si
 from drivers.batch.store import ENDING, WORK, Store
-from drivers.run.run_folder import FOLDER_NAME, RunRecord, ended_at, lost_file, read_record
+from drivers.run.run_folder import FOLDER_NAME, EndedRun, damaged_record, in_si, read_record
 from drivers.scene.model import Scene
-from drivers.scene.read_scene import read_scene, read_value, stored_scene
+from drivers.scene.read_scene import read_scene, read_value
 from drivers.scene.settings import FREE_TEXT, look_up, setting_text, settings_between, unit_of
 
 NO_PHYSICS = (*FREE_TEXT, "title", "name")  # keys of a scene that change no number
-UNREADABLE = "a record that is damaged or of another version"
 RECORDED = "run.record"  # key of the files to be written, which changes no run
 ROUNDING = 1e-12
 Json = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class KeptRun:
-    """Finished or failed run in a folder.
-
-    Attributes:
-        folder: run folder.
-        record: record of the run; None if it cannot be read.
-        resolved: complete scene in SI units.
-    """
-
-    folder: Path
-    record: RunRecord | None
-    resolved: Json
-
-    @property
-    def engine(self) -> str:
-        """Name of the engine."""
-        return self.record.engine if self.record else self.folder.parent.name
-
-    @property
-    def scene(self) -> str:
-        """Name of the scene."""
-        found = FOLDER_NAME.fullmatch(self.folder.name)
-        return self.record.scene_name if self.record else found[1] if found else self.folder.name
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """Engine, and scene with all settings."""
-        return self.engine, json.dumps(_physics(self.resolved), sort_keys=True) if self.record else self.folder.name
-
-    @property
-    def build(self) -> str:
-        """Version line and digest of the build."""
-        return f"{self.record.engine_version} {self.record.build_sha256[:12]}".strip() if self.record else "not known"
-
-    @property
-    def trouble(self) -> str:
-        """Reason why the run has no numbers; empty if it has."""
-        if self.record is None:
-            return UNREADABLE
-        if self.record.status != "done":
-            return f"{self.record.status}: {self.record.reason}"
-        lost = lost_file(self.record, self.files)
-        return f"{lost}: found no such file" if lost else ""
-
-    @cached_property
-    def files(self) -> dict[str, os.stat_result]:
-        """Files by name; empty if the folder has been removed meanwhile."""
-        with suppress(OSError), os.scandir(self.folder) as entries:
-            return {entry.name: entry.stat() for entry in entries}
-        return {}
-
-    @property
-    def size(self) -> int:
-        """Total size of the files in bytes."""
-        return sum(stat.st_size for stat in self.files.values())
-
-    @property
-    def ended(self) -> float:
-        """Time of the record, or of the newest file, in seconds of Unix time."""
-        return ended_at({name: stat.st_mtime for name, stat in self.files.items()})
+def key_of(run: EndedRun) -> tuple[str, str]:
+    """Engine, and scene with all settings; for a damaged run the name of its folder."""
+    return run.record.engine, json.dumps(_physics(run.resolved), sort_keys=True) if run.resolved else run.folder.name
 
 
 def _physics(part: Any) -> Any:
@@ -100,31 +39,25 @@ def _physics(part: Any) -> Any:
     return [_physics(each) for each in part] if isinstance(part, list) else part
 
 
-def kept_runs(runs: Path) -> list[KeptRun]:
-    """All runs of a folder, the newest last; other folders are ignored."""
+def kept_runs(runs: Path) -> list[EndedRun]:
+    """All runs of a folder, damaged ones among them, the newest last; other folders are ignored."""
     batches = Store(runs).folder
     found = [_read(folder) for folder in runs.glob("[!.]*/[!.]*") if folder.parent != batches]
-    named = [run for run in found if run.record or (FOLDER_NAME.fullmatch(run.folder.name) and run.folder.is_dir())]
-    return sorted(named, key=lambda run: (run.ended, run.folder))
+    return sorted(filter(None, found), key=lambda run: (run.ended, run.folder))
 
 
-def _read(folder: Path) -> KeptRun:
+def _read(folder: Path) -> EndedRun | None:
+    """Run of a folder; None if the folder has neither a record nor the name of a run."""
     record = read_record(folder)
-    try:
-        if record:
-            return KeptRun(folder, record, _in_si(stored_scene(record.scene)))
-    except (TypeError, ValueError, LookupError, AttributeError):  # not a complete scene
-        pass
-    return KeptRun(folder, None, {})
-
-
-def _in_si(scene: Scene) -> Json:
-    return scene.model_dump(mode="json", exclude_none=True, warnings=False)
+    if record and (run := EndedRun(folder, record)).resolved:
+        return run
+    named = FOLDER_NAME.fullmatch(folder.name) and folder.is_dir()
+    return EndedRun(folder, damaged_record(folder)) if named else None
 
 
 def select(
-    kept: Sequence[KeptRun], scenes: Iterable[str], engines: Iterable[str], settings: Sequence[str]
-) -> list[KeptRun]:
+    kept: Sequence[EndedRun], scenes: Iterable[str], engines: Iterable[str], settings: Sequence[str]
+) -> list[EndedRun]:
     """Select runs by scenes (name or file), engines and settings ``KEY=VALUE``; an empty selector takes all.
 
     Values may be globs. Of several values of one key any may match; all keys have to match.
@@ -133,13 +66,14 @@ def select(
         InputError: no run matches.
     """
     found = list(kept)
-    for what, asked in (("scene", [_name_of(scene) for scene in scenes]), ("engine", list(engines))):
-        known = {getattr(run, what) for run in kept}
+    asked_scenes = [_name_of(scene) for scene in scenes]
+    for what, key, asked in (("scene", "scene_name", asked_scenes), ("engine", "engine", list(engines))):
+        known = {getattr(run.record, key) for run in kept}
         for name in asked:
             if name not in known:
                 names = ", ".join(sorted(known)) or "none, since the folder has no runs"
                 raise InputError("runs", what, f'no run of "{name}"; allowed: {names}')
-        found = [run for run in found if not asked or getattr(run, what) in asked]
+        found = [run for run in found if not asked or getattr(run.record, key) in asked]
     by_key: dict[str, list[str]] = {}
     for setting in settings:
         key, equals, value = setting.partition("=")
@@ -147,7 +81,7 @@ def select(
             raise InputError(f"--set {setting}", "", "not of the form KEY=VALUE, such as 'striker.speed=2 m/s'")
         by_key.setdefault(key.strip(), []).append(value.strip())
     for key, values in by_key.items():
-        found = [run for run in found if run.record and any(_has(run.resolved, key, value) for value in values)]
+        found = [run for run in found if run.resolved and any(_has(run.resolved, key, value) for value in values)]
     if settings and not found:
         allowed = "values of existing runs, as listed by beads runs"
         raise InputError(f"--set {' --set '.join(settings)}", "", f"matches no run; allowed: {allowed}")
@@ -169,28 +103,30 @@ def _has(scene: Json, key: str, asked: str) -> bool:
     return False
 
 
-def _base_of(source: str) -> Json | None:
-    """Scene of a file in SI units; None if it cannot be read.
-
-    Args:
-        source: name of a shipped scene or of a file in the present folder, or a path.
-    """
-    for path in (source, f"{source}.toml"):
+def first_scene(*sources: str) -> Scene | None:
+    """Scene of the first of some sources, names or paths as of ``read_scene``, that can be read; None if none can."""
+    for source in sources:
         with suppress(InputError):
-            return _in_si(read_scene(path))
+            return read_scene(source)
     return None
 
 
-def _settings(run: KeptRun, base: Json | None) -> dict[str, str] | None:
+def _base_of(source: str) -> Json | None:
+    """Scene of a shipped file, of a file in the present folder, or at a path, in SI units; None if unreadable."""
+    scene = first_scene(source, f"{source}.toml")
+    return in_si(scene) if scene else None
+
+
+def _settings(run: EndedRun, base: Json | None) -> dict[str, str] | None:
     """Settings of a run that differ from its scene file; ``run.record`` is ignored, since it changes no number."""
-    if base is None or run.record is None:
+    if base is None or not run.resolved:
         return None
     return {key: value for key, value in settings_between(run.resolved, base).items() if key != RECORDED}
 
 
-def _newest(kept: Iterable[KeptRun], base: Json | None) -> KeptRun | None:
-    """Newest finished run without settings, else the newest finished run with settings."""
-    done = [run for run in kept if not run.trouble]
+def _newest(kept: Iterable[EndedRun], name: str, base: Json | None) -> EndedRun | None:
+    """Newest finished run of a name without settings, else the newest one with settings."""
+    done = [run for run in kept if run.name == name and not run.trouble]
     return max(done, key=lambda run: (_settings(run, base) == {}, run.ended), default=None)
 
 
@@ -206,9 +142,9 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
     if not colon or Path(name).exists():
         return Path(name)
     scene, kept, base = _name_of(source), kept_runs(runs), _base_of(source)
-    found = _newest((run for run in kept if (run.engine, run.scene) == (engine, scene)), base)
+    found = _newest(kept, f"{engine}:{scene}", base)
     if found is None:
-        known = sorted({f"{run.engine}:{run.scene}" for run in kept if not run.trouble})
+        known = sorted({run.name for run in kept if not run.trouble})
         near = [each for each in known if each.startswith(f"{engine}:")]
         near = near or [each for each in known if each.endswith(f":{scene}")] or known
         allowed = ", ".join(near) or "a run folder; no run is done there"
@@ -221,34 +157,33 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
     return found.folder
 
 
-def _difference(run: KeptRun, base: Json | None) -> str:
+def _difference(run: EndedRun, base: Json | None) -> str:
     """Settings that differ from the scene file, as text."""
     if base is None:
-        return "" if run.record is None else "no scene file to compare with"
+        return "no scene file to compare with" if run.resolved else ""
     return ", ".join(f"{key}={value}" for key, value in (_settings(run, base) or {}).items())
 
 
 def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settings: Sequence[str]) -> None:
     """Print one line for each run, the newest last, and the total size."""
     kept = kept_runs(runs)
-    sources = {Path(scene).stem: scene for scene in scenes if scene.endswith(".toml")}
-    sources = {run.scene: sources.get(run.scene, run.scene) for run in kept}
+    files = {Path(scene).stem: scene for scene in scenes if scene.endswith(".toml")}
     chosen = select(kept, scenes, engines, settings)
-    bases = {scene: _base_of(sources[scene]) for scene in {run.scene for run in chosen}}
+    bases = {scene: _base_of(files.get(scene, scene)) for scene in {run.record.scene_name for run in chosen}}
     names = {}
-    for engine, scene in {(run.engine, run.scene) for run in chosen}:
-        newest = _newest((run for run in kept if (run.engine, run.scene) == (engine, scene)), bases[scene])
-        if newest:
-            names[newest.folder] = f"{engine}:{sources[scene]}"
+    for name in {run.name for run in chosen}:
+        engine, _, scene = name.partition(":")
+        if newest := _newest(kept, name, bases[scene]):
+            names[newest.folder] = f"{engine}:{files.get(scene, scene)}"
     rows = [
         (
             names.get(run.folder) or paths.shown(run.folder),
-            run.scene,
-            run.engine,
+            run.record.scene_name,
+            run.record.engine,
             time.strftime("%Y-%m-%d %H:%M", time.localtime(run.ended)),
             size_text(run.size),
-            run.record.status if run.record else "damaged",
-            one_line("; ".join(filter(None, (_difference(run, bases[run.scene]), run.trouble)))),
+            run.record.status,
+            one_line("; ".join(filter(None, (_difference(run, bases[run.record.scene_name]), run.trouble)))),
         )
         for run in chosen
     ]

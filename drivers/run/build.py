@@ -3,8 +3,6 @@
 Two builds of one version may give different numbers, so both are part of a run's identity.
 """
 
-import hashlib
-import json
 import os
 import re
 import threading
@@ -17,8 +15,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from drivers.base.errors import RunError
-from drivers.base.files import home_of, readable, sha256_of
-from drivers.base.kept import keep, look_up
+from drivers.base.files import digest_of_json, home_of, readable, sha256_of
+from drivers.base.kept import keep, recall
 from drivers.base.processes import UNKNOWN_VERSION
 from drivers.engines import Engine
 
@@ -67,23 +65,23 @@ def build_of(engine: Engine) -> Build:
     if engine.in_repository:  # its version contains the digest of its sources
         return Build(command, engine.version_of(command), "")
     variables = sorted(({name: os.environ.get(name, "") for name in SEARCHED} | engine.environment).items())
-    key = ["build", engine.name, engine.entry.adapter, command, _digest(variables)]  # values may be secret
+    key = ["build", engine.name, engine.entry.adapter, command, digest_of_json(variables)]  # values may be secret
+    name = digest_of_json(key)
     with _probing:
-        seen = _seen.get(_digest(key))
-        for known in [seen] if seen else look_up(key) or ():
-            if known["files"] == _dates(known["files"]):
-                _seen[_digest(key)] = known
-                return Build(command, known["version"], known["sha256"])
+        known = _seen.get(name) or recall(key)
+        if known and known["files"] == _dates(known["files"]):
+            _seen[name] = known
+            return Build(command, known["version"], known["sha256"])
         with TemporaryDirectory() as folder:
             version = engine.version_of(command, LD_DEBUG="files", LD_DEBUG_OUTPUT=f"{folder}/loaded")
             loaded = "\n".join(file.read_text(errors="replace") for file in Path(folder).iterdir())
         adapter = [engine.entry.adapter] * engine.entry.adapter.endswith(".py")
         files = sorted(_files(engine, [*command, *adapter, *LOADED.findall(loaded)]))
         digests = sorted(sha256_of(file) for file in files)
-        build = Build(command, version, _digest([*digests, sorted(engine.environment.items())]))
+        build = Build(command, version, digest_of_json([*digests, sorted(engine.environment.items())]))
         if build.version != UNKNOWN_VERSION:  # else it is probed again the next time
             found = {"files": _dates(map(str, files)), "version": version, "sha256": build.sha256}
-            _seen[_digest(key)] = keep(key, found)
+            _seen[name] = keep(key, found)
     return build
 
 
@@ -94,10 +92,6 @@ def _dates(files: Iterable[str]) -> dict[str, list[int]] | None:
     except OSError:
         return None
     return {file: [stat.st_size, stat.st_mtime_ns, stat.st_ino] for file, stat in stats.items()}
-
-
-def _digest(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value).encode()).hexdigest()
 
 
 def _files(engine: Engine, words: Iterable[str]) -> set[Path]:

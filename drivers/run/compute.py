@@ -8,20 +8,19 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile, gettempdir
 
 import numpy as np
+import psutil
 
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.kept import kept
-from drivers.base.processes import STDERR, STDOUT, EndedProcess, own_memory_bytes, run_command, stoppable
+from drivers.base.processes import STDERR, STDOUT, EndedProcess, run_command, stoppable
 from drivers.chain.case import Case, build_case
 from drivers.chain.trace import Trace, digest_of
 from drivers.engines import Engine, load_engine
@@ -38,6 +37,7 @@ PROBE_BYTES = 1 << 20  # room without which a disk counts as full
 SHORT_S = 5.0  # bound on the time of an integration that cannot be ended, typically some hundredths
 
 _server_test = threading.Lock()
+_alike: dict[tuple[str, Build], bool] = {}  # by engine and build
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def compute(
             engine.deck_by_hand(deck or engine.render(case)).write(folder)
         return _in_memory(case, engine, limit_s, folder)
     build, deck = build or build_of(engine), deck or engine.render(case)
-    run = _by_hand if by_hand or not serves_alike(engine, build) else _served
+    run = _by_hand if by_hand or not _serves_alike(engine, build) else _served
     ended = run(case, engine, build, deck, limit_s, folder)
     for place in (folder or gettempdir(), gettempdir()) if ended.fault else ():
         _check_room(Path(place))
@@ -124,7 +124,7 @@ def _check_room(folder: Path) -> None:
 
 def default_limit_s(case: Case, engine: Engine) -> float:
     """Time limit of a run: given by the engine's entry, or in proportion to bodies times steps."""
-    return engine.entry.time_limit_s or MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.chain.bodies * case.scene.steps
+    return engine.entry.time_limit_s or MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.work
 
 
 def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) -> Computed:
@@ -134,8 +134,6 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
     try:
         found, loop_s = _integrated(case, engine, limit_s, cpu_s, measured=folder is not None)
         trace = checked(case, found)
-    except TimeoutError:
-        fault = timed_out(limit_s)
     except RunError as error:
         fault = error
     except Exception as error:  # of the integrator, as for a code in the end of its output
@@ -144,7 +142,7 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
         said = "" if loop_s is None else f"completed {case.scene.samples} samples in {loop_s:.6f} s\n"
         (folder / STDOUT).write_text(said)
         (folder / STDERR).write_text(f"{fault}\n" if fault and loop_s is None else "")
-    memory_bytes = own_memory_bytes() if folder else 0
+    memory_bytes = psutil.Process().memory_info().rss if folder else 0
     return Computed(trace, fault, time.perf_counter() - began, sum(cpu_s), memory_bytes, loop_s)
 
 
@@ -157,7 +155,7 @@ def _integrated(
     would be a third of the cost.
 
     Raises:
-        TimeoutError: the integration was ended at its time limit.
+        RunError: the integration was ended at its time limit.
     """
     stop: Flag = np.zeros(1, bool)
 
@@ -178,18 +176,20 @@ def _integrated(
         return integrate()
     began = time.perf_counter()
     with ThreadPoolExecutor(1) as thread, stoppable(end):
+        integration = thread.submit(integrate)
         try:
-            found = thread.submit(integrate).result(min(limit_s, threading.TIMEOUT_MAX))
+            wait([integration], min(limit_s, threading.TIMEOUT_MAX))
         finally:
             end()
     if time.perf_counter() - began > limit_s:
-        raise TimeoutError
-    return found
+        raise timed_out(limit_s)
+    return integration.result()
 
 
 def _by_hand(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None) -> Computed:
     """Run a deck in a process of its own."""
-    with _place(folder) as place:
+    with nullcontext(folder) if folder else TemporaryDirectory() as given:
+        place = Path(given)
         engine.deck_by_hand(deck).write(place)
         outcome = run_command(engine.started(deck, build.command), place, limit_s, **engine.environment)
         return _ended(case, engine, outcome, place)
@@ -198,7 +198,7 @@ def _by_hand(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: floa
 def _served(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None) -> Computed:
     """Run a deck on a server, a second time in a new process if it ended one that had served other cases."""
     deck = engine.deck_by_hand(deck) if folder else deck
-    with lent(engine, build.command, build.sha256) as session:
+    with lent(engine, build) as session:
         before_s = session.start_s
         outcome = session.run(deck, limit_s, measured=folder is not None)
         if session.ended and session.served > 1 and not outcome.timed_out:
@@ -220,29 +220,16 @@ def _ended(case: Case, engine: Engine, outcome: EndedProcess, folder: Path, star
     return Computed(trace, fault, outcome.wall_s, outcome.cpu_s, outcome.memory_bytes, loop_s, start_s)
 
 
-@contextmanager
-def _place(folder: Path | None) -> Iterator[Path]:
-    """A given folder, or a temporary one."""
-    if folder is not None:
-        yield folder
-        return
-    with TemporaryDirectory() as place:
-        yield Path(place)
-
-
-def serves_alike(engine: Engine, build: Build) -> bool:
+def _serves_alike(engine: Engine, build: Build) -> bool:
     """True if a build as a server gives the same bits as by hand, tested once for each build by a short run."""
+
+    def tested() -> bool:
+        case = build_case(read_scene(*PROBE))
+        given = (case, engine, build, engine.render(case), default_limit_s(case, engine), None)
+        alone, other = _by_hand(*given).trace, _served(*given).trace
+        return alone is not None and other is not None and digest_of(alone) == digest_of(other)
+
     with _server_test:
-        return _alike(engine.name, build)
-
-
-@cache
-def _alike(name: str, build: Build) -> bool:
-    return bool(kept(["serves alike", name, build.identity], lambda: _same_when_served(load_engine(name), build)))
-
-
-def _same_when_served(engine: Engine, build: Build) -> bool:
-    case = build_case(read_scene(*PROBE))
-    given = (case, engine, build, engine.render(case), default_limit_s(case, engine), None)
-    alone, other = _by_hand(*given).trace, _served(*given).trace
-    return alone is not None and other is not None and digest_of(alone) == digest_of(other)
+        if (engine.name, build) not in _alike:
+            _alike[engine.name, build] = kept(["serves alike", engine.name, build.identity], tested)
+        return _alike[engine.name, build]

@@ -125,8 +125,7 @@ def unstable(case: Case, trace: Trace) -> str | None:
     faults = [(int(np.argmax(wrong)), words) for wrong, words in _faults(case, trace) if wrong.any()]
     if not faults:
         return None
-    first = min(sample for sample, _ in faults)
-    words = next(words for sample, words in faults if sample == first)
+    first, words = min(faults, key=lambda fault: fault[0])
     return f"{UNSTABLE}{trace.time_s[first]:g} s: {words}"
 
 

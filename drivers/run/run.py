@@ -26,6 +26,7 @@ from drivers.run.run_folder import (
     RunRecord,
     damage_of,
     find_run,
+    in_si,
     provenance,
     read_record,
     write_run,
@@ -178,7 +179,7 @@ def _description(case: Case) -> dict[str, Any]:
     """Keys of the record that describe the scene, as JSON values."""
     described = {
         "scene_name": case.scene.name,
-        "scene": {"units": "SI"} | case.scene.model_dump(mode="json", exclude_none=True),
+        "scene": {"units": "SI"} | in_si(case.scene),
         "layout": asdict(case.layout),
         "elements": [asdict(element) for element in case.elements],
         "time_step_s": case.scene.time_step_s,

@@ -4,12 +4,13 @@ No other module knows the names and formats of these files. The record ``run.jso
 the other files, so each file that is read back is as it was written, or is refused by name.
 """
 
+import os
 import platform
 import re
 import shutil
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,16 +24,21 @@ from drivers.base.processes import git, local_changes
 from drivers.chain.case import Layout, read_layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import State, Trace, bore_forces_in, forces_table, state_in, state_table, trace_in
+from drivers.scene.model import Scene
+from drivers.scene.read_scene import stored_scene
 
 if TYPE_CHECKING:
     import pandas as pd
 
 RECORD, FORCES, STATE, SENSORS = "run.json", "forces.parquet", "state.parquet", "sensors.csv"
-CONTENTS = {FORCES: "the forces", STATE: "the positions", SENSORS: "the gauge signals"}
+AGAIN = "of a run (run it again with --rerun)"
+CONTENTS = {FORCES: f"the forces {AGAIN}", STATE: f"the positions {AGAIN}", SENSORS: f"the gauge signals {AGAIN}"}
 FOLDER_NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-([0-9a-f]{12})(-failed)?")  # scene, layout, identity of the run
 # options for values that rarely repeat: 30 % smaller and faster than the defaults
 COMPRESSED: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
 TIME_TOLERANCE = 1e-12  # of a sample time
+DAMAGED = "damaged"  # status of a run whose record cannot be read
+UNREADABLE = "a record that is damaged or of another version"
 ALLOWED_FOLDER = "a run folder, or its name, as beads runs prints it"
 NOT_ASSESSED: dict[str, Any] = dict.fromkeys(
     ("error_budget", "error_note", "exact_to", "exact_until_s", "warnings", "step_limit_s", "accuracy")
@@ -53,7 +59,7 @@ class RunRecord:
         executable: command of the build, with the paths of its programs.
         build_sha256: digest of programs and libraries (``drivers.run.build``); empty for in-repo engines.
         scene_name: name of the scene.
-        status: ``done``, ``failed`` or ``timeout``.
+        status: ``done``, ``failed`` or ``timeout``; ``damaged`` for ``damaged_record``.
         reason: reason of a failure; else empty.
         scene: complete scene in SI units.
         layout: properties of the chain for post-processing (``drivers.chain.case.Layout``).
@@ -150,11 +156,35 @@ def read_record(folder: Path) -> RunRecord | None:
         return None
 
 
+def damaged_record(folder: Path) -> RunRecord:
+    """Record in place of one that cannot be read: engine and scene by the names of the folders, no other values."""
+    named = FOLDER_NAME.fullmatch(folder.name)
+    values: dict[str, Any] = dict.fromkeys(field.name for field in fields(RunRecord))
+    values |= {
+        "engine": folder.parent.name,
+        "engine_version": "not known",
+        "build_sha256": "",
+        "scene_name": named[1] if named else folder.name,
+        "status": DAMAGED,
+        "reason": UNREADABLE,
+        "scene": {},
+        "files": {},
+    }
+    return RunRecord(**values)
+
+
+def in_si(scene: Scene) -> dict[str, Any]:
+    """Scene in SI units, as JSON values, without keys that are not given."""
+    return scene.model_dump(mode="json", exclude_none=True, warnings=False)
+
+
 @dataclass(frozen=True)
 class EndedRun:
-    """Finished or failed run with its folder.
+    """Finished, failed or damaged run with its folder.
 
     Attributes:
+        folder: run folder.
+        record: record of the run.
         partial_trace: samples of a run that just failed; they are not stored in the folder.
     """
 
@@ -163,9 +193,23 @@ class EndedRun:
     partial_trace: Trace | None = field(default=None, compare=False, repr=False)
 
     @property
+    def name(self) -> str:
+        """``ENGINE:SCENE``, which several runs may have."""
+        return f"{self.record.engine}:{self.record.scene_name}"
+
+    @property
     def done(self) -> bool:
         """True if the run succeeded."""
         return self.record.status == "done"
+
+    @property
+    def trouble(self) -> str:
+        """Reason why the run has no numbers, by its record and the names of its files; empty if it has."""
+        record = self.record
+        if not self.done:
+            return record.reason if record.status == DAMAGED else f"{record.status}: {record.reason}"
+        lost = [name for name in record.files if name not in self.stats and name != SENSORS]
+        return f"{lost[0]}: found no such file" if lost else ""
 
     @property
     def missed(self) -> str | None:
@@ -176,6 +220,32 @@ class EndedRun:
             if not each["measured"] <= each["asked"]
         ]
         return "; ".join(beyond) or None
+
+    @cached_property
+    def resolved(self) -> dict[str, Any]:
+        """Complete scene in SI units, as this version has it; empty if the scene of the record is not complete."""
+        try:
+            return in_si(stored_scene(self.record.scene))
+        except (TypeError, ValueError, LookupError, AttributeError):
+            return {}
+
+    @cached_property
+    def stats(self) -> dict[str, os.stat_result]:
+        """Size and dates of the files, by name; empty if the folder has been removed meanwhile."""
+        with suppress(OSError), os.scandir(self.folder) as entries:
+            return {entry.name: entry.stat() for entry in entries}
+        return {}
+
+    @property
+    def size(self) -> int:
+        """Total size of the files in bytes."""
+        return sum(stat.st_size for stat in self.stats.values())
+
+    @property
+    def ended(self) -> float:
+        """Date of the record, else of the newest file, in seconds of Unix time; 0 without files."""
+        dates = {name: stat.st_mtime for name, stat in self.stats.items()}
+        return dates.get(RECORD, max(dates.values(), default=0.0))
 
     @cached_property
     def layout(self) -> Layout:
@@ -247,30 +317,23 @@ class EndedRun:
         except InputError:
             raise
         except Exception as error:  # pyarrow raises many kinds
-            path = paths.shown(self.folder / name)
-            allowed = f"{CONTENTS[name]} of a run (run it again with --rerun)"
-            raise DamagedError(path, "", f"a damaged file ({type(error).__name__}: {error})", allowed) from error
+            found = f"a damaged file ({type(error).__name__}: {error})"
+            raise DamagedError(paths.shown(self.folder / name), "", found, CONTENTS[name]) from error
 
     def _table(self, name: str) -> "pd.DataFrame":
         return parquet_in(self._content(name))
 
     def _content(self, name: str) -> bytes:
         """Content of a file as it was written."""
-        path, allowed = self.folder / name, f"{CONTENTS[name]} of a run (run it again with --rerun)"
+        path = self.folder / name
         try:
-            return read_checked(path, self.record.files.get(name, ""), allowed)
+            return read_checked(path, self.record.files.get(name, ""), CONTENTS[name])
         except (FileNotFoundError, NotADirectoryError):
-            raise DamagedError(paths.shown(path), "", "no such file", allowed) from None
+            raise DamagedError(paths.shown(path), "", "no such file", CONTENTS[name]) from None
 
-    def _is_intact(self, name: str) -> bool:
-        try:
-            return bool(self._content(name))
-        except InputError:
-            return False
-
-    def damage(self) -> Iterator[str]:
-        """Lines on files that are not as they were written."""
-        for name in self.record.files:
+    def damage(self, *names: str) -> Iterator[str]:
+        """Lines on files, those named or all of the record, that are not as they were written."""
+        for name in names or self.record.files:
             try:
                 self._content(name)
             except InputError as error:
@@ -278,13 +341,13 @@ class EndedRun:
 
     def is_complete(self, *, state: bool) -> bool:
         """True if the run is done and its forces, and with ``state`` its positions, are as they were written."""
-        wanted = {FORCES, STATE} if state else {FORCES}
-        return self.done and all(map(self._is_intact, wanted))
+        wanted = (FORCES, STATE) if state else (FORCES,)
+        return self.done and not any(self.damage(*wanted))
 
     @property
     def has_sensors(self) -> bool:
         """True if the gauge signals are there as they were written."""
-        return self._is_intact(SENSORS)
+        return not any(self.damage(SENSORS))
 
     def with_sensors(self, signals: bytes, **changes: Any) -> "EndedRun":
         """The run with its gauge signals and changes of its record, both written to the folder."""
@@ -310,16 +373,6 @@ def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bo
     record = replace(record, files={name: sha256_of(folder / name) for name in tables})
     record.write(folder)
     return record
-
-
-def lost_file(record: RunRecord, names: Collection[str]) -> str:
-    """File with numbers of a run that is not among the files of its folder; empty if all are there."""
-    return next((name for name in record.files if name not in names and name != SENSORS), "")
-
-
-def ended_at(dates: Mapping[str, float]) -> float:
-    """Date of the record among the dates of a folder's files, else of the newest file; 0 without files."""
-    return dates.get(RECORD, max(dates.values(), default=0.0))
 
 
 def is_run(folder: Path) -> bool:

@@ -17,6 +17,7 @@ from tempfile import gettempdir, mkdtemp
 from drivers.base.decks import Deck
 from drivers.base.processes import COULD_NOT_START, STDERR, STDOUT, EndedProcess, reap, reset_peak, start, used_by
 from drivers.engines import Engine
+from drivers.run.build import Build
 from drivers.run.workplaces import workplace
 
 DONE = "the-case-has-ended"  # printed by the server after a deck
@@ -66,7 +67,7 @@ class Session:
         except OSError as error:
             (self.case / STDOUT).write_text("")
             (self.case / STDERR).write_text(f"cannot start: {error}\n")
-            return EndedProcess(COULD_NOT_START, False, limit_s, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+            return EndedProcess(COULD_NOT_START, False, limit_s)
         if self.served == 0:
             outcome = self._ask("", min(MAX_START_S, max(limit_s, MIN_START_S)), measured=False)
             self.start_s += time.perf_counter() - began
@@ -127,7 +128,7 @@ class Session:
         if state == "done":
             after_s, memory_bytes = used_by(process.pid) if measured else (0.0, 0)
             return EndedProcess(0, False, limit_s, wall_s, after_s - before_s, memory_bytes)
-        return EndedProcess(self.close(), state == "late", limit_s, wall_s, cpu_s=0.0, memory_bytes=0)
+        return EndedProcess(self.close(), state == "late", limit_s, wall_s)
 
 
 _idle: dict[tuple[object, ...], list[Session]] = defaultdict(list)  # by build; all end with this process
@@ -137,12 +138,12 @@ _lending = threading.Lock()
 
 
 @contextmanager
-def lent(engine: Engine, build: tuple[str, ...], sha256: str = "") -> Iterator[Session]:
+def lent(engine: Engine, build: Build) -> Iterator[Session]:
     """Lend a session of a build to one thread: an idle one, or a new one."""
-    key = (engine.server.sha256, build, sha256, *sorted(engine.environment.items()))
+    key = (engine.server.sha256, build, *sorted(engine.environment.items()))
     with _lending:
         session = _idle[key].pop() if _idle[key] else None
-    session = session or Session(engine, build, _new_folder())
+    session = session or Session(engine, build.command, _new_folder())
     try:
         yield session
     except BaseException:

@@ -6,7 +6,7 @@ from functools import cache
 
 from drivers.base import paths
 from drivers.base.errors import RunError
-from drivers.base.kept import keep, look_up
+from drivers.base.kept import keep, recall
 from drivers.base.progress import say
 from drivers.chain.case import Case, build_case
 from drivers.engines import EXACT, Engine, load_engine
@@ -64,7 +64,7 @@ def _known() -> dict[str, Cost]:
 @cache
 def _measured(name: str, build: Build) -> Cost | None:
     """Measured cost of a build, from the cache if it is known; None if a run fails."""
-    for known in look_up(_key(name, build)) or ():
+    if known := recall(_key(name, build)):
         return Cost(**known)
     try:
         cost = measured_cost(load_engine(name))

@@ -11,7 +11,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
-from drivers.base.progress import step
+from drivers.base.progress import counted
 from drivers.base.text_table import text_table
 from drivers.base.units import quantity
 from drivers.chain.case import build_case
@@ -86,7 +86,7 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
     """
     problem = problem_of(request)
     number = len(problem.free)
-    with step(f"fit of {number} parameter{'s' * (number != 1)} to {len(problem.data)} data", unit="fit") as count:
+    with counted(f"fit of {number} parameter{'s' * (number != 1)} to {len(problem.data)} data", unit="fit") as count:
         outcome = solve(problem, quick=request.quick, count=count)
     name = f"fit-{Path((*request.scenes, *request.quoted)[0]).stem}"
     law, data = " ".join(request.settings), ", ".join(each.name for each in problem.sets)

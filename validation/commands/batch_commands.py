@@ -1,16 +1,26 @@
 """Commands on studies: ``batch``, ``study``, ``status``, ``show``."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from drivers.base import paths
 from drivers.base.errors import InputError
 from validation.commands import options
-from validation.commands.options import command
+from validation.commands.options import at_least_one, command
 
 if TYPE_CHECKING:
     from drivers.batch.study_cases import Request
+
+
+def _slice(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"([0-9]{1,8})/([0-9]{1,8})", text)
+    if found and 1 <= int(found[1]) <= int(found[2]):
+        return int(found[1]), int(found[2])
+    raise click.BadParameter(f"found {text}; allowed: I/N with I from 1 to N")
 
 
 def request_of(
@@ -34,16 +44,39 @@ def request_of(
 @options.ONLY
 @options.RUNS
 @options.RESULTS
-@options.WORKERS
+@click.option(
+    "--workers",
+    metavar="N",
+    type=at_least_one,
+    help="Number of processes on this machine (default: number of cores).",
+)
 @options.DRY_RUN
-@options.RETRY
-@options.YES
-@options.SLICE
-@options.DASK
-@options.SLURM
-@options.SLICES
-@options.SLURM_LINES
-@options.WAIT
+@click.option("--retry", is_flag=True, help="Run failed cases again.")
+@click.option("--yes", is_flag=True, help="Accept a study of more than 20,000 cases.")
+@click.option("--slice", "part", metavar="I/N", type=_slice, help="Run part I of N here, without writing the table.")
+@click.option(
+    "--dask",
+    metavar="ADDRESS",
+    is_flag=False,
+    flag_value="local",
+    default="",
+    help="Run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster.",
+)
+@click.option("--slurm", is_flag=True, help="Run as a Slurm job array.")
+@click.option(
+    "--slices",
+    metavar="N",
+    type=at_least_one,
+    help="Number of tasks of the job array (default: by the expected time).",
+)
+@click.option(
+    "--slurm-line",
+    "slurm_lines",
+    metavar="LINE",
+    multiple=True,
+    help="Add a line to the job script, such as '#SBATCH --mem=2G'; repeatable.",
+)
+@click.option("--wait", is_flag=True, help="Wait for the job array, then write the table.")
 def batch(
     study: str,
     engines: tuple[str, ...],
@@ -112,7 +145,12 @@ def study(study: str, results: Path) -> None:
 @options.ENGINES
 @options.ONLY
 @options.RUNS
-@options.LIST
+@click.option(
+    "--list",
+    "every",
+    is_flag=True,
+    help="Print the state of each case: done, failed, timeout, stale, claimed, to do, not installed.",
+)
 def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs: Path, every: bool) -> int:
     """Count the rows of a study by state."""
     from drivers.batch.study_commands import status as print_status
@@ -122,7 +160,7 @@ def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs
 
 @command("wall-material 3 --engine lammps")
 @options.STUDY
-@options.CASE
+@click.argument("case", metavar="CASE", type=at_least_one, help="Number of the case, as in the table of the study.")
 @options.ENGINE
 @options.ENGINES
 @options.RUNS

@@ -1,7 +1,7 @@
 """Shell completion for names of scenes, studies, engines, runs and figures, and for paths."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from click import Context, Parameter
@@ -9,48 +9,45 @@ from click.shell_completion import BashComplete, CompletionItem, add_completion_
 
 from drivers.base import paths
 
-
-def _offered(names: Iterable[str], incomplete: str, files: str = "") -> list[CompletionItem[str]]:
-    """Names and files that begin with the incomplete word; if there are none, the shell completes paths."""
-    folder, _, start = incomplete.rpartition("/")
-    near = Path(folder or ("/" if incomplete.startswith("/") else ".")).expanduser()
-    found = [name for name in names if name.startswith(incomplete)]
-    if files and near.is_dir():
-        prefix = incomplete.removesuffix(start)
-        found += [f"{prefix}{path.name}" for path in near.glob(files) if path.name.startswith(start)]
-    items = [CompletionItem(name) for name in sorted(set(found))]
-    return items or [CompletionItem(incomplete, type="file")]
+Completer = Callable[[Context, Parameter, str], list[CompletionItem[str]]]
 
 
-def _names(home: Path) -> list[str]:
-    return [path.stem for path in home.glob("*.toml")]
+def _offer(names: Callable[[Context], Iterable[str]], files: str = "") -> Completer:
+    """Completion by names and files; if none begins with the incomplete word, the shell completes paths."""
+
+    def complete(context: Context, parameter: Parameter, incomplete: str) -> list[CompletionItem[str]]:
+        folder, _, start = incomplete.rpartition("/")
+        near = Path(folder or ("/" if incomplete.startswith("/") else ".")).expanduser()
+        found = [name for name in names(context) if name.startswith(incomplete)]
+        if files and near.is_dir():
+            prefix = incomplete.removesuffix(start)
+            found += [f"{prefix}{path.name}" for path in near.glob(files) if path.name.startswith(start)]
+        items = [CompletionItem(name) for name in sorted(set(found))]
+        return items or [CompletionItem(incomplete, type="file")]
+
+    return complete
 
 
-def scenes(context: Context, parameter: Parameter, incomplete: str) -> list[CompletionItem[str]]:
-    """Names of shipped scenes, and TOML files."""
-    return _offered(_names(paths.SCENES), incomplete, "*.toml")
-
-
-def studies(context: Context, parameter: Parameter, incomplete: str) -> list[CompletionItem[str]]:
-    """Names of shipped studies, and TOML files."""
-    return _offered(_names(paths.STUDIES), incomplete, "*.toml")
-
-
-def engines(context: Context, parameter: Parameter, incomplete: str) -> list[CompletionItem[str]]:
-    """Names of engines, also of those in files of entries."""
+def _engine_names(context: Context) -> Iterable[str]:
     from drivers.engines import engine_names
 
-    return _offered(engine_names(), incomplete)
+    return engine_names()
 
 
-def runs(context: Context, parameter: Parameter, incomplete: str) -> list[CompletionItem[str]]:
-    """``ENGINE:SCENE`` of existing run folders."""
-    return _offered(_run_names(context), incomplete)
+def _run_names(context: Context) -> set[str]:
+    folders = Path(context.params.get("runs") or paths.RUNS).glob("[!.]*/[!.]*-*-*/")
+    return {f"{folder.parent.name}:{folder.name.rsplit('-', 2)[0]}" for folder in folders}
 
 
-def scenes_and_runs(context: Context, parameter: Parameter, incomplete: str) -> list[CompletionItem[str]]:
-    """Names of shipped scenes, TOML files, and ``ENGINE:SCENE`` of existing run folders."""
-    return _offered([*_names(paths.SCENES), *_run_names(context)], incomplete, "*.toml")
+def _scene_names(context: Context) -> list[str]:
+    return [path.stem for path in paths.SCENES.glob("*.toml")]
+
+
+scenes = _offer(_scene_names, "*.toml")
+studies = _offer(lambda _: [path.stem for path in paths.STUDIES.glob("*.toml")], "*.toml")
+engines = _offer(_engine_names)
+runs = _offer(_run_names)
+scenes_and_runs = _offer(lambda context: [*_scene_names(context), *_run_names(context)], "*.toml")
 
 
 def figures(context: Context, parameter: Parameter, incomplete: str) -> list[CompletionItem[str]]:
@@ -58,11 +55,6 @@ def figures(context: Context, parameter: Parameter, incomplete: str) -> list[Com
     from postproc.figures import captions
 
     return [CompletionItem(name, help=each.title) for name, each in captions().items() if name.startswith(incomplete)]
-
-
-def _run_names(context: Context) -> set[str]:
-    folders = Path(context.params.get("runs") or paths.RUNS).glob("[!.]*/[!.]*-*-*/")
-    return {f"{folder.parent.name}:{folder.name.rsplit('-', 2)[0]}" for folder in folders}
 
 
 class Bash(BashComplete):

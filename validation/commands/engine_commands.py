@@ -3,14 +3,21 @@
 import os
 from pathlib import Path
 
+import click
+
 from drivers.base import paths
 from drivers.base.errors import RunError
-from validation.commands import options
+from validation.commands import completion, options
 from validation.commands.options import command
 
 
 @command("verlet", "liggghts-old --engines mine.toml")
-@options.ENGINE_NAME
+@click.argument(
+    "name",
+    metavar="ENGINE",
+    help="Name of an engine, such as verlet or an entry of your engines.toml.",
+    shell_complete=completion.engines,
+)
 @options.ENGINES
 @options.RESULTS
 def engine(name: str, results: Path) -> int:

@@ -1,7 +1,6 @@
-"""Arguments and options of the commands, each defined once, and the readers and checks of their values."""
+"""Arguments and options of several commands, and the readers and checks of values."""
 
 import os
-import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -41,24 +40,10 @@ def command(
     return decorate
 
 
-def at_least_one(text: str) -> int:
-    """Whole number from 1, as text."""
-    if not (text.isascii() and text.isdecimal() and len(text) < 9 and int(text) > 0):
-        raise click.BadParameter(f"found {text}; allowed: a whole number from 1")
-    return int(text)
-
-
-def _slice(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"([0-9]{1,8})/([0-9]{1,8})", text)
-    if found and 1 <= int(found[1]) <= int(found[2]):
-        return int(found[1]), int(found[2])
-    raise click.BadParameter(f"found {text}; allowed: I/N with I from 1 to N")
-
-
-def _number(kind: Callable[[str], float], allowed: Callable[[float], bool], words: str) -> Callable[[str], float]:
+def number(kind: Callable[[str], float], allowed: Callable[[float], bool], words: str) -> Callable[[str], float]:
     """Reader of a number within limits."""
 
-    def number(text: str) -> float:
+    def read(text: str) -> float:
         try:
             value = kind(text)
         except ValueError:
@@ -67,15 +52,11 @@ def _number(kind: Callable[[str], float], allowed: Callable[[float], bool], word
             raise click.BadParameter(f"found {text}; allowed: {words}")
         return value
 
-    return number
+    return read
 
 
-_seconds = _number(float, lambda value: 0 < value < float("inf"), "seconds above zero")
-
-
-def _names(text: str) -> tuple[str, ...]:
-    """Names that are separated by commas."""
-    return tuple(name.strip() for name in text.split(",")) if text else ()
+at_least_one = number(int, lambda count: 0 < count < 10**8, "a whole number from 1")
+seconds = number(float, lambda value: 0 < value < float("inf"), "seconds above zero")
 
 
 def _engines_file(text: str) -> Path:
@@ -119,15 +100,15 @@ def must_be_file(option: str, path: Path | None) -> None:
         must_be_folder(option, path.parent)
 
 
-def _checked(check: Callable[[str, Path | None], None]) -> dict[str, Any]:
-    """Argument of ``click.option`` that checks a path, also if it is the default."""
+def checked(check: Callable[[str, Path | None], None]) -> Callable[..., Path | None]:
+    """Callback of an option that checks a path, also if it is the default."""
 
-    def checked(context: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
+    def callback(context: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
         if not context.resilient_parsing:
             check(parameter.opts[0], path)
         return path
 
-    return {"callback": checked}
+    return callback
 
 
 SCENE = click.argument(
@@ -148,15 +129,6 @@ RUN = click.argument(
     help="A run folder, or ENGINE:SCENE for the newest run of that scene.",
     shell_complete=completion.runs,
 )
-ENGINE_NAME = click.argument(
-    "name",
-    metavar="ENGINE",
-    help="Name of an engine, such as verlet or an entry of your engines.toml.",
-    shell_complete=completion.engines,
-)
-CASE = click.argument(
-    "case", metavar="CASE", type=at_least_one, help="Number of the case, as in the table of the study."
-)
 
 
 def scenes_argument(default: str) -> Decorator:
@@ -165,23 +137,6 @@ def scenes_argument(default: str) -> Decorator:
     look: dict[str, Any] = {"metavar": "[SCENE]...", "nargs": -1, "help": words, "shell_complete": completion.scenes}
     return click.argument("scenes", **look)
 
-
-SCENES_OR_RUNS = click.argument(
-    "what",
-    metavar="[SCENE|RUN]...",
-    nargs=-1,
-    help="Scenes by name or file, or exactly two runs: run folders, or ENGINE:SCENE for the newest run.",
-    shell_complete=completion.scenes_and_runs,
-)
-SCENE_OR_RUN = click.argument(
-    "run",
-    metavar="SCENE|RUN",
-    help="A scene, for its exact motion; or a run folder, or ENGINE:SCENE.",
-    shell_complete=completion.scenes_and_runs,
-)
-FIGURES = click.argument(
-    "names", metavar="[NAME]...", nargs=-1, help="Figures (default: all).", shell_complete=completion.figures
-)
 
 SETTINGS = click.option(
     "--set",
@@ -229,7 +184,7 @@ _runs = partial(
     default=lambda: paths.RUNS,
     help="Folder of the run folders (default: runs/ of the checkout).",
 )
-RUNS = _runs(**_checked(must_be_folder))
+RUNS = _runs(callback=checked(must_be_folder))
 RUNS_READ = _runs()  # of a command that only reads runs
 RESULTS = click.option(
     "--results",
@@ -237,29 +192,12 @@ RESULTS = click.option(
     type=Path,
     default=lambda: paths.RESULTS,
     help="Folder for tables and figures (default: results/ of the checkout).",
-    **_checked(must_be_folder),
-)
-DECK_FOLDER = click.option(
-    "--out", metavar="DIR", type=Path, required=True, help="Folder for the deck.", **_checked(must_be_folder)
-)
-PAGE = click.option(
-    "--out",
-    metavar="FILE",
-    type=Path,
-    help="Page to write (default: results/report.html).",
-    **_checked(must_be_file),
+    callback=checked(must_be_folder),
 )
 UNSAFE = click.option(
     "--unsafe",
     is_flag=True,
     help="Accept a scene that a guard refuses, for instance a time step above the stability limit.",
-)
-RERUN = click.option("--rerun", is_flag=True, help="Run again even if the run is done.")
-TIME_LIMIT = click.option(
-    "--time-limit",
-    metavar="SECONDS",
-    type=_seconds,
-    help="Stop a run after this time (default: by beads and steps).",
 )
 MEASURED = click.option(
     "--measured",
@@ -268,74 +206,17 @@ MEASURED = click.option(
     help="CSV file with forces in N, in columns named after gauges, such as bead_9 [N] (default: the [[measured]] "
     "tables of the scene, for any other file).",
 )
-AGAINST = click.option(
-    "--against",
-    metavar="DIR",
-    type=Path,
-    help="Compare the run folders in --runs with those in this folder, run by run.",
-)
-LEVELS = click.option(
-    "--level",
-    "levels",
-    metavar="X",
-    multiple=True,
-    type=_number(float, lambda share: 0 < share < 1, "a share of the peak, above 0 and below 1"),
-    help="Measure widths at this share of the peak; repeatable (default: 0.002 and 0.04).",
-)
-JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 FRAMES = click.option(
     "--frames",
     metavar="N",
-    type=_number(int, lambda count: 2 <= count <= 10_000, "whole numbers from 2 to 10000"),
+    type=number(int, lambda count: 2 <= count <= 10_000, "whole numbers from 2 to 10000"),
     help="Number of times (default: 12 in a film, 100 for ParaView).",
-)
-SIDEWAYS = click.option(
-    "--sideways",
-    metavar="X",
-    default=1.0,
-    type=_number(float, lambda factor: 0 < factor <= 1e6, "a factor above 0, up to 1e6"),
-    help="Multiply displacements from the axis by X (default: 1).",
 )
 QUICK = click.option(
     "--quick",
     is_flag=True,
     help="Do less: fewer scenes, steps and seeds, no long runs; for fit no profiles, no data left out, no runs of the "
     "codes.",
-)
-BUDGET = click.option(
-    "--budget",
-    "budget_s",
-    metavar="SECONDS",
-    type=_seconds,
-    help="Engine time of all runs together (default: 300 s; 30 s with --quick).",
-)
-CASES_FILE = click.option(
-    "--file", metavar="FILE", type=Path, help="File with the cases (default: inputs/independent.toml)."
-)
-STUDIES = click.option(
-    "--studies",
-    is_flag=True,
-    help="Write the page first, then run the studies and add them; short studies where no table exists.",
-)
-FREE = click.option(
-    "--free",
-    metavar="KEY[=LOW..HIGH]",
-    multiple=True,
-    help="Fit this key of the scene, such as contact.restitution=0.5..1; repeatable (default bounds: "
-    "inputs/calibration.toml).",
-)
-FREE_BY_SET = click.option(
-    "--own",
-    metavar="KEY[=LOW..HIGH]",
-    multiple=True,
-    help="As --free, with a value of its own for each data set; repeatable.",
-)
-QUOTED = click.option(
-    "--quoted",
-    metavar="SET,...",
-    type=_names,
-    default="",
-    help="Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",
 )
 ONLY = click.option(
     "--only",
@@ -345,54 +226,8 @@ ONLY = click.option(
     help="Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label that matches; repeatable "
     "(default: all cases).",
 )
-LIST = click.option(
-    "--list",
-    "every",
-    is_flag=True,
-    help="Print the state of each case: done, failed, timeout, stale, claimed, to do, not installed.",
-)
 DRY_RUN = click.option(
     "--dry-run",
     is_flag=True,
     help="Print what would be done, without doing it; batch still checks every case.",
 )
-PRUNE = click.option(
-    "--prune",
-    is_flag=True,
-    help="Remove runs that no command will use again: failed runs, runs of other builds and older decks; runs of the "
-    "last ten minutes are kept.",
-)
-RETRY = click.option("--retry", is_flag=True, help="Run failed cases again.")
-YES = click.option("--yes", is_flag=True, help="Accept a study of more than 20,000 cases.")
-WORKERS = click.option(
-    "--workers",
-    metavar="N",
-    type=at_least_one,
-    help="Number of processes on this machine (default: number of cores).",
-)
-SLICE = click.option(
-    "--slice", "part", metavar="I/N", type=_slice, help="Run part I of N here, without writing the table."
-)
-DASK = click.option(
-    "--dask",
-    metavar="ADDRESS",
-    is_flag=False,
-    flag_value="local",
-    default="",
-    help="Run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster.",
-)
-SLURM = click.option("--slurm", is_flag=True, help="Run as a Slurm job array.")
-SLICES = click.option(
-    "--slices",
-    metavar="N",
-    type=at_least_one,
-    help="Number of tasks of the job array (default: by the expected time).",
-)
-SLURM_LINES = click.option(
-    "--slurm-line",
-    "slurm_lines",
-    metavar="LINE",
-    multiple=True,
-    help="Add a line to the job script, such as '#SBATCH --mem=2G'; repeatable.",
-)
-WAIT = click.option("--wait", is_flag=True, help="Wait for the job array, then write the table.")

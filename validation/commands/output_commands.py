@@ -1,28 +1,35 @@
 """Commands that read or draw one run: ``observables``, ``overlay``, ``spacetime``, ``film``, ``vtk``."""
 
 import json
-from contextlib import suppress
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
-from validation.commands import options
-from validation.commands.options import command, must_be_folder
+from validation.commands import completion, options
+from validation.commands.options import command, must_be_folder, number
 
 if TYPE_CHECKING:
     from drivers.run.run_folder import EndedRun
-    from drivers.scene.model import Scene
 
 
 @command("yade:fig4", "yade:fig4 --level 0.1 --json")
 @options.RUN
 @options.ENGINES
 @options.RUNS_READ
-@options.LEVELS
-@options.JSON
+@click.option(
+    "--level",
+    "levels",
+    metavar="X",
+    multiple=True,
+    type=number(float, lambda share: 0 < share < 1, "a share of the peak, above 0 and below 1"),
+    help="Measure widths at this share of the peak; repeatable (default: 0.002 and 0.04).",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) -> None:
     """Print peaks, speeds, widths, reflections, energies of a run."""
     from postproc.read.observables import LEVELS, observe, without_unit
@@ -40,7 +47,12 @@ def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) 
 
 
 @command("example-measured", "example-measured --set contact.restitution=0.9", "yade:fig4 --measured shot-12.csv")
-@options.SCENE_OR_RUN
+@click.argument(
+    "run",
+    metavar="SCENE|RUN",
+    help="A scene, for its exact motion; or a run folder, or ENGINE:SCENE.",
+    shell_complete=completion.scenes_and_runs,
+)
 @options.SETTINGS
 @options.MEASURED
 @options.ENGINES
@@ -49,6 +61,7 @@ def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) 
 def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Path, results: Path) -> None:
     """Draw measured traces over computed ones, with deviations."""
     from drivers.engines import REFERENCE
+    from drivers.inventory.run_folders import first_scene
     from drivers.limits.refusal import refuse
     from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
     from postproc.draw.product import write_product
@@ -61,7 +74,9 @@ def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Pa
         if settings:
             raise InputError(f"--set {settings[0]}", "", "not allowed for a finished run")
         opened, name, _ = _open("overlay", run, runs)
-        scene, layout, trace, engine = _scene_of(opened, run), opened.layout, opened.trace, opened.record.engine
+        recorded = opened.record.scene_name
+        scene = first_scene(run.partition(":")[2], recorded, f"{recorded}.toml")  # its file names the measured data
+        layout, trace, engine = opened.layout, opened.trace, opened.record.engine
     else:
         case = planned_case(run, *settings)
         refuse(case, REFERENCE)
@@ -92,7 +107,13 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
 @command("yade:fig4-tube --sideways 10")
 @options.RUN
 @options.FRAMES
-@options.SIDEWAYS
+@click.option(
+    "--sideways",
+    metavar="X",
+    default=1.0,
+    type=number(float, lambda factor: 0 < factor <= 1e6, "a factor above 0, up to 1e6"),
+    help="Multiply displacements from the axis by X (default: 1).",
+)
 @options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
@@ -133,14 +154,3 @@ def _open(what: str, run: str, runs: Path) -> tuple["EndedRun", str, str]:
     opened = open_run(run_folder(run, runs))
     name = f"{what}-{opened.record.engine}-{opened.folder.resolve().name}"
     return opened, name, f"{opened.record.scene.get('title') or opened.record.scene_name} ({opened.record.engine})"
-
-
-def _scene_of(run: "EndedRun", source: str) -> "Scene | None":
-    """The scene of a run, read again from its file; None if the file is missing or wrong."""
-    from drivers.scene.read_scene import read_scene
-
-    _, _, named = source.partition(":")
-    for path in (named, run.record.scene_name, f"{run.record.scene_name}.toml"):
-        with suppress(InputError):
-            return read_scene(path)
-    return None

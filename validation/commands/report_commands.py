@@ -8,14 +8,24 @@ import click
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from validation.commands import options
-from validation.commands.options import Decorator, command
+from validation.commands import completion, options
+from validation.commands.options import Decorator, checked, command, must_be_file, seconds
 
 
 @command("", "fig4 --out fig4.html --allow-missing")
 @options.scenes_argument("the paper's four")
-@options.STUDIES
-@options.PAGE
+@click.option(
+    "--studies",
+    is_flag=True,
+    help="Write the page first, then run the studies and add them; short studies where no table exists.",
+)
+@click.option(
+    "--out",
+    metavar="FILE",
+    type=Path,
+    help="Page to write (default: results/report.html).",
+    callback=checked(must_be_file),
+)
 @options.ENGINE
 @options.ENGINES
 @options.RUNS
@@ -50,7 +60,9 @@ class _Figures(click.Command):
 
 
 @command("", "fig4 table1", kind=_Figures)
-@options.FIGURES
+@click.argument(
+    "names", metavar="[NAME]...", nargs=-1, help="Figures (default: all).", shell_complete=completion.figures
+)
 @options.ENGINES
 @options.RUNS
 @options.RESULTS
@@ -98,13 +110,23 @@ def _chapter(name: str, words: str, taken: tuple[Decorator, ...], *examples: str
     return command(*examples or ("",), name=name, words=words)(action)
 
 
+BUDGET = click.option(
+    "--budget",
+    "budget_s",
+    metavar="SECONDS",
+    type=seconds,
+    help="Engine time of all runs together (default: 300 s; 30 s with --quick).",
+)
+CASES_FILE = click.option(
+    "--file", metavar="FILE", type=Path, help="File with the cases (default: inputs/independent.toml)."
+)
 QUICK = ("", "--quick")
 CHAPTER_COMMANDS = (
     _chapter("claims", "Compute and judge every quantitative statement of the paper.", (options.RUNS,)),
     _chapter(
         "trade",
         "Measure error against cost for all engines and time steps.",
-        (options.QUICK, options.BUDGET),
+        (options.QUICK, BUDGET),
         "--quick",
         "--budget 600",
     ),
@@ -118,7 +140,7 @@ CHAPTER_COMMANDS = (
     _chapter(
         "independent",
         "Judge the engines by published numbers and theory.",
-        (options.CASES_FILE, options.RUNS),
+        (CASES_FILE, options.RUNS),
         "",
         "--file my-cases.toml",
     ),

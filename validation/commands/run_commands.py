@@ -3,12 +3,19 @@
 import sys
 from pathlib import Path
 
+import click
+
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from validation.commands import options
-from validation.commands.options import command, must_be_folder
+from validation.commands import completion, options
+from validation.commands.options import command, must_be_folder, seconds
 
 AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model the scene
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names that are separated by commas."""
+    return tuple(name.strip() for name in text.split(",")) if text else ()
 
 
 @command("fig4 --engine yade", "fig4 --engine auto", "fig4 --set chain.count=60 --set run.time_step='50 ns'")
@@ -17,8 +24,13 @@ AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model
 @options.ENGINE
 @options.ENGINES
 @options.RUNS
-@options.RERUN
-@options.TIME_LIMIT
+@click.option("--rerun", is_flag=True, help="Run again even if the run is done.")
+@click.option(
+    "--time-limit",
+    metavar="SECONDS",
+    type=seconds,
+    help="Stop a run after this time (default: by beads and steps).",
+)
 @options.UNSAFE
 def run(
     scene: str,
@@ -80,12 +92,23 @@ def run(
 
 
 @command("fig4", "fig4 --set run.time_step='1 us'", "yade:fig4 liggghts:fig4", "--runs old --against new")
-@options.SCENES_OR_RUNS
+@click.argument(
+    "what",
+    metavar="[SCENE|RUN]...",
+    nargs=-1,
+    help="Scenes by name or file, or exactly two runs: run folders, or ENGINE:SCENE for the newest run.",
+    shell_complete=completion.scenes_and_runs,
+)
 @options.SETTINGS
 @options.ENGINE
 @options.ENGINES
 @options.RUNS_READ
-@options.AGAINST
+@click.option(
+    "--against",
+    metavar="DIR",
+    type=Path,
+    help="Compare the run folders in --runs with those in this folder, run by run.",
+)
 @options.REQUIRE
 @options.ALLOW_MISSING
 @options.UNSAFE
@@ -132,10 +155,27 @@ def compare(
 
 @command("example-measured --free contact.restitution", "--quoted fig4 --free contact.restitution=0.5..1")
 @options.scenes_argument("the scenes of --quoted")
-@options.FREE
-@options.FREE_BY_SET
+@click.option(
+    "--free",
+    metavar="KEY[=LOW..HIGH]",
+    multiple=True,
+    help="Fit this key of the scene, such as contact.restitution=0.5..1; repeatable (default bounds: "
+    "inputs/calibration.toml).",
+)
+@click.option(
+    "--own",
+    metavar="KEY[=LOW..HIGH]",
+    multiple=True,
+    help="As --free, with a value of its own for each data set; repeatable.",
+)
 @options.MEASURED
-@options.QUOTED
+@click.option(
+    "--quoted",
+    metavar="SET,...",
+    type=_names,
+    default="",
+    help="Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",
+)
 @options.SETTINGS
 @options.QUICK
 @options.ENGINES
@@ -167,7 +207,12 @@ def fit(
 @options.ENGINE
 @options.ENGINES
 @options.RUNS_READ
-@options.PRUNE
+@click.option(
+    "--prune",
+    is_flag=True,
+    help="Remove runs that no command will use again: failed runs, runs of other builds and older decks; runs of the "
+    "last ten minutes are kept.",
+)
 @options.DRY_RUN
 def runs(
     scenes: tuple[str, ...],

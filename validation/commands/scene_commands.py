@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+import click
+
 from drivers.base import paths
 from drivers.base.errors import InputError
 from validation.commands import options
-from validation.commands.options import command
+from validation.commands.options import checked, command, must_be_folder
 
 
 @command("")
@@ -53,7 +55,9 @@ def draw(scene: str, settings: tuple[str, ...], results: Path) -> None:
 @options.SETTINGS
 @options.ENGINE
 @options.ENGINES
-@options.DECK_FOLDER
+@click.option(
+    "--out", metavar="DIR", type=Path, required=True, help="Folder for the deck.", callback=checked(must_be_folder)
+)
 @options.UNSAFE
 def render(scene: str, settings: tuple[str, ...], engines: tuple[str, ...], out: Path, unsafe: bool) -> None:
     """Write the deck of a scene for one engine, without running it."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.base import paths
-from drivers.base.progress import step
+from drivers.base.progress import counted
 from drivers.base.text_table import text_table
 from drivers.engines import in_order
 from validation.accuracy.budget import BUDGET_WORDS, PARTS, printed_budget
@@ -47,7 +47,7 @@ def compare_scenes(
     between: list[Check] = []
     ran, absent = set[str](), dict[str, str]()
     scenes = sources or sorted(path.stem for path in paths.SCENES.glob("*.toml"))
-    with step(f"{scenes[0] if len(scenes) == 1 else f'{len(scenes)} scenes'} on all engines, compared"):
+    with counted(f"{scenes[0] if len(scenes) == 1 else f'{len(scenes)} scenes'} on all engines, compared"):
         for compared in run_and_compare_all(scenes, settings, runs, asked, unsafe=unsafe):
             between += [check for pair in asked.builds for check in _between(compared, *pair)]
             ran |= set(compared.wall_s)

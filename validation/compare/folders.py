@@ -11,7 +11,8 @@ from drivers.base.errors import InputError
 from drivers.base.progress import following
 from drivers.base.text_table import text_table
 from drivers.engines._entries import engines_again
-from drivers.inventory.run_folders import KeptRun, kept_runs
+from drivers.inventory.run_folders import kept_runs, key_of
+from drivers.run.run_folder import EndedRun
 from validation.checks import FAIL, NOT_RUN, RUN, Check, table, without_run
 from validation.compare.pair import LEVELS, compare_pair, different_keys, open_pair
 from validation.compare.selection import EngineSelection, print_unmet
@@ -51,34 +52,36 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSe
     if old.resolve() == new.resolve():
         raise InputError("--against", "", f"{paths.shown(new)} is the folder of --runs as well; name another folder")
     found = _runs("--runs", old), _runs("--against", new)
-    names, known = {Path(scene).stem for scene in scenes}, {run.scene for side in found for run in side.values()}
+    names = {Path(scene).stem for scene in scenes}
+    known = {run.record.scene_name for side in found for run in side.values()}
     for name in sorted(names - known):
         raise InputError("compare", "", f'"{name}" has no run in either folder; allowed: {", ".join(sorted(known))}')
     wanted = {*asked.engines, *asked.require} if asked.engines else {engine for side in found for engine, _ in side}
-    first, second = (
-        {key: run for key, run in side.items() if run.engine in wanted and (not names or run.scene in names)}
-        for side in found
-    )
+
+    def is_wanted(run: EndedRun) -> bool:
+        return run.record.engine in wanted and (not names or run.record.scene_name in names)
+
+    first, second = ({key: run for key, run in side.items() if is_wanted(run)} for side in found)
     either = second | first
     builds: list[tuple[str, str]] = []
     for engine in sorted({engine for engine, _ in either}):
-        of_engine = ({run.build for run in side.values() if run.engine == engine} for side in (first, second))
+        of_engine = ({_build(run) for run in side.values() if run.record.engine == engine} for side in (first, second))
         one, other = (" and ".join(sorted(builds)) or "no run" for builds in of_engine)
         builds.append((engine, f"{one} {'on both sides' if one == other else f'against {other}'}"))
     print(*text_table(builds), sep="\n")
     compared, failed, again = 0, 0, []
-    alike = Counter((run.scene, run.engine) for run in either.values())
+    alike = Counter(run.name for run in either.values())
     labels = {  # with other settings, a scene and engine have several runs
-        key: run.scene if alike[run.scene, run.engine] == 1 else run.folder.name for key, run in either.items()
+        key: run.record.scene_name if alike[run.name] == 1 else run.folder.name for key, run in either.items()
     }
     checks: list[Check] = []
-    in_order = sorted(either.items(), key=lambda item: (item[1].scene, item[0]))
+    in_order = sorted(either.items(), key=lambda item: (item[1].record.scene_name, item[0]))
     for key, run in following(in_order, "compared", len(in_order), "pair"):
         if key in first and key in second and not (first[key].trouble or second[key].trouble):
             rows = moved(first[key].folder, second[key].folder)
         else:
             rows = [_unpaired(key, {old: first, new: second}, asked)]
-        checks += [replace(check, scene=labels[key], engine=run.engine) for check in rows]
+        checks += [replace(check, scene=labels[key], engine=run.record.engine) for check in rows]
         compared += rows[0].quantity != RUN
         if any(check.verdict == FAIL for check in rows):
             failed += 1
@@ -96,15 +99,20 @@ def print_commands(pairs: Iterable[tuple[Path, Path]]) -> None:
         print("details:", shlex.join(words))
 
 
-def _runs(option: str, folder: Path) -> dict[Key, KeptRun]:
+def _runs(option: str, folder: Path) -> dict[Key, EndedRun]:
     """Runs of a folder by key; of several builds of an engine the last, failed runs only if there is no other."""
     found = kept_runs(folder)
     if not found:
         raise InputError(f"{option} {paths.shown(folder)}", "", "no runs here; beads run --runs writes them")
-    return {run.key: run for run in sorted(found, key=lambda run: not run.folder.name.endswith("-failed"))}
+    return {key_of(run): run for run in sorted(found, key=lambda run: not run.folder.name.endswith("-failed"))}
 
 
-def _unpaired(key: Key, sides: dict[Path, dict[Key, KeptRun]], asked: EngineSelection) -> Check:
+def _build(run: EndedRun) -> str:
+    """Version line and digest of the build of a run."""
+    return f"{run.record.engine_version} {run.record.build_sha256[:12]}".strip()
+
+
+def _unpaired(key: Key, sides: dict[Path, dict[Key, EndedRun]], asked: EngineSelection) -> Check:
     """Check of a run that failed or is missing in one of the folders."""
     troubles, missing = [], []
     for folder, side in sides.items():
@@ -115,11 +123,11 @@ def _unpaired(key: Key, sides: dict[Path, dict[Key, KeptRun]], asked: EngineSele
     return without_run("", "", "; ".join(troubles + missing), FAIL if troubles or not asked.allow_missing else NOT_RUN)
 
 
-def _closest(key: Key, side: dict[Key, KeptRun], sides: dict[Path, dict[Key, KeptRun]]) -> str:
+def _closest(key: Key, side: dict[Key, EndedRun], sides: dict[Path, dict[Key, EndedRun]]) -> str:
     """Text on the keys in which the closest run of the scene differs from the missing run."""
     (own,) = (other[key] for other in sides.values() if key in other)
-    alike = [run.record for run in side.values() if (run.engine, run.scene) == (own.engine, own.scene) and run.record]
-    if own.record is None or not alike:
+    alike = [run.record for run in side.values() if run.name == own.name and run.resolved]
+    if not own.resolved or not alike:
         return ""
     closest: list[str] = min((different_keys(own.record.scene, record.scene) for record in alike), key=len)
     return f"; the closest differs: {'; '.join(closest)}"

@@ -22,7 +22,7 @@ from drivers.run.guard import checked_trace
 from drivers.run.session import Session
 from validation.accuracy.plan import planned_case
 
-NORMAL_END = EndedProcess(0, False, 0.0, wall_s=0.0, cpu_s=0.0, memory_bytes=0)
+NORMAL_END = EndedProcess(0, False, 0.0)
 STAND_INS: dict[str, Engine] = {}  # engines with a fault, by name, in tests of these tests
 
 MINE = '''"""An adapter outside the tree."""

@@ -27,13 +27,13 @@ def test_each_of_several_steps_has_a_line(capsys: pytest.CaptureFixture[str]) ->
     assert capsys.readouterr().err == "step 2 of 3: waves counted\n"
 
 
-def test_a_single_step_has_no_line_until_it_takes_long(
+def test_a_task_has_no_line_until_it_takes_long(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(progress, "MAX_SILENCE_S", 0.3)
     monkeypatch.setattr(progress, "REFRESH_S", 0.1)
     for seconds in (0.0, 0.6):
-        with progress.step("alone"):
+        with progress.counted("alone"):
             time.sleep(seconds)
     (line,) = capsys.readouterr().err.splitlines()[:1]
     assert line == "alone: 0 s so far"

@@ -12,10 +12,10 @@ import pytest
 from drivers.engines import REFERENCE, VERLET, load_engine
 from drivers.inventory import prune as module
 from drivers.inventory.prune import prune
-from drivers.inventory.run_folders import KeptRun, kept_runs
+from drivers.inventory.run_folders import kept_runs
 from drivers.run.build import build_of
 from drivers.run.run import run_case, run_identity
-from drivers.run.run_folder import FORCES, RECORD, record_of
+from drivers.run.run_folder import FORCES, RECORD, EndedRun, record_of
 from drivers.run.workplaces import ABANDONED_S, ALIVE, LEASE, _machine, leased, workplace
 from validation.tests.helpers.runs import edit_record
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
@@ -49,11 +49,11 @@ def made_yesterday(folder: Path) -> None:
 
 
 def folders(runs: Path) -> set[str]:
-    return {f"{run.engine}/{run.folder.name}" for run in kept_runs(runs)}
+    return {f"{run.record.engine}/{run.folder.name}" for run in kept_runs(runs)}
 
 
 def done(runs: Path, engine: str) -> Path:
-    return next(run.folder for run in kept_runs(runs) if run.engine == engine and not run.trouble)
+    return next(run.folder for run in kept_runs(runs) if run.record.engine == engine and not run.trouble)
 
 
 def copied(folder: Path, name: str, **changes: object) -> Path:
@@ -134,7 +134,7 @@ def test_what_cannot_be_judged_stays(runs: Path, capsys: pytest.CaptureFixture[s
     mine = copied(run, "mine")
     (runs / VERLET / "notes").mkdir()
     lines = pruned(capsys, runs)
-    assert {"absent"} < {run.engine for run in kept_runs(runs)}
+    assert {"absent"} < {run.record.engine for run in kept_runs(runs)}
     assert mine.exists()
     assert (runs / VERLET / "notes").exists()
     assert any(line.startswith("kept 1 runs (absent 1)") and "is not installed" in line for line in lines)
@@ -198,7 +198,7 @@ def test_a_run_that_was_replaced_meanwhile_stays(
     """Another process repeats a failed run after it was selected for removal."""
     failed, good = next(run.folder for run in kept_runs(runs) if run.trouble), done(runs, VERLET)
 
-    def late(*_: object) -> list[KeptRun]:
+    def late(*_: object) -> list[EndedRun]:
         found = kept_runs(runs)
         shutil.rmtree(failed)
         shutil.copytree(good, failed)

@@ -11,9 +11,9 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, VERLET
-from drivers.inventory.run_folders import KeptRun, kept_runs, print_runs, run_folder, select
+from drivers.inventory.run_folders import kept_runs, print_runs, run_folder, select
 from drivers.run.run import run_case
-from drivers.run.run_folder import FORCES, RECORD, record_of
+from drivers.run.run_folder import FORCES, RECORD, EndedRun, record_of
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_record
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
@@ -139,7 +139,7 @@ def test_failed_runs_and_other_folders(home: Path, capsys: pytest.CaptureFixture
     assert batches[1:5] == ["2", "rows", "of", "batches:"]
 
 
-def found(home: Path, *settings: str, scenes: tuple[str, ...] = (), engines: tuple[str, ...] = ()) -> list[KeptRun]:
+def found(home: Path, *settings: str, scenes: tuple[str, ...] = (), engines: tuple[str, ...] = ()) -> list[EndedRun]:
     return select(kept_runs(home / "runs"), scenes, engines, settings)
 
 

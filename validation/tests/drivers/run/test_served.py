@@ -82,12 +82,12 @@ def test_a_process_that_was_killed_is_followed_by_another(scene_file: SceneWrite
     build = build_of(engine)
     first, second = (case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2))
     assert run_case(first, CODE, tmp_path, by_hand=False).done
-    with lent(engine, build.command, build.sha256) as lent_one:
+    with lent(engine, build) as lent_one:
         assert lent_one._process is not None
         former = lent_one._process.pid
     os.kill(former, signal.SIGKILL)
     assert run_case(second, CODE, tmp_path, by_hand=False).done
-    with lent(engine, build.command, build.sha256) as same:
+    with lent(engine, build) as same:
         assert same is lent_one
         assert same._process is None or same._process.pid != former
     folder = same.folder
