@@ -4,14 +4,13 @@ This module defines the columns of its tables, of forces and of positions.
 """
 
 import hashlib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drivers.chain.chain import Array, Chain
 from drivers.chain.contact_law import hertz_energy, hertz_energy_beyond_tangent
-from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,8 +60,7 @@ class Trace:
 
 def part_of(trace: Trace, chosen: slice) -> Trace:
     """Selected samples of a trace, all columns."""
-    columns = (getattr(trace, each.name) for each in fields(trace))
-    return Trace(*(None if column is None else column[chosen] for column in columns))
+    return replace(trace, **{name: values[chosen] for name, values in vars(trace).items() if values is not None})
 
 
 def until(trace: Trace, samples: int) -> Trace:
@@ -150,7 +148,7 @@ def _elastic_energy(chain: Chain, place_m: Array, height_m: Array) -> Array:
     elastic = hertz_energy(1.0, np.maximum(overlap, 0.0)) @ chain.stiffness
     if chain.bore is not None:
         pressed = np.maximum(chain.bore.overlaps(radius, place_m), 0.0)
-        elastic = elastic + ENERGY_SHARE * pressed ** (1 + EXPONENT) @ chain.bore.stiffness
+        elastic = elastic + hertz_energy(1.0, pressed) @ chain.bore.stiffness
     return np.asarray(elastic)
 
 
