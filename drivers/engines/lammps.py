@@ -21,9 +21,9 @@ MINIMUM_AT = 1.1  # coefficient close to the polynomial's minimum, which is nega
 def refusal(case: Case) -> InputProblem | None:
     """Refuse a power law with an exponent other than 1."""
     alpha = case.chain.alpha
-    return (
-        ("contact.alpha", f"{alpha:g}", '1, or contact.dissipation = "viscoelastic"') if alpha not in (0, 1) else None
-    )
+    if alpha in (0, 1):
+        return None
+    return "contact.alpha", f"{alpha:g}", '1, or contact.dissipation = "viscoelastic"'
 
 
 def tsuji_coefficient(damping_ratio: float) -> float:

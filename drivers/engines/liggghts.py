@@ -69,12 +69,10 @@ def _box(case: Case, radius: Array, height: Array) -> dict[str, float]:
     chain, duration = case.chain, float(case.sample_times_s[-1])
     fastest = math.sqrt(2 * energy_put_in(chain, duration) / chain.mass_kg.min())
     if chain.wall is None:
-        fastest += (
-            abs(float(chain.mass_kg @ chain.velocity_m_s / chain.mass_kg.sum())) + abs(free_fall(chain)) * duration
-        )
-    reach = (
-        1.1 * fastest * duration + 4 * radius.max()
-    )  # largest possible distance: a bead that leaves the box has blown up
+        drift = abs(float(chain.mass_kg @ chain.velocity_m_s / chain.mass_kg.sum()))
+        fastest += drift + abs(free_fall(chain)) * duration
+    # largest possible distance: a bead that leaves the box has blown up
+    reach = 1.1 * fastest * duration + 4 * radius.max()
     width = float(f"{4 * radius.max():.1g}")
     if chain.lateral is not None and (chain.bore is None or len(chain.bore.guided) < chain.bodies):
         width = max(width, float(f"{reach:.2g}"))  # some bodies may leave the axis
