@@ -275,13 +275,8 @@ def _external_adapter(path: Path, where: str) -> Engine:
         raise InputError(
             where, "adapter", f"{path}: {type(error).__name__}: {error}", "ENGINE = Engine(...)"
         ) from error
-    return replace(
-        engine,
-        render=_guarded(engine.render),
-        read=_guarded(engine.read),
-        partial_trace=_guarded(engine.partial_trace),
-        refusal=_guarded(engine.refusal),
-    )
+    called = ("render", "read", "partial_trace", "refusal")
+    return replace(engine, **{name: _guarded(getattr(engine, name)) for name in called})
 
 
 def engine_names() -> list[str]:
