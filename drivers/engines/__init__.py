@@ -276,7 +276,8 @@ def _external_adapter(path: Path, where: str) -> Engine:
             where, "adapter", f"{path}: {type(error).__name__}: {error}", "ENGINE = Engine(...)"
         ) from error
     called = ("render", "read", "partial_trace", "refusal")
-    return replace(engine, **{name: _guarded(getattr(engine, name)) for name in called})
+    guarded: dict[str, Any] = {name: _guarded(getattr(engine, name)) for name in called}
+    return replace(engine, **guarded)
 
 
 def engine_names() -> list[str]:
