@@ -20,7 +20,7 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, installed, load_engine
 from drivers.engines._entries import entry_files, use_entries
-from drivers.limits.exactness import needed_tolerance
+from drivers.limits.energy_bounds import needed_tolerance
 from drivers.limits.refusal import inability, refuse
 from drivers.run.build import Build, build_of
 from drivers.run.run import run_identity

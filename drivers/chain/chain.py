@@ -191,8 +191,15 @@ class Chain:
 
     @property
     def unbalanced_N(self) -> Array:
-        """Unbalanced force on each body at time 0 with elastic contacts, upwards positive. Shape (bodies,)."""
-        return self._net(self.elastic_N)
+        """Magnitude of the unbalanced force on each body at time 0 with elastic contacts. Shape (bodies,).
+
+        The common fall of a free chain is left out.
+        """
+        net = self._net(self.elastic_N)
+        if self.wall is None:
+            net = net - self.mass_kg * free_fall(self)
+            net[np.abs(net) < 1e-12 * np.abs(self.load_N)] = 0.0  # rounding
+        return np.abs(net)
 
     def _net(self, force_N: Array) -> Array:
         """Sum of contact forces and load on each body; sums within the rounding error are set to 0."""
@@ -234,14 +241,17 @@ def build_chain(scene: Scene) -> Chain:
     load = -scene.gravity * mass
     if count:
         load[count - 1] -= table.precompression
+    overlap = _overlaps(stiffness, load[:count], gaps, resting=scene.wall is not None)
+    for array in (mass, radius, stiffness, overlap, velocity, load):
+        array.setflags(write=False)
     return Chain(
         materials=tuple(materials),
-        mass_kg=_frozen(mass),
-        radius_m=_frozen(radius),
-        stiffness=_frozen(stiffness),
-        overlap_m=_frozen(_overlaps(stiffness, load[:count], gaps, resting=scene.wall is not None)),
-        velocity_m_s=_frozen(velocity),
-        load_N=_frozen(load),
+        mass_kg=mass,
+        radius_m=radius,
+        stiffness=stiffness,
+        overlap_m=overlap,
+        velocity_m_s=velocity,
+        load_N=load,
         beads=count,
         wall=scene.wall.material if scene.wall else None,
         wall_height_m=table.origin,
@@ -302,7 +312,7 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
     if chain.lateral is not None:
         kinetic += 0.5 * float(chain.mass_kg @ (chain.lateral.velocity_m_s**2).sum(axis=1))
     if chain.wall is None:
-        falling = float((_unbalanced(chain) ** 2 / chain.mass_kg).sum()) * duration_s**2 / 2
+        falling = float((chain.unbalanced_N**2 / chain.mass_kg).sum()) * duration_s**2 / 2
     else:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
     hertz = ENERGY_SHARE * float(chain.elastic_N @ np.maximum(chain.overlap_m, 0.0))
@@ -345,18 +355,9 @@ def sphere_for_face(scene: Scene, chain: Chain) -> tuple[float, float]:
     return radius, (1 - face.poisson_ratio**2) / compliance
 
 
-def _unbalanced(chain: Chain) -> Array:
-    """Magnitude of each body's unbalanced load in N, without the common fall of a free chain. Shape (bodies,)."""
-    net = chain.unbalanced_N
-    if chain.wall is None:
-        net = net - chain.mass_kg * free_fall(chain)
-        net[np.abs(net) < 1e-12 * np.abs(chain.load_N)] = 0.0  # rounding
-    return np.abs(net)
-
-
 def _settling(chain: Chain) -> float:
     """Upper bound on the work done by unbalanced loads, in J."""
-    unbalanced = _unbalanced(chain)
+    unbalanced = chain.unbalanced_N
     load = float(unbalanced.sum())
     if not load:
         return 0.0
@@ -391,8 +392,3 @@ def _overlaps(stiffness: Array, bead_load_N: Array, gaps: dict[int, float], *, r
     for place, gap in gaps.items():
         overlap[place - 1] = -gap
     return overlap
-
-
-def _frozen(array: Array) -> Array:
-    array.setflags(write=False)
-    return array

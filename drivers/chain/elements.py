@@ -15,6 +15,7 @@ from drivers.scene.model import RIGID, Scene
 STRAIGHT = frozenset({"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter", "damping"})
 SIDEWAYS = frozenset({"lateral freedom", "tube", "friction", "rotation"})
 Row = tuple[str, object, str | None, str]  # name, value (false: not modelled), reason if modelled, reason if not
+NONE = "the scene has none"
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,6 @@ class ModellingElement:
 
 def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     """Modelling elements of a scene, each modelled or left out, with the reason."""
-    none = "the scene has none"
     striker, scatter = scene.striker, scene.chain.mass_scatter
     ordinary = bead_mass(scene) if scene.chain.sensors else None
     unlike = len([sensor for sensor in scene.chain.sensors if sensor.mass not in (None, ordinary)])
@@ -37,17 +37,12 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     alike = "sensor beads weigh as much as the others" if scene.chain.sensors else "no bead carries a sensor"
     damped = chain.dissipation + (f", by a damping ratio of {chain.damping_ratio:.6g}" if chain.damping_ratio else "")
     table = [
-        ("gravity", scene.gravity, f"{scene.gravity:g} m/s^2", none),
+        ("gravity", scene.gravity, f"{scene.gravity:g} m/s^2", NONE),
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),
-        (
-            "striker",
-            striker,
-            striker and f"{shape} of {striker.material} at {striker.speed:g} m/s",
-            "the scene has none",
-        ),
-        ("precompression", chain.precompression_N, f"{chain.precompression_N:g} N on the top bead", none),
+        ("striker", striker, striker and f"{shape} of {striker.material} at {striker.speed:g} m/s", NONE),
+        ("precompression", chain.precompression_N, f"{chain.precompression_N:g} N on the top bead", NONE),
         ("sensor masses", unlike, f"{unlike} sensor bead(s) of another mass than the beads", alike),
-        ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", none),
+        ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", NONE),
         *(_straight(scene) if chain.lateral is None else _sideways(scene, chain.lateral)),
         ("damping", chain.damped, damped, "restitution 1: contacts are elastic"),
     ]
@@ -60,7 +55,7 @@ def _straight(scene: Scene) -> list[Row]:
     axis = "the chain is exactly straight: no force acts across its axis"
     return [
         ("lateral freedom", False, "", f"{axis}, so no bead leaves it"),
-        ("tube", False, "", f"{axis}, so no bead touches the bore" if scene.tube else "the scene has none"),
+        ("tube", False, "", f"{axis}, so no bead touches the bore" if scene.tube else NONE),
         ("friction", False, "", f"{axis}, so no contact slips"),
         ("rotation", False, "", f"{axis}, so no bead turns"),
     ]
@@ -77,7 +72,7 @@ def _sideways(scene: Scene, lateral: Lateral) -> list[Row]:
     still = "rotation = false in the scene" if lateral.slips else "without friction no bead turns"
     return [
         ("lateral freedom", True, freedom, ""),
-        ("tube", bore, tube, "the scene has none"),
-        ("friction", lateral.slips, slipping, "the scene has none"),
+        ("tube", bore, tube, NONE),
+        ("friction", lateral.slips, slipping, NONE),
         ("rotation", lateral.turns, "friction turns beads", still),
     ]

@@ -22,7 +22,7 @@ from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 
 OFFSET_STREAM = 1  # stream of random numbers; masses have another stream
 POLISHING_STEPS = 5  # Newton steps after convergence, to reach the rounding error
-MAX_STEPS = 20_000
+MAX_STEPS = 20_000  # Newton steps
 MAX_SHIFT = 1e3  # over the contact stiffness; a larger shift ends the search
 MIN_SHIFT = 1e-14  # over the contact stiffness; without a shift the Hessian is singular, by rotation about the axis
 MAX_STEP_SHARE = 0.25  # largest step of a bead over its play
@@ -113,13 +113,12 @@ def _rest(chain: Chain, start: Array) -> tuple[Array, Array]:
     return np.array(place), np.array(left)
 
 
-def find_rest(chain: Chain, place_m: Array, steps: int = MAX_STEPS) -> tuple[Array, Array]:
+def find_rest(chain: Chain, place_m: Array) -> tuple[Array, Array]:
     """Frictionless equilibrium of a chain's lowest beads.
 
     Args:
         chain: the chain.
         place_m: positions to start from, heights above the wall, shape (beads, 3).
-        steps: largest number of Newton steps.
 
     Returns:
         Positions in equilibrium, and the unbalanced force on each bead in N.
@@ -132,7 +131,7 @@ def find_rest(chain: Chain, place_m: Array, steps: int = MAX_STEPS) -> tuple[Arr
     rounding = 1e-15 * load * float(place[-1, 2])  # rounding error of the energy; smaller decreases are accepted
     energy, gradient, bands = _potential(chain, chain.bore, place)
     best, least, polished = place, float(np.abs(gradient).max()), 0
-    for _ in range(steps):
+    for _ in range(MAX_STEPS):
         polished += least <= AT_REST * load
         if polished > POLISHING_STEPS or shift > MAX_SHIFT:
             break

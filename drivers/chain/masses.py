@@ -3,11 +3,9 @@
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.scene.model import Scene
-
-Array = NDArray[np.float64]
+from validation.reference.hertz_chain import Array
 
 
 def bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:

@@ -4,14 +4,13 @@ This module defines the columns of its tables, of forces and of positions.
 """
 
 import hashlib
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drivers.chain.chain import Array, Chain
 from drivers.chain.contact_law import hertz_energy, hertz_energy_beyond_tangent
-from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,25 +23,8 @@ SPINS = ("body_{}_spin_x_rad_s", "body_{}_spin_y_rad_s", "body_{}_spin_z_rad_s")
 
 
 @dataclass(frozen=True)
-class Sideways:
-    """Additional samples of a three-dimensional run.
-
-    Attributes:
-        place_m: x and y of the centres. Shape (samples, bodies, 2).
-        velocity_m_s: x and y velocities. Shape (samples, bodies, 2).
-        spin_rad_s: spin about x, y and z. Shape (samples, bodies, 3).
-        bore_N: force of the bore on each body, towards the axis. Shape (samples, bodies).
-    """
-
-    place_m: Array
-    velocity_m_s: Array
-    spin_rad_s: Array
-    bore_N: Array
-
-
-@dataclass(frozen=True)
 class Trace:
-    """Samples of a run, all at the same times.
+    """Samples of a run, all at the same times; the last four are None for straight chains, and if not kept.
 
     Attributes:
         time_s: sample times. Shape (samples,).
@@ -56,7 +38,10 @@ class Trace:
         velocity_m_s: velocities, upwards positive. Shape (samples, bodies); None if not kept.
         bore_friction_N: sum of the bore's friction along the axis on all bodies, upwards positive. Shape (samples,);
             None without a tube.
-        sideways: None for straight chains, and if not kept.
+        across_m: x and y of the centres. Shape (samples, bodies, 2).
+        across_velocity_m_s: x and y velocities. Shape (samples, bodies, 2).
+        spin_rad_s: spin about x, y and z. Shape (samples, bodies, 3).
+        bore_N: force of the bore on each body, towards the axis. Shape (samples, bodies).
     """
 
     time_s: Array
@@ -67,18 +52,15 @@ class Trace:
     height_m: Array | None = None
     velocity_m_s: Array | None = None
     bore_friction_N: Array | None = None
-    sideways: Sideways | None = None
+    across_m: Array | None = None
+    across_velocity_m_s: Array | None = None
+    spin_rad_s: Array | None = None
+    bore_N: Array | None = None
 
 
 def part_of(trace: Trace, chosen: slice) -> Trace:
     """Selected samples of a trace, all columns."""
-
-    def cut(values: Any) -> Any:
-        if isinstance(values, Sideways):
-            return Sideways(*(getattr(values, each.name)[chosen] for each in fields(values)))
-        return None if values is None else values[chosen]
-
-    return Trace(*(cut(getattr(trace, each.name)) for each in fields(trace)))
+    return replace(trace, **{name: values[chosen] for name, values in vars(trace).items() if values is not None})
 
 
 def until(trace: Trace, samples: int) -> Trace:
@@ -114,27 +96,30 @@ def make_trace(
         displacement_m: displacements of a straight chain since time 0, shape (samples, bodies), if they are known more
             exactly than from heights.
     """
-    if chain.lateral is None:
-        height, upward, sideways, friction = place_m, velocity_m_s, None, None
-    else:
-        height, upward = place_m[:, :, 2], velocity_m_s[:, :, 2]
-        spin, by_bore = (np.zeros_like(place_m) if each is None else each for each in (spin_rad_s, bore_N))
-        towards_axis = _towards_axis(place_m[:, :, :2], by_bore[:, :, :2])
-        sideways = Sideways(place_m[:, :, :2], velocity_m_s[:, :, :2], spin, towards_axis)
-        friction = by_bore[:, :, 2].sum(axis=1) if chain.bore else None
+    three_dimensional = chain.lateral is not None
+    height, upward = (place_m[..., 2], velocity_m_s[..., 2]) if three_dimensional else (place_m, velocity_m_s)
+    more: dict[str, Array] = {}
     with np.errstate(over="ignore", invalid="ignore"):  # runs that blow up are reported by the guard
-        if sideways is not None:
-            stored = _elastic_energy(chain, sideways.place_m, height)
+        if three_dimensional:
+            across, across_velocity = place_m[:, :, :2], velocity_m_s[:, :, :2]
+            spin, by_bore = (np.zeros_like(place_m) if each is None else each for each in (spin_rad_s, bore_N))
+            distance = np.maximum(np.hypot(across[:, :, 0], across[:, :, 1]), 1e-300)
+            towards_axis = -(across * by_bore[:, :, :2]).sum(axis=2) / distance
+            more = {"across_m": across, "across_velocity_m_s": across_velocity}
+            more |= {"spin_rad_s": spin, "bore_N": towards_axis}
+            if chain.bore:
+                more["bore_friction_N"] = by_bore[:, :, 2].sum(axis=1)
+            stored = _elastic_energy(chain, across, height)
             potential = stored - stored[0] - (height - chain.height_m) @ chain.load_N
-            speed = upward**2 + (sideways.velocity_m_s**2).sum(axis=2)
+            speed = upward**2 + (across_velocity**2).sum(axis=2)
             inertia = 0.4 * chain.mass_kg * chain.sphere_radius_m**2
-            kinetic = 0.5 * (speed @ chain.mass_kg + (sideways.spin_rad_s**2).sum(axis=2) @ inertia)
+            kinetic = 0.5 * (speed @ chain.mass_kg + (spin**2).sum(axis=2) @ inertia)
         else:
             moved = height - chain.height_m if displacement_m is None else displacement_m
             potential = potential_energy_change(chain, moved)
             kinetic = 0.5 * (upward**2 @ chain.mass_kg)
         momentum = upward @ chain.mass_kg
-    return Trace(time_s, force_N, kinetic, kinetic + potential, momentum, height, upward, friction, sideways)
+    return Trace(time_s, force_N, kinetic, kinetic + potential, momentum, height, upward, **more)
 
 
 def potential_energy_change(chain: Chain, displacement_m: Array) -> Array:
@@ -163,15 +148,8 @@ def _elastic_energy(chain: Chain, place_m: Array, height_m: Array) -> Array:
     elastic = hertz_energy(1.0, np.maximum(overlap, 0.0)) @ chain.stiffness
     if chain.bore is not None:
         pressed = np.maximum(chain.bore.overlaps(radius, place_m), 0.0)
-        elastic = elastic + ENERGY_SHARE * pressed ** (1 + EXPONENT) @ chain.bore.stiffness
+        elastic = elastic + hertz_energy(1.0, pressed) @ chain.bore.stiffness
     return np.asarray(elastic)
-
-
-def _towards_axis(place_m: Array, bore_N: Array) -> Array:
-    """Force of the bore on each body towards the axis, from x and y components. Shape (samples, bodies)."""
-    distance = np.maximum(np.hypot(place_m[:, :, 0], place_m[:, :, 1]), 1e-300)
-    with np.errstate(over="ignore", invalid="ignore"):  # runs that blow up are reported by the guard
-        return np.asarray(-(place_m * bore_N).sum(axis=2) / distance)
 
 
 def overlaps(chain: Chain, height_m: Array) -> Array:
@@ -205,8 +183,8 @@ def forces_table(trace: Trace) -> "pd.DataFrame":
     columns = {"time_s": trace.time_s} | _numbered(CONTACT, trace.force_N)
     if trace.bore_friction_N is not None:
         columns[BORE_FRICTION] = trace.bore_friction_N
-    if trace.sideways is not None:
-        columns |= _numbered(BORE, trace.sideways.bore_N)
+    if trace.bore_N is not None:
+        columns |= _numbered(BORE, trace.bore_N)
     columns |= {name: getattr(trace, name) for name in BALANCES}
     return pd.DataFrame(columns)
 
@@ -234,13 +212,12 @@ def state_table(trace: Trace) -> "pd.DataFrame":
     assert trace.velocity_m_s is not None
     columns = {"time_s": trace.time_s} | _numbered(PLACES[2], trace.height_m)
     columns |= _numbered(VELOCITIES[2], trace.velocity_m_s)
-    side = trace.sideways
-    if side is not None:
+    if trace.across_m is not None and trace.across_velocity_m_s is not None and trace.spin_rad_s is not None:
         for axis in (0, 1):
-            columns |= _numbered(PLACES[axis], side.place_m[..., axis])
-            columns |= _numbered(VELOCITIES[axis], side.velocity_m_s[..., axis])
+            columns |= _numbered(PLACES[axis], trace.across_m[..., axis])
+            columns |= _numbered(VELOCITIES[axis], trace.across_velocity_m_s[..., axis])
         for axis, spin in enumerate(SPINS):
-            columns |= _numbered(spin, side.spin_rad_s[..., axis])
+            columns |= _numbered(spin, trace.spin_rad_s[..., axis])
     return pd.DataFrame(columns)
 
 

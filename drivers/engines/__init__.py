@@ -141,7 +141,7 @@ class Engine:
     style: Style | None = None
     libraries: Callable[[Path], Iterable[Path]] = lambda program: ()
     name: str = ""
-    entry: Entry = field(default_factory=lambda: Entry("", ()))
+    entry: Entry = field(default_factory=Entry)
 
     @property
     def in_repository(self) -> bool:
@@ -152,7 +152,7 @@ class Engine:
         """Command that starts the build, with paths of its programs; None if it is not installed."""
         if self.in_repository:
             return (sys.executable,)
-        return next((found for words in self.entry.commands if (found := find_command(words))), None)
+        return next((found for words in self.entry.command if (found := find_command(words))), None)
 
     def started(self, deck: Deck, build: tuple[str, ...]) -> tuple[str, ...]:
         """Command of a deck, with the program's name replaced by the command of the build."""
@@ -161,9 +161,8 @@ class Engine:
     def command_by_hand(self, deck: Deck) -> str:
         """Command of a deck for a shell, with the program's name replaced by the command of the engine's entry."""
         registered: tuple[str, ...] = (self.program,)
-        if not self.in_repository and self.entry.commands:
-            commands = self.entry.commands
-            registered = next((words for words in commands if find_command(words)), commands[0])
+        if not self.in_repository and self.entry.command:
+            registered = next(filter(find_command, self.entry.command), self.entry.command[0])
         return shlex.join(self.started(deck, tuple(map(_absolute, registered))))
 
     def deck_by_hand(self, deck: Deck) -> Deck:
@@ -186,7 +185,7 @@ class Engine:
     @property
     def absence(self) -> str:
         """Message for an engine that is not installed."""
-        words = ", ".join(shlex.join(words) for words in self.entry.commands)
+        words = ", ".join(shlex.join(words) for words in self.entry.command)
         where = f" of {self.entry.where}" if self.entry.where else ""
         return f"not installed; it comes with {self.how_to_get} (looked for {words}{where})"
 
@@ -276,13 +275,9 @@ def _external_adapter(path: Path, where: str) -> Engine:
         raise InputError(
             where, "adapter", f"{path}: {type(error).__name__}: {error}", "ENGINE = Engine(...)"
         ) from error
-    return replace(
-        engine,
-        render=_guarded(engine.render),
-        read=_guarded(engine.read),
-        partial_trace=_guarded(engine.partial_trace),
-        refusal=_guarded(engine.refusal),
-    )
+    called = ("render", "read", "partial_trace", "refusal")
+    guarded: dict[str, Any] = {name: _guarded(getattr(engine, name)) for name in called}
+    return replace(engine, **guarded)
 
 
 def engine_names() -> list[str]:

@@ -3,7 +3,6 @@
 import os
 import shlex
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated
@@ -36,32 +35,31 @@ def engines_again() -> list[str]:
     return ["--engines", given] if given else []
 
 
-class _Entry(Part):
-    adapter: str | None = None
-    command: Annotated[tuple[tuple[str, ...], ...] | None, BeforeValidator(_alternatives)] = None
-    variables: tuple[str, ...] = Field(default=(), strict=False)
-    time_limit: units.Duration | None = None
-    how_to_get: str | None = None
-
-
-@dataclass(frozen=True)
-class Entry:
-    """Entry of an engine.
+class EntryTable(Part):
+    """Table of ``engines.toml``.
 
     Attributes:
-        adapter: module of this package, or path of a file, that defines ``ENGINE``.
-        commands: alternative commands; the first one found is used.
+        adapter: module of this package, or path of a file, that defines ``ENGINE``; default: the engine's name.
+        command: alternative commands; the first one found is used. Default: that of the adapter's own entry.
         variables: environment variables passed on to runs; ``*`` matches any characters.
-        time_limit_s: time limit of a run; None for one that depends on the case.
-        how_to_get: package to install if the code is missing; None for the adapter's text.
+        time_limit: time limit of a run in s; None for one that depends on the case.
+        how_to_get: package to install if the code is missing; default: the adapter's text.
+    """
+
+    adapter: str = ""
+    command: Annotated[tuple[tuple[str, ...], ...], BeforeValidator(_alternatives)] = ()
+    variables: tuple[str, ...] = Field(default=(), strict=False)
+    time_limit: units.Duration | None = None
+    how_to_get: str = ""
+
+
+class Entry(EntryTable):
+    """Entry of an engine: its table with adapter and command filled in.
+
+    Attributes:
         where: file of the entry, for messages; empty for an adapter without an entry.
     """
 
-    adapter: str
-    commands: tuple[tuple[str, ...], ...]
-    variables: tuple[str, ...] = ()
-    time_limit_s: float | None = None
-    how_to_get: str | None = None
     where: str = ""
 
 
@@ -98,11 +96,11 @@ def entries(adapters: tuple[str, ...]) -> dict[str, Entry]:
 
 @cache
 def _entries(adapters: tuple[str, ...], files: tuple[Path, ...]) -> dict[str, Entry]:
-    found = {name: Entry(name, ((name,),)) for name in adapters}
+    found = {name: Entry.model_construct(adapter=name, command=((name,),)) for name in adapters}
     for path in files:
-        for name, entry in _read(path):
+        for name, table in _read(path):
             where, before = paths.shown(path), found.get(name)
-            adapter = entry.adapter or (before.adapter if before else name)
+            adapter = table.adapter or (before.adapter if before else name)
             if adapter.endswith(".py"):
                 adapter = str(path.parent / home_of(adapter))
             if adapter not in adapters and not (adapter.endswith(".py") and readable(Path(adapter))):
@@ -110,19 +108,13 @@ def _entries(adapters: tuple[str, ...], files: tuple[Path, ...]) -> dict[str, En
                 allowed = f"{codes}, or the path of a .py file"
                 raise InputError(where, f"{name}.adapter", f'"{adapter}"', allowed)
             known = before or found.get(adapter)
-            commands = entry.command or (known.commands if known else ((name,),))
-            found[name] = Entry(
-                adapter,
-                tuple(tuple(_relative_to_file(path, word) for word in words) for words in commands),
-                entry.variables,
-                entry.time_limit,
-                entry.how_to_get,
-                where,
-            )
+            commands = table.command or (known.command if known else ((name,),))
+            own = tuple(tuple(_relative_to_file(path, word) for word in words) for words in commands)
+            found[name] = Entry.model_construct(**dict(table) | {"adapter": adapter, "command": own, "where": where})
     return found
 
 
-def _read(path: Path) -> Iterator[tuple[str, _Entry]]:
+def _read(path: Path) -> Iterator[tuple[str, EntryTable]]:
     where, names = paths.shown(path), TypeAdapter(Name)
     for name, table in read_toml(path).items():
         if name in RESERVED:
@@ -132,7 +124,7 @@ def _read(path: Path) -> Iterator[tuple[str, _Entry]]:
         except ValidationError:
             allowed = "letters, digits, '-' and '_', beginning with a letter"
             raise InputError(where, name, "not a valid name", allowed) from None
-        yield name, validate(_Entry, table, where, f"{name}.")
+        yield name, validate(EntryTable, table, where, f"{name}.")
 
 
 def _relative_to_file(path: Path, word: str) -> str:

@@ -1,6 +1,8 @@
-"""LAMMPS and its descendants: commands, error messages, dumps, stiffness by pairs of types, axial forces."""
+"""LAMMPS and its descendants: atoms and types of a deck, commands, error messages, traces of dumps."""
 
-from collections.abc import Callable
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,14 +10,18 @@ from typing import Any
 import numpy as np
 
 from drivers.base.decks import Deck
+from drivers.base.decks import render as render_template
 from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
-from drivers.chain.trace import Trace
-from drivers.engines import IN_HEIGHTS, Engine, last_line
+from drivers.chain.trace import Trace, make_trace
+from drivers.engines import Engine, last_line
 from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
 
 DUMP = "chain.bin"
+# columns of three-dimensional chains; the force of the wall has another name in each code
+PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
+BORE_FORCE = tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
 FLAT_PREFIX = "flat "  # before the material's name: the type of a striker's flat face
 # lets Open MPI run as root, and on fewer cores than processes
 OPEN_MPI = (
@@ -26,36 +32,30 @@ OPEN_MPI = (
 MAX_BODIES_IN_PAIRS = 200  # with fewer bodies, checking all pairs is faster than bins of the whole space
 
 
-def member(
-    program: str,
-    introduction: str,
-    columns: Callable[[Case], tuple[str, ...]],
-    trace: Callable[[Case, dict[str, Array]], Trace],
-    **own: Any,
-) -> Engine:
+def member(program: str, introduction: str, radii: Callable[[Case], Array], wall_force: str, **own: Any) -> Engine:
     """Build the engine of LAMMPS or a descendant.
 
     Args:
         program: name of the program.
         introduction: regular expression that matches the line with the version.
-        columns: function that names the columns of the dump.
-        trace: function that turns the columns into a trace.
+        radii: function that returns the radii of the atoms of a case.
+        wall_force: column of the dump with the wall's force along the axis.
         own: further fields of ``Engine``.
     """
 
     def read(case: Case, folder: Path) -> Trace:
         """Read the binary dump as a trace; RunError if frames or beads are missing or the file is damaged."""
-        return trace(case, read_dump(case, folder / DUMP, columns(case)))
+        found = read_dump(case, folder / DUMP, _columns(case, wall_force))
+        return _trace(case, radii(case), found, wall_force)
 
     def partial_trace(case: Case, folder: Path) -> Trace | None:
         """Read the samples before a body was lost or the run ended."""
-        found = read_partial_dump(case, folder / DUMP, columns(case))
-        return trace(case, found) if found else None
+        found = read_partial_dump(case, folder / DUMP, _columns(case, wall_force))
+        return _trace(case, radii(case), found, wall_force) if found else None
 
     return Engine(
         program=program,
         version=lambda command: line_of(command, "-help", introduction),
-        scheme=IN_HEIGHTS,
         server=Deck({}, ("stdbuf", "-oL", program, "-log", "none"), raw=()),  # reads commands from stdin
         request=request_by_include,
         read=read,
@@ -68,9 +68,73 @@ def member(
     )
 
 
-def command_of(program: str) -> tuple[str, ...]:
-    """Command of a deck; ``-oL`` keeps the last lines of a process that aborts."""
-    return ("stdbuf", "-oL", program, "-in", "chain.in", "-log", "none")
+def deck_of(
+    code: str, program: str, case: Case, radius_m: Array, types: Sequence[str], wall_force: str, **values: Any
+) -> Deck:
+    """Deck of ``chain.in`` and ``chain.data``; atoms have the numbers of the bodies, from the wall up.
+
+    Args:
+        code: name of the code; the folder of the template of ``chain.in`` has the same name in lower case.
+        program: name of the program.
+        case: the case.
+        radius_m: radii of the atoms. Shape (bodies,).
+        types: names of all types, including those of ``labels_of``.
+        wall_force: column of the dump with the wall's force along the axis.
+        values: further values of the templates.
+    """
+    chain, place = case.chain, case.chain.place_m
+    place[:, 2] += above_face(chain, radius_m)
+    type_of = [types.index(label) + 1 for label in labels_of(chain)]
+    density = chain.mass_kg / (4 / 3 * math.pi * radius_m**3)
+    values |= {
+        "code": code,
+        "case": case,
+        "atoms": list(zip(type_of, 2 * radius_m, density, place.tolist(), strict=True)),
+        "velocities": chain.velocity_xyz_m_s.tolist(),
+        "types": [name.strip() for name in types],
+        "binned": chain.bodies > MAX_BODIES_IN_PAIRS,
+        "columns": _columns(case, wall_force),
+    }
+    templates = (f"{code.lower()}/chain.in.j2", "lammps/chain.data.j2")  # same format of data files
+    files = {Path(name).stem: render_template(name, **values) for name in templates}
+    command = ("stdbuf", "-oL", program, "-in", "chain.in", "-log", "none")  # -oL keeps the last lines of an abort
+    return Deck(files, command, raw=(DUMP,))
+
+
+def labels_of(chain: Chain) -> list[str]:
+    """Types of the bodies: the material, with the size if bore contacts differ by it."""
+    labels = list(chain.materials)
+    if chain.bore is not None:
+        sized = list(zip(labels, chain.radius_m.tolist(), strict=True))
+        sizes = Counter(label for label, _ in set(sized))
+        labels = [
+            f"{label} {2e3 * radius:g} mm" if sizes[label] > 1 and np.isfinite(radius) else label
+            for label, radius in sized
+        ]
+    if np.isinf(chain.radius_m[-1]):
+        labels[-1] = FLAT_PREFIX + labels[-1]
+    return labels
+
+
+def above_face(chain: Chain, radius_m: Array) -> Array:
+    """Height of atoms above their bodies: a flat face is a sphere, which may touch the bead below off the axis."""
+    above = np.zeros(chain.bodies)
+    if np.isinf(chain.radius_m[-1]):
+        apart = radius_m[-1] + radius_m[-2]
+        off = float(np.hypot(*chain.lateral.offset_m[-2])) if chain.lateral else 0.0
+        above[-1] = math.sqrt(apart**2 - off**2) - radius_m[-2] if off else radius_m[-1]
+        if chain.damped:  # a gap or an overlap above the rounding error: see Chain.height_m
+            above[-1] += (-4 if chain.gamma else 4) * np.spacing(apart)
+    return above
+
+
+def table_of_pairs(types: Sequence[str], pairs: Iterable[tuple[str, str, float]], otherwise: float) -> list[float]:
+    """Symmetric table with a value for each pair of types, row by row; the last value given for a pair counts."""
+    table = np.full((len(types), len(types)), otherwise)
+    for one, other, value in pairs:
+        i, j = types.index(one), types.index(other)
+        table[i, j] = table[j, i] = value
+    return [float(value) for value in table.ravel()]
 
 
 def request_by_include(folder: str, word: str) -> str:
@@ -98,7 +162,33 @@ def contact_kn(chain: Chain, radius_m: Array) -> Array:
     return np.asarray(chain.stiffness / np.sqrt(reduced))
 
 
-def axial_forces(chain: Chain, found: dict[str, Array], wall_force: str, bore_N: Array | None = None) -> Array:
+def _columns(case: Case, wall_force: str) -> tuple[str, ...]:
+    """Columns of the dump."""
+    wall, lateral = (wall_force,) if case.chain.wall else (), case.chain.lateral
+    if lateral is None:
+        return ("id", "z", "vz", "fz", *wall)
+    spin, bore = SPIN if lateral.turns else (), BORE_FORCE if lateral.bore else ()
+    return ("id", *PLACE, *VELOCITY, *spin, "fz", *wall, *bore)
+
+
+def _trace(case: Case, radius_m: Array, found: dict[str, Array], wall_force: str) -> Trace:
+    """Trace of a dump's columns."""
+    chain, height = case.chain, found["z"] - above_face(case.chain, radius_m)
+    times = case.sample_times_s[: len(height)]
+    if chain.lateral is None:
+        return make_trace(chain, times, _axial_forces(chain, found, wall_force), height, found["vz"])
+
+    def vectors(names: tuple[str, ...]) -> Array:
+        return np.stack([found[name] for name in names], axis=2)
+
+    place, velocity = vectors(PLACE), vectors(VELOCITY)
+    spin, bore = (vectors(names) if names[0] in found else None for names in (SPIN, BORE_FORCE))
+    place[:, :, 2] = height
+    force = _axial_forces(chain, found, wall_force, None if bore is None else bore[:, :, 2])
+    return make_trace(chain, times, force, place, velocity, spin, bore)
+
+
+def _axial_forces(chain: Chain, found: dict[str, Array], wall_force: str, bore_N: Array | None = None) -> Array:
     """Contact forces from the columns ``fz``, the total force on a bead, and ``wall_force`` of a dump.
 
     They follow from the wall's force F_1 upwards: ``F_{j+1} = F_j - fz_j + load_j + bore_j``.

@@ -1,38 +1,32 @@
-"""LIGGGHTS: deck, reader of its dump."""
+"""LIGGGHTS: deck, refusals."""
 
 import math
-from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
 from drivers.base.decks import Deck
-from drivers.base.decks import render as render_template
 from drivers.base.errors import InputProblem
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in, free_fall, sphere_for_face
 from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, restitution_with_attraction
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
-from drivers.chain.trace import Trace, make_trace
-from drivers.engines import TOTAL, Style
-from drivers.engines._deck_values import elastic_constants, table_of_pairs
+from drivers.engines import Style
 from drivers.engines._lammps_family import (
-    DUMP,
-    FLAT_PREFIX,
     MAX_BODIES_IN_PAIRS,
-    axial_forces,
-    command_of,
+    above_face,
     contact_kn,
+    deck_of,
+    labels_of,
     member,
+    table_of_pairs,
 )
 
 HARD_PA, SOFT_PA = 1e9, 5e6  # moduli outside this range need hard_particles or soft_particles
 MAX_BINS = 100_000_000  # bins of the neighbour search take 16 bytes each; LIGGGHTS fails above 2^31
 MIN_COEFFICIENT = 0.05  # coefficientRestitution has to be larger
 TUBE = " tube"  # the type of the bore: no material's name begins with a space
-PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
-WALL_FORCE, BORE_FORCE = "f_force_wall[3]", tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
+WALL_FORCE = "f_force_wall[3]"
 
 
 def refusal(case: Case) -> InputProblem | None:
@@ -70,30 +64,15 @@ def _by_springs(case: Case) -> bool:
     return bool(np.isinf(chain.radius_m[-1])) and not chain.damping_ratio and chain.lateral is None
 
 
-def _above_face(case: Case) -> Array:
-    """Height of atoms above their bodies: a flat face is a sphere, which may touch the bead below off the axis."""
-    chain, radius = case.chain, _radii(case)
-    above = np.zeros(chain.bodies)
-    if np.isinf(chain.radius_m[-1]):
-        apart = radius[-1] + radius[-2]
-        off = float(np.hypot(*chain.lateral.offset_m[-2])) if chain.lateral else 0.0
-        above[-1] = math.sqrt(apart**2 - off**2) - radius[-2] if off else radius[-1]
-        if chain.damping_ratio:  # a gap above the rounding error: see Chain.height_m
-            above[-1] += 4 * np.spacing(apart)
-    return above
-
-
 def _box(case: Case, radius: Array, height: Array) -> dict[str, float]:
     """Half width, lower and upper end of the simulation box, and the skin of the neighbour search, in m."""
     chain, duration = case.chain, float(case.sample_times_s[-1])
     fastest = math.sqrt(2 * energy_put_in(chain, duration) / chain.mass_kg.min())
     if chain.wall is None:
-        fastest += (
-            abs(float(chain.mass_kg @ chain.velocity_m_s / chain.mass_kg.sum())) + abs(free_fall(chain)) * duration
-        )
-    reach = (
-        1.1 * fastest * duration + 4 * radius.max()
-    )  # largest possible distance: a bead that leaves the box has blown up
+        drift = abs(float(chain.mass_kg @ chain.velocity_m_s / chain.mass_kg.sum()))
+        fastest += drift + abs(free_fall(chain)) * duration
+    # largest possible distance: a bead that leaves the box has blown up
+    reach = 1.1 * fastest * duration + 4 * radius.max()
     width = float(f"{4 * radius.max():.1g}")
     if chain.lateral is not None and (chain.bore is None or len(chain.bore.guided) < chain.bodies):
         width = max(width, float(f"{reach:.2g}"))  # some bodies may leave the axis
@@ -103,10 +82,10 @@ def _box(case: Case, radius: Array, height: Array) -> dict[str, float]:
 
 
 def render(case: Case) -> Deck:
-    """Render ``chain.in`` and ``chain.data``; atoms have the numbers of the bodies, from the wall up."""
+    """Render ``chain.in`` and ``chain.data``."""
     scene, chain, bore, radius = case.scene, case.chain, case.chain.bore, _radii(case)
     flat, springs = bool(np.isinf(chain.radius_m[-1])), _by_springs(case)
-    labels = _labels(case)
+    labels = labels_of(chain)
     material_of = dict(zip(labels, chain.materials, strict=True))
     if chain.wall:
         material_of.setdefault(chain.wall, chain.wall)
@@ -114,57 +93,34 @@ def render(case: Case) -> Deck:
         assert scene.tube is not None
         material_of[TUBE] = scene.tube.material
     types = list(material_of)
-    constants = [elastic_constants(scene, name) for name in material_of.values()]
+    constants = [scene.elastic_constants(name) for name in material_of.values()]
     moduli, ratios = [young for young, _ in constants], [poisson for _, poisson in constants]
     if flat and not springs:
         moduli[types.index(labels[-1])] = sphere_for_face(scene, chain)[1]
-    density, place = chain.mass_kg / (4 / 3 * math.pi * radius**3), chain.place_m
-    place[:, 2] += _above_face(case)
-    type_of = [types.index(label) + 1 for label in labels]
     below = [chain.wall, *labels[:-1]]  # type of the lower body of each contact
     contacts = zip(below, labels, contact_kn(chain, radius).tolist(), strict=True)
     kn_of_contacts = [(one, other, kn) for one, other, kn in contacts if one]
-    values = {
-        "code": "LIGGGHTS",
-        "case": case,
-        "box": _box(case, radius, place[:, 2]),
-        "atoms": list(zip(type_of, 2 * radius, density, place.tolist(), strict=True)),
-        "velocities": chain.velocity_xyz_m_s.tolist(),
-        "types": [label.strip() for label in types],
-        "moduli": moduli,
-        "ratios": ratios,
-        "wall_type": types.index(chain.wall) + 1 if chain.wall else 0,
-        "contact_kn": table_of_pairs(types, kn_of_contacts, 1.0) if springs else [],
-        "bore_kn": table_of_pairs(types, _bore_kn(chain, labels), 0.0),
-        "bore_kt": table_of_pairs(types, _bore_kn(chain, labels, shear=True), 0.0),
-        "friction": _friction(chain, types),
-        "coefficient": restitution_with_attraction(chain.damping_ratio),
-        "face_radius": radius[-1] if flat and not springs else None,
-        "guided_face": flat and chain.lateral,
-        "hard": not springs and max(moduli) > HARD_PA,
-        "soft": not springs and min(moduli) < SOFT_PA,
-        "binned": chain.bodies > MAX_BODIES_IN_PAIRS,
-        "columns": _columns(case),
-    }
-    templates = ("liggghts/chain.in.j2", "lammps/chain.data.j2")  # same format of data files
-    files = {Path(name).stem: render_template(name, **values) for name in templates}
-    return Deck(files, command_of("liggghts"), raw=(DUMP,))
-
-
-def _labels(case: Case) -> list[str]:
-    """Types of the bodies: the material, with the size if bore contacts differ by it."""
-    chain = case.chain
-    labels = list(chain.materials)
-    if chain.bore is not None:
-        sized = list(zip(labels, chain.radius_m.tolist(), strict=True))
-        sizes = Counter(label for label, _ in set(sized))
-        labels = [
-            f"{label} {2e3 * radius:g} mm" if sizes[label] > 1 and np.isfinite(radius) else label
-            for label, radius in sized
-        ]
-    if np.isinf(chain.radius_m[-1]):
-        labels[-1] = FLAT_PREFIX + labels[-1]
-    return labels
+    return deck_of(
+        "LIGGGHTS",
+        "liggghts",
+        case,
+        radius,
+        types,
+        WALL_FORCE,
+        box=_box(case, radius, chain.height_m + above_face(chain, radius)),
+        moduli=moduli,
+        ratios=ratios,
+        wall_type=types.index(chain.wall) + 1 if chain.wall else 0,
+        contact_kn=table_of_pairs(types, kn_of_contacts, 1.0) if springs else [],
+        bore_kn=table_of_pairs(types, _bore_kn(chain, labels), 0.0),
+        bore_kt=table_of_pairs(types, _bore_kn(chain, labels, shear=True), 0.0),
+        friction=_friction(chain, types),
+        coefficient=restitution_with_attraction(chain.damping_ratio),
+        face_radius=radius[-1] if flat and not springs else None,
+        guided_face=flat and chain.lateral,
+        hard=not springs and max(moduli) > HARD_PA,
+        soft=not springs and min(moduli) < SOFT_PA,
+    )
 
 
 def _bore_kn(chain: Chain, labels: list[str], *, shear: bool = False) -> Iterator[tuple[str, str, float]]:
@@ -185,41 +141,12 @@ def _friction(chain: Chain, types: list[str]) -> list[float]:
     return table_of_pairs(types, in_bore, chain.lateral.friction)
 
 
-def _columns(case: Case) -> tuple[str, ...]:
-    """Columns of the dump."""
-    wall, lateral = (WALL_FORCE,) if case.chain.wall else (), case.chain.lateral
-    if lateral is None:
-        return ("id", "z", "vz", "fz", *wall)
-    spin, bore = SPIN if lateral.turns else (), BORE_FORCE if lateral.bore else ()
-    return ("id", *PLACE, *VELOCITY, *spin, "fz", *wall, *bore)
-
-
-def _trace(case: Case, found: dict[str, Array]) -> Trace:
-    """Trace of a dump's columns."""
-    chain, height = case.chain, found["z"]
-    times = case.sample_times_s[: len(height)]
-    if np.isinf(chain.radius_m[-1]):
-        height = height - _above_face(case)
-    if chain.lateral is None:
-        return make_trace(chain, times, axial_forces(chain, found, WALL_FORCE), height, found["vz"])
-
-    def vectors(names: tuple[str, ...]) -> Array:
-        return np.stack([found[name] for name in names], axis=2)
-
-    place, velocity = vectors(PLACE), vectors(VELOCITY)
-    spin, bore = (vectors(names) if names[0] in found else None for names in (SPIN, BORE_FORCE))
-    place[:, :, 2] = height
-    force = axial_forces(chain, found, WALL_FORCE, None if bore is None else bore[:, :, 2])
-    return make_trace(chain, times, force, place, velocity, spin, bore)
-
-
 ENGINE = member(
     "liggghts",
     r"LIGGGHTS \(Version",
-    _columns,
-    _trace,
+    _radii,
+    WALL_FORCE,
     how_to_get="Debian's package liggghts",
-    shear=TOTAL,
     models=STRAIGHT | SIDEWAYS,
     refusal=refusal,
     render=render,

@@ -8,7 +8,7 @@ from typing import Any
 
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
-from drivers.engines import IN_OVERLAPS, TOTAL, Style, _in_repo
+from drivers.engines import IN_OVERLAPS, Style, _in_repo
 
 
 def _timing(case: Case) -> dict[str, Any]:
@@ -20,7 +20,6 @@ ENGINE = _in_repo.in_repository_engine(
     "verlet",
     _timing,
     scheme=IN_OVERLAPS,
-    shear=TOTAL,
     models=STRAIGHT | SIDEWAYS,
     style=Style("#009e73", 1.1, (0, (1, 2))),
 )

@@ -16,8 +16,7 @@ from drivers.base.processes import STDOUT, line_of
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import IN_HEIGHTS, INCREMENTAL, Defaults, Engine, Style, last_line
-from drivers.engines._deck_values import elastic_constants
+from drivers.engines import INCREMENTAL, Defaults, Engine, Style, last_line
 from drivers.engines._raw_output import contact_forces, read_arrays
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
@@ -29,8 +28,7 @@ CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLR
 def refusal(case: Case) -> InputProblem | None:
     """Refuse damped contacts that are pressed and moving at time 0: YADE's velocities start half a step earlier."""
     chain = case.chain
-    closing = np.append(0.0, chain.velocity_m_s[:-1]) - chain.velocity_m_s
-    moving = (chain.overlap_m > 0) & (closing != 0)
+    moving = (chain.overlap_m > 0) & (chain.closing_m_s != 0)
     if not chain.damping_ratio or not moving.any():
         return None
     found = f"bead {int(np.argmax(moving)) + 1} pressed and moving at time 0"
@@ -48,7 +46,7 @@ def render(case: Case) -> Deck:
         case=case,
         face=bodies.pop() if np.isinf(chain.radius_m[-1]) else None,
         spheres=bodies,
-        materials=[(name, *elastic_constants(case.scene, name)) for name in labels],
+        materials=[(name, *case.scene.elastic_constants(name)) for name in labels],
         friction_angle=atan(chain.lateral.friction) if chain.lateral else 0.0,
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
@@ -130,7 +128,6 @@ ENGINE = Engine(
     program="yade",
     version=lambda command: line_of(command, "--version", r"Yade version"),
     libraries=libraries,
-    scheme=IN_HEIGHTS,
     shear=INCREMENTAL,
     models=STRAIGHT | SIDEWAYS,
     refusal=refusal,

@@ -6,7 +6,7 @@ from math import inf, pi, sqrt
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.scene.model import RIGID, Material
+from drivers.scene.model import Material
 
 
 def rayleigh_time(case: Case) -> float:
@@ -47,5 +47,5 @@ def _balls(case: Case) -> Iterator[tuple[float, float, Material]]:
     """Radius, density and material of each distinct sphere."""
     chain = case.chain
     for name, radius, mass in sorted(set(zip(chain.materials, chain.radius_m, chain.mass_kg, strict=True))):
-        if np.isfinite(radius) and name != RIGID:
+        if np.isfinite(radius):
             yield float(radius), float(mass / (4 / 3 * pi * radius**3)), case.scene.materials[name]

@@ -1,4 +1,4 @@
-"""Lower bound of the stability limit from energy alone.
+"""Lower bound of the stability limit from energy alone, and the exactness of the reference that an error needs.
 
 The total energy bounds each overlap, and so each contact stiffness and the highest frequency, without integrating the
 motion. For most scenes the bound is within a tenth of the limit; ``drivers.limits.stable_step`` integrates the motion
@@ -6,11 +6,14 @@ if a closer bound is needed.
 """
 
 from functools import lru_cache
+from math import floor, log10
 
 import numpy as np
 
+from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in
-from drivers.chain.contact_law import contact_stiffness, overlap_of_energy
+from drivers.chain.contact_law import contact_stiffness, hertz_force, overlap_of_energy
+from validation.reference.adaptive import MIN_TOLERANCE
 from validation.reference.hertz_chain import Extremes
 
 SAFETY = 0.968  # factor on 2 / omega_max; below this limit none of 2,750 random scenes blows up
@@ -20,6 +23,8 @@ OVERSHOOT = 1.195
 # Coarse steps change the energy of impacts at random. At steps below (n + 1)^-0.2 of the limit, fewer than one in a
 # thousand of 20,000 bodies that bounce n + 1 times doubled its energy.
 WEAR_EXPONENT = 0.2
+EXACT_SHARE = 1e-3  # of an error: allowed error of the exact motion against which it is measured
+MAX_TOLERANCE = 1e-6  # of the reference, whose own values count as exact
 
 
 def deepest_m(overlap_m: Array, closing_m_s: Array, time_step_s: float) -> Array:
@@ -118,3 +123,16 @@ def certainly_stable(chain: Chain, duration_s: float, time_step_s: float) -> boo
         return False
     share, impacts = share_at_most(chain, duration_s, time_step_s)
     return share * wear(impacts) <= 1
+
+
+def needed_tolerance(case: Case) -> float:
+    """Tolerance of the reference that determines the force error of a run to 1 %: a power of ten.
+
+    At a step of x times the stability limit, the force error of velocity Verlet is 0.25 x^2 times the largest change
+    or more on all shipped scenes. Powers of ten let cases of similar steps share a run of the reference.
+    """
+    chain, duration = case.chain, float(case.sample_times_s[-1])
+    force = hertz_force(chain.stiffness, at_most(chain, duration).overlap_m)
+    change = float((force - chain.elastic_N).max() / (force.max() or 1.0))
+    share, _ = share_at_most(chain, duration, case.scene.time_step_s)
+    return float(10.0 ** floor(log10(min(max(EXACT_SHARE * share**2 * change, MIN_TOLERANCE), MAX_TOLERANCE))))

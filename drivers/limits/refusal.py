@@ -30,7 +30,12 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
     """
     if case.scene.run.accuracy is not None and case.plan is None:
         raise InputError(case.scene.file, "run.accuracy", "no time step is planned for it here; give run.time_step")
-    refuse_beyond_rounding(case, engine)
+    lost = beyond_rounding(case, engine)
+    if lost is not None:
+        assert case.plan is not None
+        share = case.plan.asked[lost]
+        why = f"limited by rounding of absolute heights on {engine}; verlet holds overlaps and attains it"
+        raise unattainable(case, lost, share, attainable_in_heights(share, case.plan.rounding_share), why)
     cannot = inability(case, engine)
     if cannot is not None:
         raise cannot
@@ -133,17 +138,3 @@ def beyond_rounding(case: Case, engine: str) -> str | None:
     plan = case.plan
     lost = (name for name, share in plan.asked.items() if plan.predicted[name] + plan.rounding_share > share)
     return next(lost, None)
-
-
-def refuse_beyond_rounding(case: Case, engine: str) -> None:
-    """Refuse an accuracy that is unattainable because of rounding of absolute heights.
-
-    Raises:
-        InputError: rounding may exceed the accuracy asked for; the message names the attainable accuracy.
-    """
-    name = beyond_rounding(case, engine)
-    if name is not None:
-        assert case.plan is not None
-        share = case.plan.asked[name]
-        why = f"limited by rounding of absolute heights on {engine}; verlet holds overlaps and attains it"
-        raise unattainable(case, name, share, attainable_in_heights(share, case.plan.rounding_share), why)

@@ -124,7 +124,7 @@ def _check_room(folder: Path) -> None:
 
 def default_limit_s(case: Case, engine: Engine) -> float:
     """Time limit of a run: given by the engine's entry, or in proportion to bodies times steps."""
-    return engine.entry.time_limit_s or MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.work
+    return engine.entry.time_limit or MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.work
 
 
 def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) -> Computed:

@@ -14,6 +14,7 @@ from drivers.base.errors import CONTROL
 
 MAX_BEADS = 1_000_000
 RIGID = "rigid"
+RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
 VISCOELASTIC: Final = "viscoelastic"
 POWER: Final = "power"
 MIN_RESTITUTION, MAX_DAMPING_RATIO = 1e-4, 50.0  # about equivalent; with stronger damping bodies stick together
@@ -275,3 +276,9 @@ class Scene(SceneFile):
     def three_dimensional(self) -> bool:
         """True if beads can move sideways and turn."""
         return self.chain.lateral_offset is not None or any(bead.lateral_velocity for bead in self.chain.bead)
+
+    def elastic_constants(self, material: str) -> tuple[float, float]:
+        """Young's modulus in Pa and Poisson's ratio of a material of the scene, or of the rigid wall."""
+        if material == RIGID:
+            return RIGID_PA, 0.0
+        return self.materials[material].youngs_modulus, self.materials[material].poisson_ratio

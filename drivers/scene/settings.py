@@ -67,12 +67,11 @@ def setting_text(key: str, value: Any) -> str:
 
 def setting_texts(settings: Mapping[str, Any]) -> tuple[str, ...]:
     """``KEY=VALUE`` texts of settings by key; numbers are given in SI units, None removes the key."""
-    return tuple(f"{key}={setting_text(key, _as_float(key, value))}" for key, value in settings.items())
-
-
-def _as_float(key: str, value: Any) -> Any:
-    """Value as a float if it is a number and its key has a unit; otherwise unchanged."""
-    return float(value) if unit_of(key) and isinstance(value, (int, float)) else value
+    texts = []
+    for key, value in settings.items():
+        number = unit_of(key) and isinstance(value, (int, float))
+        texts.append(f"{key}={setting_text(key, float(value) if number else value)}")
+    return tuple(texts)
 
 
 def _toml(key: str, value: Any) -> str:

@@ -16,7 +16,7 @@ from drivers.chain.case import Case, StepPlan
 from drivers.chain.chain import Array, arrays_of, build_chain
 from drivers.chain.elements import choose_elements
 from drivers.chain.schemes import verlet_of
-from drivers.limits.exactness import EXACT_SHARE
+from drivers.limits.energy_bounds import EXACT_SHARE
 from drivers.limits.refusal import FORCE, ROUNDING_MARGIN, unattainable
 from drivers.limits.stable_step import predicted_limit
 from drivers.scene.model import Scene

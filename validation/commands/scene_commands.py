@@ -13,9 +13,16 @@ from validation.commands.options import checked, command, must_be_folder
 @command("")
 def scenes() -> None:
     """List the shipped scenes, studies and materials."""
-    from drivers.scene.shipped import print_shipped
+    from drivers.base.text_table import text_table
+    from drivers.scene.read_scene import read_toml
 
-    print_shipped()
+    listed = {
+        what: {path.stem: read_toml(path).get("title", "") for path in sorted(home.glob("*.toml"))}
+        for what, home in (("scenes", paths.SCENES), ("studies", paths.STUDIES))
+    }
+    listed["materials"] = {name: each.get("source", "") for name, each in read_toml(paths.MATERIALS).items()}
+    for what, texts in listed.items():
+        print(f"{what}:", *(f"  {line}" for line in text_table(texts.items())), sep="\n")
 
 
 @command("fig4", "fig4 --set run.time_step= --set run.accuracy=1e-4")

@@ -8,7 +8,7 @@ import pytest
 from drivers.base.paths import ROOT
 from drivers.batch.study_plan import STATES
 from drivers.engines import engine_names
-from drivers.engines._entries import _Entry
+from drivers.engines._entries import EntryTable
 from drivers.run.run_folder import RunRecord
 from validation.commands.beads import BEADS
 from validation.tests.helpers.readme import command_lines, parse
@@ -52,4 +52,4 @@ def test_the_states_of_rows_are_listed_here_and_in_the_help() -> None:
 
 def test_the_entry_has_all_keys() -> None:
     example = TEXT.partition("```toml\n")[2].partition("```")[0]
-    assert set(re.findall(r"^(\w+) =", example, re.MULTILINE)) == set(_Entry.model_fields)
+    assert set(re.findall(r"^(\w+) =", example, re.MULTILINE)) == set(EntryTable.model_fields)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.chain.schemes import verlet_of
-from drivers.limits.exactness import needed_tolerance
+from drivers.limits.energy_bounds import needed_tolerance
 from postproc.read.residual import residual
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE

@@ -285,7 +285,7 @@ def test_run_files_contain_sideways_motion_and_bore_forces(shared_runs: Path, tm
 
 
 def test_messages_name_beads_without_equilibrium(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivers.chain.lateral_start.find_rest", lambda chain, place: find_rest(chain, place, steps=3))
+    monkeypatch.setattr("drivers.chain.lateral_start.MAX_STEPS", 3)
     with pytest.raises(InputError) as caught:
         case_of("fig4-tube")
     key, message = str(caught.value).split(": found ")

@@ -12,8 +12,7 @@ from drivers.base.errors import RunError
 from drivers.base.processes import run_command
 from drivers.chain.case import Case
 from drivers.engines import Engine, codes, engine_names, installed_codes, load_engine
-from drivers.engines._deck_values import table_of_pairs
-from drivers.engines._lammps_family import DUMP
+from drivers.engines._lammps_family import DUMP, table_of_pairs
 from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
 from drivers.run.guard import checked_trace
 from postproc.draw import style

@@ -10,7 +10,7 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.chain.schemes import verlet_of
 from drivers.engines import engine_names
-from drivers.limits.refusal import beyond_rounding, refuse_beyond_rounding
+from drivers.limits.refusal import beyond_rounding, refuse
 from drivers.limits.stable_step import linear_limit
 from validation.accuracy.budget import budget_of
 from validation.accuracy.exact_motion import errors_of, exact_motion_of
@@ -74,7 +74,7 @@ def test_heights_far_away_are_refused_to_codes_with_a_limit_that_holds() -> None
     settings = (FREE, "chain.origin=1 km")
     case = case_of("fig4", *settings, "run.accuracy=1e-8")
     with pytest.raises(InputError, match=r"run.accuracy: found 1e-08; allowed: at least .* on yade") as refusal:
-        refuse_beyond_rounding(case, "yade")
+        refuse(case, "yade")
     assert beyond_rounding(case, "verlet") is None
     assert cheapest(case) in ("verlet", "reference")
     limit = str(refusal.value).partition("at least ")[2].split()[0]

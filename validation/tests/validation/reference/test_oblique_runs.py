@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 from drivers.chain.case import Case
-from drivers.chain.trace import Sideways, Trace
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace
 from drivers.engines import INCREMENTAL, load_engine
 from drivers.run.compute import compute
 from validation.tests.helpers.oblique_impact import (
@@ -55,9 +56,12 @@ class Impact:
     out_of_plane: float
 
 
-def sideways(trace: Trace) -> Sideways:
-    assert trace.sideways is not None
-    return trace.sideways
+def sideways(trace: Trace) -> tuple[Array, Array, Array]:
+    """Positions and velocities across the axis, and spins."""
+    assert trace.across_m is not None
+    assert trace.across_velocity_m_s is not None
+    assert trace.spin_rad_s is not None
+    return trace.across_m, trace.across_velocity_m_s, trace.spin_rad_s
 
 
 def case_at(degrees: float, material: str, *settings: str) -> Case:
@@ -76,16 +80,14 @@ def case_at(degrees: float, material: str, *settings: str) -> Case:
 def impact_of(trace: Trace) -> Impact:
     assert trace.height_m is not None
     assert trace.velocity_m_s is not None
-    moved = sideways(trace)
+    across, velocity, spin = sideways(trace)
     assert trace.height_m[-1, 0] > RADIUS_M  # it has left
-    motion = np.column_stack(
-        [trace.velocity_m_s[:, 0], moved.velocity_m_s[:, 0, 0], RADIUS_M * moved.spin_rad_s[:, 0, 1]]
-    )
+    motion = np.column_stack([trace.velocity_m_s[:, 0], velocity[:, 0, 0], RADIUS_M * spin[:, 0, 1]])
     out_of_plane = [
-        moved.place_m[:, 0, 1],
-        moved.velocity_m_s[:, 0, 1],
-        moved.spin_rad_s[:, 0, 0],
-        moved.spin_rad_s[:, 0, 2],
+        across[:, 0, 1],
+        velocity[:, 0, 1],
+        spin[:, 0, 0],
+        spin[:, 0, 2],
     ]
     (a, b, c), (d, e, f) = motion[0].tolist(), motion[-1].tolist()
     return Impact((a, b, c), (d, e, f), float(np.abs(out_of_plane).max()))
@@ -158,7 +160,8 @@ def test_spins_belong_to_the_time_of_the_forces(engine: str, traced: Runner) -> 
     assert trace.height_m is not None
     force, mass = trace.force_N[:, 0], case.chain.mass_kg[0]
     arm = RADIUS_M - BY_LAW[engine].torque_arm * (RADIUS_M - trace.height_m[:, 0])
-    spin, along = sideways(trace).spin_rad_s[:, 0, 1], sideways(trace).velocity_m_s[:, 0, 0]
+    _, velocity, spins = sideways(trace)
+    spin, along = spins[:, 0, 1], velocity[:, 0, 0]
     # sliding: friction is mu times the normal force; values change between samples by the mean of their rates
     for values, rate in (
         (spin, FRICTION * force * arm / (0.4 * mass * RADIUS_M**2)),
@@ -178,8 +181,8 @@ def test_two_free_beads_keep_their_momenta(across: float, engine: str, traced: R
     trace = traced(engine, case)
     assert trace.height_m is not None
     assert trace.velocity_m_s is not None
-    moved, mass, radius = sideways(trace), case.chain.mass_kg, case.chain.radius_m
-    x, vx, spin = moved.place_m[:, :, 0], moved.velocity_m_s[:, :, 0], moved.spin_rad_s[:, :, 1]
+    mass, radius = case.chain.mass_kg, case.chain.radius_m
+    x, vx, spin = (values[:, :, axis] for values, axis in zip(sideways(trace), (0, 0, 1), strict=True))
     z, vz = trace.height_m, trace.velocity_m_s
     assert (np.abs(spin).max(axis=0) > 10).all()  # friction acts and turns both
     turning = (z * vx - x * vz) @ mass + spin @ (0.4 * mass * radius**2)

@@ -184,8 +184,8 @@ def test_stability_limits_of_a_uniform_chain() -> None:
 def test_cutting_a_trace_cuts_all_its_arrays() -> None:
     trace = verlet_of(sideways(*SLIPPERY), TOTAL)
     cut = until(trace, 7)
-    assert cut.sideways is not None
-    assert len(cut.force_N) == len(cut.sideways.spin_rad_s) == len(cut.time_s) == 7
+    assert cut.spin_rad_s is not None
+    assert len(cut.force_N) == len(cut.spin_rad_s) == len(cut.time_s) == 7
 
 
 @pytest.mark.parametrize("engine", [name for name in codes() if load_engine(name).models >= SIDEWAYS])
