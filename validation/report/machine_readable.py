@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
-from drivers.chain.case import Case
 from drivers.engines import in_order
 from drivers.run.run_folder import provenance
 from validation.checks import FAIL, NOT_RUN, PASS, Check
@@ -112,7 +111,7 @@ def _checks(row: ReportRow) -> list[Check]:
 
 
 def _scene(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
-    case: Case = scene.case
+    case = scene.case
     found = _row(row) | {
         "summary": case.summary,
         "source": source_of(case.scene),
@@ -133,7 +132,7 @@ def _row(row: ReportRow) -> dict[str, Any]:
         "title": row.title,
         "command": row.again,
         "engines": {
-            cell.engine: {
+            engine: {
                 "verdict": cell.verdict,
                 "note": cell.note,
                 "worst": cell.worst.quantity if cell.worst else None,
@@ -143,7 +142,7 @@ def _row(row: ReportRow) -> dict[str, Any]:
                     for each in cell.checks
                 ],
             }
-            for cell in row.cells.values()
+            for engine, cell in row.cells.items()
         },
     }
 
