@@ -38,7 +38,7 @@ from drivers.limits.refusal import FORCE
 from drivers.run.run_folder import EndedRun
 from postproc.read.observables import of_kind, scale_of
 from postproc.read.residual import is_at_rest, share_of_change, static_load_remark
-from validation.accuracy.exact_motion import errors_of, exact_motion_of, quantities
+from validation.accuracy.exact_motion import errors_of, quantities
 from validation.accuracy.measured_law import SIGNIFICANCE, law_deviation
 from validation.accuracy.motions import FIELDS, HORIZON, Motions, motions_of, predicted_error
 from validation.checks import FAIL, Check, judged, worst_of
@@ -252,7 +252,8 @@ def until_known(motions: Motions) -> str:
 
 def measured_errors(case: Case, trace: Trace, names: Collection[str]) -> dict[str, float]:
     """Errors of the named quantities of a run to its end, at least the error of the exact motion."""
-    truth = exact_motion_of(case.full) if case.full else motions_of(case).exact_to_end
+    motions = motions_of(case)
+    truth = (motions.full or motions).exact_to_end
     known = float(share_of_change(truth.error_N, truth.trace)[-1])
     return {name: max(error, known) for name, error in errors_of(case, trace, truth, names).items()}
 

@@ -21,7 +21,7 @@ import numpy as np
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, moving_at_start
-from drivers.chain.schemes import turned_verlet_of, verlet_in_heights, verlet_of
+from drivers.chain.schemes import exact_of, turned_verlet_of, verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, IN_HEIGHTS, VERLET, load_engine
 from drivers.limits.refusal import FORCE
@@ -156,8 +156,7 @@ class Motions:
         """The exact motion to the tolerance of the case's reference run, at the samples of ``exact``."""
         if self.case.reference_tolerance == MIN_TOLERANCE:
             return self.exact
-        motion = exact_motion_of(self.case, self.case.reference_tolerance, finer=False)
-        return until(motion.trace, self.known)
+        return until(exact_of(self.case, self.case.reference_tolerance), self.known)
 
     def scheme_of(self, engine: str) -> Trace:
         """Motion of a faultless run of an engine, except the order of additions."""
