@@ -22,7 +22,7 @@ In three dimensions Q_e is extrapolated, rounding is included in model, and samp
 
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import asdict, dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,7 @@ from drivers.run.run_folder import EndedRun
 from postproc.read.observables import of_kind, scale_of
 from postproc.read.residual import is_at_rest, share_of_change, static_load_remark
 from validation.accuracy.exact_motion import errors_of, quantities
-from validation.accuracy.measured_law import SIGNIFICANCE, law_deviation
+from validation.accuracy.measured_law import SIGNIFICANCE, measure_law
 from validation.accuracy.motions import FIELDS, HORIZON, Motions, motions_of, predicted_error
 from validation.checks import FAIL, Check, judged, worst_of
 
@@ -209,10 +209,12 @@ def _law_check(case: Case, engine: str) -> Iterator[Check]:
     step_s = 0.0 if exact else case.scene.time_step_s
     try:
         measured = [motions.exact_to_end.fine] if exact else [motions.plain, motions.rounded]
-        rows = [law_deviation(case, motion, step_s) for motion in measured]
+        laws = [measure_law(case, motion, step_s) for motion in measured]
     except ValueError:  # too few samples
         return
-    row = max(rows, key=lambda row: abs(row.ratio - 1) / row.uncertainty)
+    if not all(laws):  # nothing moves
+        return
+    row = max(chain.from_iterable(laws), key=lambda row: row.uncertainties_off)
     place = f" at contact or body {row.place}" if row.place else ""
     limit = Tolerance(float(SIGNIFICANCE * row.uncertainty), LAW_REASON)
     yield judged(case.scene.name, engine, f"{MODEL}: law", float(abs(row.ratio - 1)), limit, f"{row.quantity}{place}")
