@@ -9,17 +9,7 @@ from drivers.base.progress import step
 from drivers.base.text_table import text_table
 from drivers.engines import in_order
 from validation.accuracy.budget import BUDGET_WORDS, PARTS, printed_budget
-from validation.checks import (
-    FAIL,
-    NOT_RUN,
-    RUN,
-    Check,
-    outcome,
-    summary,
-    table,
-    without_run,
-    worst_of,
-)
+from validation.checks import FAIL, NOT_RUN, RUN, Check, outcome, summary, table, without_run, worst_of
 from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
@@ -50,7 +40,7 @@ def compare_scenes(
     with step(f"{scenes[0] if len(scenes) == 1 else f'{len(scenes)} scenes'} on all engines, compared"):
         for compared in run_and_compare_all(scenes, settings, runs, asked, unsafe=unsafe):
             between += [check for pair in asked.builds for check in _between(compared, *pair)]
-            ran |= set(compared.wall_s)
+            ran |= compared.ran
             for engine, why in compared.absent.items():
                 absent.setdefault(engine, why)
             if sources:

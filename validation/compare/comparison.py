@@ -33,7 +33,6 @@ class ComparedScene:
         departures: first departure of a run, finished or failed, from its scheme, by engine; only of those that depart.
         diagnoses: sentence on the measured law of a run with a failed check, by engine.
         refused: partial trace of a failed run, by engine; used for no check and no observable.
-        wall_s: wall time of each finished or failed run in s, by engine.
     """
 
     case: Case
@@ -43,7 +42,11 @@ class ComparedScene:
     departures: dict[str, str] = field(default_factory=dict)
     diagnoses: dict[str, str] = field(default_factory=dict)
     refused: dict[str, Trace] = field(default_factory=dict)
-    wall_s: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def ran(self) -> set[str]:
+        """Engines with a finished or failed run."""
+        return {check.engine for check in self.checks if check.verdict != NOT_RUN}
 
     def of_engine(self, engine: str) -> list[Check]:
         """Checks of an engine."""
@@ -108,7 +111,6 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str], ru
         {engine: departures[engine] for engine in in_order(departures) if departures[engine]},
         diagnoses,
         refused,
-        {engine: run.record.wall_s for engine, run in assessed.items()},
     )
 
 
