@@ -275,10 +275,9 @@ def first_departure(motions: Motions, engine: str, trace: Trace) -> str:
             continue
         sample = int(np.argmax(beyond))
         column = int(np.argmax(share[sample]))
-        place = place_of(quantity, case.sample_times_s, (sample, column))
         one, other = digits_apart(float(has[sample, column]), float(right[sample, column]))
         unit = {FORCE: "N", "energy": "J", "momentum": "N s"}[quantity]
-        when = "from the start" if sample == 0 else f"from {place.rpartition('at ')[2]}"
+        when = "from the start" if sample == 0 else f"from {case.sample_times_s[sample] * 1e6:.6g} µs"
         if sample and quantity == FORCE:
             change = np.abs(right[: sample + 1, column] - right[0, column]).max() / scale
             when += ", before any wave arrives" if change <= allowed[sample] else ", in the wave"
@@ -329,19 +328,14 @@ def _warnings(
     if unknown and not motions.straight:
         return
     exact = None if unknown else motions.exact
-    energy_J = trace.total_energy_J
-    errors = {
-        FORCE: (
-            predicted_error(case, engine)
-            if exact is None
-            else apart(trace.force_N, exact.force_N, motions.scale(FORCE)).max(axis=1)
-        ),
-        "energy": (
-            energy_error_J(energy_J, damped=case.chain.damped, slips=case.chain.slips) / motions.scale("energy")
-            if exact is None
-            else apart(field_of(trace, "energy")[:, 0], field_of(exact, "energy")[:, 0], motions.scale("energy"))
-        ),
-    }
+    if exact is None:
+        off_J = energy_error_J(trace.total_energy_J, damped=case.chain.damped, slips=case.chain.slips)
+        errors = {FORCE: predicted_error(case, engine), "energy": off_J / motions.scale("energy")}
+    else:
+        errors = {
+            quantity: apart(field_of(trace, quantity), field_of(exact, quantity), motions.scale(quantity)).max(axis=1)
+            for quantity in (FORCE, "energy")
+        }
     scales = {FORCE: "largest change of force", "energy": "largest kinetic energy"}
     for quantity, error in errors.items():
         limit = tolerance("warning", quantity).limit
