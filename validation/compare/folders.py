@@ -2,7 +2,7 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -85,15 +85,9 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSe
             again += [(first[key].folder, second[key].folder)] if rows[0].quantity != RUN else []
     print("", *table(checks), sep="\n")
     print(f"\n{len(either)} runs: {compared} compared, {failed} failed, missing or changed by more than allowed")
-    print_commands(again)
+    for pair in again:
+        print("details:", shlex.join(["beads", "compare", *map(paths.shown, pair), *engines_again()]))
     return 1 if print_unmet(asked.unmet(engine for engine, _ in first.keys() & second.keys())) or failed else 0
-
-
-def print_commands(pairs: Iterable[tuple[Path, Path]]) -> None:
-    """Prints the commands that show pairs of runs in detail."""
-    for pair in pairs:
-        words = ["beads", "compare", *map(paths.shown, pair), *engines_again()]
-        print("details:", shlex.join(words))
 
 
 def _runs(option: str, folder: Path) -> dict[Key, KeptRun]:
