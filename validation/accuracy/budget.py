@@ -97,7 +97,7 @@ def budget_of(case: Case, engine: str, trace: Trace) -> Budget:
     motions = motions_of(case, engine)
     with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
         rows, missing = _rows(motions, engine, trace)
-        departure = first_departure(motions, engine, trace)
+        departure = first_departure(case, engine, trace)
         checks = [*_model_checks(case, engine, trace), *_error_checks(case, engine, trace, rows)]
         known = not motions.why_unknown and motions.straight
         samples = motions.known if known else 0
@@ -260,12 +260,13 @@ def measured_errors(case: Case, trace: Trace, names: Collection[str]) -> dict[st
     return {name: max(error, known) for name, error in errors_of(case, trace, truth, names).items()}
 
 
-def first_departure(motions: Motions, engine: str, trace: Trace) -> str:
+def first_departure(case: Case, engine: str, trace: Trace) -> str:
     """First time and contact at which a run, finished or failed, departs from its scheme; empty if it never does.
 
     A fault in the set-up shows at time 0 or before a wave arrives, a fault in the law or in a mass in the wave.
     """
-    samples, case = min(motions.samples, len(trace.time_s)), motions.case
+    motions = motions_of(case, engine)
+    samples = min(motions.samples, len(trace.time_s))
     scheme = until(motions.scheme_of(engine), samples)
     for quantity in (FORCE, *FIELDS):
         has, right, scale = field_of(trace, quantity)[:samples], field_of(scheme, quantity), motions.scale(quantity)

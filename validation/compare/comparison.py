@@ -14,7 +14,6 @@ from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
 from validation.accuracy.assess import assess
 from validation.accuracy.budget import first_departure, kept_budget
-from validation.accuracy.motions import motions_of
 from validation.accuracy.plan import planned_case
 from validation.checks import FAIL, NOT_RUN, Check, without_run
 from validation.compare.selection import ALL_ENGINES, EngineSelection
@@ -97,7 +96,7 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str], ru
     budgets = {engine: kept_budget(case, run) for engine, run in finished.items()}
     checks = [*missing(case, absent), *(check for budget in budgets.values() for check in budget.checks)]
     departures = {engine: budget.departure for engine, budget in budgets.items()}
-    departures |= {engine: first_departure(motions_of(case, engine), engine, part) for engine, part in refused.items()}
+    departures |= {engine: first_departure(case, engine, part) for engine, part in refused.items()}
     diagnoses = {}
     if any(check.verdict == FAIL for check in checks):  # slow import, rarely needed
         from validation.compare.law_sentence import diagnoses_of

@@ -163,12 +163,11 @@ def test_velocities_of_another_time_change_energy_and_no_force() -> None:
 @pytest.mark.parametrize("samples", [None, 300, 2])
 def test_failed_runs_depart_where_they_begin_to(samples: int | None) -> None:
     case = case_of("fig4")
-    motions = motions_of(case)
     bent, right = as_code(case, stiffness=times(0.7, -1)), as_code(case)
-    whole = first_departure(motions, A_CODE, bent)
-    assert first_departure(motions, A_CODE, until(bent, samples or 801)) == whole != ""
-    assert first_departure(motions, A_CODE, until(right, samples or 801)) == ""
-    assert " from 200 µs" in first_departure(motions, A_CODE, blown_up(right, 200))
+    whole = first_departure(case, A_CODE, bent)
+    assert first_departure(case, A_CODE, until(bent, samples or 801)) == whole != ""
+    assert first_departure(case, A_CODE, until(right, samples or 801)) == ""
+    assert " from 200 µs" in first_departure(case, A_CODE, blown_up(right, 200))
 
 
 def test_numbers_are_printed_with_as_many_digits_as_differ() -> None:

@@ -23,7 +23,6 @@ from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS, READINGS, SPREAD
 from postproc.read.run_tables import errors
 from validation.accuracy.budget import budget_of, first_departure
-from validation.accuracy.motions import motions_of
 from validation.chapters import write_frame
 from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
 from validation.compare.comparison import ComparedScene
@@ -109,8 +108,7 @@ def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp
     good = compared.runs["verlet"].trace
     refused = {"yade": blown_up(good, 100), "liggghts": until(good, 60)}
     absent = dict.fromkeys(refused, "failed: unstable <b>")
-    motions = motions_of(compared.case)
-    departures = {"yade": first_departure(motions, "yade", refused["yade"])}
+    departures = {"yade": first_departure(compared.case, "yade", refused["yade"])}
     checks = checks_of(compared.case, compared.runs, absent)
     sick = replace(compared, absent=absent, checks=checks, departures=departures, refused=refused)
     section = section_of(sick, scene_row(sick))
