@@ -20,7 +20,7 @@ scheme does, plus rounding.
 In three dimensions Q_e is extrapolated, rounding is included in model, and sampling is not measured.
 """
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from itertools import chain, pairwise
 from typing import Any
@@ -221,22 +221,29 @@ def _law_check(case: Case, engine: str) -> Iterator[Check]:
 
 
 def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, Any]]) -> Iterator[Check]:
-    """Is it accurate enough? Whole errors against the accuracy of the scene, else against the general ceilings."""
+    """Is it accurate enough? Whole errors against the accuracy of the scene, else against the general ceilings.
+
+    An error is at least that of the exact motion.
+    """
+    motions = motions_of(case, engine)
     if case.plan is not None:
-        for name, error in measured_errors(case, trace, case.plan.asked).items():
+        truth = (motions.full or motions).exact_to_end
+        known = float(share_of_change(truth.error_N, truth.trace)[-1])
+        for name, error in errors_of(case, trace, truth, case.plan.asked).items():
             limit = Tolerance(case.plan.asked[name], "the accuracy that the scene asks for")
-            yield judged(case.scene.name, engine, f"{ERROR}: {name}", error, limit, "to the end of the run")
+            where = "to the end of the run"
+            yield judged(case.scene.name, engine, f"{ERROR}: {name}", max(error, known), limit, where)
         return
-    known = until_known(motions_of(case, engine)) if rows else ""
+    end = until_known(motions) if rows else ""
     whole = {row["quantity"]: row for row in rows}
     ceilings = {FORCE: ("truncation", FORCE), "energy": ("energy", "drift")}
     for quantity, ceiling in ceilings.items() if rows else ():
-        error, where = abs(whole[quantity]["whole"]), whole[quantity]["where"] + known
+        error, where = abs(whole[quantity]["whole"]), whole[quantity]["where"] + end
         yield judged(case.scene.name, engine, f"{ERROR}: {quantity}", error, tolerance(*ceiling), where)
     for kind, plural in CEILINGS.items():
         limit = tolerance("truncation", kind)
         found = [
-            judged(case.scene.name, engine, f"{ERROR}: {plural}", abs(whole[name]["whole"]), limit, name + known)
+            judged(case.scene.name, engine, f"{ERROR}: {plural}", abs(whole[name]["whole"]), limit, name + end)
             for name in of_kind(whole, kind)
         ]
         if worst := worst_of(found):
@@ -250,14 +257,6 @@ def until_known(motions: Motions) -> str:
     until_us = motions.case.sample_times_s[motions.known] * 1e6
     what = "the error of the exact motion" if motions.straight else "rounding alone"
     return f"; judged until {until_us:g} µs, where {what} exceeds {HORIZON:g}"
-
-
-def measured_errors(case: Case, trace: Trace, names: Collection[str]) -> dict[str, float]:
-    """Errors of the named quantities of a run to its end, at least the error of the exact motion."""
-    motions = motions_of(case)
-    truth = (motions.full or motions).exact_to_end
-    known = float(share_of_change(truth.error_N, truth.trace)[-1])
-    return {name: max(error, known) for name, error in errors_of(case, trace, truth, names).items()}
 
 
 def first_departure(case: Case, engine: str, trace: Trace) -> str:
