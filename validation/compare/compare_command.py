@@ -1,7 +1,6 @@
 """``beads compare SCENE``: checks, departures, diagnoses and error budgets of scenes on screen."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from drivers.base import paths
@@ -63,8 +62,7 @@ def _between(compared: ComparedScene, one: str, other: str) -> list[Check]:
         return [without_run(scene, pair, "; ".join(why), FAIL if failed else NOT_RUN)]
     from validation.compare.folders import moved  # slow import
 
-    rows = moved(compared.runs[one].folder, compared.runs[other].folder)
-    return [replace(check, scene=scene, engine=pair) for check in rows]
+    return moved(compared.runs[one].folder, compared.runs[other].folder, scene, pair)
 
 
 def _headline(compared: ComparedScene, asked: EngineSelection) -> str:

@@ -21,20 +21,21 @@ ALL_QUANTITIES = "all"  # quantity of the row of a pair that agrees in all quant
 Key = tuple[str, str]
 
 
-def moved(first: Path, second: Path) -> list[Check]:
-    """Checks of the quantities that differ by more than rounding between two finished runs.
+def moved(first: Path, second: Path, scene: str, engine: str) -> list[Check]:
+    """Checks of the quantities that differ by more than rounding between two finished runs, named as given.
 
     If none does, one check of the largest difference; if the runs cannot be compared, one failure.
     """
     try:
         pair = compare_pair(*open_pair(first, second))
     except InputError as error:
-        return [without_run("", "", str(error), FAIL)]
-    if different := [check for check in pair.checks if not check.value <= ROUNDING]:
+        return [without_run(scene, engine, str(error), FAIL)]
+    checks = [replace(check, scene=scene, engine=engine) for check in pair.checks]
+    if different := [check for check in checks if not check.value <= ROUNDING]:
         place = pair.parted[ROUNDING]
         since = f"forces differ first in {place}" if place else "all forces agree"
         return [replace(check, where=f"{check.where}; {since}{pair.until}") for check in different]
-    most = max(pair.checks, key=lambda check: check.value)
+    most = max(checks, key=lambda check: check.value)
     words = f"equal to rounding, largest difference in {most.quantity}" if most.value else "identical bit for bit"
     return [replace(most, quantity=ALL_QUANTITIES, where=words + pair.until)]
 
@@ -75,10 +76,11 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSe
     in_order = sorted(either.items(), key=lambda item: (item[1].scene, item[0]))
     for key, run in following(in_order, "compared", len(in_order), "pair"):
         if key in first and key in second and not (first[key].trouble or second[key].trouble):
-            rows = moved(first[key].folder, second[key].folder)
+            rows = moved(first[key].folder, second[key].folder, labels[key], run.engine)
         else:
-            rows = [_unpaired(key, {old: first, new: second}, asked)]
-        checks += [replace(check, scene=labels[key], engine=run.engine) for check in rows]
+            why, verdict = _unpaired(key, {old: first, new: second}, asked)
+            rows = [without_run(labels[key], run.engine, why, verdict)]
+        checks += rows
         compared += rows[0].quantity != RUN
         if any(check.verdict == FAIL for check in rows):
             failed += 1
@@ -98,15 +100,15 @@ def _runs(option: str, folder: Path) -> dict[Key, KeptRun]:
     return {run.key: run for run in sorted(found, key=lambda run: not run.folder.name.endswith("-failed"))}
 
 
-def _unpaired(key: Key, sides: dict[Path, dict[Key, KeptRun]], asked: EngineSelection) -> Check:
-    """Check of a run that failed or is missing in one of the folders."""
+def _unpaired(key: Key, sides: dict[Path, dict[Key, KeptRun]], asked: EngineSelection) -> tuple[str, str]:
+    """Reason why a run has no pair, and the verdict: it failed or is missing in one of the folders."""
     troubles, missing = [], []
     for folder, side in sides.items():
         if key in side and side[key].trouble:
             troubles.append(f"{side[key].trouble} (in {paths.shown(folder)})")
         elif key not in side:
             missing.append(f"no such run in {paths.shown(folder)}{_closest(key, side, sides)}")
-    return without_run("", "", "; ".join(troubles + missing), FAIL if troubles or not asked.allow_missing else NOT_RUN)
+    return "; ".join(troubles + missing), FAIL if troubles or not asked.allow_missing else NOT_RUN
 
 
 def _closest(key: Key, side: dict[Key, KeptRun], sides: dict[Path, dict[Key, KeptRun]]) -> str:
