@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from validation.accuracy.assess import assess
-    from validation.accuracy.plan_of_scene import plan
+    from validation.accuracy.plan import plan
 
 __all__ = ["assess", "plan"]
-EXPORTS = {"assess": "validation.accuracy.assess", "plan": "validation.accuracy.plan_of_scene"}
+EXPORTS = {"assess": "validation.accuracy.assess", "plan": "validation.accuracy.plan"}
 
 
 def __getattr__(name: str) -> Any:

@@ -4,7 +4,10 @@ import math
 from typing import Any
 
 from drivers.chain.case import Case
+from drivers.limits.stable_step import predicted_limit
 from drivers.run.run_folder import EndedRun
+from postproc.read.sensors import signals_csv
+from validation.accuracy.budget import ERROR, kept_budget
 
 
 def assess(ended: EndedRun, case: Case) -> EndedRun:
@@ -14,21 +17,16 @@ def assess(ended: EndedRun, case: Case) -> EndedRun:
     """
     if not ended.done or (ended.record.error_budget is not None and ended.has_sensors):
         return ended
-    from postproc.read.sensors import signals_csv
-
     return ended.with_sensors(signals_csv(case.layout, ended.trace), **_errors(case, ended))
 
 
 def _errors(case: Case, ended: EndedRun) -> dict[str, Any]:
     """Fields of the record: error budget, requested and measured accuracy, warnings."""
-    from drivers.limits.stable_step import predicted_limit
-    from validation.accuracy.budget import kept_budget, measured_errors
-
     budget, accuracy = kept_budget(case, ended), None
     if plan := case.plan:
-        measured = measured_errors(case, ended.trace, plan.asked)
+        measured = {check.quantity: check.value for check in budget.checks}
         accuracy = {
-            name: {"asked": share, "predicted": plan.predicted[name], "measured": measured[name]}
+            name: {"asked": share, "predicted": plan.predicted[name], "measured": measured[f"{ERROR}: {name}"]}
             for name, share in plan.asked.items()
         }
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))

@@ -20,9 +20,9 @@ scheme does, plus rounding.
 In three dimensions Q_e is extrapolated, rounding is included in model, and sampling is not measured.
 """
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -38,8 +38,8 @@ from drivers.limits.refusal import FORCE
 from drivers.run.run_folder import EndedRun
 from postproc.read.observables import of_kind, scale_of
 from postproc.read.residual import is_at_rest, share_of_change, static_load_remark
-from validation.accuracy.exact_motion import errors_of, exact_motion_of, quantities
-from validation.accuracy.measured_law import SIGNIFICANCE, law_deviation
+from validation.accuracy.exact_motion import errors_of, quantities
+from validation.accuracy.measured_law import SIGNIFICANCE, measure_law
 from validation.accuracy.motions import FIELDS, HORIZON, Motions, motions_of, predicted_error
 from validation.checks import FAIL, Check, judged, worst_of
 
@@ -97,7 +97,7 @@ def budget_of(case: Case, engine: str, trace: Trace) -> Budget:
     motions = motions_of(case, engine)
     with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
         rows, missing = _rows(motions, engine, trace)
-        departure = first_departure(motions, engine, trace)
+        departure = first_departure(case, engine, trace)
         checks = [*_model_checks(case, engine, trace), *_error_checks(case, engine, trace, rows)]
         known = not motions.why_unknown and motions.straight
         samples = motions.known if known else 0
@@ -209,32 +209,41 @@ def _law_check(case: Case, engine: str) -> Iterator[Check]:
     step_s = 0.0 if exact else case.scene.time_step_s
     try:
         measured = [motions.exact_to_end.fine] if exact else [motions.plain, motions.rounded]
-        rows = [law_deviation(case, motion, step_s) for motion in measured]
+        laws = [measure_law(case, motion, step_s) for motion in measured]
     except ValueError:  # too few samples
         return
-    row = max(rows, key=lambda row: abs(row.ratio - 1) / row.uncertainty)
+    if not all(laws):  # nothing moves
+        return
+    row = max(chain.from_iterable(laws), key=lambda row: row.uncertainties_off)
     place = f" at contact or body {row.place}" if row.place else ""
     limit = Tolerance(float(SIGNIFICANCE * row.uncertainty), LAW_REASON)
     yield judged(case.scene.name, engine, f"{MODEL}: law", float(abs(row.ratio - 1)), limit, f"{row.quantity}{place}")
 
 
 def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, Any]]) -> Iterator[Check]:
-    """Is it accurate enough? Whole errors against the accuracy of the scene, else against the general ceilings."""
+    """Is it accurate enough? Whole errors against the accuracy of the scene, else against the general ceilings.
+
+    An error is at least that of the exact motion.
+    """
+    motions = motions_of(case, engine)
     if case.plan is not None:
-        for name, error in measured_errors(case, trace, case.plan.asked).items():
+        truth = (motions.full or motions).exact_to_end
+        known = float(share_of_change(truth.error_N, truth.trace)[-1])
+        for name, error in errors_of(case, trace, truth, case.plan.asked).items():
             limit = Tolerance(case.plan.asked[name], "the accuracy that the scene asks for")
-            yield judged(case.scene.name, engine, f"{ERROR}: {name}", error, limit, "to the end of the run")
+            where = "to the end of the run"
+            yield judged(case.scene.name, engine, f"{ERROR}: {name}", max(error, known), limit, where)
         return
-    known = until_known(motions_of(case, engine)) if rows else ""
+    end = until_known(motions) if rows else ""
     whole = {row["quantity"]: row for row in rows}
     ceilings = {FORCE: ("truncation", FORCE), "energy": ("energy", "drift")}
     for quantity, ceiling in ceilings.items() if rows else ():
-        error, where = abs(whole[quantity]["whole"]), whole[quantity]["where"] + known
+        error, where = abs(whole[quantity]["whole"]), whole[quantity]["where"] + end
         yield judged(case.scene.name, engine, f"{ERROR}: {quantity}", error, tolerance(*ceiling), where)
     for kind, plural in CEILINGS.items():
         limit = tolerance("truncation", kind)
         found = [
-            judged(case.scene.name, engine, f"{ERROR}: {plural}", abs(whole[name]["whole"]), limit, name + known)
+            judged(case.scene.name, engine, f"{ERROR}: {plural}", abs(whole[name]["whole"]), limit, name + end)
             for name in of_kind(whole, kind)
         ]
         if worst := worst_of(found):
@@ -250,19 +259,13 @@ def until_known(motions: Motions) -> str:
     return f"; judged until {until_us:g} µs, where {what} exceeds {HORIZON:g}"
 
 
-def measured_errors(case: Case, trace: Trace, names: Collection[str]) -> dict[str, float]:
-    """Errors of the named quantities of a run to its end, at least the error of the exact motion."""
-    truth = exact_motion_of(case.full) if case.full else motions_of(case).exact_to_end
-    known = float(share_of_change(truth.error_N, truth.trace)[-1])
-    return {name: max(error, known) for name, error in errors_of(case, trace, truth, names).items()}
-
-
-def first_departure(motions: Motions, engine: str, trace: Trace) -> str:
+def first_departure(case: Case, engine: str, trace: Trace) -> str:
     """First time and contact at which a run, finished or failed, departs from its scheme; empty if it never does.
 
     A fault in the set-up shows at time 0 or before a wave arrives, a fault in the law or in a mass in the wave.
     """
-    samples, case = min(motions.samples, len(trace.time_s)), motions.case
+    motions = motions_of(case, engine)
+    samples = min(motions.samples, len(trace.time_s))
     scheme = until(motions.scheme_of(engine), samples)
     for quantity in (FORCE, *FIELDS):
         has, right, scale = field_of(trace, quantity)[:samples], field_of(scheme, quantity), motions.scale(quantity)
@@ -272,10 +275,9 @@ def first_departure(motions: Motions, engine: str, trace: Trace) -> str:
             continue
         sample = int(np.argmax(beyond))
         column = int(np.argmax(share[sample]))
-        place = place_of(quantity, case.sample_times_s, (sample, column))
         one, other = digits_apart(float(has[sample, column]), float(right[sample, column]))
         unit = {FORCE: "N", "energy": "J", "momentum": "N s"}[quantity]
-        when = "from the start" if sample == 0 else f"from {place.rpartition('at ')[2]}"
+        when = "from the start" if sample == 0 else f"from {case.sample_times_s[sample] * 1e6:.6g} µs"
         if sample and quantity == FORCE:
             change = np.abs(right[: sample + 1, column] - right[0, column]).max() / scale
             when += ", before any wave arrives" if change <= allowed[sample] else ", in the wave"
@@ -326,19 +328,14 @@ def _warnings(
     if unknown and not motions.straight:
         return
     exact = None if unknown else motions.exact
-    energy_J = trace.total_energy_J
-    errors = {
-        FORCE: (
-            predicted_error(case, engine)
-            if exact is None
-            else apart(trace.force_N, exact.force_N, motions.scale(FORCE)).max(axis=1)
-        ),
-        "energy": (
-            energy_error_J(energy_J, damped=case.chain.damped, slips=case.chain.slips) / motions.scale("energy")
-            if exact is None
-            else apart(field_of(trace, "energy")[:, 0], field_of(exact, "energy")[:, 0], motions.scale("energy"))
-        ),
-    }
+    if exact is None:
+        off_J = energy_error_J(trace.total_energy_J, damped=case.chain.damped, slips=case.chain.slips)
+        errors = {FORCE: predicted_error(case, engine), "energy": off_J / motions.scale("energy")}
+    else:
+        errors = {
+            quantity: apart(field_of(trace, quantity), field_of(exact, quantity), motions.scale(quantity)).max(axis=1)
+            for quantity in (FORCE, "energy")
+        }
     scales = {FORCE: "largest change of force", "energy": "largest kinetic energy"}
     for quantity, error in errors.items():
         limit = tolerance("warning", quantity).limit

@@ -6,7 +6,7 @@ from functools import cache
 
 from drivers.base import paths
 from drivers.base.errors import RunError
-from drivers.base.kept import keep, recall
+from drivers.base.kept import keep, kept
 from drivers.base.progress import say
 from drivers.chain.case import Case, build_case
 from drivers.engines import EXACT, Engine, load_engine
@@ -64,16 +64,18 @@ def _known() -> dict[str, Cost]:
 @cache
 def _measured(name: str, build: Build) -> Cost | None:
     """Measured cost of a build, from the cache if it is known; None if a run fails."""
-    if known := recall(_key(name, build)):
-        return Cost(**known)
+
+    def measured() -> dict[str, float]:
+        cost = measure(load_engine(name), build)
+        where = f"no entry in {paths.shown(paths.COSTS)}; cost measured and cached"
+        say(f"{name}: {where}: {', '.join(entry_of(name, cost)[1:])}")
+        return asdict(cost)
+
     try:
-        cost = measured_cost(load_engine(name))
+        return Cost(**kept(_key(name, build), measured))
     except RunError as error:
         say(f"{name}: the cost could not be measured: {error}")
         return None
-    where = f"no entry in {paths.shown(paths.COSTS)}; cost measured and cached"
-    say(f"{name}: {where}: {', '.join(entry_of(name, cost)[1:])}")
-    return cost
 
 
 def measured_cost(engine: Engine) -> Cost:

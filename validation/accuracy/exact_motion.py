@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, moving_at_start
+from drivers.chain.chain import Array, moving_at_start
 from drivers.chain.schemes import exact_of
-from drivers.chain.trace import Trace, energy_error_J, part_of, until
+from drivers.chain.trace import Trace, part_of, until
 from drivers.limits.refusal import FORCE
 from postproc.read.observables import describe, observe, scale_of, without_unit
 from postproc.read.residual import largest_change_N, largest_kinetic_J, residual, share_of_change
@@ -115,7 +115,7 @@ def exact_motion_of(case: Case, tolerance: float = MIN_TOLERANCE, *, finer: bool
     return ExactMotion(case, samples, fine, tolerance)
 
 
-def own_error_N(case: Case, exact: Trace, tolerance: float = MIN_TOLERANCE) -> Array:
+def own_error_N(case: Case, exact: Trace, tolerance: float) -> Array:
     """Measured force error of an exact motion, largest until each sample, in N. Shape (samples,).
 
     While differences are small enough to grow linearly: the difference from a motion with ``ROUGH_FACTOR`` times the
@@ -130,7 +130,7 @@ def own_error_N(case: Case, exact: Trace, tolerance: float = MIN_TOLERANCE) -> A
     """
 
     def apart(factor: float) -> Array:
-        other = exact_motion_of(case, min(factor * tolerance, COARSE_ERROR), finer=False).trace
+        other = exact_of(case, min(factor * tolerance, COARSE_ERROR))
         return np.asarray(np.maximum.accumulate(np.abs(other.force_N - exact.force_N).max(axis=1)))
 
     rough = apart(ROUGH_FACTOR)
@@ -159,18 +159,12 @@ def errors_of(case: Case, trace: Trace, truth: ExactMotion, names: Collection[st
         if name == FORCE:
             errors[name] = float(residual(trace, truth.trace).max())
         elif name == ENERGY:
-            errors[name] = float(energy_change_J(case.chain, trace, truth.trace).max())
+            right_J = truth.trace.total_energy_J if case.chain.damped else trace.total_energy_J[0]
+            errors[name] = float(np.abs(trace.total_energy_J - right_J).max())
             errors[name] /= largest_kinetic_J(case.chain, truth.trace)
         else:
             errors[name] = abs(seen.get(name, np.inf) - truth.true[name]) / scale_of(name, truth.true)
     return {name: error if np.isfinite(error) else np.inf for name, error in errors.items()}
-
-
-def energy_change_J(chain: Chain, trace: Trace, exact: Trace | None) -> Array:
-    """Error of the energy at each sample, in J; with damping, the difference from the exact motion if it is known."""
-    if chain.damped and exact is not None:
-        return np.asarray(np.abs(trace.total_energy_J - exact.total_energy_J))
-    return energy_error_J(trace.total_energy_J, damped=chain.damped, slips=chain.slips)
 
 
 def momentum_error(case: Case, trace: Trace, truth: ExactMotion) -> float:

@@ -58,6 +58,11 @@ class LawRow:
     uncertainty: float
 
     @property
+    def uncertainties_off(self) -> float:
+        """Difference from the scene's value divided by the uncertainty."""
+        return abs(self.ratio - 1) / self.uncertainty
+
+    @property
     def differs(self) -> bool:
         """True if the value is not the scene's."""
         return not abs(self.ratio - 1) <= SIGNIFICANCE * self.uncertainty
@@ -99,15 +104,6 @@ def measure_law(case: Case, trace: Trace, step_s: float) -> list[LawRow]:
         *_clock(case, time_s, height, velocity),
         *_start(case, time_s[1], height[:2], velocity[:2]),
     ]
-
-
-def law_deviation(case: Case, trace: Trace, step_s: float) -> LawRow:
-    """Measured value of a motion that differs most from the scene's, compared with its uncertainty.
-
-    Raises:
-        ValueError: the reason why the law cannot be measured.
-    """
-    return max(measure_law(case, trace, step_s), key=lambda row: abs(row.ratio - 1) / row.uncertainty)
 
 
 def _above(force_N: Array) -> Array:

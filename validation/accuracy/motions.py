@@ -10,7 +10,7 @@ of ``rounded`` and ``plain`` until then. Runs are compared until the horizon, wh
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from math import log2
 from threading import Lock
@@ -21,7 +21,7 @@ import numpy as np
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, moving_at_start
-from drivers.chain.schemes import turned_verlet_of, verlet_in_heights, verlet_of
+from drivers.chain.schemes import exact_of, turned_verlet_of, verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, IN_HEIGHTS, VERLET, load_engine
 from drivers.limits.refusal import FORCE
@@ -36,7 +36,6 @@ ROUNDING_REASON = (
 HORIZON = 1e-6  # of the largest change: error beyond which the exact motion counts as not known
 AGREEMENT = 1e-2  # of the largest change: runs that differ by more do not agree at all
 MAX_BODIES = 20_000
-TOO_LARGE = f"not measured: the exact motion is too expensive for more than {MAX_BODIES} bodies"
 MAX_WORK = 20_000_000  # bodies times steps of the finest three-dimensional run, about ten seconds
 MIN_ORDER, MAX_ORDER = 0.5, 2.5  # of convergence, for an extrapolation
 FIELDS = {"energy": "total_energy_J", "momentum": "momentum_N_s"}  # judged columns of a trace besides the forces
@@ -66,7 +65,7 @@ class Motions:
             most = f"more than {MAX_WORK:g} bodies times steps"
             return f"not measured: a run at a quarter of the step takes {most}" if costly else ""
         if self.case.chain.bodies > MAX_BODIES:
-            return TOO_LARGE
+            return f"not measured: the exact motion is too expensive for more than {MAX_BODIES} bodies"
         try:
             _ = self.exact_to_end
         except ArithmeticError as error:
@@ -156,8 +155,7 @@ class Motions:
         """The exact motion to the tolerance of the case's reference run, at the samples of ``exact``."""
         if self.case.reference_tolerance == MIN_TOLERANCE:
             return self.exact
-        motion = exact_motion_of(self.case, self.case.reference_tolerance, finer=False)
-        return until(motion.trace, self.known)
+        return until(exact_of(self.case, self.case.reference_tolerance), self.known)
 
     def scheme_of(self, engine: str) -> Trace:
         """Motion of a faultless run of an engine, except the order of additions."""
@@ -260,7 +258,6 @@ def predicted_error(case: Case, engine: str) -> Array:
     return np.nan_to_num(error, nan=np.inf)
 
 
-_last: dict[tuple[str, str], Motions] = {}  # motions of the last case, by deck and law of friction
 _lock = Lock()
 
 
@@ -268,12 +265,16 @@ def motions_of(case: Case, engine: str = VERLET) -> Motions:
     """Motions of a case for an engine; the motions of the last case are cached."""
     law = load_engine(engine if case.chain.lateral is not None else VERLET).shear
     with _lock:
-        same = next((key for (key, _), kept in _last.items() if kept.case is case), None) or _key(case)
-        if not any(key == same for key, _ in _last):
-            _last.clear()
-        return _last.setdefault((same, law), Motions(case, law))
+        return _last(_key(case)).setdefault(law, Motions(case, law))
 
 
+@lru_cache(maxsize=1)
+def _last(key: str) -> dict[str, Motions]:
+    """Motions of the last case by law of friction; ``motions_of`` fills it."""
+    return {}
+
+
+@lru_cache(maxsize=4)
 def _key(case: Case) -> str:
     """Everything that determines the motions of a case; the deck lacks gauges and the reference's tolerance."""
     decks = [load_engine(VERLET).render(each).sha256 for each in (case, case.full) if each]

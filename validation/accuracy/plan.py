@@ -1,16 +1,53 @@
 """Planning of a case: the largest time step that meets the accuracy of its scene, and the cheapest engine."""
 
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from drivers.base.errors import RunError
 from drivers.chain.case import Case, build_case
-from drivers.engines import engine_names, installed, load_engine
+from drivers.engines import VERLET, engine_names, installed, load_engine
 from drivers.limits.refusal import FORCE, beyond_rounding
 from drivers.scene.read_scene import read_scene
+from drivers.scene.settings import setting_texts
+from postproc.read.observables import without_unit
 from validation.accuracy.costs import cost_on
+from validation.accuracy.motions import predicted_error
+from validation.accuracy.step_choice import Chooser, simplify
+
+
+def plan(
+    scene: str | Path, settings: Mapping[str, Any] | None = None, engine: str = VERLET
+) -> tuple[Case, dict[str, float]]:
+    """Plan a scene: choose the time step where the scene asks for an accuracy, and predict the errors.
+
+    Args:
+        scene: Name of a scene in ``inputs/scenes``, or path of a scene file.
+        settings: Values that replace those of the scene file, by key: text with a unit (``"2 m/s"``) or a number in
+            SI units; None removes the key.
+        engine: Engine whose error is predicted for a scene with a time step of its own; all codes have the scheme of
+            ``"verlet"``.
+
+    Returns:
+        case: The scene with its time step, for ``drivers.run_scene``.
+        errors: Predicted error of each quantity that the scene asks for, or of ``force``: the largest difference from
+            the exact motion over all contacts and times, relative to the largest change of force. Errors of other
+            quantities are relative to their exact value (of a peak: to the peak above the static load).
+
+    Raises:
+        InputError: The scene or a setting is wrong, or no time step keeps the accuracy.
+
+    Examples:
+        >>> case, errors = plan("fig4", {"run.time_step": None, "run.accuracy": 1e-4})
+        >>> case.scene.time_step_s, errors["force"] <= 1e-4
+        (1.6666666666666665e-07, True)
+    """
+    case = planned_case(scene, *setting_texts(settings or {}))
+    if case.plan is not None:
+        return case, dict(case.plan.predicted)
+    return case, {FORCE: float(predicted_error(case, engine).max())}
 
 
 def capable_engines(case: Case, among: Collection[str] = ()) -> list[str]:
@@ -50,8 +87,6 @@ def planned_case(source: str | Path, *settings: str) -> Case:
 
 def requested_accuracy(case: Case) -> dict[str, float]:
     """Accuracy that a scene asks for, by quantity; units at the end of names are dropped."""
-    from postproc.read.observables import without_unit
-
     accuracy = case.scene.run.accuracy
     assert accuracy is not None
     if not isinstance(accuracy, dict):
@@ -69,11 +104,6 @@ def plan_case(case: Case) -> Case:
     """
     if case.scene.run.accuracy is None:
         return case
-    from validation.accuracy.step_choice import (
-        Chooser,
-        simplify,  # slow imports
-    )
-
     began = time.perf_counter()
     asked = requested_accuracy(case)
     chooser = Chooser(simplify(case, asked), tuple(asked), min(asked.values()))

@@ -15,7 +15,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case, StepPlan
 from drivers.chain.chain import Array, arrays_of, build_chain
 from drivers.chain.elements import choose_elements
-from drivers.chain.schemes import verlet_of
+from drivers.chain.schemes import exact_of, verlet_of
 from drivers.limits.energy_bounds import EXACT_SHARE
 from drivers.limits.refusal import FORCE, ROUNDING_MARGIN, unattainable
 from drivers.limits.stable_step import predicted_limit
@@ -76,7 +76,7 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
             return case  # ``Chooser`` reports the unknown quantity
 
         def effect(names: list[str]) -> dict[str, float]:
-            changed = errors_of(case, exact_motion_of(_without(case, names), finer=False).trace, truth, asked)
+            changed = errors_of(case, exact_of(_without(case, names)), truth, asked)
             return {name: changed[name] / share for name, share in asked.items()}
 
         alone = {name: effect([name]) for name in candidates}

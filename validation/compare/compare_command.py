@@ -1,7 +1,6 @@
 """``beads compare SCENE``: checks, departures, diagnoses and error budgets of scenes on screen."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from drivers.base import paths
@@ -9,17 +8,7 @@ from drivers.base.progress import counted
 from drivers.base.text_table import text_table
 from drivers.engines import in_order
 from validation.accuracy.budget import BUDGET_WORDS, PARTS, printed_budget
-from validation.checks import (
-    FAIL,
-    NOT_RUN,
-    RUN,
-    Check,
-    outcome,
-    summary,
-    table,
-    without_run,
-    worst_of,
-)
+from validation.checks import FAIL, NOT_RUN, RUN, Check, outcome, summary, table, without_run, worst_of
 from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
@@ -50,7 +39,7 @@ def compare_scenes(
     with counted(f"{scenes[0] if len(scenes) == 1 else f'{len(scenes)} scenes'} on all engines, compared"):
         for compared in run_and_compare_all(scenes, settings, runs, asked, unsafe=unsafe):
             between += [check for pair in asked.builds for check in _between(compared, *pair)]
-            ran |= set(compared.wall_s)
+            ran |= compared.ran
             for engine, why in compared.absent.items():
                 absent.setdefault(engine, why)
             if sources:
@@ -73,8 +62,7 @@ def _between(compared: ComparedScene, one: str, other: str) -> list[Check]:
         return [without_run(scene, pair, "; ".join(why), FAIL if failed else NOT_RUN)]
     from validation.compare.folders import moved  # slow import
 
-    rows = moved(compared.runs[one].folder, compared.runs[other].folder)
-    return [replace(check, scene=scene, engine=pair) for check in rows]
+    return moved(compared.runs[one].folder, compared.runs[other].folder, scene, pair)
 
 
 def _headline(compared: ComparedScene, asked: EngineSelection) -> str:

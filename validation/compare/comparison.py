@@ -14,7 +14,6 @@ from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
 from validation.accuracy.assess import assess
 from validation.accuracy.budget import first_departure, kept_budget
-from validation.accuracy.motions import motions_of
 from validation.accuracy.plan import planned_case
 from validation.checks import FAIL, NOT_RUN, Check, without_run
 from validation.compare.selection import ALL_ENGINES, EngineSelection
@@ -33,7 +32,6 @@ class ComparedScene:
         departures: first departure of a run, finished or failed, from its scheme, by engine; only of those that depart.
         diagnoses: sentence on the measured law of a run with a failed check, by engine.
         refused: partial trace of a failed run, by engine; used for no check and no observable.
-        wall_s: wall time of each finished or failed run in s, by engine.
     """
 
     case: Case
@@ -43,7 +41,11 @@ class ComparedScene:
     departures: dict[str, str] = field(default_factory=dict)
     diagnoses: dict[str, str] = field(default_factory=dict)
     refused: dict[str, Trace] = field(default_factory=dict)
-    wall_s: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def ran(self) -> set[str]:
+        """Engines with a finished or failed run."""
+        return {check.engine for check in self.checks if check.verdict != NOT_RUN}
 
     def of_engine(self, engine: str) -> list[Check]:
         """Checks of an engine."""
@@ -94,7 +96,7 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str], ru
     budgets = {engine: kept_budget(case, run) for engine, run in finished.items()}
     checks = [*missing(case, absent), *(check for budget in budgets.values() for check in budget.checks)]
     departures = {engine: budget.departure for engine, budget in budgets.items()}
-    departures |= {engine: first_departure(motions_of(case, engine), engine, part) for engine, part in refused.items()}
+    departures |= {engine: first_departure(case, engine, part) for engine, part in refused.items()}
     diagnoses = {}
     if any(check.verdict == FAIL for check in checks):  # slow import, rarely needed
         from validation.compare.law_sentence import diagnoses_of
@@ -108,7 +110,6 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str], ru
         {engine: departures[engine] for engine in in_order(departures) if departures[engine]},
         diagnoses,
         refused,
-        {engine: run.record.wall_s for engine, run in assessed.items()},
     )
 
 

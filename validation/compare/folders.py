@@ -2,7 +2,7 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,20 +22,21 @@ ALL_QUANTITIES = "all"  # quantity of the row of a pair that agrees in all quant
 Key = tuple[str, str]
 
 
-def moved(first: Path, second: Path) -> list[Check]:
-    """Checks of the quantities that differ by more than rounding between two finished runs.
+def moved(first: Path, second: Path, scene: str, engine: str) -> list[Check]:
+    """Checks of the quantities that differ by more than rounding between two finished runs, named as given.
 
     If none does, one check of the largest difference; if the runs cannot be compared, one failure.
     """
     try:
         pair = compare_pair(*open_pair(first, second))
     except InputError as error:
-        return [without_run("", "", str(error), FAIL)]
-    if different := [check for check in pair.checks if not check.value <= ROUNDING]:
+        return [without_run(scene, engine, str(error), FAIL)]
+    checks = [replace(check, scene=scene, engine=engine) for check in pair.checks]
+    if different := [check for check in checks if not check.value <= ROUNDING]:
         place = pair.parted[ROUNDING]
         since = f"forces differ first in {place}" if place else "all forces agree"
         return [replace(check, where=f"{check.where}; {since}{pair.until}") for check in different]
-    most = max(pair.checks, key=lambda check: check.value)
+    most = max(checks, key=lambda check: check.value)
     words = f"equal to rounding, largest difference in {most.quantity}" if most.value else "identical bit for bit"
     return [replace(most, quantity=ALL_QUANTITIES, where=words + pair.until)]
 
@@ -78,25 +79,20 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSe
     in_order = sorted(either.items(), key=lambda item: (item[1].record.scene_name, item[0]))
     for key, run in following(in_order, "compared", len(in_order), "pair"):
         if key in first and key in second and not (first[key].trouble or second[key].trouble):
-            rows = moved(first[key].folder, second[key].folder)
+            rows = moved(first[key].folder, second[key].folder, labels[key], run.record.engine)
         else:
-            rows = [_unpaired(key, {old: first, new: second}, asked)]
-        checks += [replace(check, scene=labels[key], engine=run.record.engine) for check in rows]
+            why, verdict = _unpaired(key, {old: first, new: second}, asked)
+            rows = [without_run(labels[key], run.record.engine, why, verdict)]
+        checks += rows
         compared += rows[0].quantity != RUN
         if any(check.verdict == FAIL for check in rows):
             failed += 1
             again += [(first[key].folder, second[key].folder)] if rows[0].quantity != RUN else []
     print("", *table(checks), sep="\n")
     print(f"\n{len(either)} runs: {compared} compared, {failed} failed, missing or changed by more than allowed")
-    print_commands(again)
+    for pair in again:
+        print("details:", shlex.join(["beads", "compare", *map(paths.shown, pair), *engines_again()]))
     return 1 if print_unmet(asked.unmet(engine for engine, _ in first.keys() & second.keys())) or failed else 0
-
-
-def print_commands(pairs: Iterable[tuple[Path, Path]]) -> None:
-    """Prints the commands that show pairs of runs in detail."""
-    for pair in pairs:
-        words = ["beads", "compare", *map(paths.shown, pair), *engines_again()]
-        print("details:", shlex.join(words))
 
 
 def _runs(option: str, folder: Path) -> dict[Key, EndedRun]:
@@ -112,15 +108,15 @@ def _build(run: EndedRun) -> str:
     return f"{run.record.engine_version} {run.record.build_sha256[:12]}".strip()
 
 
-def _unpaired(key: Key, sides: dict[Path, dict[Key, EndedRun]], asked: EngineSelection) -> Check:
-    """Check of a run that failed or is missing in one of the folders."""
+def _unpaired(key: Key, sides: dict[Path, dict[Key, EndedRun]], asked: EngineSelection) -> tuple[str, str]:
+    """Reason why a run has no pair, and the verdict: it failed or is missing in one of the folders."""
     troubles, missing = [], []
     for folder, side in sides.items():
         if key in side and side[key].trouble:
             troubles.append(f"{side[key].trouble} (in {paths.shown(folder)})")
         elif key not in side:
             missing.append(f"no such run in {paths.shown(folder)}{_closest(key, side, sides)}")
-    return without_run("", "", "; ".join(troubles + missing), FAIL if troubles or not asked.allow_missing else NOT_RUN)
+    return "; ".join(troubles + missing), FAIL if troubles or not asked.allow_missing else NOT_RUN
 
 
 def _closest(key: Key, side: dict[Key, EndedRun], sides: dict[Path, dict[Key, EndedRun]]) -> str:

@@ -219,7 +219,7 @@ def _of_bodies(case: Case, engine: str, rows: list[LawRow]) -> Iterator[str]:
         force_N = -chain.load_N[chain.beads - 1] * other[0].ratio - chain.gravity_m_s2 * chain.mass_kg[chain.beads - 1]
         yield f"a precompression of {force_N:.3g} N in place of {chain.precompression_N:.3g} N"
     elif other:
-        surest = max(other, key=lambda row: abs(row.ratio - 1) / row.uncertainty)
+        surest = max(other, key=lambda row: row.uncertainties_off)
         yield f"bodies carry other loads, body {surest.place} {_times(surest)} times its own"
 
 

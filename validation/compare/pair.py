@@ -288,7 +288,7 @@ def _times(pair: Pair) -> Iterator[str]:
     for level, place in pair.parted.items():
         yield f"forces differ by more than {level:g} of the largest change: {f'first in {place}' if place else 'never'}"
     for name, paired in (("first", pair.first), ("second", pair.second)):
-        if departure := first_departure(motions_of(paired.case, paired.engine), paired.engine, paired.trace):
+        if departure := first_departure(paired.case, paired.engine, paired.trace):
             yield f"{name:<7} {departure}"
 
 

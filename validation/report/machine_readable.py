@@ -2,7 +2,6 @@
 
 import datetime
 import json
-import math
 import os
 import platform
 import time
@@ -13,8 +12,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from pydantic_core import from_json, to_json
+
 from drivers.base import paths
-from drivers.chain.case import Case
 from drivers.engines import in_order
 from drivers.run.run_folder import provenance
 from validation.checks import FAIL, NOT_RUN, PASS, Check
@@ -29,17 +29,20 @@ def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
     """Date, command, commit, engines, libraries and machine of a report."""
     made = provenance()
     records = {name: run.record for scene in scenes for name, run in scene.runs.items()}
-    engines = {
-        name: {"version": own.engine_version, "command": own.executable, "sha256": own.build_sha256}
-        for name, own in records.items()
-    }
     return {
         "date": _utc(time.time()),
         "command": command,
         "commit": made["commit"],
         "uncommitted_changes": made["dirty"],
         "lock_sha256": made["lock_sha256"],
-        "engines": {name: engines[name] for name in in_order(engines)},
+        "engines": {
+            name: {
+                "version": records[name].engine_version,
+                "command": records[name].executable,
+                "sha256": records[name].build_sha256,
+            }
+            for name in in_order(records)
+        },
         "libraries": {"python": platform.python_version()} | {name: version(name) for name in LIBRARIES},
         "machine": {
             "host": platform.node(),
@@ -100,7 +103,8 @@ def as_json(
         SCENES: [_scene(scene, row) for scene, row in zip(scenes, rows, strict=True)],
         CASES: [_row(row) for row in cases],
     }
-    return json.dumps(_plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    plain = from_json(to_json(data, inf_nan_mode="null", fallback=lambda scalar: scalar.item()))
+    return json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def _counts(found: Counter[str]) -> dict[str, int]:
@@ -112,7 +116,7 @@ def _checks(row: ReportRow) -> list[Check]:
 
 
 def _scene(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
-    case: Case = scene.case
+    case = scene.case
     found = _row(row) | {
         "summary": case.summary,
         "source": source_of(case.scene),
@@ -133,7 +137,7 @@ def _row(row: ReportRow) -> dict[str, Any]:
         "title": row.title,
         "command": row.again,
         "engines": {
-            cell.engine: {
+            engine: {
                 "verdict": cell.verdict,
                 "note": cell.note,
                 "worst": cell.worst.quantity if cell.worst else None,
@@ -143,17 +147,6 @@ def _row(row: ReportRow) -> dict[str, Any]:
                     for each in cell.checks
                 ],
             }
-            for cell in row.cells.values()
+            for engine, cell in row.cells.items()
         },
     }
-
-
-def _plain(value: Any) -> Any:
-    """Value with None for NaN and infinities, which JSON does not have."""
-    if isinstance(value, dict):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    if hasattr(value, "item"):
-        return _plain(value.item())
-    return None if isinstance(value, float) and not math.isfinite(value) else value

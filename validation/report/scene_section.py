@@ -14,14 +14,13 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError
-from drivers.base.progress import in_words
 from drivers.chain.case import Case
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, in_order, load_engine
 from drivers.engines._entries import engines_again
 from drivers.limits.refusal import FORCE
-from drivers.run.run_folder import EndedRun
+from drivers.run.run_folder import RunRecord
 from drivers.scene.model import Scene
 from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces, failed_label
 from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
@@ -40,19 +39,26 @@ EXACT_FORCE = f"{ERROR}: {FORCE}"  # quantity of a check
 
 @dataclass(frozen=True)
 class Cell:
-    """Checks of one engine on one scene or independent case."""
+    """Checks of one engine on one scene or independent case.
 
-    engine: str
+    Attributes:
+        record: of the judged run; None without one.
+        diagnosis: sentence on the measured law of a wrong run; else empty.
+    """
+
     checks: list[Check]
-    note: str = ""  # reason for a missing run or missing numbers
-    loop_s: float | None = None  # computing time of the code's own loop
-    run_s: float | None = None  # wall time of the judged run
-    diagnosis: str = ""  # measured law of a wrong run
+    record: RunRecord | None = None
+    diagnosis: str = ""
 
     @property
     def verdict(self) -> str:
         """Outcome of the checks."""
         return outcome(self.checks)
+
+    @property
+    def note(self) -> str:
+        """Reason for a missing run or missing numbers; else empty."""
+        return next((check.where for check in self.checks if math.isnan(check.limit)), "")
 
     @property
     def worst(self) -> Check | None:
@@ -63,12 +69,6 @@ class Cell:
     def error(self) -> float | None:
         """Largest force error against the exact motion; None if it was not judged."""
         return next((check.value for check in self.checks if check.quantity == EXACT_FORCE), None)
-
-    @property
-    def cost(self) -> str:
-        """Times of the run and of its loop; empty without a run."""
-        loop = f", loop {in_words(self.loop_s)}" if self.loop_s is not None else ""
-        return f"run {in_words(self.run_s)}{loop}" if self.run_s is not None else ""
 
     @property
     def misses(self) -> list[Check]:
@@ -91,14 +91,7 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
     cells = {}
     for engine in in_order([*scene.runs, *scene.absent]):
         record = scene.runs[engine].record if engine in scene.runs else None
-        cells[engine] = Cell(
-            engine,
-            scene.of_engine(engine),
-            note=scene.absent.get(engine, ""),
-            loop_s=record.loop_s if record else None,
-            run_s=record.wall_s if record else None,
-            diagnosis=scene.diagnoses.get(engine, ""),
-        )
+        cells[engine] = Cell(scene.of_engine(engine), record, scene.diagnoses.get(engine, ""))
     own = scene.case.scene
     options = [*(["--runs", str(runs)] if runs else []), *engines_again()]
     again = " ".join(["beads compare", source_of(own), *map(shlex.quote, options)])
@@ -110,11 +103,8 @@ def case_rows(independent: Mapping[str, Any]) -> list[ReportRow]:
     rows = []
     for entry in (case["entry"] for case in independent.get("cases", [])):
         checks = [check for check in independent["checks"] if check.scene == entry.id]
-        cells = {}
-        for engine in in_order({check.engine for check in checks}):
-            of_engine = [check for check in checks if check.engine == engine]
-            note = next((check.where for check in of_engine if math.isnan(check.limit)), "")
-            cells[engine] = Cell(engine, of_engine, note)
+        engines = in_order({check.engine for check in checks})
+        cells = {engine: Cell([check for check in checks if check.engine == engine]) for engine in engines}
         rows.append(ReportRow(entry.id, entry.title, "beads independent", cells))
     return rows
 
@@ -148,43 +138,35 @@ def number(value: float, digits: int = 2) -> str:
     return "–" if math.isnan(value) else f"{value:.{digits}g}"
 
 
-@dataclass(frozen=True)
-class MeasuredOverlay:
-    """Measured traces of a scene over computed traces: a picture, and a row for each quantity.
+def overlay_of(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
+    """Overlay of a scene's measured traces or quoted values on the run of an engine.
 
-    Attributes:
-        image: None if only values are quoted.
-        problem: message if the measured traces do not fit the run; else empty.
+    ``image`` is None if only values are quoted, ``rows`` has a row for each quantity under ``headings``, and
+    ``problem`` says why the measured traces do not fit the run; else it is empty.
     """
-
-    engine: str
-    image: Image | None
-    headings: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-    problem: str = ""
-
-
-def overlay_of(case: Case, engine: str, trace: Trace) -> MeasuredOverlay:
-    """Overlay of a scene's measured traces or quoted values on the run of an engine."""
     scene = case.scene
+    overlay: dict[str, Any] = {"engine": engine, "image": None, "headings": HEADINGS, "rows": [], "problem": ""}
     entries = {f"measured.{place}": entry for place, entry in enumerate(scene.measured)}
     try:
         curves, found = lay_over(entries, scene.folder, scene.file, case.layout, trace)
     except InputError as error:  # the file was read before; it does not fit the run
-        return MeasuredOverlay(engine, None, HEADINGS, [], str(error))
+        return overlay | {"problem": str(error)}
     drawn = draw_overlay(case.layout, trace, engine, curves, found) if curves else None
-    return MeasuredOverlay(engine, image_of(svg_of(drawn.figure)) if drawn else None, HEADINGS, misfit_rows(found))
+    return overlay | {"image": image_of(svg_of(drawn.figure)) if drawn else None, "rows": misfit_rows(found)}
 
 
 FORCE_RANGE = 2.0  # largest drawn force of a failed run, over the largest force of the finished runs
 
 
-@dataclass(frozen=True)
-class SceneSection:
-    """Section on one scene; lists are in the order of the page.
+def section_of(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
+    """Values of the page's section on a compared scene; lists are in the order of the page.
 
-    Attributes:
-        row: of the verdict table.
+    Args:
+        scene: the compared scene.
+        row: its row of the verdict table.
+
+    Returns:
+        row, case: the row and the case.
         runs: finished runs by engine.
         timing: time step, samples and stability in a sentence.
         judged: quantity, and the check of each finished run or None.
@@ -197,61 +179,42 @@ class SceneSection:
         observables: name, and the value of each run.
         decks: engine, file and text, of finished codes and of all failed engines.
     """
-
-    row: ReportRow
-    case: Case
-    runs: Mapping[str, EndedRun]
-    timing: str
-    judged: list[tuple[str, list[Any]]]
-    forces: Image | None
-    left_out: int
-    overlay: MeasuredOverlay | None
-    chain: Image | None
-    departures: list[tuple[str, str]]
-    budget: list[tuple[str, str, list[str]]]
-    observables: list[tuple[str, list[str]]]
-    decks: list[tuple[str, str, str]]
-
-
-def section_of(scene: ComparedScene, row: ReportRow) -> SceneSection:
-    """Section on a compared scene with its row of the verdict table."""
     case = scene.case
-    engines = in_order(scene.runs)
-    observed = {engine: observe(scene.runs[engine].layout, scene.runs[engine].trace) for engine in engines}
-    names = list(next(iter(observed.values()), {}))
-    traces = {engine: scene.runs[engine].trace for engine in engines}
+    runs = {engine: scene.runs[engine] for engine in in_order(scene.runs)}
+    observed = [observe(run.layout, run.trace) for run in runs.values()]
     shown = _shown(scene)
-    checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in engines}
+    checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in runs}
+    quantities = dict.fromkeys(quantity for quantity, _ in checks)
     budget = [
         (part["quantity"], engine, [short(part[key]) for key in PARTS])
-        for engine in engines
-        for part in scene.runs[engine].record.error_budget or ()
+        for engine, run in runs.items()
+        for part in run.record.error_budget or ()
     ]
     step_s = case.scene.time_step_s
     timing = f"time step {step_s * 1e6:g} µs, {case.scene.steps} steps, {case.scene.samples} samples"
     if limits := [run.record.step_limit_s for run in scene.runs.values() if run.record.step_limit_s]:
         timing += f"; stable up to {limits[0] * 1e6:.3g} µs, this run uses {100 * step_s / limits[0]:.2g} % of that"
     order = list(dict.fromkeys(quantity for quantity, _, _ in budget))
-    return SceneSection(
-        row=row,
-        case=case,
-        runs={engine: scene.runs[engine] for engine in engines},
-        timing=timing,
-        judged=[(name, [checks.get((name, e)) for e in engines]) for name in dict.fromkeys(name for name, _ in checks)],
-        forces=forces_picture(scene),
-        left_out=max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
-        overlay=overlay_of(case, shown, traces[shown]) if traces and case.scene.measured else None,
-        chain=_chain_picture(scene),
-        departures=_departures(scene),
-        budget=sorted(budget, key=lambda line: order.index(line[0])),
-        observables=[(name, [number(observed[engine][name], 6) for engine in engines]) for name in names],
-        decks=[
+    return {
+        "row": row,
+        "case": case,
+        "runs": runs,
+        "timing": timing,
+        "judged": [(name, [checks.get((name, engine)) for engine in runs]) for name in quantities],
+        "forces": forces_picture(scene),
+        "left_out": max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
+        "overlay": overlay_of(case, shown, runs[shown].trace) if runs and case.scene.measured else None,
+        "chain": _chain_picture(scene),
+        "departures": _departures(scene),
+        "budget": sorted(budget, key=lambda line: order.index(line[0])),
+        "observables": [(name, [number(values[name], 6) for values in observed]) for name in (observed or [{}])[0]],
+        "decks": [
             (engine, file, text)
             for engine, cell in row.cells.items()
             if (cell.verdict == FAIL if engine in scene.absent else not load_engine(engine).in_repository)
             for file, text in _written_deck(case, engine).files.items()
         ],
-    )
+    }
 
 
 def _shown(scene: ComparedScene) -> str:

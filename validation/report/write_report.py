@@ -85,7 +85,7 @@ def report(
     with step("scenes on all engines, compared", 1, steps):
         compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
         absent = {engine: why for scene in reversed(compared) for engine, why in scene.absent.items()}
-        unmet = asked.unmet((engine for scene in compared for engine in scene.wall_s), absent)
+        unmet = asked.unmet((engine for scene in compared for engine in scene.ran), absent)
         counts = write_report(compared, page, command, runs, unmet, to_come, sections)
     _announce(page, counts, to_come)
     failed = False

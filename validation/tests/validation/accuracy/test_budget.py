@@ -163,12 +163,11 @@ def test_velocities_of_another_time_change_energy_and_no_force() -> None:
 @pytest.mark.parametrize("samples", [None, 300, 2])
 def test_failed_runs_depart_where_they_begin_to(samples: int | None) -> None:
     case = case_of("fig4")
-    motions = motions_of(case)
     bent, right = as_code(case, stiffness=times(0.7, -1)), as_code(case)
-    whole = first_departure(motions, A_CODE, bent)
-    assert first_departure(motions, A_CODE, until(bent, samples or 801)) == whole != ""
-    assert first_departure(motions, A_CODE, until(right, samples or 801)) == ""
-    assert " from 200 µs" in first_departure(motions, A_CODE, blown_up(right, 200))
+    whole = first_departure(case, A_CODE, bent)
+    assert first_departure(case, A_CODE, until(bent, samples or 801)) == whole != ""
+    assert first_departure(case, A_CODE, until(right, samples or 801)) == ""
+    assert " from 200 µs" in first_departure(case, A_CODE, blown_up(right, 200))
 
 
 def test_numbers_are_printed_with_as_many_digits_as_differ() -> None:
@@ -206,7 +205,7 @@ def test_the_effect_of_elements_left_out_is_part_of_the_error() -> None:
 
 
 def test_where_the_exact_motion_is_not_known_only_the_model_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
-    module._last.clear()
+    module._last.cache_clear()
     monkeypatch.setattr(module, "MAX_BODIES", 3)
     case = case_of("fig4")
     budget = budget_of(case, A_CODE, verlet_in_heights(case))
@@ -214,7 +213,7 @@ def test_where_the_exact_motion_is_not_known_only_the_model_is_judged(monkeypatc
     assert budget.rows == []
     assert "too expensive" in budget.note
     assert red(budget_of(case, A_CODE, as_code(case, stiffness=times(1 + CHANGE)))) != set()
-    module._last.clear()
+    module._last.cache_clear()
 
 
 def test_three_dimensional_runs_are_judged_by_their_own_law_of_friction() -> None:
@@ -257,11 +256,11 @@ def test_a_wrong_scheme_of_this_repository_is_red(
     scene: str, scheme: Callable[..., Motion], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its runs agree with itself bit for bit, so its law is measured."""
-    module._last.clear()
+    module._last.cache_clear()
     monkeypatch.setattr(schemes, "integrate_verlet", scheme)
     case = case_of(scene)
     assert "model: law" in red(budget_of(case, VERLET, verlet_of(case)))
-    module._last.clear()
+    module._last.cache_clear()
 
 
 def test_a_wrong_exact_motion_is_red(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -270,18 +269,18 @@ def test_a_wrong_exact_motion_is_red(monkeypatch: pytest.MonkeyPatch) -> None:
     def soft(chain: HertzChain, *arguments: Any) -> Motion:
         return integrate_adaptive(replace(chain, stiffness=chain.stiffness * (1 - CHANGE)), *arguments)
 
-    module._last.clear()
+    module._last.cache_clear()
     monkeypatch.setattr(schemes, "integrate_adaptive", soft)
     case = case_of("fig4")
     assert red(budget_of(case, REFERENCE, motions_of(case).exact)) == {"model: law"}
-    module._last.clear()
+    module._last.cache_clear()
 
 
 def test_a_wrong_baseline_of_the_codes_is_red(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong scheme in heights passes for a large effect of rounding, but not for the scene's law."""
     other = verlet_of(case_of("fig4", "chain.mass=0.1225 g"))
-    module._last.clear()
+    module._last.cache_clear()
     monkeypatch.setattr(module, "verlet_in_heights", lambda case: other)
     case = case_of("fig4")
     assert red(budget_of(case, VERLET, verlet_of(case))) == {"model: law"}
-    module._last.clear()
+    module._last.cache_clear()

@@ -13,7 +13,7 @@ from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, make_trace, until
 from validation.accuracy import measured_law as law
 from validation.accuracy.exact_motion import exact_motion_of
-from validation.accuracy.measured_law import law_deviation, measure_law
+from validation.accuracy.measured_law import measure_law
 from validation.compare.law_sentence import SAME, law_sentence
 from validation.stability.measured_limits import random_case
 from validation.tests.helpers.draws import draws
@@ -95,10 +95,9 @@ def test_a_wrong_scheme_of_this_repository_is_seen(scene: str) -> None:
         verlet_of(replace(case, chain=replace(chain, mass_kg=chain.mass_kg / 1.001))),
         with_velocities(case, verlet_of(case), -0.5),
     ):
-        row = law_deviation(case, trace, step_s)
-        assert row.differs
+        assert differing(case, trace, step_s)
     soft = replace(case, chain=replace(chain, stiffness=chain.stiffness * (1 - 1e-6)))
-    assert law_deviation(case, exact_motion_of(soft).trace, 0.0).differs
+    assert differing(case, exact_motion_of(soft).trace, 0.0)
 
 
 def with_velocities(case: Case, trace: Trace, steps: float) -> Trace:

@@ -13,7 +13,6 @@ from drivers.base.files import sealed_file
 from drivers.chain.trace import until
 from drivers.engines import engine_names
 from validation.accuracy.budget import first_departure
-from validation.accuracy.motions import motions_of
 from validation.chapters import write_table
 from validation.checks import FAIL, PASS, Check
 from validation.compare.comparison import ComparedScene
@@ -80,7 +79,7 @@ def scenes(tmp_path_factory: pytest.TempPathFactory, shared_runs: Path) -> list[
     runs = {engine: finished(case, engine, shared_runs) for engine in ("verlet", "reference")}
     absent = {"liggghts": "not installed", "yade": f"failed: exit code 1: {HOSTILE}"}
     half = until(blown_up(runs["verlet"].trace, 200), 290)
-    departures = {"yade": first_departure(motions_of(case), "yade", half)}
+    departures = {"yade": first_departure(case, "yade", half)}
     small = ComparedScene(case, runs, absent, checks_of(case, runs, absent), departures, {}, {"yade": half})
     return [run_and_compare("fig4", runs=shared_runs), small]
 

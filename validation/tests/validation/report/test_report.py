@@ -23,7 +23,6 @@ from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS, READINGS, SPREAD
 from postproc.read.run_tables import errors
 from validation.accuracy.budget import budget_of, first_departure
-from validation.accuracy.motions import motions_of
 from validation.chapters import write_frame
 from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
 from validation.compare.comparison import ComparedScene
@@ -109,16 +108,15 @@ def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp
     good = compared.runs["verlet"].trace
     refused = {"yade": blown_up(good, 100), "liggghts": until(good, 60)}
     absent = dict.fromkeys(refused, "failed: unstable <b>")
-    motions = motions_of(compared.case)
-    departures = {"yade": first_departure(motions, "yade", refused["yade"])}
+    departures = {"yade": first_departure(compared.case, "yade", refused["yade"])}
     checks = checks_of(compared.case, compared.runs, absent)
     sick = replace(compared, absent=absent, checks=checks, departures=departures, refused=refused)
     section = section_of(sick, scene_row(sick))
-    assert section.forces
-    words = dict(section.departures)
+    assert section["forces"]
+    words = dict(section["departures"])
     assert words == {"yade (failed)": departures["yade"]}
-    assert {engine for engine, _, _ in section.decks} == {"yade", "liggghts"}
-    assert list(section.runs) == ["reference", "verlet"]  # observables are of finished runs alone
+    assert {engine for engine, _, _ in section["decks"]} == {"yade", "liggghts"}
+    assert list(section["runs"]) == ["reference", "verlet"]  # observables are of finished runs alone
     counts = write_report([sick], tmp_path / "report.html")
     assert counts == {PASS: 2, FAIL: 2}
     own = json.loads((tmp_path / "report.json").read_text())["scenes"][0]["engines"]["yade"]
@@ -128,8 +126,8 @@ def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp
 
 def test_a_failed_run_without_a_trace_has_its_deck(compared: ComparedScene) -> None:
     section = section_of(compared, scene_row(compared))
-    assert [(engine, file) for engine, file, _ in section.decks] == [("yade", "chain.py")]
-    assert "hertzian=True" in section.decks[0][2]
+    assert [(engine, file) for engine, file, _ in section["decks"]] == [("yade", "chain.py")]
+    assert "hertzian=True" in section["decks"][0][2]
 
 
 @pytest.mark.parametrize("numbers", [True, False])
