@@ -44,8 +44,7 @@ def make(runs: Path) -> Product:
     figure = pyplot().figure(figsize=(PAGE_IN, 4.4), layout="constrained")
     durations = [case.scene.run.duration for case in cases]  # same time scale in both panels
     grid, tables, chains = figure.add_gridspec(1, 2, width_ratios=durations), [], {}
-    for place, (case, panel) in enumerate(zip(cases, PANELS, strict=True)):
-        own = {engine: some[place] for engine, some in found.items()}
+    for place, (case, panel, own) in enumerate(zip(cases, PANELS, found, strict=True)):
         traces = {engine: one.trace for engine, one in own.items()}
         axes, drawn = draw_panel(figure, grid[place], panel, case.layout, traces)
         marks = _draw_quoted(figure, axes, own[REFERENCE]) if panel.letter == "a" else pd.DataFrame()

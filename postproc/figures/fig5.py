@@ -66,23 +66,23 @@ def make(runs: Path) -> Product:
     gauges = f"chain.sensors=[{{ from_wall = {top} }}, {{ from_wall = {top - 1} }}]"
     cases = [case_of("fig5", gauges, *calibrated().settings), case_of("fig5", gauges)]
     found = simulate(cases, runs)
-    shapes = {engine: [_shape(one) for one in some] for engine, some in found.items()}
+    shapes = [{engine: _shape(one) for engine, one in own.items()} for own in found]
     paper = quoted()
     figure = pyplot().figure(figsize=(PAGE_IN, 3.0), layout="constrained")
     grid, tables, chains, walls = figure.add_gridspec(1, 3, width_ratios=[1.15, 1.15, 1]), [], {}, []
     rates = paper.fig5_measured_envelope_per_us, paper.fig5_computed_envelope_per_us
     for place, (case, panel, rate) in enumerate(zip(cases, PANELS, rates, strict=True)):
-        traces = {engine: some[place].trace for engine, some in found.items()}
+        traces = {engine: one.trace for engine, one in found[place].items()}
         axes, drawn = draw_panel(figure, grid[place], panel, case.layout, traces)
-        lines = _draw_envelopes(axes[WALL], shapes[REFERENCE][place], rate)
-        numbers = _envelopes({engine: some[place] for engine, some in shapes.items()}, rate)
-        tables.append(pd.concat([drawn, lines, numbers]).assign(panel=panel.letter))
+        lines = _draw_envelopes(axes[WALL], shapes[place][REFERENCE], rate)
+        tables.append(pd.concat([drawn, lines, _envelopes(shapes[place], rate)]).assign(panel=panel.letter))
         chains[f"({panel.letter}) {panel.words}"] = traces[REFERENCE]
         walls.append(axes[WALL])
     walls[0].set_ylim(walls[1].get_ylim())  # same scale of force
     entrance = figure.add_subplot(grid[2])
     letter_panel(entrance, "c", "incident pulse")
-    tables += [each.assign(panel="c") for each in (_draw_entrance(entrance, *found[REFERENCE]), _pulses(shapes))]
+    damped, elastic = (own[REFERENCE] for own in found)
+    tables += [each.assign(panel="c") for each in (_draw_entrance(entrance, damped, elastic), _pulses(*shapes))]
     name_codes(figure, axes[STRIP])
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
 
@@ -126,15 +126,15 @@ def _envelopes(shapes: dict[str, Shape], quoted_per_us: float) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["engine", "quantity", "value"])
 
 
-def _pulses(shapes: dict[str, list[Shape]]) -> pd.DataFrame:
+def _pulses(damped: dict[str, Shape], elastic: dict[str, Shape]) -> pd.DataFrame:
     """Table of rise, decay and duration of the incident pulse with and without dissipation, by place."""
     paper, names = quoted(), ("rise_us", "decay_per_us", "duration_us")
     incident = (paper.fig5_incident_rise_us, paper.fig5_incident_decay_per_us, paper.fig5_incident_duration_us)
     rows: list[tuple[str, str, str, float]] = [
         ("paper", "entrance", *pair) for pair in zip(names, incident, strict=True)
     ]
-    for engine, (damped, elastic) in shapes.items():
-        for shape, more in ((elastic, ""), (damped, DAMPED_SUFFIX)):
+    for engine in damped:
+        for shape, more in ((elastic[engine], ""), (damped[engine], DAMPED_SUFFIX)):
             for place, pulse in zip(PLACES, shape.entrance, strict=True):
                 values = (pulse.rise_s * MICRO, pulse.decay_per_s / MICRO, pulse.duration_s * MICRO)
                 rows += [(engine, place + more, *pair) for pair in zip(names, values, strict=True)]
