@@ -100,15 +100,16 @@ def measure(options: Options) -> dict[str, Any]:
         "elements-between": switches.compare_codes(scenes, seeds, in_tubes, found),
         "oscilloscope": [number for own in shown.values() for each in own for number in each.numbers],
         "oscilloscope-ranges": [n for each in varied for n in gauge_steps.read_gauges(each, fastest, found).numbers],
-        **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in shown.items()},
+        **{f"oscilloscope-{name}": draw_oscilloscope(own) for name, own in shown.items()},
     }
 
 
 def sentences(tables: Tables) -> list[str]:
     """Findings; the effects themselves are in the table."""
+    checks = rows_in(tables["elements-checks"], Check)
     gaps = (_on_gap(quote, tables["oscilloscope"], tables["oscilloscope-ranges"]) for quote in quotes())
     return [
-        f"Elements that straight chains omit, and those that an accuracy omits: {summary(_checks(tables))}.",
+        f"Elements that straight chains omit, and those that an accuracy omits: {summary(checks)}.",
         *_on_variants(tables["elements"]),
         *_on_codes(tables["elements-between"]),
         *chain.from_iterable(gaps),
@@ -122,10 +123,6 @@ def judge(tables: Tables) -> Iterator[Check]:
     for row in without_friction.to_dict("records"):
         codes, limit = str(row["codes"]).replace(" ", " and "), tolerance("elements", "codes")
         yield judged(row["scene"], codes, "forces in the tube", row["before_wall"], limit, "before the wall")
-
-
-def _checks(tables: Tables) -> list[Check]:
-    return rows_in(tables["elements-checks"], Check)
 
 
 def _on_variants(effects: pd.DataFrame) -> Iterator[str]:
@@ -227,7 +224,7 @@ def draw_effects(effects: pd.DataFrame) -> Any:
     return figure
 
 
-def draw_oscilloscope(shown: Sequence[GaugeSignals], quotes: Sequence[Quote]) -> Any:
+def draw_oscilloscope(shown: Sequence[GaugeSignals]) -> Any:
     """Draws the gauges of a scene against time for all steps; to the right observables with the paper's values."""
     plt = pyplot()
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.8, len(STEPS)))
@@ -248,7 +245,7 @@ def draw_oscilloscope(shown: Sequence[GaugeSignals], quotes: Sequence[Quote]) ->
     for axis, (name, (label, values)) in zip(panels, numbers.items(), strict=True):
         for place, (colour, each) in enumerate(zip(colours, values, strict=True)):
             axis.errorbar(place, each.mean(), yerr=each.std(), fmt="o", ms=4, color=colour, capsize=2)
-        for quote in (quote for quote in quotes if (quote.scene, quote.observable) == (shown[0].scene, name)):
+        for quote in (quote for quote in quotes() if (quote.scene, quote.observable) == (shown[0].scene, name)):
             axis.axhline(quote.value, color=GREY, lw=0.8, ls="--")
             words, place = f"experiment: {quote.about}{quote.value:g} {quote.unit}", axis.get_yaxis_transform()
             axis.text(0.02, quote.value, words, transform=place, fontsize=6, color=GREY, va="bottom")

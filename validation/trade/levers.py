@@ -1,8 +1,7 @@
 """Levers of the trade study: other ways to save time or error, each with its effect."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 from math import nan
 
@@ -44,10 +43,9 @@ class Lever:
 
 def measure_levers(*, short: bool = False) -> Iterator[Lever]:
     """Measures all levers; the short study omits the long chain."""
-    shared = partial(two_cores, ON_TWO_CORES[: 1 if short else 2])
-    levers: tuple[Callable[[], Iterator[Lever]], ...] = (sampling, rayleigh, softened, shared)
+    levers = (sampling(), rayleigh(), softened(), two_cores(ON_TWO_CORES[: 1 if short else 2]))
     for lever in following(levers, "levers", len(levers), "lever"):
-        yield from lever()
+        yield from lever
 
 
 def sampling() -> Iterator[Lever]:
@@ -98,7 +96,7 @@ def softened() -> Iterator[Lever]:
                 yield Lever("softened modulus", "fig4", "any", f"E/{softer}, {where}", name, error, longer)
 
 
-def two_cores(scenes: Sequence[str] = ON_TWO_CORES) -> Iterator[Lever]:
+def two_cores(scenes: Sequence[str]) -> Iterator[Lever]:
     """Speed-up of the loop by a second core."""
     pairs = [*product(scenes, installed_codes())]
     for scene, name in following(pairs, "two cores", len(pairs)):
