@@ -29,7 +29,7 @@ from drivers.run.run import run_all_done
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.simulate import Simulation, case_of
-from postproc.read.residual import largest_residual, residual
+from postproc.read.residual import parted_s, residual
 from validation.accuracy.assess import assess
 from validation.accuracy.plan import planned_case
 from validation.checks import Check, judged
@@ -302,7 +302,7 @@ def compare_codes(
 def _compared(scene: str, friction: str, first: list[Simulation], second: list[Simulation]) -> Iterator[Between]:
     pairs = [(one.trace, other.trace, one.values["wall_arrival_s"]) for one, other in zip(first, second, strict=True)]
     before = max(float(residual(other, one)[one.time_s < arrival_s].max()) for one, other, arrival_s in pairs)
-    parted = np.nan_to_num([largest_residual(other, one, DIFFERENCE_LEVEL)[1] for one, other, _ in pairs], nan=np.inf)
+    parted = np.nan_to_num([parted_s(other, one, DIFFERENCE_LEVEL) for one, other, _ in pairs], nan=np.inf)
     earliest, median = (float(value) if np.isfinite(value) else nan for value in (parted.min(), np.median(parted)))
     for word, name in observables_of(first[0].case).items():
         one, other = (np.array([run.values[name] for run in runs]) for runs in (first, second))

@@ -19,7 +19,7 @@ from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
-from postproc.read.residual import largest_residual
+from postproc.read.residual import parted_s
 from validation.chapters import ADAPTIVE, ORDER_4, left_out_if_failed
 from validation.reference.symplectic import integrate_symplectic
 
@@ -103,7 +103,7 @@ def horizons() -> Iterator[Horizon]:
         case = case_of(BOUNCING, *HORIZON, f"run.time_step={step} us")
         traces = _by_all(case)
         for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), (VERLET, ADAPTIVE)):
-            _, until_s = largest_residual(traces[one], traces[other], AGREEMENT)
+            until_s = parted_s(traces[one], traces[other], AGREEMENT)
             yield Horizon(case.scene.time_step_s, one, other, until_s, float(case.sample_times_s[-1]))
 
 
