@@ -179,6 +179,11 @@ def observables_of(case: Case) -> dict[str, str]:
     }
 
 
+def runs_of(variant: Variant, engine: str, found: Found) -> list[Simulation]:
+    """Runs of a variant on one code, in the order of its cases."""
+    return [found[case, engine] for case in variant.cases]
+
+
 def spread_of(values: Array) -> tuple[float, float]:
     """Mean and standard deviation over the seeds; NaN for the deviation of a single seed."""
     return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else nan
@@ -190,10 +195,9 @@ def measure_effects(pairs: Sequence[Variant], engines: Iterable[str], repeats: i
         own = taken_by(engine, pairs)
         costs = _costs([pair for pair in own if pair.scene == pairs[0].scene], engine, repeats, found)
         for pair in own:
-            cost_without, cost = costs[pair.step]
+            runs, (cost_without, cost) = runs_of(pair, engine, found), costs[pair.step]
             for word, name in observables_of(pair.cases[0]).items():
-                values = np.array([found[case, engine].values[name] for case in pair.cases])
-                without, with_ = np.split(values, 2)
+                without, with_ = np.split(np.array([run.values[name] for run in runs]), 2)
                 change, spread = spread_of(with_ / without - 1)
                 yield Effect(
                     pair.scene, pair.step, engine, word, float(without.mean()), float(with_.mean()), change, spread,
