@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.patches import Rectangle, Wedge
 
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
@@ -77,8 +78,6 @@ def _chains() -> dict[float, tuple[str, ...]]:
 
 def _draw_free_body(axis: Any) -> None:
     """Draws caps of mass M, the gauge of mass m between them, contact forces, and F_3 and F_4 on the gauge's faces."""
-    from matplotlib.patches import Rectangle, Wedge
-
     axis.set(xlim=(-3.0, 3.0), ylim=(-1.1, 1.1), aspect="equal")
     axis.axis("off")
     for side, outer, inner in ((-1, "$F_1$", "$F_3$"), (1, "$F_2$", "$F_4$")):

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.patches import ConnectionPatch
 
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
@@ -71,8 +72,6 @@ def _numbers(found: dict[str, Simulation]) -> pd.DataFrame:
 
 def _draw_quoted(figure: Any, axes: dict[str, Any], one: Simulation) -> pd.DataFrame:
     """Draws marks of the statements on the experiment: level, duration, speed, smaller reflected wave."""
-    from matplotlib.patches import ConnectionPatch
-
     paper, values, height = quoted(), one.values, one.case.chain.height_m
     upper, lower = sensor_pair(one.case)
     above, below = f"bead_{upper}", f"bead_{lower}"
