@@ -18,13 +18,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from matplotlib.patches import ConnectionPatch
 
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import STRIP, ForcePanel, draw_panel, name_codes
+from postproc.draw.stack import STRIP, ForcePanel, draw_curve, draw_panel, name_codes
 from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
@@ -81,8 +80,7 @@ def _draw_quoted(figure: Any, axes: dict[str, Any], one: Simulation) -> pd.DataF
     marks = [pd.DataFrame({"engine": "paper", "quantity": [*stated], "value": [*stated.values()]})]
 
     def mark(words: str, gauge: str, time_s: tuple[float, ...], force_N: tuple[float, ...], **look: Any) -> None:
-        axes[gauge].plot(np.array(time_s) * MICRO, force_N, **QUOTED | look)
-        marks.append(pd.DataFrame({"engine": "paper", "quantity": words, "time_s": time_s, f"{gauge}_N": force_N}))
+        marks.append(draw_curve(axes[gauge], "paper", words, time_s, gauge, force_N, **QUOTED | look))
 
     def note(words: str, gauge: str, time_s: float, force_N: float, **look: Any) -> None:
         axes[gauge].text(time_s * MICRO, force_N, words, color=QUOTED["color"], fontsize=7, **look)
